@@ -1,0 +1,64 @@
+# What a person types. Each target makes the environment it needs first; `make` alone lists them.
+PYTHON ?= python3
+VENV ?= .venv
+BENCH_VENV ?= .venv-bench
+BIN := $(VENV)/bin
+# One worker a core, each single-threaded: more threads than cores only get in each other's way.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
+	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
+
+.PHONY: help demo test test-slow test-all check bench system clean
+
+help:
+	@echo "make demo       calibrate a recording and write a report page"
+	@echo "make test       the fast tests"
+	@echo "make test-slow  the slow tests"
+	@echo "make test-all   both, in one run"
+	@echo "make check      ruff, import rules, house style"
+	@echo "make bench      speed against other libraries, in an environment of its own"
+
+demo: $(VENV)/.demo
+	$(BIN)/workbench demo
+
+test: $(VENV)/.test
+	$(PYTEST) -m "not slow"
+
+test-slow: $(VENV)/.test
+	$(PYTEST) -m slow
+
+test-all: $(VENV)/.test
+	$(PYTEST)
+
+check: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/python tools/check_style.py
+
+bench: $(BENCH_VENV)/.bench
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BENCH_VENV)/bin/python -m benchmarks
+
+system:
+	@tools/system-libraries
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "$(PYTHON) is older than 3.11: name a newer one, as in make PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.demo: pyproject.toml | $(VENV)/bin/python system
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/.test: pyproject.toml | $(VENV)/bin/python system
+	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	@touch $@ $(VENV)/.demo
+
+# pybotics pins numpy<2, yet runs with numpy 2: it is installed without its pins.
+$(BENCH_VENV)/.bench: pyproject.toml
+	$(PYTHON) -m venv $(BENCH_VENV)
+	$(BENCH_VENV)/bin/python -m pip install --quiet --editable ".[bench]"
+	$(BENCH_VENV)/bin/python -m pip install --quiet --no-deps pybotics==3.1.2
+	@touch $@
+
+clean:
+	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis

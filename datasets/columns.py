@@ -1,0 +1,76 @@
+"""The vocabulary of samples.csv: which kind of recording needs which columns, and what they hold.
+
+Everything here is data; the checks in `datasets.checks` and `datasets.plausible` read it.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+POINT = ("x_mm", "y_mm", "z_mm")
+QUATERNION = ("qw", "qx", "qy", "qz")
+AXES = (("nx", "ny", "nz"), ("ox", "oy", "oz"))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What one value of `measures` means for the files of a recording."""
+
+    sample: str
+    """In words, for the error sentences."""
+    columns: tuple[str, ...] = ()
+    either: tuple[tuple[str, ...], ...] = ()
+    """Groups of columns of which at least one group must be there."""
+    artefact: bool = False
+    images: bool = False
+    joints: bool = True
+    """False where the recording may hold pictures only."""
+
+
+KINDS = {
+    "ball-centre": Kind("the centre of a ball in the sensor frame", ("ball", *POINT), artefact=True),
+    "external-point": Kind("a reflector in the frame of an external instrument", POINT),
+    "external-pose": Kind("point and orientation in an external frame", (*POINT, *QUATERNION)),
+    "partial-pose": Kind("a point and one unit axis of the tool", POINT, either=AXES),
+    "touch-point": Kind("a touch of a fixed point", ("point",)),
+    "laser-spot": Kind("a laser beam through a point on a sphere", ("point", "sphere")),
+    "distance": Kind("a length between two places", ("pair", "length_mm")),
+    "plane-touch": Kind("a touch of a plane", ("plane",)),
+    "ball-surface": Kind("a point on a ball's surface", ("ball", *POINT), artefact=True),
+    "board-images": Kind("pictures of a board", images=True, joints=False),
+    "scan-images": Kind("pictures of a board and of scans", images=True, joints=False),
+}
+
+INTEGERS = ("sample", "ball", "point", "sphere", "pair", "plane", "pose", "repeat", "reflector")
+TEXT = ("fixed_to", "note")
+FIXED_TO = ("tool", "base", "floor")
+LENGTHS = ("sigma_mm", "length_mm")
+"""Columns whose every cell must be above zero."""
+
+MEASURED = {*POINT, *QUATERNION, *AXES[0], *AXES[1], "length_mm"}
+BOOKKEEPING = {*INTEGERS, *TEXT, "sigma_mm", "set"}
+
+_JOINT = re.compile(r"q(\d+)_(deg|mm)")
+_WRONG_UNIT = {
+    "x": "x_mm", "y": "y_mm", "z": "z_mm", "q": "q1_deg",
+    "x_m": "x_mm", "y_m": "y_mm", "z_m": "z_mm", "x_cm": "x_mm", "y_cm": "y_mm", "z_cm": "z_mm",
+    "sigma": "sigma_mm", "sigma_m": "sigma_mm", "length": "length_mm", "length_m": "length_mm",
+}
+
+
+def joint_columns(columns: Iterable[str]) -> list[str]:
+    """Names of the joint readings, q1_deg … (q1_mm where prismatic), in order of their number."""
+    found = [(int(m[1]), name) for name in columns if (m := _JOINT.fullmatch(name))]
+    return [name for _, name in sorted(found)]
+
+
+def joint_number(column: str) -> int:
+    """3 for q3_deg and q3_mm."""
+    return int(_JOINT.fullmatch(column)[1])
+
+
+def meant(column: str) -> str | None:
+    """The column that a name without its unit, or with another one, was probably meant to be."""
+    if m := re.fullmatch(r"[qj](?:oint)?_?(\d+)(?:_?(?:rad|m|degrees?|deg|mm))?", column.lower()):
+        return None if _JOINT.fullmatch(column) else f"q{m[1]}_deg"
+    return _WRONG_UNIT.get(column.lower())

@@ -1,0 +1,107 @@
+"""Reader of recording/1 folders: every file checked, and one sentence for whatever is wrong."""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from datasets.arms import read_robot
+from datasets.checks import Context, check_samples
+from datasets.columns import KINDS, TEXT
+from datasets.errors import complaint
+from datasets.files import inside, label, read_toml
+from datasets.formats.table import Table, read_table
+from datasets.keys import RECORDING, SECTIONS, check_keys
+from datasets.pictures import read_images
+from datasets.plausible import check_plausible
+from datasets.recording import Recording
+
+
+def read_recording(folder: Path) -> Recording:
+    """The recording in `folder`.
+
+    Raises InputError: one sentence that names file, row and key, what was expected, what was
+    found and what to do.
+    """
+    toml = folder / "recording.toml"
+    called = f"{folder.resolve().name}/recording.toml"
+    keys = read_toml(toml, called)
+    _check_recording(keys, called)
+    robot = read_robot(folder, keys["robot"], called) if "robot" in keys else {}
+    balls = _read_artefact(folder, keys, called)
+    columns = _read_samples(folder, keys, called, robot, balls)
+    images = ()
+    if "images" in keys:
+        images = read_images(folder, keys["images"]["file"], called, columns.get("sample", ()))
+    return Recording(
+        measures=keys["measures"], columns=columns, robot=robot, title=keys.get("title", ""),
+        sigma_mm=keys.get("sigma_mm"), balls=balls, images=images, board=keys.get("board"),
+        guess=keys.get("guess", {}), name=keys.get("name", folder.resolve().name), folder=folder,
+        source=keys.get("source", ""), licence=keys.get("licence", ""), sha256=_digest(folder, keys),
+    )
+
+
+def _check_recording(keys: Mapping, called: str) -> None:
+    check_keys(keys, RECORDING, called)
+    for section, wanted in SECTIONS.items():
+        if section in keys:
+            check_keys(keys[section], wanted, f"{called}, [{section}]")
+    kind = KINDS[keys["measures"]]
+    needed = {"artefact": kind.artefact, "images": kind.images, "board": kind.images,
+              "robot": kind.joints, "samples": kind.joints}
+    for section, wanted in needed.items():
+        if wanted and section not in keys:
+            raise complaint(f"{called}, key [{section}]", f"this section in a {keys['measures']} recording", "none",
+                            f"add [{section}]" + (f' with file = "{section}.csv"' if section != "board" else ""))
+
+
+def _read_artefact(folder: Path, keys: Mapping, called: str) -> dict[int, tuple]:
+    if "artefact" not in keys:
+        return {}
+    path = inside(folder, keys["artefact"]["file"], "key artefact.file", called)
+    table = read_table(path, label(path), ("note",))
+    names = ("ball", "x_mm", "y_mm", "z_mm", "radius_mm")
+    for name in names:
+        if name not in table.columns:
+            raise complaint(f"{table.called}, column {name}", "this column", "no such column", "add it")
+    balls: dict[int, tuple] = {}
+    for k in range(len(table.rows)):
+        cells = [float(table.columns[name][k]) for name in names]
+        _check_ball(table, k, cells, balls)
+        balls[int(cells[0])] = tuple(cells[1:])
+    return balls
+
+
+def _check_ball(table: Table, k: int, cells: list[float], balls: Mapping) -> None:
+    for name, value in zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), cells):
+        if not abs(value) < 1e9:
+            raise complaint(table.where(k, name), "a finite number", f"{value:g}", "correct the cell")
+    if cells[0] != round(cells[0]) or int(cells[0]) in balls:
+        raise complaint(table.where(k, "ball"), "a whole number, every ball once", f"{cells[0]:g}",
+                        "number the balls 1, 2, 3 …")
+    if not cells[4] > 0.1:
+        raise complaint(table.where(k, "radius_mm"), "a radius in mm, above 0.1", f"{cells[4]:g}",
+                        "correct it, or multiply the whole table by 1000 if it is in metres")
+
+
+def _read_samples(folder: Path, keys: Mapping, called: str, robot: Mapping, balls: Mapping) -> dict[str, np.ndarray]:
+    if "samples" not in keys:
+        return {}
+    path = inside(folder, keys["samples"]["file"], "key samples.file", called)
+    table = read_table(path, label(path), TEXT)
+    if "fixed_to" in table.columns:
+        fixed = table.columns["fixed_to"]
+        table.columns["fixed_to"] = np.where(fixed == "", "tool", fixed)
+    context = Context(keys["measures"], robot, balls, keys.get("sigma_mm"), keys["samples"].get("small_range", False))
+    check_samples(table, context)
+    check_plausible(table, context)
+    return dict(table.columns)
+
+
+def _digest(folder: Path, keys: Mapping) -> str:
+    named = [keys[s]["file"] for s in ("robot", "samples", "artefact", "images") if "file" in keys.get(s, {})]
+    total = hashlib.sha256()
+    for name in ("recording.toml", *named):
+        total.update(hashlib.sha256((folder / name).read_bytes()).digest())
+    return total.hexdigest()

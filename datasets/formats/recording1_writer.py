@@ -1,0 +1,105 @@
+"""Writer of recording/1 folders: complete or not at all."""
+
+import csv
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from datasets.columns import INTEGERS
+from datasets.errors import complaint
+from datasets.recording import Recording
+
+
+def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Path:
+    """Write `recording` as a new folder in recording/1 and return the folder.
+
+    samples: "csv" or "parquet". Everything is written beside it under a temporary name and then
+    moved, so that a broken-off write leaves nothing. Raises InputError where `folder` exists and
+    holds files.
+    """
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise complaint(str(folder), "a new or empty folder", "files in it", "name another folder or empty it")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
+        made = Path(parent) / folder.name
+        made.mkdir()
+        _write_files(recording, made, samples)
+        made.replace(folder)
+    return folder
+
+
+def _write_files(recording: Recording, folder: Path, samples: str) -> None:
+    keys = _header(recording)
+    keys["robot"] = _write_robot(recording.robot, folder)
+    if recording.columns:
+        keys["samples"] = {"file": f"samples.{samples}"}
+        writer = {"csv": write_csv, "parquet": write_parquet}[samples]
+        writer(folder / f"samples.{samples}", recording.columns)
+    if recording.balls:
+        keys["artefact"] = {"file": "artefact.csv"}
+        rows = np.array([(ball, *xyzr) for ball, xyzr in recording.balls.items()], float).T
+        write_csv(folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows)))
+    if recording.images:
+        keys["images"] = {"file": "images.csv"}
+        _write_images(recording, folder)
+    _write_toml(folder / "recording.toml", {k: v for k, v in keys.items() if v})
+
+
+def _header(recording: Recording) -> dict:
+    keys = {"format": "recording/1", "title": recording.title, "measures": recording.measures,
+            "name": recording.name, "source": recording.source, "licence": recording.licence,
+            "sigma_mm": recording.sigma_mm, "board": recording.board, "guess": recording.guess}
+    return {k: dict(v) if isinstance(v, Mapping) else v for k, v in keys.items()}
+
+
+def _write_robot(robot: Mapping, folder: Path) -> dict:
+    if "builtin" in robot:
+        return dict(robot)
+    if "urdf" in robot:
+        shutil.copyfile(robot["urdf"], folder / "robot.urdf")
+        return {"file": "robot.urdf"} | {k: v for k, v in robot.items() if k != "urdf"}
+    if not robot:
+        return {}
+    _write_toml(folder / "robot.toml", robot)
+    return {"file": "robot.toml"}
+
+
+def _write_toml(path: Path, keys: Mapping) -> None:
+    import tomli_w
+
+    path.write_text(tomli_w.dumps(keys), encoding="utf-8", newline="\n")
+
+
+def write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """One CSV file; floats are written so that reading gives the same bits."""
+    cells = [[_cell(name, v) for v in np.asarray(values).tolist()] for name, values in columns.items()]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*cells))
+
+
+def _cell(name: str, value) -> str:
+    whole = name in INTEGERS or name.startswith("approach")
+    return str(int(value)) if whole and not isinstance(value, str) else str(value)
+
+
+def write_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """One Parquet file with the same columns."""
+    import pyarrow
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pyarrow.table({k: np.asarray(v) for k, v in columns.items()}), path)
+
+
+def _write_images(recording: Recording, folder: Path) -> None:
+    names = recording.images[0].keys()
+    write_csv(folder / "images.csv", {k: np.array([row[k] for row in recording.images]) for k in names})
+    for row in recording.images:
+        target = folder / row["image"]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(recording.folder / row["image"], target)

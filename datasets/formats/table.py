@@ -1,0 +1,155 @@
+"""CSV and Parquet tables as named columns, with every wrong cell named by row and column."""
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.errors import complaint
+from datasets.files import check_file, read_text
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of one file: (n,) float64 where numeric, (n,) str where the column is text."""
+
+    called: str
+    columns: dict[str, np.ndarray]
+    rows: np.ndarray
+    """(n,) row numbers as a spreadsheet shows them: the header of a CSV file is row 1."""
+
+    def where(self, index: int, column: str) -> str:
+        """Place of one cell for an error sentence."""
+        sample = self.columns.get("sample")
+        known = sample is not None and sample.dtype.kind == "f" and column != "sample"
+        named = f" (sample {sample[index]:.0f})" if known and np.isfinite(sample[index]) else ""
+        return f"{self.called}, row {self.rows[index]}{named}, column {column}"
+
+
+def read_table(path: Path, called: str, text: tuple[str, ...] = ()) -> Table:
+    """The table at `path`, CSV or Parquet by its suffix; columns named in `text` stay text.
+
+    Raises InputError, which names row and column, for everything that is no such table.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        table = _read_csv(path, called, text)
+    elif suffix in (".parquet", ".pq"):
+        table = _read_parquet(path, called, text)
+    else:
+        raise complaint(called, "a .csv or .parquet file", f"the ending {suffix or 'none'!r}", "save it as one")
+    if not len(table.rows):
+        raise complaint(called, "at least one row below the header", "none", "record samples or export it again")
+    return table
+
+
+def _read_csv(path: Path, called: str, text: tuple[str, ...]) -> Table:
+    lines = enumerate(_lines(read_text(path, called), called), 1)
+    kept = [(number, row) for number, row in lines if any(cell.strip() for cell in row)]
+    if not kept:
+        raise complaint(called, "a header row with column names", "no text at all", "export it again")
+    header = _check_header([cell.strip() for cell in kept[0][1]], called)
+    body = kept[1:]
+    for number, row in body:
+        _check_width(row, header, number, called)
+    rows = np.array([number for number, _ in body], int)
+    cells = {name: [row[k].strip() for _, row in body] for k, name in enumerate(header)}
+    return Table(called, {k: _column(k, v, rows, called, k in text) for k, v in cells.items()}, rows)
+
+
+def _lines(content: str, called: str) -> list[list[str]]:
+    lines = []
+    try:
+        for cells in csv.reader(io.StringIO(content, newline=""), strict=True):
+            lines.append(cells)
+    except csv.Error as problem:
+        raise complaint(f"{called}, row {len(lines) + 1}", "comma-separated values",
+                        f"a row that breaks off ({problem})", "mind the quotes, or export it again") from None
+    return lines
+
+
+def _check_header(header: list[str], called: str) -> list[str]:
+    where = f"{called}, row 1"
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) < 3 and any(mark in cell for cell in header):
+            raise complaint(where, "columns separated by commas", f"columns separated by {name}",
+                            'save it as "CSV UTF-8 (comma delimited)", numbers with a decimal point')
+    if "" in header:
+        raise complaint(f"{where}, column {header.index('') + 1}", "a column name", "an empty cell",
+                        "name the column or delete it")
+    for name in header:
+        if header.count(name) > 1:
+            raise complaint(f"{where}, column {name}", "every column once", f"it {header.count(name)} times",
+                            "delete or rename one of them")
+    return header
+
+
+def _check_width(row: list[str], header: list[str], number: int, called: str) -> None:
+    if len(row) == len(header):
+        return
+    more = len(row) > len(header)
+    do = "write numbers with a decimal point, not a comma" if more else "fill the missing cells or delete the row"
+    raise complaint(f"{called}, row {number}, column {header[min(len(row), len(header)) - 1]}",
+                    f"{len(header)} cells as in the header", f"{len(row)} cells", do)
+
+
+def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bool) -> np.ndarray:
+    if text:
+        return np.array(cells, dtype=str)
+    try:
+        return np.array(cells, dtype=str).astype(float)
+    except ValueError:
+        bad = next(k for k, cell in enumerate(cells) if not _is_number(cell))
+    cell, where = cells[bad], f"{called}, row {rows[bad]}, column {name}"
+    if not cell:
+        raise complaint(where, "a number", "an empty cell", "fill it, or delete the row or the whole column")
+    if _is_number(cell.replace(",", ".")):
+        raise complaint(where, "a number with a decimal point", f"the decimal comma of {cell!r}", "write a point")
+    raise complaint(where, "a number", repr(cell)[:40],
+                    'correct it, delete the row, or move text into a column named "note"')
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_parquet(path: Path, called: str, text: tuple[str, ...]) -> Table:
+    import pyarrow
+    import pyarrow.parquet
+
+    check_file(path, called, ".parquet")
+    try:
+        found = pyarrow.parquet.read_table(path, memory_map=False)
+    except (pyarrow.ArrowException, OSError, ValueError, TypeError, KeyError) as problem:
+        raise complaint(called, "a Parquet file", f"one that cannot be read ({str(problem)[:80]})",
+                        "write it again, or save the samples as samples.csv") from None
+    for name in found.column_names:
+        if found.column_names.count(name) > 1:
+            raise complaint(f"{called}, column {name}", "every column once", "it twice", "rename one of them")
+    rows = np.arange(1, found.num_rows + 1)
+    columns = {k: _arrow_column(found.column(k), k, called, k in text) for k in found.column_names}
+    return Table(called, columns, rows)
+
+
+def _arrow_column(column, name: str, called: str, text: bool) -> np.ndarray:
+    import pyarrow
+    from pyarrow import types
+
+    where, kind = f"{called}, column {name}", column.type
+    is_text = types.is_string(kind) or types.is_large_string(kind)
+    numeric = types.is_integer(kind) or types.is_floating(kind)
+    if not (is_text if text else numeric):
+        raise complaint(where, "text" if text else "numbers", f"the column type {kind}",
+                        "convert the column, or delete it")
+    values = column.to_pylist() if text else column.cast(pyarrow.float64(), safe=False)
+    if column.null_count:
+        row = int(np.flatnonzero(column.is_null().to_numpy())[0]) + 1
+        raise complaint(f"{called}, row {row}, column {name}", "a value", "none (null)",
+                        "fill it, or delete the row or the whole column")
+    return np.array(values, dtype=str) if text else values.to_numpy().astype(float)

@@ -1,0 +1,136 @@
+"""Which keys recording.toml and robot.toml have, what each must hold, and the walk that checks it."""
+
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from datasets.columns import KINDS
+from datasets.errors import complaint
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key: a test of its value, in words what passes, and whether it must be there."""
+
+    passes: Callable[[object], bool]
+    expected: str
+    required: bool = False
+
+
+def is_number(value) -> bool:
+    """A finite int or float that is no bool and small enough to be a measurement."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) < 1e12 and math.isfinite(value)
+
+
+def _numbers(count: int) -> Callable[[object], bool]:
+    return lambda v: isinstance(v, list) and len(v) == count and all(map(is_number, v))
+
+
+def _one_of(*words) -> Callable[[object], bool]:
+    return lambda v: isinstance(v, str) and v in words
+
+
+def _is_text(value) -> bool:
+    return isinstance(value, str)
+
+
+def _is_table(value) -> bool:
+    return isinstance(value, dict)
+
+
+def _is_unit(value) -> bool:
+    return _numbers(3)(value) and abs(math.hypot(*value) - 1) < 1e-3
+
+
+def _is_range(value) -> bool:
+    return _numbers(2)(value) and value[0] < value[1]
+
+
+def _is_count(value) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 10**6
+
+
+def _above_zero(value) -> bool:
+    return is_number(value) and value > 0
+
+
+TEXT = Key(_is_text, "text in quotes")
+TABLE = Key(_is_table, "a table in square brackets")
+NUMBER = Key(is_number, "a number")
+LENGTH = Key(is_number, "a number in mm", True)
+ANGLE = Key(is_number, "a number in degrees", True)
+WORDS = ", ".join(KINDS)
+UNITS = ("_mm", "_deg", "_kg")
+
+RECORDING = {
+    "format": Key(_one_of("recording/1"), '"recording/1"', True),
+    "measures": Key(_one_of(*KINDS), f"one of {WORDS}", True),
+    "title": TEXT, "name": TEXT, "source": TEXT, "licence": TEXT,
+    "sigma_mm": Key(_above_zero, "1 sigma of a coordinate above 0, in mm"),
+    "robot": TABLE, "samples": TABLE, "artefact": TABLE, "images": TABLE, "board": TABLE, "guess": TABLE,
+}
+SECTIONS = {
+    "samples": {"file": Key(_is_text, "a file name in quotes", True),
+                "small_range": Key(lambda v: isinstance(v, bool), "true or false")},
+    "artefact": {"file": Key(_is_text, "a file name in quotes", True)},
+    "images": {"file": Key(_is_text, "a file name in quotes", True)},
+    "board": {"kind": Key(_one_of("chessboard", "charuco", "circles"), "one of chessboard, charuco, circles", True),
+              "columns": Key(_is_count, "a number of columns, 1 or more", True),
+              "rows": Key(_is_count, "a number of rows, 1 or more", True),
+              "square_mm": Key(_above_zero, "a length above 0 in mm", True)},
+    "robot": {"file": TEXT, "builtin": TEXT, "tip": TEXT, "mimic": TABLE,
+              "joints": Key(lambda v: isinstance(v, list) and all(map(_is_text, v)), "a list of joint names")},
+    "guess": {},
+}
+ROBOT = {
+    "name": TEXT, "source": TEXT,
+    "convention": Key(_one_of("distal", "craig"), '"distal" or "craig"'),
+    "gravity": Key(_is_unit, "three numbers, a unit vector"),
+    "payload": TABLE,
+    "joint": Key(lambda v: isinstance(v, list) and bool(v) and all(map(_is_table, v)), "one [[joint]] or more", True),
+}
+JOINT = {
+    "theta_deg": ANGLE, "d_mm": LENGTH, "a_mm": LENGTH, "alpha_deg": ANGLE,
+    "beta_deg": Key(is_number, "a number in degrees"),
+    "hayati": Key(lambda v: isinstance(v, bool), "true or false"),
+    "kind": Key(_one_of("revolute", "prismatic"), '"revolute" or "prismatic"'),
+    "limits_deg": Key(_is_range, "[lowest, highest] in degrees"),
+    "limits_mm": Key(_is_range, "[lowest, highest] in mm"),
+    "sign": Key(lambda v: is_number(v) and v in (-1, 1), "1 or -1"),
+    "coupled": Key(lambda v: _is_table(v) and set(v) == {"joint", "ratio"} and _is_count(v["joint"])
+                   and is_number(v["ratio"]), "{ joint = number, ratio = number }"),
+    "gear_ratio": Key(lambda v: is_number(v) and v != 0, "a number other than 0"),
+    "mass_kg": Key(lambda v: is_number(v) and v >= 0, "a mass of 0 or more, in kg"),
+    "com_mm": Key(_numbers(3), "three numbers in mm"),
+}
+
+
+def check_keys(found: Mapping, wanted: Mapping[str, Key], where: str) -> None:
+    """Raise InputError for the first key of `found` that is missing, misspelt or holds nonsense."""
+    for name, key in wanted.items():
+        if name in found:
+            if not key.passes(found[name]):
+                raise complaint(f"{where}, key {name}", key.expected, shown(found[name]), "correct the value")
+        elif key.required:
+            near = _near(name, found, wanted)
+            do = f"rename {near} to {name} and mind the unit" if near else f"add {name}"
+            raise complaint(f"{where}, key {name}", key.expected, f"the key {near}" if near else "no such key", do)
+    for name in found:
+        if name not in wanted and (near := _near(name, wanted, found)):
+            raise complaint(f"{where}, key {name}", f"the key {near}", name, f"rename it to {near} and mind the unit")
+
+
+def _near(name: str, candidates: Mapping, taken: Mapping) -> str | None:
+    """A candidate that `name` was probably meant to be: the same stem, or nearly the same letters."""
+    free = [c for c in candidates if c not in taken]
+    stem = [c for c in free if c.split("_")[0] == name.split("_")[0] and (name.endswith(UNITS) or c.endswith(UNITS))]
+    return (stem or difflib.get_close_matches(name, free, 1, 0.9) or [None])[0]
+
+
+def shown(value) -> str:
+    """A value as it may stand in a sentence: short, on one line."""
+    text = "a table" if isinstance(value, dict) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

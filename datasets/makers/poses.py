@@ -1,0 +1,101 @@
+"""Reachable configurations for made recordings: batched inverse kinematics on the rigid nominal arm.
+
+Lengths mm, angles rad. Only for choosing where the arm goes; what is measured
+there comes from the engine.
+"""
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+_LEVER = 300.0  # mm that one rad of orientation error counts as
+
+
+def _step(theta, d, a, alpha, beta) -> np.ndarray:
+    """(n, 4, 4) Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) for theta (n,)."""
+    turn = Rotation.from_euler("Z", theta[:, None]).as_matrix()
+    out = np.zeros((len(theta), 4, 4))
+    out[:, :3, :3] = turn @ Rotation.from_euler("XY", [alpha, beta]).as_matrix()
+    out[:, :3, 3] = turn @ [a, 0, 0] + [0, 0, d]
+    out[:, 3, 3] = 1
+    return out
+
+
+def forward(geometry: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """(n, 4, 4) flange poses of the rigid arm at joint angles (n, J)."""
+    out = np.eye(4)
+    for (theta, *rest), q in zip(geometry, joints.T):
+        out = out @ _step(q + theta, *rest)
+    return out
+
+
+def _miss(geometry, joints, targets) -> np.ndarray:
+    """(n, 6) how far each flange is from its target, all in mm."""
+    here = forward(geometry, joints)
+    turn = targets[:, :3, :3] @ here[:, :3, :3].transpose(0, 2, 1)
+    rotation = Rotation.from_matrix(turn).as_rotvec()
+    return np.hstack([targets[:, :3, 3] - here[:, :3, 3], _LEVER * rotation])
+
+
+def _newton(geometry, joints, targets, damping: float = 1.0) -> np.ndarray:
+    miss = _miss(geometry, joints, targets)
+    h = 1e-6
+    columns = [(_miss(geometry, joints + h * unit, targets) - miss) / -h for unit in np.eye(joints.shape[1])]
+    slope = np.stack(columns, axis=2)
+    normal = slope.transpose(0, 2, 1) @ slope + damping * np.eye(joints.shape[1])
+    step = np.linalg.solve(normal, np.einsum("nij,ni->nj", slope, miss)[..., None])[..., 0]
+    return joints + np.clip(step, -0.4, 0.4)
+
+
+def inverse(geometry, targets, start, limits, iterations: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Joint angles (n, J) near `start` (n, J), and (n,) whether target and limits are met.
+
+    targets: (n, 4, 4) flange poses; limits: (J, 2). Damped Newton steps on all
+    rows together; a row that does not get within 0.01 mm counts as not reached.
+    """
+    joints = np.array(start, float)
+    for _ in range(iterations):
+        joints = _newton(geometry, joints, targets)
+    joints = (joints + np.pi) % (2 * np.pi) - np.pi
+    near = np.linalg.norm(_miss(geometry, joints, targets), axis=1) < 0.01
+    inside = np.all((joints > limits[:, 0]) & (joints < limits[:, 1]), axis=1)
+    return joints, near & inside
+
+
+def looking_down(rng: np.random.Generator, n: int, tilt: float, roll: float) -> np.ndarray:
+    """(n, 3, 3) orientations whose z axis points down, tilted and rolled by up to the given rad."""
+    angle = tilt * np.sqrt(rng.random(n))
+    side = rng.uniform(-np.pi, np.pi, n)
+    axis = np.column_stack([np.cos(side), np.sin(side), np.zeros(n)])
+    turn = Rotation.from_rotvec(angle[:, None] * axis)
+    down = np.column_stack([np.full(n, np.pi), rng.uniform(-roll, roll, n)])
+    return (turn * Rotation.from_euler("XZ", down)).as_matrix()
+
+
+def scanning(rng, geometry, limits, balls_base, hand_eye, n, start, roll: float = np.pi):
+    """Configurations that see the balls in the middle of the sensor's field.
+
+    balls_base: (B, 3) mm; hand_eye: (4, 4) sensor in flange; start: (J,) posture
+    near which the inverse starts. Returns joints (n, J) and ball index (n,).
+    Views come from above, up to 50 degrees off, 115 to 135 mm away, as the
+    sensor of Ye 2024 works. Raises ValueError where too few can be reached.
+    """
+    many = 8 * n
+    ball = rng.integers(len(balls_base), size=many)
+    view = np.tile(np.eye(4), (many, 1, 1))
+    view[:, :3, :3] = looking_down(rng, many, np.deg2rad(50), roll)
+    seen = np.column_stack([rng.uniform(-15, 15, (many, 2)), rng.uniform(115, 135, many)])
+    view[:, :3, 3] = balls_base[ball] - np.einsum("nij,nj->ni", view[:, :3, :3], seen)
+    targets = view @ np.linalg.inv(hand_eye)
+    begin = start + rng.uniform(-0.3, 0.3, (many, len(start)))
+    joints, good = inverse(geometry, targets, begin, limits)
+    if good.sum() < n:
+        raise ValueError(f"only {good.sum()} of the {n} wanted views can be reached")
+    chosen = rng.permutation(_balanced(ball, np.flatnonzero(good))[:n])
+    return joints[chosen], ball[chosen]
+
+
+def _balanced(ball: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """The rows again, the first view of every ball first, then the second of every ball ..."""
+    turn = [np.sum(ball[rows[:i]] == ball[row]) for i, row in enumerate(rows)]
+    return rows[np.argsort(turn, kind="stable")]

@@ -1,0 +1,175 @@
+"""Units, limits and mixed-up balls: numbers that are numbers, but cannot have been measured so.
+
+Each rule only speaks where physics leaves it no other choice, or where the alternative is a
+recording from which nothing could be learnt. `small_range = true` under [samples] in
+recording.toml says that the arm really moved so little, and silences the rules about units.
+"""
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+
+from datasets.arms import nominal_reach
+from datasets.checks import Context, first, points_of
+from datasets.columns import joint_columns
+from datasets.errors import InputError, complaint
+from datasets.formats.table import Table
+
+TURN = 2 * np.pi
+LIMIT_SLACK = 1.0
+"""deg or mm by which a reading may pass a nominal limit: overshoot, and limits rounded in a data sheet."""
+TOOL_MM = 1000.0
+"""No reflector is expected farther from the flange."""
+
+MOST_BALLS = 16
+"""Rows of one standstill that are compared with one another."""
+
+
+def joints_are_degrees(table: Table, context: Context) -> None:
+    """Readings that all lie within one turn of 2 pi are radians.
+
+    An arm whose every joint stays within 6.3 degrees of zero is stretched out and hardly moves;
+    no calibration comes from that. Needs three rows and some motion, so that a recording at the
+    arm's zero pose passes.
+    """
+    names = [c for c in joint_columns(table.columns) if c.endswith("_deg")]
+    if context.small_range or len(names) < 3 or len(table.rows) < 3:
+        return
+    q = np.stack([table.columns[c] for c in names])
+    if np.abs(q).max() <= TURN and np.sum(np.ptp(q, axis=1) > 0.02) >= 3:
+        raise complaint(f"{table.called}, columns {names[0]} … {names[-1]}", "joint readings in degrees",
+                        f"no reading beyond {np.abs(q).max():.3g}, as if in radians",
+                        "multiply them by 57.29578, or write small_range = true under [samples] if the arm "
+                        "really stayed that close to zero")
+
+
+def motion_fits_joints(table: Table, context: Context) -> None:
+    """Points in an external frame cannot move farther than the joints can carry them.
+
+    A turn of dq moves no point by more than reach * dq; twice the sum over the joints is the bound.
+    """
+    points, reach = points_of(table), nominal_reach(context.robot)
+    names = [c for c in joint_columns(table.columns) if c.endswith("_deg")]
+    outside = context.measures in ("external-point", "external-pose", "partial-pose")
+    if context.small_range or points is None or not outside or not np.isfinite(reach):
+        return
+    if len(names) < len(joint_columns(table.columns)):
+        return
+    moving = _moving(table)
+    if moving.sum() < 3:
+        return
+    dq = sum(np.ptp(table.columns[c][moving]) for c in names) * np.pi / 180
+    spread, bound = np.ptp(points[moving], axis=0).max(), 2 * (reach + TOOL_MM) * dq + 2 * TOOL_MM
+    if spread > bound:
+        raise complaint(f"{table.called}, columns {names[0]} … {names[-1]}",
+                        "joint readings in degrees that explain the points",
+                        f"points that move by {spread:.0f} mm where these joints reach {bound:.0f} mm",
+                        "convert the joints from radians to degrees, or the points to mm")
+
+
+def points_are_millimetres(table: Table, context: Context) -> None:
+    """Points of a moving arm that stay within 20 "mm", 1/50 of what its joints do, are metres.
+
+    In the sensor frame: a ball whose centre is always closer than 1 mm, or closer than its own
+    radius with a spread below 1 mm, would have the sensor inside it.
+    """
+    points = points_of(table)
+    if context.small_range or points is None or len(points) < 3:
+        return
+    largest = np.abs(points).max()
+    if context.balls and largest < 1 < min(b[3] for b in context.balls.values()):
+        raise _metres(table, largest, "a ball around the sensor's origin")
+    reach, moving = nominal_reach(context.robot), _moving(table)
+    outside = context.measures in ("external-point", "external-pose", "partial-pose")
+    if not outside or not np.isfinite(reach) or largest > 20 or moving.sum() < 3:
+        return
+    turns = [np.ptp(table.columns[c][moving]) for c in joint_columns(table.columns)[:3] if c.endswith("_deg")]
+    spread = np.ptp(points[moving], axis=0).max()
+    if turns and spread < reach * np.deg2rad(max(turns)) / 50:
+        raise _metres(table, spread, f"a reach of {reach:.0f} mm turned by {max(turns):.0f} deg")
+
+
+def _metres(table: Table, size: float, beside: str) -> InputError:
+    return complaint(f"{table.called}, columns x_mm, y_mm, z_mm", "points in mm",
+                     f"points within {size:.3g} beside {beside}, as if in metres",
+                     "multiply them by 1000, or write small_range = true under [samples] if they are right")
+
+
+def joints_are_within_limits(table: Table, context: Context) -> None:
+    """No reading passes the limit that the robot file gives for its joint."""
+    rows = context.robot.get("joint", ())
+    for name, joint in zip(joint_columns(table.columns), rows):
+        unit = "mm" if name.endswith("_mm") else "deg"
+        if f"limits_{unit}" not in joint:
+            continue
+        low, high = joint[f"limits_{unit}"]
+        value = table.columns[name]
+        row = first((value < low - LIMIT_SLACK) | (value > high + LIMIT_SLACK))
+        if row is not None:
+            raise complaint(table.where(row, name), f"{low:g} to {high:g} {unit} as in the robot file",
+                            f"{value[row]:g}", "correct the reading, or the limits in the robot file")
+
+
+def balls_keep_their_distance(table: Table, context: Context) -> None:
+    """Balls seen from one standstill are as far apart as the artefact says."""
+    if context.measures != "ball-centre" or "pose" not in table.columns or len(context.balls) < 2:
+        return
+    points, ball, pose = points_of(table), table.columns["ball"].astype(int), table.columns["pose"]
+    order = np.argsort(pose, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(pose[order])) + 1):
+        for i, j in combinations(rows[:MOST_BALLS], 2):
+            if ball[i] != ball[j]:
+                _check_distance(table, context, points, ball, i, j)
+
+
+def _check_distance(table: Table, context: Context, points, ball, i: int, j: int) -> None:
+    measured, nominal = np.linalg.norm(points[i] - points[j]), _apart(context.balls, ball[i], ball[j])
+    slack = max(2.0, 0.01 * nominal, 10 * (context.sigma_mm or 0))
+    if abs(measured - nominal) > slack:
+        raise complaint(table.where(max(i, j), "ball"),
+                        f"{nominal:.2f} mm between balls {ball[i]} and {ball[j]} as in artefact.csv",
+                        f"{measured:.2f} mm between rows {table.rows[min(i, j)]} and {table.rows[max(i, j)]}",
+                        _swap(context.balls, measured, slack, "correct the ball numbers or artefact.csv"))
+
+
+def _swap(balls: Mapping, measured: float, slack: float, otherwise: str) -> str:
+    fits = [f"{a} and {b}" for a, b in combinations(sorted(balls), 2) if abs(_apart(balls, a, b) - measured) < slack]
+    swapped = f"if these are balls {' or '.join(fits)}, two balls are swapped: correct the column ball"
+    return swapped if fits else otherwise
+
+
+def _apart(balls: Mapping, a: int, b: int) -> float:
+    return float(np.linalg.norm(np.subtract(balls[a][:3], balls[b][:3])))
+
+
+def _moving(table: Table) -> np.ndarray:
+    fixed = table.columns.get("fixed_to")
+    return np.ones(len(table.rows), bool) if fixed is None else fixed == "tool"
+
+
+def check_ball_places(balls: Mapping[int, tuple], ball: np.ndarray, places: np.ndarray, called: str) -> None:
+    """Find swapped balls with the help of the arm's nominal geometry.
+
+    ball: (n,) int; places: (n, 3) measured centres carried into the base frame by nominal poses
+    and a start value of the hand-eye transform, mm. Each ball's median place must be as far from
+    the others' as the artefact says, within 10 mm and 5 %: raises InputError where it is not.
+    """
+    seen = {int(b): np.median(places[ball == b], axis=0) for b in np.unique(ball)}
+    for a, b in combinations(sorted(seen), 2):
+        measured, nominal = float(np.linalg.norm(seen[a] - seen[b])), _apart(balls, a, b)
+        slack = max(10.0, 0.05 * nominal)
+        if abs(measured - nominal) > slack:
+            do = _swap(balls, measured, slack, "correct the ball numbers or artefact.csv")
+            raise complaint(f"{called}, column ball", f"balls {a} and {b} {nominal:.1f} mm apart as in artefact.csv",
+                            f"{measured:.1f} mm", do)
+
+
+RULES = (joints_are_within_limits, joints_are_degrees, motion_fits_joints, points_are_millimetres,
+         balls_keep_their_distance)
+
+
+def check_plausible(table: Table, context: Context) -> None:
+    """Run every rule. Raises InputError."""
+    for rule in RULES:
+        rule(table, context)

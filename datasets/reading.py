@@ -1,0 +1,53 @@
+"""One way to read any recording: a folder in recording/1, a known real set, or a bundled one."""
+
+from dataclasses import replace
+from importlib import import_module, resources
+from pathlib import Path
+
+from datasets import registry
+from datasets.errors import complaint
+from datasets.formats.recording1 import read_recording
+from datasets.recording import Recording
+
+
+def bundled() -> dict[str, Path]:
+    """Name and folder of every recording that comes with the project."""
+    home = Path(str(resources.files("datasets").joinpath("bundled")))
+    return {f.name: f for f in sorted(home.glob("*")) if (f / "recording.toml").is_file()}
+
+
+def read(path: str | Path) -> Recording:
+    """The recording at `path`.
+
+    path: a folder in recording/1 (or its recording.toml), the name of a bundled recording, or the
+    name of a known real set with its variant ("motoman_leica_ctu:left").
+    Raises InputError: one sentence that says what is wrong and what to do.
+    """
+    folder, name = Path(path), str(path)
+    if folder.name == "recording.toml":
+        folder = folder.parent
+    if folder.is_dir():
+        return read_recording(folder)
+    if name in bundled():
+        return read_recording(bundled()[name])
+    if name.partition(":")[0] in registry.sources():
+        return _read_real(name)
+    known = [*bundled(), *registry.sources()]
+    raise complaint(name or "the recording's path", f"a folder in recording/1, or one of {', '.join(known)}",
+                    "neither", "correct the path or the name")
+
+
+def _read_real(name: str) -> Recording:
+    source, folder = registry.source(name), registry.find(name)
+    variant = name.partition(":")[2]
+    if variant not in source.variants:
+        known = ", ".join(f"{source.name}:{v}" if v else source.name for v in source.variants)
+        found = repr(variant) if variant else "no variant"
+        raise complaint(f"recording {name}", f"one of {known}", found, "name one of these")
+    if folder is None:
+        places = " or ".join(map(str, registry.places()))
+        raise complaint(f"recording {name}", f"the files of {source.name} in {places}", "not all of them",
+                        f"fetch them with: workbench datasets get {source.name}, or set {registry.SETTING}")
+    reader = import_module(f"datasets.formats.{source.name}")
+    recording = reader.read(folder, variant)
+    return replace(recording, name=name, folder=folder, source=source.url, licence=source.licence)

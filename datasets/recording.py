@@ -1,0 +1,130 @@
+"""One recording in memory: columns as they stand in the file, and the arrays that a solve needs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from datasets.columns import BOOKKEEPING, MEASURED, joint_columns
+from datasets.errors import complaint
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Samples of one arm, all in file units (deg, mm); the properties below are in rad and mm."""
+
+    measures: str
+    """What a sample is: "ball-centre", "external-point", … (`datasets.columns.KINDS`)."""
+    columns: Mapping[str, np.ndarray]
+    """Every column by its file name, (n,) float64, or (n,) str for text columns."""
+    robot: Mapping
+    """Keys of robot.toml, or {"builtin": name}, or {"urdf": path, "joints": [...], "tip": link}."""
+    title: str = ""
+    sigma_mm: float | None = None
+    """1 sigma of one measured coordinate; None where unknown."""
+    balls: Mapping[int, tuple[float, float, float, float]] = field(default_factory=dict)
+    """artefact.csv: ball number -> x, y, z, radius in the artefact frame, mm."""
+    images: tuple[Mapping, ...] = ()
+    """Rows of images.csv; "image" is relative to `folder`."""
+    board: Mapping | None = None
+    guess: Mapping = field(default_factory=dict)
+    name: str = ""
+    folder: Path | None = None
+    source: str = ""
+    licence: str = ""
+    sha256: str = ""
+    """Of the files that the numbers were read from."""
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return len(next(iter(self.columns.values()))) if self.columns else 0
+
+    @property
+    def sample_ids(self) -> np.ndarray:
+        """(n,) int, unique."""
+        return self._integers("sample", np.arange(1, self.n + 1))
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(n, J) joint readings in order of the joint's number: rad, mm for a prismatic joint."""
+        names = joint_columns(self.columns)
+        scaled = [self.columns[c] * (1.0 if c.endswith("_mm") else np.pi / 180) for c in names]
+        return np.stack(scaled, axis=1) if scaled else np.empty((self.n, 0))
+
+    @property
+    def points(self) -> np.ndarray:
+        """(n, 3) measured points, mm, in the sensor's or the external instrument's frame.
+
+        Raises InputError where the recording holds no points (touch-point, laser-spot, …).
+        """
+        if "x_mm" not in self.columns:
+            raise complaint(f"{self.name or 'recording'}, columns x_mm, y_mm, z_mm", "measured points",
+                            f"none in a {self.measures} recording",
+                            "use a command for this kind of recording or add the columns")
+        return np.stack([self.columns[c] for c in ("x_mm", "y_mm", "z_mm")], axis=1)
+
+    @property
+    def sigma(self) -> np.ndarray | None:
+        """(n,) 1 sigma of one coordinate, mm: the row's own, else the recording's, else None."""
+        if "sigma_mm" in self.columns:
+            return self.columns["sigma_mm"]
+        return None if self.sigma_mm is None else np.full(self.n, float(self.sigma_mm))
+
+    @property
+    def moving(self) -> np.ndarray:
+        """(n,) bool: rows that enter a kinematic fit (`fixed_to` is "tool")."""
+        fixed = self.columns.get("fixed_to")
+        return np.ones(self.n, bool) if fixed is None else fixed == "tool"
+
+    @property
+    def reflector(self) -> np.ndarray:
+        """(n,) int: which reflector, 1 where the file does not say."""
+        return self._integers("reflector", np.ones(self.n, int))
+
+    @property
+    def ball(self) -> np.ndarray:
+        """(n,) int: which ball of the artefact, 1 where the file does not say."""
+        return self._integers("ball", np.ones(self.n, int))
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(n,) int labels 0, 1, …: rows with one `pose`, or with one `repeat`, share a label.
+
+        Rows that are linked through others share it too, so that a split by label never parts
+        repeats of one pose. Without either column every row stands alone.
+        """
+        links = [self.columns[c] for c in ("pose", "repeat") if c in self.columns]
+        return _linked(links) if links else np.arange(self.n)
+
+    @property
+    def covariates(self) -> dict[str, np.ndarray]:
+        """Numeric columns that are neither joints, nor measured, nor bookkeeping; file units."""
+        known = BOOKKEEPING | MEASURED | set(joint_columns(self.columns))
+        return {k: v for k, v in self.columns.items() if k not in known and v.dtype.kind == "f"}
+
+    def select(self, rows) -> "Recording":
+        """The same recording with only `rows`: a (n,) bool mask, or indices in the wanted order."""
+        rows = np.asarray(rows)
+        return replace(self, columns={k: v[rows] for k, v in self.columns.items()})
+
+    def _integers(self, column: str, otherwise: np.ndarray) -> np.ndarray:
+        return self.columns[column].astype(int) if column in self.columns else otherwise
+
+
+def _linked(keys: list[np.ndarray]) -> np.ndarray:
+    """(n,) labels of the connected rows, where rows with one value of any key are connected."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n, start, rows, nodes = len(keys[0]), len(keys[0]), [], []
+    for key in keys:
+        values, group = np.unique(key, return_inverse=True)
+        rows.append(np.arange(n))
+        nodes.append(start + group)
+        start += len(values)
+    row, node = np.concatenate(rows), np.concatenate(nodes)
+    graph = coo_array((np.ones(len(row)), (row, node)), shape=(start, start))
+    labels = connected_components(graph, directed=False)[1][:n]
+    return np.unique(labels, return_inverse=True)[1]

@@ -1,0 +1,245 @@
+"""The arm as a chain of frames: forward kinematics and, for every port, the analytic derivative.
+
+All samples at once. Arrays keep the sample on the last axis, (3, n) a vector field, because every
+operation is then one long contiguous loop; a rotation matrix is its three column vectors.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_model.robot import Robot
+
+THETA, D, A, ALPHA, BETA = range(5)
+
+
+@dataclass
+class Frames:
+    """Where every axis of an arm with J joints stands, in the world frame (mm), for n samples.
+
+    `z`, `x`, `y` (J, 3, n): the axes about which theta, alpha and beta turn (d and a shift along
+    z and x); `z_origin`, `x_origin` (J, 3, n): points on them. `link` (J+2, 3, 3, n) the columns
+    of the frame of each small twist (base, links, tool), `pivot` (J+2, 3, n) the point that it
+    turns about and `origin` (J, 3, n) that of the frame after each joint. `end` (3, 3, n) columns of the flange, `end_origin` (3, n).
+    """
+
+    z: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    z_origin: np.ndarray
+    x_origin: np.ndarray
+    link: np.ndarray | None
+    pivot: np.ndarray | None
+    origin: np.ndarray | None
+    end: tuple[np.ndarray, np.ndarray, np.ndarray]
+    end_origin: np.ndarray
+
+    def point(self, flange_point: np.ndarray) -> np.ndarray:
+        """(3, n) world coordinates of a flange-frame point (3,) or (3, n)."""
+        ex, ey, ez = self.end
+        return self.end_origin + ex * flange_point[0] + ey * flange_point[1] + ez * flange_point[2]
+
+    def to_flange(self, vectors: np.ndarray) -> np.ndarray:
+        """(..., 3, n) world vectors expressed in the flange frame."""
+        return np.stack([(axis * vectors).sum(-2) for axis in self.end], -2)
+
+
+def forward(
+    robot: Robot,
+    variables: np.ndarray,
+    geometry: np.ndarray | None = None,
+    base: tuple[np.ndarray, np.ndarray] | None = None,
+    twists: dict[int, np.ndarray] | None = None,
+    links: bool = False,
+) -> Frames:
+    """Frames of the arm.
+
+    variables (J, n): joint variables, rad (mm for a prismatic joint), after sign and coupling.
+    geometry (J, 5) or (J, 5, n): theta, d, a, alpha, beta (rad, mm); None: the nominal ones.
+    base: rotation (3, 3) and origin (3,) of the robot's root frame in the world.
+    twists: place (0 base, 1..J links, J+1 tool) -> (6, n) small twist, translation (mm) then
+    rotation vector (rad), both in that place's own frame. links: also keep `link`, `pivot`, `origin`.
+
+    Convention "distal": Rz(q+theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) (Hayati & Mirmirani 1985);
+    "craig": Ry(beta) Rx(alpha) Tx(a) Rz(q+theta) Tz(d) (Craig, Introduction to Robotics, eq. 3.6).
+    """
+    joints, n = variables.shape
+    walk = _Walk(joints, n, robot.base, base, twists or {}, links or bool(twists))
+    geometry = robot.geometry if geometry is None else geometry
+    angles, shifts = _angles_and_shifts(robot, variables, geometry)
+    cosines, sines = np.cos(angles), np.sin(angles)
+    step = walk.distal if robot.convention == "distal" else walk.craig
+    for k in range(joints):
+        step(k, cosines[k], sines[k], shifts[k], geometry[k])
+    return walk.finish(robot.flange)
+
+
+def _angles_and_shifts(robot, variables, geometry):
+    """theta + q and d + q, (J, n) or broadcastable to it."""
+    column = (slice(None), THETA), (slice(None), D)
+    theta, d = (g[:, None] if g.ndim == 1 else g for g in (geometry[c] for c in column))
+    if not robot.prismatic.any():
+        return variables + theta, np.broadcast_to(d, variables.shape) if d.shape[1] > 1 else d
+    slides = robot.prismatic[:, None]
+    return np.where(slides, 0, variables) + theta, np.where(slides, variables, 0) + d
+
+
+class _Walk:
+    """The state of a walk along the chain: present axes and origin, and what is kept of them."""
+
+    def __init__(self, joints, n, root, base, twists, links):
+        rotation, origin = (np.eye(3), np.zeros(3)) if base is None else base
+        start = rotation @ root[:3, :3]
+        self.axes = [np.repeat(start[:, c, None], n, 1) for c in range(3)]
+        self.origin = np.repeat((rotation @ root[:3, 3] + origin)[:, None], n, 1)
+        self.z, self.x, self.y, self.z_origin, self.x_origin = np.empty((5, joints, 3, n))
+        self.link = np.empty((joints + 2, 3, 3, n)) if links else None
+        self.pivot = np.empty((joints + 2, 3, n)) if links else None
+        self.origins = np.empty((joints, 3, n)) if links else None
+        self.twists = twists
+        self.keep_link(0, self.origin)
+
+    def distal(self, k, c, s, shift, row):
+        before = self.origin
+        self.z[k], self.z_origin[k] = self.axes[2], self.origin
+        self.turn(2, c, s)
+        self.origin = self.origin + self.axes[2] * shift + self.axes[0] * row[A]
+        self.x[k], self.x_origin[k] = self.axes[0], self.origin
+        self.turn(0, np.cos(row[ALPHA]), np.sin(row[ALPHA]))
+        self.y[k] = self.axes[1]
+        self.turn_if(1, row[BETA])
+        self.keep_joint(k, before)
+
+    def craig(self, k, c, s, shift, row):
+        before = self.origin
+        self.y[k], self.x_origin[k] = self.axes[1], self.origin
+        self.turn_if(1, row[BETA])
+        self.x[k] = self.axes[0]
+        self.turn(0, np.cos(row[ALPHA]), np.sin(row[ALPHA]))
+        self.origin = self.origin + self.axes[0] * row[A]
+        self.z[k], self.z_origin[k] = self.axes[2], self.origin
+        self.turn(2, c, s)
+        self.origin = self.origin + self.axes[2] * shift
+        self.keep_joint(k, before)
+
+    def turn(self, about, c, s):
+        """Right-multiply by an elementary rotation: mixes the other two axes."""
+        i, j = (about + 1) % 3, (about + 2) % 3
+        first, second = self.axes[i], self.axes[j]
+        self.axes[i] = c * first + s * second
+        self.axes[j] = c * second - s * first
+
+    def turn_if(self, about, angle):
+        if np.any(angle):
+            self.turn(about, np.cos(angle), np.sin(angle))
+
+    def keep_joint(self, k, before):
+        if self.link is not None:
+            self.origins[k] = self.origin
+            self.keep_link(k + 1, (before + self.origin) / 2)
+
+    def keep_link(self, place, pivot):
+        if self.link is None:
+            return
+        self.link[place], self.pivot[place] = self.axes, pivot
+        if place in self.twists:
+            self.apply(self.twists[place], pivot)
+
+    def apply(self, twist, pivot):
+        """Move everything outward of here by an exact small twist about `pivot`."""
+        shift = sum(axis * t for axis, t in zip(self.axes, twist[:3]))
+        vector = sum(axis * w for axis, w in zip(self.axes, twist[3:]))
+        self.axes = [rotate(vector, axis) for axis in self.axes]
+        self.origin = pivot + shift + rotate(vector, self.origin - pivot)
+
+    def finish(self, flange):
+        rotation, offset = flange[:3, :3], flange[:3, 3]
+        if not np.array_equal(flange, np.eye(4)):
+            self.origin = self.origin + sum(axis * t for axis, t in zip(self.axes, offset))
+            self.axes = [sum(axis * r for axis, r in zip(self.axes, rotation[:, c])) for c in range(3)]
+        self.keep_link(len(self.z) + 1, self.origin)
+        kept = (self.z, self.x, self.y, self.z_origin, self.x_origin, self.link, self.pivot, self.origins)
+        return Frames(*kept, tuple(self.axes), self.origin)
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(..., 3, n) cross products along the axis before the last."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[..., j, :], b[..., k, :], out=out[..., i, :])
+        out[..., i, :] -= a[..., k, :] * b[..., j, :]
+    return out
+
+
+def rotate(vector: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(3, n) points turned by rotation vectors (3, n): Rodrigues' formula, exact at 0."""
+    angle = np.sqrt((vector**2).sum(0))
+    once = cross(vector, points)
+    half = np.sinc(angle / (2 * np.pi))
+    return points + np.sinc(angle / np.pi) * once + half**2 / 2 * cross(vector, once)
+
+
+def joint_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarray) -> np.ndarray:
+    """(len(slots), 3, n) motion of a flange-fixed world `point` (3, n) per unit of joint variable."""
+    rows = frames.z[slots]
+    turning = ~robot.prismatic[slots]
+    if turning.all():
+        return cross(rows, point - frames.z_origin[slots])
+    rows[turning] = cross(rows[turning], point - frames.z_origin[slots[turning]])
+    return rows
+
+
+def geometry_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarray) -> np.ndarray:
+    """(len(slots), 3, n) motion of `point` per unit of geometry; slot 5 k + THETA..BETA of joint k."""
+    joint, kind = np.divmod(slots, 5)
+    rows = np.empty((len(slots), 3, point.shape[1]))
+    for which, axis, origin in (
+        (THETA, frames.z, frames.z_origin),
+        (ALPHA, frames.x, frames.x_origin),
+        (BETA, frames.y, frames.x_origin),
+    ):
+        mine = joint[kind == which]
+        if mine.size:
+            rows[kind == which] = cross(axis[mine], point - origin[mine])
+    rows[kind == D] = frames.z[joint[kind == D]]
+    rows[kind == A] = frames.x[joint[kind == A]]
+    return rows
+
+
+def geometry_turns(frames: Frames, slots: np.ndarray) -> np.ndarray:
+    """(len(slots), 3, n) rotation of the flange, world frame, per unit of geometry (0 for d, a)."""
+    axes = {THETA: frames.z, ALPHA: frames.x, BETA: frames.y}
+    still = np.zeros_like(frames.end_origin)
+    return np.stack([axes[kind][joint] if kind in axes else still for joint, kind in zip(*np.divmod(slots, 5))])
+
+
+def frame_rows(frames: Frames, point: np.ndarray, slots: np.ndarray, twists: dict[int, np.ndarray]) -> np.ndarray:
+    """(len(slots), 3, n) motion of `point` per unit of twist; slot 6 place + 0..2 shift, 3..5 turn."""
+    place, kind = np.divmod(slots, 6)
+    rows = np.empty((len(slots), 3, point.shape[1]))
+    for i, (p, c) in enumerate(zip(place, kind)):
+        rows[i] = frames.link[p][c] if c < 3 else cross(frame_turn(frames, p, c, twists), point - _moved_pivot(frames, p, twists))
+    return rows
+
+
+def frame_turns(frames: Frames, slots: np.ndarray, twists: dict[int, np.ndarray]) -> np.ndarray:
+    """(len(slots), 3, n) rotation of the flange, world frame, per unit of twist (0 for shifts)."""
+    still = np.zeros_like(frames.end_origin)
+    return np.stack([frame_turn(frames, p, c, twists) if c >= 3 else still for p, c in zip(*np.divmod(slots, 6))])
+
+
+def _moved_pivot(frames, place, twists):
+    if place not in twists:
+        return frames.pivot[place]
+    return frames.pivot[place] + sum(axis * t for axis, t in zip(frames.link[place], twists[place][:3]))
+
+
+def frame_turn(frames: Frames, place: int, component: int, twists: dict[int, np.ndarray]) -> np.ndarray:
+    """(3, n) world rotation per unit of rotation-vector component: left Jacobian of SO(3)."""
+    axis = frames.link[place][component - 3]
+    if place not in twists:
+        return axis
+    vector = sum(e * w for e, w in zip(frames.link[place], twists[place][3:]))
+    once = cross(vector, axis)
+    # the first terms of the series are exact to 1e-9 for the small twists of an arm (< 0.05 rad)
+    return axis + once / 2 + cross(vector, once) / 6

@@ -1,0 +1,223 @@
+"""Effects of gravity on what is not stiff: joints, links, pedestal, tool, and a tilted mount."""
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.core.parameters import Parameter
+
+SHIFTS, TURNS = (0, 1, 2), (3, 4, 5)
+"""Components of a frame's small twist: mm, then rad."""
+
+class JointCompliance(Effect):
+    """The joint yields to the gravity torque of links and load."""
+
+    effect = "joint-compliance"
+    port = "joint"
+    places = ("joint",)
+    elastic = True
+    equation = "dq = lambda tau(q, payload)"
+    source = "linear torsion spring: Ye et al., Sensors 24, 2559 (2024), eq. 22, with the full torque"
+
+    def parameters(self, chain):
+        return (self.parameter("compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance", prior=3e-3),)
+
+    def basis(self, state):
+        return state.torque[self.number - 1][None, None]
+
+
+class LinkSelfWeight(Effect):
+    """The joint yields to the weight of the links alone."""
+
+    effect = "link-self-weight"
+    port = "joint"
+    places = ("joint",)
+    elastic = True
+    equation = "dq = lambda tau_links(q)"
+    source = "Ye et al., Sensors 24, 2559 (2024), eq. 25, with the full torque of the links"
+
+    def parameters(self, chain):
+        return (self.parameter("compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance to its links", prior=3e-3),)
+
+    def basis(self, state):
+        return state.self_torque[self.number - 1][None, None]
+
+
+class YeCompliance(Effect):
+    """Ye's simplified compliance of a six-joint arm: six load terms and two of self-weight.
+
+    dq_k = lambda_k t_k, with t_k the torque of one newton at the load centre (a lever in m), and
+    dq_2 += lambda_2 (s1 sin q2 + s2 sin(q2 - q3)), dq_3 += lambda_3 s2 sin(q2 - q3), where q2 = 0
+    stands upright and the axes of joints 2 and 3 are opposite (alpha_2 = 180 deg).
+    """
+
+    effect = "joint-compliance"
+    port = "joint"
+    places = ("joint",)
+    elastic = True
+    equation = "dq = lambda (J^T H e3 + N23 [s1, s2])"
+    source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1"
+
+    def parameters(self, chain):
+        loads = [
+            Parameter(f"joint-{k}.joint-compliance.load", "rad/m", 0.0, 1e-4, f"the load compliance of joint {k}")
+            for k in range(1, 7)
+        ]
+        weights = [
+            Parameter(f"joint-{k}.link-self-weight.s{k - 1}", "mm", 0.0, 1000.0, f"the self-weight term s{k - 1}")
+            for k in (2, 3)
+        ]
+        return (*loads, *weights)
+
+    def slots(self, chain):
+        return tuple(range(6))
+
+    def delta(self, p, state):
+        change = p[:6, None] * state.unit_load_torque
+        upper, forearm = self._sines(state)
+        change[1] += p[1] * (p[6] * upper + p[7] * forearm) * 1e-3
+        change[2] += p[2] * p[7] * forearm * 1e-3
+        return change
+
+    def derivative(self, p, state):
+        upper, forearm = self._sines(state)
+        out = np.zeros((8, 6, state.n))
+        out[range(6), range(6)] = state.unit_load_torque
+        out[1, 1] += (p[6] * upper + p[7] * forearm) * 1e-3
+        out[2, 2] += p[7] * forearm * 1e-3
+        out[6, 1] = p[1] * upper * 1e-3
+        out[7, 1], out[7, 2] = p[1] * forearm * 1e-3, p[2] * forearm * 1e-3
+        return out
+
+    def _sines(self, state):
+        return np.sin(state.variables[1]), np.sin(state.variables[1] - state.variables[2])
+
+
+class LinkCompliance(Effect):
+    """Link K bends under what it carries: two transverse rotations at mid-link."""
+
+    effect = "link-compliance"
+    port = "frame"
+    components = TURNS
+    places = ("link",)
+    elastic = True
+    equation = "w = c M_transverse(q, payload)"
+    source = "beam bending as a flexure at mid-link (virtual joint): Klimchik et al., Mech. Mach. Theory (2017)"
+
+    def parameters(self, chain):
+        label = f"link {self.number}'s bending compliance"
+        return (self.parameter("bending", "rad/(N m)", 3e-5, label, prior=3e-4),)
+
+    def basis(self, state):
+        moment = state.moment[self.number]
+        along = _long_axis(state.robot, self.number - 1)
+        return (moment - along[:, None] * (along @ moment))[None]
+
+
+class BearingCompliance(Effect):
+    """The bearing of joint K tilts under the moment across its axis."""
+
+    effect = "bearing-compliance"
+    port = "frame"
+    components = TURNS
+    places = ("joint",)
+    elastic = True
+    equation = "w = c M_across(q, payload)"
+    source = "bearing tilt as a virtual joint: Klimchik et al., Mech. Mach. Theory (2017)"
+
+    def parameters(self, chain):
+        label = f"the tilting compliance of joint {self.number}'s bearing"
+        return (self.parameter("tilt", "rad/(N m)", 1e-4, label, prior=1e-3),)
+
+    def basis(self, state):
+        return state.bearing_moment[self.number - 1][None]
+
+
+class PedestalCompliance(Effect):
+    """The pedestal tilts with the overturning moment of arm and load."""
+
+    effect = "pedestal-compliance"
+    port = "frame"
+    places = ("base",)
+    components = (3, 4)
+    elastic = True
+    equation = "w = c M_overturning(q, payload)"
+    source = "flexure at the foot"
+
+    def parameters(self, chain):
+        return tuple(self.parameter(f"about_{axis}", "rad/(N m)", 3e-5, f"the pedestal's compliance about {axis}") for axis in "xy")
+
+    def basis(self, state):
+        return one_each(state.moment[0][:2])
+
+
+class ToolDeflection(Effect):
+    """The tool sags under its own weight as its attitude changes."""
+
+    effect = "tool-deflection"
+    port = "frame"
+    places = ("tool",)
+    components = SHIFTS
+    elastic = True
+    equation = "dx = c g_in_tool"
+    source = "shift of the measured point along gravity seen from the flange"
+
+    def parameters(self, chain):
+        return tuple(self.parameter(f"sag_{axis}", "mm", 0.05, f"the tool's sag along {axis}") for axis in "xyz")
+
+    def basis(self, state):
+        return one_each(np.einsum("cin,i->cn", state.frames.link[-1], state.gravity))
+
+
+class MountTilt(Effect):
+    """Gravity is not along base -z; seen only through what yields to it."""
+
+    effect = "mount-tilt"
+    port = "gravity"
+    places = ("base",)
+    equation = "dg = tilt across the nominal gravity"
+    source = "two direction cosines of gravity in the base frame"
+
+    def parameters(self, chain):
+        return tuple(self.parameter(f"tilt_{i}", "rad", 0.01, f"the tilt of gravity ({i})") for i in (1, 2))
+
+    def basis(self, state):
+        gravity = state.robot.gravity
+        across = np.linalg.svd(gravity[None])[2][1:]
+        return np.repeat(across[:, :, None], state.n, 2)
+
+
+def one_each(values):
+    """(c, c, n) basis in which each of c components, values (c, n), has a parameter of its own."""
+    return np.eye(len(values))[:, :, None] * values[None]
+
+
+def _long_axis(robot, k):
+    """(3,) unit vector of link k's length in its own frame; its z where it has none."""
+    _, d, a, alpha, beta = robot.geometry[k]
+    # craig: the link runs from frame k along its own z; distal: along x, after d along the joint's z
+    along = [0, 0, d] if robot.convention == "craig" else [a * np.cos(beta), d * np.sin(alpha), d * np.cos(alpha)]
+    length = np.linalg.norm(along)
+    return np.array(along) / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+
+
+class FirstMoment(Effect):
+    """The mass of a link or of the tool is not where the data sheet puts it.
+
+    Three numbers a body, its mass times the place of its centre; only seen through what yields.
+    """
+
+    effect = "first-moment"
+    port = "mass"
+    places = ("link", "tool")
+    equation = "m c -> m c + d"
+    source = "first moments as in rigid-body identification: Atkeson, An & Hollerbach, Int. J. Robot. Res. 5 (1986)"
+
+    def parameters(self, chain):
+        """Prior: a tenth of the arm's mass times 100 mm, or 100 kg mm where masses are unknown."""
+        size = max(10.0 * chain.robot.mass.sum(), 100.0)
+        return tuple(
+            self.parameter(f"m{axis}", "kg mm", size, f"the first moment of {self.where} along {axis}", prior=size) for axis in "xyz"
+        )
+
+    def basis(self, state):
+        return np.repeat(np.eye(3)[:, :, None], state.n, 2)

@@ -1,0 +1,162 @@
+"""Effects between a joint's reading and its angle: gears, belts, encoders, clocks and heat."""
+
+import numpy as np
+
+from robot_model.effects.covariates import clock, warmth
+from workbench.core.effect import Effect
+
+
+class TransmissionHarmonic(Effect):
+    """The gear and the encoder of joint K err periodically with its angle."""
+
+    effect = "transmission-harmonic"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = A cos(n q) + B sin(n q)"
+    source = "Ye et al., Sensors 24, 2559 (2024), eq. 16-17, there n = 1, 2"
+
+    def __init__(self, where: str, order: float = 1):
+        super().__init__(where)
+        self.order = order
+
+    def parameters(self, chain):
+        times = f"{self.order:g} times a turn"
+        return tuple(
+            self.parameter(f"{wave}{self.order:g}", "rad", 1e-3, f"joint {self.number}'s {wave} {times}")
+            for wave in ("cos", "sin")
+        )
+
+    def basis(self, state):
+        phase = self.order * state.variables[self.number - 1]
+        return np.stack([np.cos(phase), np.sin(phase)])[:, None]
+
+    @property
+    def title(self):
+        return f"{self.effect} of order {self.order:g} at {self.where}"
+
+
+class ConstantTerm(Effect):
+    """The constant term of Ye's Fourier series: a joint offset under another name."""
+
+    effect = "zero-offset"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = k0"
+    source = "Ye et al., Sensors 24, 2559 (2024), eq. 16"
+
+    def parameters(self, chain):
+        return (self.parameter("k0", "rad", 1e-3, f"the constant term of joint {self.number}"),)
+
+    def basis(self, state):
+        return np.ones((1, 1, state.n))
+
+
+class Backlash(Effect):
+    """The joint stops short of its reading on the side that it came from.
+
+    `seat="approach"`: the side of the last motion; `seat="gravity"`: the side to which gravity
+    pulls, smooth where the torque vanishes (`width` of it, as a share of its largest value).
+    """
+
+    effect = "backlash"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = g * approach, or g * tanh(tau / (width * max|tau|))"
+    source = "half-gap model, e.g. Slamani, Nubiola & Bonev, Robotica 30 (2012)"
+
+    def __init__(self, where: str, seat: str = "approach", width: float = 0.02):
+        super().__init__(where)
+        self.seat, self.width = seat, width
+
+    @property
+    def needs(self):
+        return (f"approach{self.number}",) if self.seat == "approach" else ()
+
+    def parameters(self, chain):
+        return (self.parameter("half_gap", "rad", 1e-3, f"joint {self.number}'s half gap"),)
+
+    def basis(self, state):
+        if self.seat == "approach":
+            return state.covariate(f"approach{self.number}")[None, None]
+        torque = state.torque[self.number - 1]
+        return np.tanh(torque / (self.width * max(np.abs(torque).max(), 1e-12)))[None, None]
+
+    @property
+    def elastic(self):
+        return self.seat == "gravity"
+
+
+class ZeroShift(Effect):
+    """A belt slipped, the arm was hit or counts were lost: the zero of a joint jumps once.
+
+    `after` is an instant in s where time was recorded, else the number of a row.
+    """
+
+    effect = "zero-shift"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = a after an instant"
+    source = "step change of a joint offset"
+
+    def __init__(self, where: str, after: float):
+        super().__init__(where)
+        self.after = after
+
+    def parameters(self, chain):
+        return (self.parameter("shift", "rad", 1e-3, f"joint {self.number}'s shift after {self.after:g}"),)
+
+    def basis(self, state):
+        return (clock(state) > self.after).astype(float)[None, None]
+
+
+class JointCoupling(Effect):
+    """Another joint's motion turns this joint by a share of it."""
+
+    effect = "joint-coupling"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq_K = c * q_J"
+    source = "wrist gear coupling, e.g. Stone, Kinematic Modeling (1987), ch. 3"
+
+    def __init__(self, where: str, joint: int):
+        super().__init__(where)
+        self.joint = joint
+
+    def parameters(self, chain):
+        return (self.parameter(f"from{self.joint}", "rad/rad", 1e-3, f"joint {self.number}'s share of joint {self.joint}"),)
+
+    def basis(self, state):
+        return state.variables[self.joint - 1][None, None]
+
+
+class JointThermalDrift(Effect):
+    """The encoder or gear of a joint drifts with temperature, or with time where none was recorded."""
+
+    effect = "joint-thermal-drift"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = c (T - T0)"
+    source = "linear thermal drift of a joint offset"
+
+    def parameters(self, chain):
+        return (self.parameter("per_unit", "rad/unit", 1e-4, f"joint {self.number}'s drift"),)
+
+    def basis(self, state):
+        return warmth(state, f"temperature_j{self.number}_c")[None, None]
+
+
+class TimeOffset(Effect):
+    """The readings were taken a moment before or after the measured point."""
+
+    effect = "time-offset"
+    port = "joint"
+    places = ("time",)
+    equation = "dq = t qdot"
+    source = "first-order clock offset"
+
+    def parameters(self, chain):
+        return (self.parameter("offset", "s", 1e-2, "the time offset"),)
+
+    def basis(self, state):
+        speeds = [np.deg2rad(state.covariate(f"qdot{k + 1}_deg_s")) for k in range(state.robot.mixing.shape[1])]
+        return (state.robot.mixing @ np.stack(speeds))[None]

@@ -1,0 +1,31 @@
+"""Kinds of measurement: one file each; a kind closes the chain between world and flange.
+
+A kind is a frozen dataclass made from a `datasets.recording.Recording` by `of(recording)`, with
+
+- `parameters()`: what it adds to the chain (hand-eye, reflectors), keys at `tool` or `sensor`;
+- `close(frames, values, deltas)`: a `Closure`, the residual and how motions reach it;
+- `start(frames)`: base pose (6,) and own values in closed form, no guess needed;
+- `at(samples)`: the same for some of the samples;
+- `position_rows`: how many of the m components are a position in mm (the first ones).
+"""
+
+from importlib import import_module
+
+from workbench.core.errors import InputError
+
+KINDS = {
+    "ball-centre": "BallCentre",
+    "external-point": "ExternalPoint",
+    "external-pose": "ExternalPose",
+}
+
+
+def measurement_of(recording):
+    """The measurement that `recording.measures` names; InputError for one that is not known here."""
+    if recording.measures not in KINDS:
+        raise InputError(
+            f"recording.toml of '{recording.name}', key measures: '{recording.measures}' cannot be calibrated; "
+            f"expected one of {', '.join(KINDS)}"
+        )
+    module = import_module("robot_model.measurements." + recording.measures.replace("-", "_"))
+    return getattr(module, KINDS[recording.measures]).of(recording)

@@ -1,0 +1,104 @@
+"""`ball-centre`: centres of balls of a measured artefact, seen in the frame of a sensor on the flange."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_model.chain import Frames, cross
+from robot_model.measurements.closure import Closure, flange_matrices, kronecker_rows, position_sigma, rigid_fit, solve_linear_start
+from robot_model.poses import left_jacobian, nearest_rotation, pose_parameters, pose_values, rotation_matrix
+from workbench.core.errors import InputError
+from workbench.core.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class BallCentre:
+    """Measured centres (3, n) mm in the sensor frame; `centres` (K, 3) mm in the artefact frame."""
+
+    measured: np.ndarray
+    index: np.ndarray
+    ids: tuple[int, ...]
+    centres: np.ndarray
+    position_rows = 3
+    place = "sensor"
+
+    @classmethod
+    def of(cls, recording) -> "BallCentre":
+        """From a recording with an artefact."""
+        ids, index = np.unique(recording.ball, return_inverse=True)
+        centres = np.array([recording.balls[int(i)][:3] for i in ids])
+        return cls(np.ascontiguousarray(recording.points.T), index, tuple(int(i) for i in ids), centres)
+
+    def parameters(self) -> list[Parameter]:
+        """Hand-eye transform T_flange_sensor."""
+        return pose_parameters("sensor", "hand-eye")
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """(n,) number of the ball of each sample, as in the file."""
+        return np.asarray(self.ids)[self.index]
+
+    def sigma(self, recording) -> np.ndarray:
+        """(3, n) mm; 1 where the recording does not say, and the solve then estimates it."""
+        return position_sigma(recording)
+
+    def at(self, samples: np.ndarray) -> "BallCentre":
+        return replace(self, measured=self.measured[:, samples], index=self.index[samples])
+
+    def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
+        """Predicted minus measured (3, n) in the sensor frame; the world is the artefact."""
+        turn = rotation_matrix(values[3:])
+        axes = [sum(e * r for e, r in zip(frames.end, column)) for column in turn.T]
+        ball = self.centres[self.index].T
+        if "target" in deltas:
+            ball = _add(ball, deltas["target"])
+        from_sensor = ball - frames.point(values[:3])
+        seen = np.stack([(axis * from_sensor).sum(0) for axis in axes])
+        predicted = _add(seen, deltas["sensor"]) if "sensor" in deltas else seen
+        # turning the hand-eye by dw (flange frame) moves the seen point by seen x (R^T dw)
+        about = turn.T @ left_jacobian(values[3:])
+        tool_rows = np.empty((6, 3, len(self.index)))
+        tool_rows[:3] = -turn.T.T[:, :, None]
+        tool_rows[3:] = cross(seen, about.T[:, :, None])
+        ports = {"sensor": np.broadcast_to(np.eye(3)[:, :, None], (3, 3, seen.shape[1])), "target": _columns(axes)}
+        return Closure(predicted - self.measured, ball, lambda rows: -_into(axes, rows), tool_rows, ports)
+
+    def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+        """c_k - R_f R_h s - R_f t_h = t_f is linear in the balls c_k (root frame), R_h and t_h."""
+        turns, right = flange_matrices(frames), frames.end_origin.T.ravel()
+        balls = np.einsum("ij,nk->nikj", np.eye(3), np.eye(len(self.ids))[self.index]).reshape(len(right), -1)
+        seen = np.einsum("nij,jkn->nik", turns, _by_matrix(self.measured)).reshape(-1, 9)
+        hand = turns.reshape(-1, 3)
+        solution = solve_linear_start([balls, -hand, -seen], right)
+        rotation = nearest_rotation(solution[-9:].reshape(3, 3))
+        again = solve_linear_start([balls, -hand], right + seen @ rotation.ravel())
+        base = rigid_fit(again[:-3].reshape(-1, 3), self.centres)
+        return pose_values(*base), pose_values(rotation, again[-3:])
+
+    def simulate(self, frames: Frames, values: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of samples.csv that a perfect sensor would write."""
+        perfect = replace(self, measured=np.zeros_like(self.measured))
+        seen = perfect.close(frames, values, {}).residual
+        return {f"{axis}_mm": row for axis, row in zip("xyz", seen)}
+
+
+def _into(axes, rows):
+    """(k, 3, n) world vectors in the frame with these axes."""
+    return np.stack([(axis * rows).sum(1) for axis in axes], 1)
+
+
+def _columns(axes):
+    """(3, 3, n): derivative of the seen point by the world point."""
+    return np.stack(axes, 1)
+
+
+def _add(points, delta):
+    slots, change = delta
+    moved = np.array(np.broadcast_to(points, np.broadcast_shapes(points.shape, (3, change.shape[1]))))
+    moved[slots] += change
+    return moved
+
+
+def _by_matrix(vectors):
+    """(3, 9, n): row j, column 3 j + k holds vectors[k], so that it times vec(M) is M @ vectors."""
+    return np.einsum("ij,kn->ijkn", np.eye(3), vectors).reshape(3, 9, -1)

@@ -1,0 +1,58 @@
+"""What every kind of measurement returns, and the closed-form start that two of them share."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_model.poses import nearest_rotation
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A closed chain.
+
+    `residual` (m, n); `point` (3, n) the world point (mm) whose motion with the flange is seen;
+    `map_rows` turns (k, 3, n) motions of that point, and `map_turns` (k, 3, n) rotations of the
+    flange (rad, world frame), into (k, m, n) of the residual; `map_turns` is None where
+    orientation is not measured. `tool_rows` (t, m, n) belong to the kind's own parameters, and
+    `port_rows` holds those of the ports `sensor` and `target`.
+    """
+
+    residual: np.ndarray
+    point: np.ndarray
+    map_rows: Callable[[np.ndarray], np.ndarray]
+    tool_rows: np.ndarray
+    port_rows: dict[str, np.ndarray]
+    map_turns: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+def solve_linear_start(blocks: list[np.ndarray], right: np.ndarray) -> np.ndarray:
+    """Least-norm solution of blocks @ unknowns = right; blocks (3 n, k_i) side by side."""
+    columns = np.concatenate(blocks, 1)
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1
+    return np.linalg.lstsq(columns / scale, right, rcond=1e-10)[0] / scale
+
+
+def rigid_fit(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and translation (3,) with target = R source + t; points (k, 3)."""
+    a, b = source.mean(0), target.mean(0)
+    rotation = nearest_rotation((target - b).T @ (source - a))
+    return rotation, b - rotation @ a
+
+
+def kronecker_rows(vectors: np.ndarray) -> np.ndarray:
+    """(3 n, 9) matrix that maps a row-major 3x3 matrix M to the stacked M @ vectors; vectors (3, n)."""
+    return np.einsum("ij,kn->nijk", np.eye(3), vectors).reshape(-1, 9)
+
+
+def flange_matrices(frames) -> np.ndarray:
+    """(n, 3, 3) rotation of the flange in the world."""
+    return np.stack(frames.end, -1).transpose(1, 0, 2)
+
+
+def position_sigma(recording) -> np.ndarray:
+    """(3, n) 1 sigma of a measured coordinate in mm, 1 where the recording does not say."""
+    sigma = np.ones(recording.n) if recording.sigma is None else recording.sigma
+    return np.tile(sigma, (3, 1))

@@ -1,0 +1,78 @@
+"""`external-point`: reflectors on the flange, measured by a tracker or CMM in its own frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_model.chain import Frames
+from robot_model.measurements.closure import Closure, flange_matrices, kronecker_rows, position_sigma, solve_linear_start
+from robot_model.poses import nearest_rotation, pose_values
+from workbench.core.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ExternalPoint:
+    """Measured points (3, n) mm in the external frame; `index` (n,) which of the reflectors `ids`."""
+
+    measured: np.ndarray
+    index: np.ndarray
+    ids: tuple[int, ...]
+    position_rows = 3
+    place = "tool"
+
+    @classmethod
+    def of(cls, recording) -> "ExternalPoint":
+        """From a recording; only rows that move with the tool may be in it."""
+        ids, index = np.unique(recording.reflector, return_inverse=True)
+        return cls(np.ascontiguousarray(recording.points.T), index, tuple(int(i) for i in ids))
+
+    def parameters(self) -> list[Parameter]:
+        """Three coordinates a reflector, flange frame, mm."""
+        return [
+            Parameter(f"tool.reflector{r}_{axis}", "mm", 0.0, 100.0, f"reflector {r} {axis} on the flange")
+            for r in self.ids
+            for axis in "xyz"
+        ]
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """(n,) number of the reflector of each sample, as in the file."""
+        return np.asarray(self.ids)[self.index]
+
+    def sigma(self, recording) -> np.ndarray:
+        """(3, n) mm; 1 where the recording does not say, and the solve then estimates it."""
+        return position_sigma(recording)
+
+    def at(self, samples: np.ndarray) -> "ExternalPoint":
+        return replace(self, measured=self.measured[:, samples], index=self.index[samples])
+
+    def tip(self, values: np.ndarray) -> np.ndarray:
+        """(3, n) flange coordinates of the reflector of each sample."""
+        return values.reshape(-1, 3)[self.index].T
+
+    def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
+        """Predicted minus measured (3, n) in the external frame."""
+        point = frames.point(self.tip(values))
+        if "target" in deltas:
+            slots, change = deltas["target"]
+            point = point + sum(frames.end[s] * c for s, c in zip(slots, change))
+        axes = np.stack(frames.end)
+        tool_rows = np.concatenate([axes * (self.index == r) for r in range(len(self.ids))])
+        return Closure(point - self.measured, point, lambda rows: rows, tool_rows, {"target": axes})
+
+    def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+        """R_b^T X - R_b^T t_b = R_f p + t_f is linear in R_b^T, R_b^T t_b and the reflectors p."""
+        turns = flange_matrices(frames)
+        reflectors = np.einsum("nij,nr->nirj", turns, np.eye(len(self.ids))[self.index])
+        identity = np.tile(np.eye(3), (len(self.index), 1))
+        right = frames.end_origin.T.ravel()
+        blocks = [kronecker_rows(self.measured), identity, -reflectors.reshape(len(right), -1)]
+        solution = solve_linear_start(blocks, right)
+        rotation = nearest_rotation(solution[:9].reshape(3, 3))
+        again = solve_linear_start(blocks[1:], right - blocks[0] @ rotation.ravel())
+        return pose_values(rotation.T, -rotation.T @ again[:3]), again[3:]
+
+    def simulate(self, frames: Frames, values: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of samples.csv that a perfect instrument would write."""
+        point = frames.point(self.tip(values))
+        return {f"{axis}_mm": row for axis, row in zip("xyz", point)}

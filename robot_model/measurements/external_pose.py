@@ -1,0 +1,89 @@
+"""`external-pose`: a target on the flange whose point and orientation an external instrument gives."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robot_model.chain import Frames
+from robot_model.measurements.closure import Closure, flange_matrices, position_sigma, solve_linear_start
+from robot_model.poses import left_jacobian, nearest_rotation, pose_parameters, pose_values, rotation_matrix
+
+
+@dataclass(frozen=True)
+class ExternalPose:
+    """Measured points (3, n) mm and rotations (n, 3, 3), target frame to external frame."""
+
+    measured: np.ndarray
+    turns: np.ndarray
+    position_rows = 3
+    place = "tool"
+
+    @classmethod
+    def of(cls, recording) -> "ExternalPose":
+        """From a recording with columns qw qx qy qz."""
+        quaternions = np.stack([recording.columns[f"q{c}"] for c in "xyzw"], -1)
+        return cls(np.ascontiguousarray(recording.points.T), Rotation.from_quat(quaternions).as_matrix())
+
+    def parameters(self) -> list:
+        """Transform T_flange_target."""
+        return pose_parameters("tool", "tool")
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """(n,) one target only."""
+        return np.ones(self.measured.shape[1], int)
+
+    def sigma(self, recording) -> np.ndarray:
+        """(6, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
+        position = position_sigma(recording)
+        turn = np.deg2rad(recording.columns["sigma_deg"]) if "sigma_deg" in recording.columns else position[0] / 100
+        return np.concatenate([position, np.tile(turn, (3, 1))])
+
+    def at(self, samples: np.ndarray) -> "ExternalPose":
+        return replace(self, measured=self.measured[:, samples], turns=self.turns[samples])
+
+    def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
+        """(6, n): point difference in mm, then the rotation vector from measured to predicted (rad)."""
+        point, tool = frames.point(values[:3]), rotation_matrix(values[3:])
+        off = Rotation.from_matrix(flange_matrices(frames) @ tool @ self.turns.transpose(0, 2, 1))
+        residual = np.concatenate([point - self.measured, off.as_rotvec().T])
+        axes = np.stack(frames.end)
+        about = left_jacobian(values[3:])
+        tool_rows = np.zeros((6, 6, point.shape[1]))
+        tool_rows[:3, :3] = axes
+        tool_rows[3:, 3:] = np.einsum("fcn,fk->kcn", axes, about)
+        below = np.zeros_like(axes)
+        ports = {"target": np.concatenate([axes, below], 1)}
+        return Closure(residual, point, _above, tool_rows, ports, _below)
+
+    def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+        """R_b^T R_m = R_f R_t is linear in both rotations; then the translations are linear.
+
+        The Kronecker form of robot-world/hand-eye calibration: Shah, J. Mech. Robotics 5 (2013).
+        """
+        turns = flange_matrices(frames)
+        left = np.einsum("ij,nlk->niklj", np.eye(3), self.turns.transpose(0, 2, 1)).transpose(0, 1, 2, 4, 3)
+        right = np.einsum("nij,kl->nikjl", turns, np.eye(3))
+        system = np.concatenate([left.reshape(-1, 9), -right.reshape(-1, 9)], 1)
+        null = np.linalg.eigh(system.T @ system)[1][:, 0]
+        sign = np.sign(np.linalg.det(null[:9].reshape(3, 3)))
+        world, tool = (nearest_rotation(sign * part.reshape(3, 3)) for part in (null[:9], null[9:]))
+        offset = frames.end_origin.T.ravel() - (self.measured.T @ world.T).ravel()
+        blocks = [np.tile(np.eye(3), (len(turns), 1)), -turns.reshape(-1, 3)]
+        shift = solve_linear_start(blocks, offset)
+        return pose_values(world.T, -world.T @ shift[:3]), pose_values(tool, shift[3:])
+
+    def simulate(self, frames: Frames, values: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of samples.csv that a perfect instrument would write."""
+        turns = flange_matrices(frames) @ rotation_matrix(values[3:])
+        columns = {f"{axis}_mm": row for axis, row in zip("xyz", frames.point(values[:3]))}
+        return columns | {f"q{c}": row for c, row in zip("xyzw", Rotation.from_matrix(turns).as_quat().T)}
+
+
+def _above(rows):
+    return np.concatenate([rows, np.zeros_like(rows)], 1)
+
+
+def _below(turns):
+    return np.concatenate([np.zeros_like(turns), turns], 1)

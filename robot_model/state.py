@@ -1,0 +1,110 @@
+"""What an effect may read: readings, torques, bending moments and covariates of n samples."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from robot_model.chain import Frames, cross, forward
+from robot_model.robot import Robot
+from robot_model.statics import Levers, link_levers, load_levers, moment_levers
+from workbench.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class State:
+    """The nominal arm at the recorded readings.
+
+    `variables` (J, n) joint variables (rad, mm); `covariates` name -> (n,) in file units;
+    `gravity` (3,) unit vector in the root frame; `payload` (n,) kg on the flange with its centre
+    at `load_centre` (3,) mm in the flange frame; `measured` (3, n) mm as the instrument gave it;
+    `index` (n,) number of the ball or reflector. Torques are those of the nominal geometry: a millimetre of error in a link changes them
+    by a thousandth, which is a micrometre of deflection.
+    """
+
+    robot: Robot
+    variables: np.ndarray
+    covariates: Mapping[str, np.ndarray]
+    gravity: np.ndarray
+    payload: np.ndarray
+    load_centre: np.ndarray
+    measured: np.ndarray
+    index: np.ndarray
+
+    @property
+    def n(self) -> int:
+        return self.variables.shape[1]
+
+    @cached_property
+    def frames(self) -> Frames:
+        """Nominal frames in the root frame."""
+        return forward(self.robot, self.variables, links=True)
+
+    @cached_property
+    def link_levers(self) -> Levers:
+        return link_levers(self.robot, self.frames)
+
+    @cached_property
+    def load_levers(self) -> Levers:
+        return load_levers(self.robot, self.frames, self.payload, self.load_centre)
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """(J, n) gravity torque of links and load about each joint, N m (N where prismatic)."""
+        return self._project(self.link_levers.torque + self.load_levers.torque)
+
+    @cached_property
+    def self_torque(self) -> np.ndarray:
+        """(J, n) the part of the links alone, N m."""
+        return self._project(self.link_levers.torque)
+
+    @cached_property
+    def unit_load_torque(self) -> np.ndarray:
+        """(J, n) torque of one newton of load at the load centre, in N m: a lever in metres."""
+        one_newton = np.full(self.n, 1 / 9.80665)
+        return self._project(load_levers(self.robot, self.frames, one_newton, self.load_centre).torque)
+
+    @cached_property
+    def moment(self) -> np.ndarray:
+        """(J+2, 3, n) bending moment at base, links and tool, N m, each in its own frame."""
+        levers = self.link_levers.moment + self.load_levers.moment
+        world = cross(levers, np.broadcast_to(self.gravity[:, None], (3, self.n)))
+        return np.einsum("pcin,pin->pcn", self.frames.link, world)
+
+    @cached_property
+    def bearing_moment(self) -> np.ndarray:
+        """(J, 3, n) moment across each joint's axis, N m, in the frame of the link after it."""
+        arm = self.link_levers.arm + self.load_levers.arm
+        world = cross(arm, np.broadcast_to(self.gravity[:, None], (3, self.n)))
+        across = world - self.frames.z * (world * self.frames.z).sum(1, keepdims=True)
+        return np.einsum("pcin,pin->pcn", self.frames.link[1:-1], across)
+
+    def _project(self, levers):
+        return np.einsum("kin,i->kn", levers, self.gravity)
+
+    def altered(self, changes) -> "State":
+        """The same under changed gravity or masses; changes: (port, slots, delta (k, n)) each.
+
+        Port `gravity`: slots 0-2, change of the direction (a small tilt keeps its length). Port `mass`: slot
+        3 k + c, change of the first moment (kg mm) of body k along axis c of its own frame; body J
+        is the load, in the flange frame.
+        """
+        gravity, moments = self.gravity.copy(), np.zeros(3 * self.robot.joints + 3)
+        for port, slots, delta in changes:
+            np.add.at(gravity if port == "gravity" else moments, np.asarray(slots), delta[:, 0])
+        altered = replace(self, gravity=gravity)
+        altered.__dict__["frames"] = self.frames  # the rest of the state does not change with them
+        altered.__dict__["load_levers"] = self.load_levers
+        links = self.link_levers
+        if moments.any():
+            links = links + moment_levers(self.robot, self.frames, moments.reshape(-1, 3))
+        altered.__dict__["link_levers"] = links
+        return altered
+
+    def covariate(self, name: str) -> np.ndarray:
+        """(n,) a recorded covariate; InputError where the recording does not hold it."""
+        if name not in self.covariates:
+            held = ", ".join(sorted(self.covariates)) or "none"
+            raise InputError(f"covariate '{name}' is needed but samples.csv has no such column: it has {held}")
+        return self.covariates[name]

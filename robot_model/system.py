@@ -1,0 +1,205 @@
+"""A robot bound to measured samples: the chain that `workbench.core` solves."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from robot_model import chain as kinematics
+from robot_model.chain import BETA, D, forward
+from robot_model.measurements import measurement_of
+from robot_model.poses import left_jacobian, pose_parameters, rotation_matrix
+from robot_model.robot import Robot
+from robot_model.state import State
+from workbench.core.parameters import Parameter, Parameters
+
+_GEOMETRY = (("theta", "rad", 0.01, "zero offset (theta)"), ("d", "mm", 1.0, "offset (d)"),
+             ("a", "mm", 1.0, "length (a)"), ("alpha", "rad", 0.01, "twist (alpha)"),
+             ("beta", "rad", 0.01, "parallelism (beta)"))  # fmt: skip
+_BASE = 6
+
+
+@dataclass(frozen=True)
+class RobotChain:
+    """Robot, measurement and n samples; implements `workbench.core.model.Chain`.
+
+    `variables` (J, n) joint variables (rad, mm) after sign and coupling; `sigma` (m, n);
+    `start` (6 + t,) closed-form base pose and tool, which also place the load.
+    """
+
+    robot: Robot
+    measurement: object
+    variables: np.ndarray
+    sigma: np.ndarray
+    state: State
+    start: np.ndarray
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """base (6), geometry (5 J) and the measurement's own, started in closed form."""
+        table = [
+            *pose_parameters("base", "base"),
+            *_geometry_parameters(self.robot),
+            *self.measurement.parameters(),
+        ]
+        parameters = Parameters.of(table)
+        values = parameters.values.copy()
+        values[:_BASE], values[_BASE + 5 * self.robot.joints :] = self.start[:_BASE], self.start[_BASE:]
+        return replace(parameters, values=values)
+
+    @property
+    def n(self) -> int:
+        return self.variables.shape[1]
+
+    def at(self, samples: np.ndarray) -> "RobotChain":
+        """The same robot and start on some of the samples."""
+        state = replace(
+            self.state,
+            variables=self.state.variables[:, samples],
+            covariates={k: v[samples] for k, v in self.state.covariates.items()},
+            payload=self.state.payload[samples],
+            measured=self.state.measured[:, samples],
+            index=self.state.index[samples],
+        )
+        measurement = self.measurement.at(samples)
+        return RobotChain(
+            self.robot, measurement, self.variables[:, samples], self.sigma[:, samples], state, self.start
+        )
+
+    def evaluate(self, values: np.ndarray, deltas: dict) -> "Evaluation":
+        """Residual and port derivatives at the chain's own `values` and the effects' `deltas`."""
+        return Evaluation(self, values, deltas)
+
+    def slots(self, port: str, where: str, components: tuple[int, ...] = ()) -> tuple[int, ...]:
+        """Row numbers of a port at a place of the vocabulary; all components where none are named."""
+        kind, _, number = where.rpartition("-")
+        width = {"joint": 1, "geometry": 5, "frame": 6, "mass": 3}.get(port)
+        if width is None or where == "time":
+            return components or tuple(range(self.robot.joints if port == "joint" else 3))
+        first = {"geometry": 0, "joint": 0, "mass": 0, "frame": 1}[port]
+        end = {"base": 0, "tool": self.robot.joints + first}
+        place = int(number) - 1 + first if kind else end[where]
+        return tuple(width * place + c for c in components or range(width))
+
+    def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Base pose (6,), geometry (J, 5) and the measurement's own values."""
+        end = _BASE + 5 * self.robot.joints
+        return values[:_BASE], values[_BASE:end].reshape(-1, 5), values[end:]
+
+    def frames(self, values: np.ndarray, deltas: dict) -> tuple[kinematics.Frames, dict]:
+        """Frames in the world with all deltas of joints, geometry and frames; and the twists."""
+        pose, geometry, _ = self.split(values)
+        variables, twists = self.variables, _twists(deltas)
+        if "joint" in deltas:
+            variables = variables.copy()
+            variables[deltas["joint"][0]] += deltas["joint"][1]
+        if "geometry" in deltas:
+            slots, change = deltas["geometry"]
+            geometry = np.repeat(geometry.reshape(-1, 1), self.n, 1)
+            geometry[slots] += change
+            geometry = geometry.reshape(self.robot.joints, 5, self.n)
+        base = rotation_matrix(pose[3:]), pose[:3]
+        return forward(self.robot, variables, geometry, base, twists, links=bool(twists)), twists
+
+
+class Evaluation:
+    """The chain at one set of values; rows are made on demand, only those that are asked for."""
+
+    def __init__(self, chain: RobotChain, values: np.ndarray, deltas: dict):
+        self.chain, self.values, self.deltas = chain, values, deltas
+        self.frames, self.twists = chain.frames(values, deltas)
+        self.closure = chain.measurement.close(self.frames, chain.split(values)[2], deltas)
+        self.residual = self.closure.residual
+
+    def own_rows(self, indices: np.ndarray) -> np.ndarray:
+        """(k, m, n) derivative of the residual with respect to the chain's own parameters."""
+        end = _BASE + 5 * self.chain.robot.joints
+        parts = []
+        if (indices < _BASE).any():
+            parts.append(self._base_rows()[indices[indices < _BASE]])
+        middle = indices[(indices >= _BASE) & (indices < end)] - _BASE
+        if middle.size:
+            parts.append(self.rows("geometry", middle))
+        if (indices >= end).any():
+            parts.append(self.closure.tool_rows[indices[indices >= end] - end])
+        return np.concatenate(parts) if parts else np.empty((0, *self.residual.shape))
+
+    def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
+        """(k, m, n) derivative of the residual with respect to slots of a port."""
+        slots = np.asarray(slots)
+        if port in self.closure.port_rows:
+            return self.closure.port_rows[port][slots]
+        robot, frames, point = self.chain.robot, self.frames, self.closure.point
+        if port == "joint":
+            slots = 5 * slots + np.where(robot.prismatic[slots], D, 0)
+        if port in ("joint", "geometry"):
+            moved, turned = kinematics.geometry_rows(robot, frames, point, slots), kinematics.geometry_turns
+            return self._mapped(moved, lambda: turned(frames, slots))
+        frames = self._with_links()
+        moved = kinematics.frame_rows(frames, point, slots, self.twists)
+        return self._mapped(moved, lambda: kinematics.frame_turns(frames, slots, self.twists))
+
+    def _with_links(self):
+        """Frames that also keep the links; made again only when no twist needed them before."""
+        if self.frames.link is None:
+            pose, geometry, _ = self.chain.split(self.values)
+            again = self.chain.frames(self.values, self.deltas | {"frame": (np.array([0]), np.zeros((1, self.chain.n)))})
+            self.frames = again[0]
+        return self.frames
+
+    def _base_rows(self):
+        pose = self.values[:_BASE]
+        about = left_jacobian(pose[3:]).T[:, :, None]
+        shifts = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, self.chain.n))
+        turns = kinematics.cross(np.broadcast_to(about, (3, 3, self.chain.n)), self.closure.point - pose[:3, None])
+        moved = np.concatenate([shifts, turns])
+        return self._mapped(moved, lambda: np.concatenate([shifts * 0, np.broadcast_to(about, shifts.shape)]))
+
+    def _mapped(self, moved, turned):
+        rows = self.closure.map_rows(moved)
+        return rows if self.closure.map_turns is None else rows + self.closure.map_turns(turned())
+
+
+def _twists(deltas) -> dict[int, np.ndarray]:
+    """place -> (6, n) from the frame port's slots."""
+    if "frame" not in deltas:
+        return {}
+    slots, change = deltas["frame"]
+    twists: dict[int, np.ndarray] = {}
+    for slot, row in zip(slots, change):
+        twists.setdefault(slot // 6, np.zeros((6, change.shape[1])))[slot % 6] = row
+    return twists
+
+
+def _geometry_parameters(robot: Robot) -> list[Parameter]:
+    return [
+        Parameter(f"joint-{k + 1}.{name}{k + 1}", unit, float(robot.geometry[k, c]), size, f"joint {k + 1}'s {words}")
+        for k in range(robot.joints)
+        for c, (name, unit, size, words) in enumerate(_GEOMETRY)
+    ]
+
+
+def geometry_free(robot: Robot) -> list[str]:
+    """Keys of the geometry that can be free: theta, d, a, alpha; beta instead of d where Hayati's."""
+    left_out = [D if hayati else BETA for hayati in robot.hayati]
+    return [
+        f"joint-{k + 1}.{row[0]}{k + 1}" for k in range(robot.joints) for c, row in enumerate(_GEOMETRY) if c != left_out[k]
+    ]
+
+
+def bind(robot: Robot, recording) -> RobotChain:
+    """The chain for the moving rows of a recording, started in closed form at the nominal geometry."""
+    measurement = measurement_of(recording)
+    variables = robot.mixing @ recording.joints.T
+    base, tool = measurement.start(forward(robot, variables))
+    start = np.concatenate([base, tool])
+    state = _state(robot, recording, variables, measurement, tool)
+    return RobotChain(robot, measurement, variables, measurement.sigma(recording), state, start)
+
+
+def _state(robot, recording, variables, measurement, tool) -> State:
+    """What effects read; a load without a known centre hangs where the measured point is."""
+    covariates = recording.covariates
+    payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(recording.n))
+    centre = robot.payload_com if robot.payload_mass > 0 else tool[:3]
+    return State(robot, variables, covariates, robot.gravity, payload, centre, measurement.measured, measurement.numbers)

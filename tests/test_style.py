@@ -1,0 +1,64 @@
+"""The house-style check: it passes on this project, and it sees each fault that it is for."""
+
+import sys
+
+import pytest
+
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "tools"))
+
+import check_style  # noqa: E402
+
+FAULTS = {
+    "no docstring": ("x = 1\n", "no docstring"),
+    "long function": ('"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 41, "f has 41 lines"),
+    "long file": ('"""Doc."""\n' + "# why\n" * 399, "400 lines"),
+    "deep class": ('"""Doc."""\n\n\nclass A: pass\nclass B(A): pass\nclass C(B): pass\n', "class C stands 2"),
+    "machine path": ('"""Doc."""\n\nPLACE = "' + "/" + 'tmp/x"\n', "path of one machine"),
+    "home path": ('"""Doc."""\n\nPLACE = "' + "/" + 'home/me"\n', "path of one machine"),
+}
+FINE = {
+    "forty lines": '"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 40,
+    "one step": '"""Doc."""\n\n\nclass A(ValueError): pass\nclass B(A): pass\n',
+    "address": '"""See https://example.org/home/page."""\n',
+    "relative": '"""Doc."""\n\nPLACE = "../work/x"\n',
+}
+
+
+def faults(tmp_path, text, capsys):
+    (tmp_path / "tools").mkdir()
+    (tmp_path / "tools" / "one.py").write_text(text)
+    count = check_style.main(tmp_path)
+    return count, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_each_fault_is_seen_once(name, tmp_path, capsys):
+    text, sentence = FAULTS[name]
+    count, said = faults(tmp_path, text, capsys)
+    assert count == 1, said
+    assert sentence in said
+
+
+@pytest.mark.parametrize("name", FINE)
+def test_what_is_allowed_is_no_fault(name, tmp_path, capsys):
+    count, said = faults(tmp_path, FINE[name], capsys)
+    assert count == 0, said
+
+
+def test_median_counts_packages(tmp_path, capsys):
+    (tmp_path / "sensors").mkdir()
+    (tmp_path / "sensors" / "one.py").write_text('"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 13)
+    assert check_style.main(tmp_path) == 1
+    assert "median function body 13" in capsys.readouterr().out
+
+
+def test_docstrings_do_not_count(tmp_path, capsys):
+    text = '"""Doc."""\n\n\ndef f():\n    """Long.\n' + "    why\n" * 60 + '    """\n    return 1\n'
+    count, said = faults(tmp_path, text, capsys)
+    assert count == 0, said
+
+
+def test_this_project_keeps_its_style(capsys):
+    assert check_style.main(ROOT) == 0, capsys.readouterr().out

@@ -1,0 +1,123 @@
+"""House style, checked: short functions, short files, flat classes, docstrings, no machine paths.
+
+Run from anywhere: `python tools/check_style.py [ROOT]`. Prints one line a fault, then a summary;
+exit status 1 where there is a fault. A function's length is that of its body without docstring.
+"""
+
+import ast
+import re
+import statistics
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGES = ("workbench", "sensors", "robot_model", "datasets")
+CODE = (*PACKAGES, "tools", "tests", "benchmarks")
+LONGEST_FUNCTION = 40
+MEDIAN_BELOW = 12
+LONGEST_FILE = 399
+DEEPEST_CLASS = 1
+TEXTS = {".py", ".toml", ".md", ".csv", ".j2", ".sh", ".yml", ".yaml", ".cfg", ""}
+SKIPPED = {".git", "runs", "build", "dist", "shared", "node_modules", "__pycache__"}
+# A folder of some machine at the start of a path, and not inside an address or a longer path.
+MACHINE_PATH = re.compile(r"(?<![\w.~/-])/(?:work|tmp|root|home|Users)(?:/|\b(?=[\"'\s]|$))")
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def main(root: Path) -> int:
+    """Check everything under `root`; the number of faults."""
+    sources = {path: ast.parse(path.read_text(encoding="utf-8")) for path in code_files(root)}
+    faults = [fault for path, tree in sources.items() for fault in file_faults(path, tree)]
+    faults += class_faults(sources)
+    faults += [fault for path in text_files(root) for fault in path_faults(path)]
+    median = median_length(root, sources)
+    if median >= MEDIAN_BELOW:
+        faults.append(f"{root}: median function body {median:g} lines, expected < {MEDIAN_BELOW}")
+    for fault in faults:
+        print(fault)
+    print(f"{len(sources)} files, median function {median:g} lines, {len(faults)} faults")
+    return len(faults)
+
+
+def code_files(root: Path) -> list[Path]:
+    """Every Python file of ours."""
+    return sorted(path for folder in CODE for path in (root / folder).rglob("*.py")
+                  if not SKIPPED & set(path.relative_to(root).parts))
+
+
+def text_files(root: Path) -> Iterator[Path]:
+    """Every text file of the project, whatever its language."""
+    for path in sorted(root.rglob("*")):
+        parts = path.relative_to(root).parts
+        hidden = any(part in SKIPPED or part.startswith(".venv") or part.endswith(("cache", "info"))
+                     or part == ".hypothesis" for part in parts)
+        if path.is_file() and not hidden and path.suffix in TEXTS:
+            yield path
+
+
+def file_faults(path: Path, tree: ast.Module) -> Iterator[str]:
+    """Missing docstring, too many lines, functions too long."""
+    length = len(path.read_text(encoding="utf-8").splitlines())
+    if not ast.get_docstring(tree):
+        yield f"{path}:1: no docstring that says what the file is for"
+    if length > LONGEST_FILE:
+        yield f"{path}:1: {length} lines, expected < {LONGEST_FILE + 1}"
+    for function in functions(tree):
+        if body_length(function) > LONGEST_FUNCTION:
+            yield (f"{path}:{function.lineno}: {function.name} has {body_length(function)} lines, "
+                   f"expected <= {LONGEST_FUNCTION}")
+
+
+def functions(tree: ast.AST) -> list[Function]:
+    """Every function and method in `tree`, the inner ones too."""
+    return [node for node in ast.walk(tree) if isinstance(node, Function)]
+
+
+def body_length(function: Function) -> int:
+    """Lines from the first statement after the docstring to the last."""
+    body = function.body[1:] if ast.get_docstring(function) else function.body
+    return body[-1].end_lineno - body[0].lineno + 1 if body else 0
+
+
+def median_length(root: Path, sources: dict[Path, ast.Module]) -> float:
+    """Median body length over the packages, tests and tools left aside."""
+    lengths = [body_length(function) for path, tree in sources.items()
+               if path.relative_to(root).parts[0] in PACKAGES for function in functions(tree)]
+    return statistics.median(lengths) if lengths else 0.0
+
+
+def class_faults(sources: dict[Path, ast.Module]) -> Iterator[str]:
+    """Classes of ours that stand more than one step below another class of ours."""
+    classes = {node.name: (path, node) for path, tree in sources.items()
+               for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    for name, (path, node) in classes.items():
+        depth = class_depth(name, classes)
+        if depth > DEEPEST_CLASS:
+            yield (f"{path}:{node.lineno}: class {name} stands {depth} steps below its first "
+                   f"ancestor, expected <= {DEEPEST_CLASS}")
+
+
+def class_depth(name: str, classes: dict, above: frozenset[str] = frozenset()) -> int:
+    """Steps from class `name` up to its farthest ancestor among `classes`."""
+    _, node = classes[name]
+    bases = {ast.unparse(base).split("[")[0].split(".")[-1] for base in node.bases}
+    ours = (bases & classes.keys()) - above - {name}
+    return max((1 + class_depth(base, classes, above | {name}) for base in ours), default=0)
+
+
+def path_faults(path: Path) -> Iterator[str]:
+    """Lines that name a folder of some machine."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        return
+    for number, line in enumerate(lines, start=1):
+        found = MACHINE_PATH.search(line)
+        if found:
+            yield f"{path}:{number}: names a path of one machine, '{found.group()}'"
+
+
+if __name__ == "__main__":
+    where = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parent.parent
+    sys.exit(1 if main(where) else 0)

@@ -1,0 +1,14 @@
+"""`python -m workbench` and the `workbench` script: the same commands."""
+
+import sys
+
+
+def main() -> None:
+    """Run the command line and leave with its exit status."""
+    from workbench.cli import run
+
+    sys.exit(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""The command line: which commands there are, and what a failure looks like to a person.
+
+Exit status: 0 done; 1 the command ran and the answer is "no"; 2 the input or the call is wrong,
+with one sentence on standard error; 70 a fault of the workbench itself, whose traceback goes to a
+file; 130 interrupted.
+"""
+
+import errno
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench._version import VERSION
+from workbench.commands import calibrate, datasets, demo, doctor, identifiability, simulate
+from workbench.core.errors import InputError
+
+BUG = 70
+INTERRUPTED = 130
+# What the machine refuses is the person's to put right, not a fault of the code.
+_REFUSALS = {errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EROFS, errno.EDQUOT}
+
+# rich's frames cost a quarter of a second to load; a pipe does without.
+app = typer.Typer(
+    name="workbench",
+    help="Calibrate a robot that carries a scanner, from real recordings, and see how good it is.",
+    add_completion=False,
+    rich_markup_mode="rich" if sys.stdout.isatty() else None,
+    pretty_exceptions_enable=False,
+)
+app.command("calibrate", short_help="A recording in, held-out errors in mm out.")(calibrate.command)
+app.command("simulate", short_help="A scene in, a recording out.")(simulate.command)
+app.command("identifiability", short_help="What a recording determines, in words.")(identifiability.command)
+app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
+app.command("doctor", short_help="What this machine lacks, and what to type.")(doctor.command)
+app.command("demo", short_help="The main job on a recording that is at hand.")(demo.command)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"vision-sensor-workbench {VERSION}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version."),
+    ] = False,
+) -> None:
+    """Calibrate a robot that carries a scanner, from real recordings, and see how good it is."""
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line and return its exit status; nothing ever escapes as a traceback.
+
+    arguments: the words after `workbench`; None takes them from the process.
+    """
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # numpy's asides would bury the one sentence
+    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    try:
+        return int(app(args=words, prog_name="workbench", standalone_mode=False) or 0)
+    except (KeyboardInterrupt, typer.Abort):
+        return _say("Interrupted; nothing was written.", INTERRUPTED)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        return _failed(error)
+
+
+def _failed(error: Exception) -> int:
+    if isinstance(error, InputError):
+        return _say(str(error), 2)
+    if isinstance(error, typer.TyperException):
+        return _say(_wrong_call(error), 2)
+    if isinstance(error, OSError) and error.errno in _REFUSALS and error.filename:
+        return _say(f"{error.filename} cannot be used, because the system says "
+                    f"'{error.strerror}'; choose another place or see to its permissions.", 2)
+    return _say(f"This is a bug of the workbench, not of your input ({type(error).__name__}); "
+                f"please report it with {_traceback_file(error)}, which says where.", BUG)
+
+
+def _wrong_call(error: typer.TyperException) -> str:
+    """One sentence from what the command-line parser found wrong with the call."""
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context else "workbench"
+    found = " ".join(error.format_message().split()).rstrip(".?")
+    return f"{path}: {found}; `{path} --help` lists what it takes."
+
+
+def _traceback_file(error: Exception) -> Path:
+    import traceback
+
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="workbench-bug-", suffix=".txt", delete=False, encoding="utf-8"
+    ) as file:
+        file.write(f"vision-sensor-workbench {VERSION}, Python {sys.version}\n")
+        file.write(f"arguments: {sys.argv[1:]}\n")
+        file.writelines(traceback.format_exception(error))
+    return Path(file.name)
+
+
+def _say(sentence: str, status: int) -> int:
+    print(" ".join(sentence.split()), file=sys.stderr)
+    return status

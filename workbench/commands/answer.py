@@ -1,0 +1,79 @@
+"""What the commands share: the JSON answer, the console for people, the progress line.
+
+With `--json -` standard output carries the JSON object and nothing else; all that is meant for a
+person then goes to standard error.
+"""
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from workbench.core.errors import InputError
+from workbench.runs import replace_file
+
+JsonTarget = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
+]
+OutFolder = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Write here instead of a new folder under runs/."),
+]
+
+
+def console(target: str | None):
+    """The rich console for people: standard output, unless JSON has it."""
+    from rich.console import Console
+
+    return Console(stderr=target == "-", highlight=False)
+
+
+@contextmanager
+def progress(first: str) -> Iterator[Callable[[str], None]]:
+    """A line on standard error that says what is being done; call what it yields to change it."""
+    from rich.console import Console
+
+    with Console(stderr=True, highlight=False).status(first) as status:
+        yield status.update
+
+
+def check_target(target: str | None) -> None:
+    """Raise InputError now, and not after a long solve, where `--json FILE` cannot be written."""
+    if target in (None, "-"):
+        return
+    path = Path(target)
+    if not path.parent.is_dir() or path.is_dir():
+        raise InputError(f"--json {target} expects a file in a folder that exists; make "
+                         f"{path.parent} first or name another file.")
+
+
+def as_text(answer: Mapping[str, Any]) -> str:
+    """Strict JSON: numpy's scalars and arrays become plain ones, what is not finite null."""
+    return json.dumps(_plain(answer), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def deliver(answer: Mapping[str, Any], target: str | None) -> None:
+    """Write the answer where `--json` says; None writes nothing."""
+    if target == "-":
+        sys.stdout.write(as_text(answer))
+        sys.stdout.flush()
+    elif target is not None:
+        replace_file(Path(target), as_text(answer))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [_plain(inner) for inner in value]
+    if hasattr(value, "tolist"):  # numpy, without importing it
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value

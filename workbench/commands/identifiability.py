@@ -1,0 +1,24 @@
+"""`workbench identifiability`: what a recording determines, before anything is solved."""
+
+from typing import Annotated
+
+import typer
+
+from workbench.commands import answer, tables
+
+
+def command(
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    json: answer.JsonTarget = None,
+) -> None:
+    """Say which parameters a recording determines, and what cannot be told apart, in words."""
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        import datasets
+        from workbench.identify import identifiability
+
+        found = datasets.read(recording)
+        say("looking at the poses")
+        result = {"command": "identifiability", "recording": recording, **identifiability(found)}
+    answer.deliver(result, json)
+    tables.identifiability(answer.console(json), result)

@@ -1,0 +1,102 @@
+"""How the commands' answers look in a terminal; each function reads the JSON answer alone."""
+
+from collections.abc import Mapping, Sequence
+
+MEASURES = ("rms_mm", "mean_mm", "p95_mm", "max_mm")
+
+
+def calibration(console, answer: Mapping) -> None:
+    """Headline, stages and the largest corrections of a calibration.
+
+    answer: the object of `calibrate --json`.
+    """
+    _errors(console, answer)
+    _stages(console, answer["stages"])
+    _parameters(console, answer["parameters"])
+
+
+def identifiability(console, answer: Mapping) -> None:
+    """What the recording determines and what it does not, in words.
+
+    answer: the object of `identifiability --json`.
+    """
+    for key, value in answer.items():
+        if isinstance(value, str | int | float) and key != "command":
+            console.print(f"{key}: {number(value) if isinstance(value, float) else value}")
+    for key, value in answer.items():
+        if isinstance(value, Mapping):
+            _pairs(console, key, value)
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            _listing(console, key, value)
+
+
+def number(value) -> str:
+    """Four significant digits; a dash for what is not there."""
+    return "–" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> None:
+    """A table whose first `left` columns are words and the rest numbers."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    console.print(title, style="bold", markup=False)
+    table = Table(show_edge=False, pad_edge=False)
+    for index, name in enumerate(head):
+        table.add_column(name, justify="left" if index < left else "right",
+                         overflow="fold")
+    for row in rows:
+        table.add_row(*(escape(number(cell)) for cell in row))
+    console.print(table)
+    console.print()
+
+
+def _errors(console, answer: Mapping) -> None:
+    title = f"{answer['recording']}: {answer['samples']} samples, {answer['measures']}, in mm"
+    rows = [[name.replace("_", " "), *(answer[name].get(key) for key in MEASURES)]
+            for name in ("nominal", "fit", "held_out") if name in answer]
+    grid(console, title, ["3-D error", "RMS", "mean", "95 %", "max"], rows)
+
+
+def _stages(console, stages: Sequence[Mapping]) -> None:
+    rows = [[stage["name"], stage["free"], stage["identifiable"], stage["rms_mm"],
+             stage["held_out_rms_mm"], _verdict(stage)] for stage in stages]
+    head = ["stage", "free", "identifiable", "RMS mm", "held-out RMS mm", ""]
+    grid(console, "Stages", head, rows)
+
+
+def _verdict(stage: Mapping) -> str:
+    earned = stage.get("earned", stage.get("kept"))
+    return "" if earned is None or earned else "not earned, left out"
+
+
+def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
+    """The corrections that stand out most from their uncertainty; the rest is in the files."""
+    known = [row for row in parameters if row["identifiable"]]
+    ranked = sorted(known, key=_significance, reverse=True)[:most]
+    rows = [[row["where"], row["name"], row["unit"], row["value"], row["std"], row["nominal"]]
+            for row in ranked]
+    title = f"{len(rows)} most certain of {len(known)} corrections"
+    grid(console, title, ["where", "name", "unit", "value", "std", "nominal"], rows, left=3)
+    if len(parameters) > len(known):
+        console.print(f"Left open by this recording: {len(parameters) - len(known)} parameters; "
+                      "the report says why.\n")
+
+
+def _significance(row: Mapping) -> float:
+    change = abs((row["value"] or 0.0) - (row["nominal"] or 0.0))
+    return change / row["std"] if row["std"] else 0.0
+
+
+def _pairs(console, title: str, values: Mapping) -> None:
+    grid(console, title, ["", ""], [[key, value] for key, value in values.items()])
+
+
+def _listing(console, title: str, values: Sequence) -> None:
+    if values and all(isinstance(value, Mapping) for value in values):
+        head = list(values[0])
+        grid(console, title, head, [[value.get(key) for key in head] for value in values])
+        return
+    console.print(f"{title}:" if values else f"{title}: none")
+    for value in values:
+        console.print(f"  - {value}", markup=False)

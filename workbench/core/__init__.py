@@ -1,0 +1,1 @@
+"""The ground floor: parameters, effects, models and solves, for any measuring chain."""

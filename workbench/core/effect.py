@@ -1,0 +1,105 @@
+"""One physical effect is one definition: a perturbation of one port of a measuring chain."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.core.parameters import Parameter
+
+
+class Effect:
+    """A cause of error at one place (`where`) that acts through one `port` of a chain.
+
+    An effect says which `slots` of its port it perturbs (m of them), which parameters it has (P)
+    and, for n samples, by how much. Nearly every effect is linear in its parameters and gives
+    `basis`; one that is not overrides `delta`, and its derivative is then taken numerically from
+    `delta` alone. `delta` is exactly 0 at the null of all its parameters. Which slots those are,
+    the chain says: it alone knows how its ports are numbered.
+
+    Class attributes: `effect` and `port` (words of the vocabulary), `needs` (covariates that must
+    be recorded), `equation`, `source`, `places` (what `where` may be: "joint", "link", "base", ...).
+    """
+
+    effect = ""
+    port = ""
+    places: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
+    components: tuple[int, ...] = ()  # which components of its port at its place; () for all of them
+    elastic = False  # True: reads the state's torques or moments, so gravity and masses act through it
+    equation = ""
+    source = ""
+
+    def __init__(self, where: str):
+        self.where = where
+
+    @property
+    def number(self) -> int:
+        """K of `joint-K`, `link-K`, `ball-K`."""
+        return int(self.where.rpartition("-")[2])
+
+    def parameters(self, chain) -> tuple[Parameter, ...]:
+        """The P parameters, keys `<where>.<effect>.<name>`."""
+        raise NotImplementedError
+
+    def slots(self, chain) -> tuple[int, ...]:
+        """The m places of the port that this effect perturbs, as row numbers of the port."""
+        return chain.slots(self.port, self.where, self.components)
+
+    def basis(self, state) -> np.ndarray:
+        """(P, m, n) change of each slot per unit of each parameter."""
+        raise NotImplementedError
+
+    def delta(self, p: np.ndarray, state) -> np.ndarray:
+        """(m, n) change of the slots, in the port's unit, for parameters p (P,)."""
+        return np.tensordot(p, self.basis(state), 1)
+
+    def derivative(self, p: np.ndarray, state) -> np.ndarray:
+        """(P, m, n) d delta / d p."""
+        if self.linear:
+            return self.basis(state)
+        return numeric_derivative(lambda x: self.delta(x, state), p, self.steps())
+
+    @property
+    def linear(self) -> bool:
+        """True for an effect that gives a basis: linear in its parameters."""
+        return type(self).delta is Effect.delta
+
+    def steps(self) -> float | np.ndarray:
+        """Half-steps of the numeric derivative, in the units of the parameters."""
+        return 1e-6
+
+    def parameter(self, name: str, unit: str, typical: float, label: str, prior: float | None = None) -> Parameter:
+        """A parameter of this effect, null 0, with its key made from place, effect and `name`."""
+        return Parameter(f"{self.where}.{self.effect}.{name}", unit, 0.0, typical, label, prior)
+
+    @property
+    def title(self) -> str:
+        return f"{self.effect} at {self.where}"
+
+
+def numeric_derivative(function, p: np.ndarray, step) -> np.ndarray:
+    """(P, ...) central differences of `function` at p (P,) with half-steps `step`."""
+    steps = np.diag(np.broadcast_to(np.asarray(step, float), np.shape(p)))
+    return np.stack([(function(p + h) - function(p - h)) / (2 * h.sum()) for h in steps])
+
+
+def make_effects(catalogue: Mapping[str, type[Effect]], rows: Iterable[tuple[str, str, dict]]) -> tuple[Effect, ...]:
+    """Effects from (effect, where, options) rows, looked up in a package's catalogue.
+
+    Raises InputError for a name that is not in the catalogue, a place where that effect cannot
+    sit, or an option that it does not have.
+    """
+    return tuple(_make(catalogue, *row) for row in rows)
+
+
+def _make(catalogue, name, where, options) -> Effect:
+    if name not in catalogue:
+        raise InputError(f"no effect is called '{name}': known are {', '.join(sorted(catalogue))}")
+    kind = catalogue[name]
+    if where.rpartition("-")[0] not in kind.places and where not in kind.places:
+        raise InputError(f"effect '{name}' cannot sit at '{where}': it sits at {', '.join(kind.places)}")
+    try:
+        return kind(where, **options)
+    except TypeError as problem:
+        raise InputError(f"effect '{name}' does not take these options: {problem}") from None

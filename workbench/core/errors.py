@@ -1,0 +1,9 @@
+"""The one exception that a user's mistake may raise."""
+
+
+class InputError(ValueError):
+    """Input that cannot be used.
+
+    The message is one sentence that names the file, the row or key, what was expected, what was
+    found and what to do; a command prints it and ends with status 2.
+    """

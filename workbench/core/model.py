@@ -1,0 +1,206 @@
+"""A measuring chain with effects: predict, linearise, simulate.
+
+The chain knows the derivative of its residual with respect to each of its ports; an effect knows
+how it moves its slots of one port. The derivative with respect to an effect's parameters is the
+product of the two, for robots and scanners alike.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from workbench.core.effect import Effect, numeric_derivative
+from workbench.core.parameters import Parameters
+
+NOISE = "noise"
+STATE_PORTS = ("gravity", "mass")
+"""Ports that reach the measurement only through the effects that carry load (`elastic`)."""
+Deltas = Mapping[str, tuple[np.ndarray, np.ndarray]]
+"""port -> (slots (k,), change of those slots (k, n))"""
+
+
+class Evaluation(Protocol):
+    """The chain at one set of values; rows are derivatives of the residual."""
+
+    residual: np.ndarray  # (m, n) predicted minus measured
+
+    def own_rows(self, indices: np.ndarray) -> np.ndarray: ...  # (k, m, n) for the chain's parameters
+    def rows(self, port: str, slots: np.ndarray) -> np.ndarray: ...  # (k, m, n) for slots of a port
+
+
+class Chain(Protocol):
+    """What a robot or a scanner gives: parameters of its own, state, sigma and an evaluation."""
+
+    parameters: Parameters
+    state: object
+    sigma: np.ndarray  # (m, n) or (m, 1), 1 sigma of each component of the residual
+
+    def evaluate(self, values: np.ndarray, deltas: Deltas) -> Evaluation: ...
+    def at(self, samples: np.ndarray) -> "Chain": ...
+
+
+@dataclass(frozen=True)
+class Model:
+    """A chain bound to n samples, with the effects that are believed to act in it."""
+
+    chain: Chain
+    effects: tuple[Effect, ...] = ()
+    _bases: dict = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The chain's own parameters, then those of each effect; none free."""
+        extra = [p for effect in self.effects for p in effect.parameters(self.chain)]
+        joined = Parameters.of([*self.chain.parameters.table, *extra])
+        return joined.take_over(self.chain.parameters)
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """Where each effect's parameters stand."""
+        start, spans = len(self.chain.parameters), []
+        for effect in self.effects:
+            spans.append(slice(start, start + len(effect.parameters(self.chain))))
+            start = spans[-1].stop
+        return tuple(spans)
+
+    def at(self, samples: np.ndarray) -> "Model":
+        """The same model on some of the samples (indices or mask)."""
+        return Model(self.chain.at(samples), self.effects)
+
+    def with_effects(self, *effects: Effect) -> "Model":
+        """The same model with more effects."""
+        return replace(self, effects=self.effects + effects, _bases={})
+
+    def residual(self, parameters: Parameters) -> np.ndarray:
+        """(m, n) predicted minus measured, in the units of the measurement (mm, rad)."""
+        return self._evaluate(parameters).residual
+
+    def sigma(self, parameters: Parameters) -> np.ndarray:
+        """(m, n) 1 sigma of each component, with the effects that act on the noise."""
+        delta = self._deltas(parameters.values).get(NOISE)
+        return self.chain.sigma if delta is None else self.chain.sigma * np.exp(delta[1].sum(0))
+
+    def linearise(self, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
+        evaluation, values = self._evaluate(parameters), parameters.values
+        own = len(self.chain.parameters)
+        rows = [evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))]
+        for effect, span in zip(self.effects, self.spans):
+            free = parameters.mask[span]
+            if free.any():
+                rows.append(self._effect_rows(effect, span, values, evaluation)[free])
+        return evaluation.residual, np.concatenate(rows) if len(rows) > 1 else rows[0]
+
+    def jacobian(self, parameters: Parameters) -> np.ndarray:
+        """(m n, F) derivative of the stacked residual with respect to the free parameters."""
+        rows = self.linearise(parameters)[1]
+        return rows.reshape(len(rows), -1).T
+
+    def _effect_rows(self, effect, span, values, evaluation):
+        """(P, m, n): port derivative times the effect's own small factor."""
+        if effect.port == NOISE:
+            return np.zeros((span.stop - span.start, *evaluation.residual.shape))
+        if effect.port in STATE_PORTS:
+            return self._load_rows(effect, span, values, evaluation)
+        return _contract(self._derivative(effect, span, values), self._port_rows(effect, evaluation))
+
+    def _port_rows(self, effect, evaluation):
+        return evaluation.rows(effect.port, np.asarray(effect.slots(self.chain)))
+
+    def _load_rows(self, cause, span, values, evaluation):
+        """(P, m, n) of an effect on a state port, by way of every effect that carries load."""
+        total = np.zeros((span.stop - span.start, *evaluation.residual.shape))
+        for effect, own in zip(self.effects, self.spans):
+            if effect.elastic and effect.linear:
+                small = np.tensordot(self._by_load(effect, cause), values[own], (1, 0))
+            elif effect.elastic:
+                small = self._numeric_by_load(effect, own, span, values)
+            else:
+                continue
+            total += _contract(small, self._port_rows(effect, evaluation))
+        return total
+
+    def _numeric_by_load(self, effect, own, span, values):
+        def moved(p):
+            changed = values.copy()
+            changed[span] = p
+            return effect.delta(values[own], self._state(changed))
+
+        return numeric_derivative(moved, values[span], 1e-3 * self.parameters.typical[span])
+
+    def _evaluate(self, parameters):
+        values = parameters.values
+        return self.chain.evaluate(values[: len(self.chain.parameters)], self._deltas(values))
+
+    def _loads(self, values):
+        """The effects on gravity and masses that are not at their null, with their spans."""
+        pairs = zip(self.effects, self.spans)
+        return [(e, s) for e, s in pairs if e.port in STATE_PORTS and (values[s] != self.parameters.nulls[s]).any()]
+
+    def _state(self, values):
+        """The state under what the effects on gravity and masses make of it."""
+        state = self.chain.state
+        changes = [(e.port, e.slots(self.chain), e.delta(values[s], state)) for e, s in self._loads(values)]
+        return state.altered(changes) if changes else state
+
+    def _deltas(self, values) -> Deltas:
+        """Changes of every port's slots; effects on the same slot add up."""
+        parts: dict[str, list] = {}
+        for effect, span in zip(self.effects, self.spans):
+            if effect.port not in STATE_PORTS and (values[span] != self.parameters.nulls[span]).any():
+                parts.setdefault(effect.port, []).append((effect.slots(self.chain), self._delta(effect, span, values)))
+        return {port: _add_up(pieces) for port, pieces in parts.items()}
+
+    def _delta(self, effect, span, values):
+        if effect.linear:
+            return np.tensordot(values[span], self._derivative(effect, span, values), 1)
+        return effect.delta(values[span], self._state(values))
+
+    def _derivative(self, effect, span, values):
+        """(P, k, n) the small factor; that of a linear effect is computed once for these samples."""
+        if not effect.linear:
+            return effect.derivative(values[span], self._state(values))
+        basis = self._kept(effect, None, lambda: effect.basis(self.chain.state))
+        if not effect.elastic:
+            return basis
+        for cause, own in self._loads(values):
+            basis = basis + np.tensordot(values[own], self._by_load(effect, cause), 1)
+        return basis
+
+    def _by_load(self, effect, cause):
+        """(C, P, k, n) change of an elastic effect's basis per unit of each parameter of `cause`.
+
+        Torque is linear in masses and in gravity; their product is of second order and left out.
+        """
+        return self._kept(effect, cause, lambda: self._changes_of_basis(effect, cause))
+
+    def _changes_of_basis(self, effect, cause):
+        state, slots = self.chain.state, cause.slots(self.chain)
+        steps = np.diag([p.typical for p in cause.parameters(self.chain)])
+        moved = [effect.basis(state.altered([(cause.port, slots, cause.delta(h, state))])) for h in steps]
+        return np.stack([(b - effect.basis(state)) / h.sum() for b, h in zip(moved, steps)])
+
+    def _kept(self, effect, cause, make):
+        key = (id(effect), id(cause))
+        if key not in self._bases:
+            self._bases[key] = make()
+        return self._bases[key]
+
+
+def _contract(small: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(P, k, n) times (k, m, n), summed over the k slots."""
+    out = small[:, 0, None, :] * rows[0]
+    for slot in range(1, len(rows)):
+        out += small[:, slot, None, :] * rows[slot]
+    return out
+
+
+def _add_up(pieces) -> tuple[np.ndarray, np.ndarray]:
+    slots = np.unique(np.concatenate([np.asarray(s) for s, _ in pieces]))
+    total = np.zeros((len(slots), max(d.shape[-1] for _, d in pieces)))
+    for own, delta in pieces:
+        np.add.at(total, np.searchsorted(slots, own), delta)
+    return slots, total

@@ -1,0 +1,152 @@
+"""Named values with unit, null, typical size and free mask: what a model has and a solve changes."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
+import tomllib
+
+import numpy as np
+
+from workbench.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a model.
+
+    `key` is `<where>.<name>` with `where` from the vocabulary (`joint-3`, `base`, `tool`, ...).
+    `null` is the value at which the parameter does nothing or is nominal. `typical` is the size,
+    in `unit`, that somebody would expect before measuring; it scales the columns of the Jacobian,
+    so that millimetres and radians can be compared. `label` is how a sentence calls it. `prior` is
+    the 1 sigma, in `unit`, of what is known about it (about `null`) beside the data; None: nothing.
+    """
+
+    key: str
+    unit: str
+    null: float = 0.0
+    typical: float = 1.0
+    label: str = ""
+    prior: float | None = None
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Ordered, frozen table of P parameters: `values` (P,), `mask` (P,) True where free."""
+
+    table: tuple[Parameter, ...]
+    values: np.ndarray
+    mask: np.ndarray
+
+    @classmethod
+    def of(cls, table: Iterable[Parameter]) -> "Parameters":
+        """All of `table` at their nulls, none free."""
+        table = tuple(table)
+        keys = [parameter.key for parameter in table]
+        if len(set(keys)) != len(keys):
+            twice = sorted({key for key in keys if keys.count(key) > 1})
+            raise InputError(f"two parameters are called {twice[0]}: list an effect at one place once")
+        values = np.array([parameter.null for parameter in table], dtype=float)
+        return cls(table, values, np.zeros(len(table), bool))
+
+    @cached_property
+    def index(self) -> Mapping[str, int]:
+        """Place of each key."""
+        return {parameter.key: k for k, parameter in enumerate(self.table)}
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return tuple(self.index)
+
+    @cached_property
+    def typical(self) -> np.ndarray:
+        """(P,) typical sizes, each in its parameter's unit."""
+        return np.array([parameter.typical for parameter in self.table])
+
+    @cached_property
+    def nulls(self) -> np.ndarray:
+        """(P,) nulls, each in its parameter's unit."""
+        return np.array([parameter.null for parameter in self.table])
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """(P,) 1 / prior^2, 0 where there is no prior."""
+        return np.array([0.0 if p.prior is None else p.prior**-2 for p in self.table])
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def __getitem__(self, key: str) -> float:
+        return float(self.values[self.index[key]])
+
+    def matching(self, *patterns: str) -> np.ndarray:
+        """(P,) True where a key matches one of the shell patterns; each must match something."""
+        chosen = np.zeros(len(self), bool)
+        for pattern in patterns:
+            hits = np.array([fnmatchcase(key, pattern) for key in self.keys], bool)
+            if not hits.any():
+                raise InputError(f"no parameter matches '{pattern}': the model has {_some(self.keys)}")
+            chosen |= hits
+        return chosen
+
+    def free(self, *patterns: str) -> "Parameters":
+        """The same with the matching ones free."""
+        return replace(self, mask=self.mask | self.matching(*patterns))
+
+    def fix(self, *patterns: str) -> "Parameters":
+        """The same with the matching ones fixed at their present value."""
+        return replace(self, mask=self.mask & ~self.matching(*patterns))
+
+    def only(self, mask: np.ndarray) -> "Parameters":
+        """The same with exactly the True ones of `mask` (P,) free."""
+        return replace(self, mask=np.asarray(mask, bool))
+
+    def pack(self) -> np.ndarray:
+        """Values of the free ones, in order."""
+        return self.values[self.mask]
+
+    def unpack(self, free_values: np.ndarray) -> "Parameters":
+        """The same with the free ones set to `free_values`."""
+        values = self.values.copy()
+        values[self.mask] = free_values
+        return replace(self, values=values)
+
+    def update(self, values: Mapping[str, float]) -> "Parameters":
+        """The same with some values set by key; KeyError where the model has no such key."""
+        new = self.values.copy()
+        for key, value in values.items():
+            new[self.index[key]] = value
+        return replace(self, values=new)
+
+    def take_over(self, other: "Parameters") -> "Parameters":
+        """Values and mask of `other` for the keys that both have."""
+        values, mask = self.values.copy(), self.mask.copy()
+        for k, key in enumerate(self.keys):
+            if key in other.index:
+                values[k], mask[k] = other.values[other.index[key]], other.mask[other.index[key]]
+        return replace(self, values=values, mask=mask)
+
+    def to_toml(self) -> str:
+        """One table line a parameter: key, value, unit, free."""
+        rows = zip(self.table, self.values.tolist(), self.mask.tolist())
+        return "[parameters]\n" + "".join(
+            f'"{p.key}" = {{ value = {value!r}, unit = "{p.unit}", free = {str(free).lower()} }}\n'
+            for p, value, free in rows
+        )
+
+    def from_toml(self, text: str) -> "Parameters":
+        """Values and free marks of `text` written over these; units must agree."""
+        read = tomllib.loads(text)["parameters"]
+        values, mask = self.values.copy(), self.mask.copy()
+        for key, row in read.items():
+            if key not in self.index:
+                raise InputError(f"parameter '{key}' is not in this model, which has {_some(self.keys)}")
+            k = self.index[key]
+            if row["unit"] != self.table[k].unit:
+                raise InputError(f"parameter '{key}' is in {self.table[k].unit}, not in {row['unit']}")
+            values[k], mask[k] = row["value"], row["free"]
+        return replace(self, values=values, mask=mask)
+
+
+def _some(keys: tuple[str, ...]) -> str:
+    return ", ".join(keys[:6]) + (", ..." if len(keys) > 6 else "")

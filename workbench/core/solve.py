@@ -1,0 +1,176 @@
+"""Whitened, damped least squares: from a model and its free parameters to a fit."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+
+CONVERGED = "converged: another step would move nothing by more than a hundredth of its sigma"
+SETTLED = "converged: the last step lowered the cost by less than three millionths of it"
+STALLED = "converged to rounding: no step lowers the cost any further"
+OUT_OF_STEPS = (
+    "did not converge: the cost was still falling at the last step; allow more steps, check units "
+    "and the nominal robot, or fix parameters that are undetermined"
+)
+NOT_FINITE = (
+    "did not converge: the model is not finite at its start; check the recording for impossible "
+    "joint angles and the robot's geometry"
+)
+# A step is damped by at least this much per squared typical size: it keeps null directions still,
+# and slows only directions that the data know a hundred times less than one knew before measuring.
+_FLOOR = 1e-4
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a solve returns.
+
+    `residual` (m, n) in the units of the measurement; `weights` (n,) of the robust loss, 1 where
+    none; `normal` (F, F) the whitened normal matrix of the free parameters in their own units;
+    `sigma_scale` by which the stated sigmas have to be multiplied to agree with the residuals;
+    `history` the cost after each step; `outcome` a sentence.
+    """
+
+    parameters: Parameters
+    residual: np.ndarray
+    weights: np.ndarray
+    normal: np.ndarray
+    sigma_scale: float
+    history: tuple[float, ...] = field(default_factory=tuple)
+    outcome: str = CONVERGED
+
+    @property
+    def converged(self) -> bool:
+        return self.outcome in (CONVERGED, SETTLED, STALLED)
+
+
+def huber(z: np.ndarray, limit: float) -> np.ndarray:
+    """Weights of squared whitened distances z (n,): 1 inside `limit`, limit / distance outside.
+
+    Huber, Ann. Math. Stat. 35 (1964).
+    """
+    return np.minimum(1, limit / np.sqrt(np.maximum(z, 1e-300)))
+
+
+def cauchy(z: np.ndarray, limit: float) -> np.ndarray:
+    """Weights 1 / (1 + z / limit^2) of squared whitened distances z (n,)."""
+    return 1 / (1 + z / limit**2)
+
+
+LOSSES = {"linear": None, "huber": huber, "cauchy": cauchy}
+# distances of a 3-D residual that 5 % of clean samples exceed (chi with 3 degrees of freedom)
+_LIMIT = 2.8
+
+
+def solve(model: Model, parameters: Parameters, loss: str = "linear", steps: int = 50) -> Fit:
+    """Fit the free parameters of `parameters` to the samples of `model`.
+
+    Levenberg-Marquardt on residuals whitened by their own sigma, columns scaled by the
+    parameters' typical sizes (Nocedal & Wright, Numerical Optimization, 2nd ed., ch. 10);
+    a robust loss reweights samples, with the noise's scale from their median.
+    """
+    problem = _Problem(model, parameters, LOSSES[loss])
+    problem.start()
+    for _ in range(steps):
+        if problem.outcome:
+            break
+        problem.step()
+    return problem.finish()
+
+
+class _Problem:
+    """A solve under way: present parameters, residual, normal equations and damping."""
+
+    def __init__(self, model, parameters, weigh):
+        self.model, self.parameters, self.weigh = model, parameters, weigh
+        self.scale = parameters.typical[parameters.mask]
+        self.precision = parameters.precision[parameters.mask]
+        self.nulls = parameters.nulls[parameters.mask]
+        self.damping, self.outcome, self.history = 0.0, "", []
+
+    def start(self):
+        self.inverse_sigma = 1 / self.model.sigma(self.parameters)
+        self.take(self.parameters, *self.linearise(self.parameters))
+        if not np.isfinite(self.cost):
+            self.outcome = NOT_FINITE
+
+    def linearise(self, parameters):
+        """Residual, weights and cost at `parameters`, and the rows of the derivative."""
+        residual, rows = self.model.linearise(parameters)
+        weights = self.robust_weights(residual * self.inverse_sigma)
+        return residual, rows, weights
+
+    def take(self, parameters, residual, rows, weights):
+        """Make this the present point: normal equations and gradient, whitened and scaled."""
+        self.parameters, self.residual, self.weights = parameters, residual, weights
+        root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
+        rows *= root
+        flat = rows.reshape(len(rows), -1)
+        self.normal = (flat @ flat.T) * np.outer(self.scale, self.scale)
+        self.gradient = (flat @ (residual * root).ravel()) * self.scale
+        self.trust = self.trust_in_priors(residual)
+        self.normal += np.diag(self.trust * self.scale**2)
+        self.gradient += self.trust * self.scale * (parameters.pack() - self.nulls)
+        self.cost = self.cost_of(parameters, residual)
+        self.history.append(self.cost)
+
+    def trust_in_priors(self, residual):
+        """Precision of the priors beside residuals that are larger than their stated sigma.
+
+        What the model does not explain makes every sample worth less than its sigma says; the
+        priors must not drown in it.
+        """
+        square = float((self.weights * (residual * self.inverse_sigma) ** 2).sum())
+        return self.precision * max(1.0, square / residual.size)
+
+    def robust_weights(self, white):
+        if self.weigh is None:
+            return np.ones(white.shape[1])
+        z = (white**2).sum(0) * 3 / len(white)
+        spread = np.median(z) / 2.366  # the median of chi-square with 3 degrees of freedom
+        return self.weigh(z / max(spread, 1e-300), _LIMIT)
+
+    def cost_of(self, parameters, residual):
+        """Weighted sum of squares of whitened residuals and of priors."""
+        prior = self.trust @ (parameters.pack() - self.nulls) ** 2
+        return float((self.weights * (residual * self.inverse_sigma) ** 2).sum() + prior)
+
+    def step(self):
+        """One step; the damping grows until the cost falls."""
+        before = self.cost
+        size = len(self.gradient)
+        for _ in range(12):
+            damped = self.normal + np.diag(np.full(size, _FLOOR) + self.damping * np.diag(self.normal))
+            move = cho_solve(cho_factor(damped, check_finite=False), -self.gradient, check_finite=False)
+            decrement = -float(self.gradient @ move)
+            if self.damping == 0 and decrement <= 1e-4 * max(1.0, self.cost / max(self.residual.size, 1)):
+                self.outcome = CONVERGED
+                return
+            if self.accept(move):
+                if self.damping <= 1e-3 and abs(before - self.cost) < 3e-6 * before:
+                    self.outcome = SETTLED
+                return
+            self.damping = max(10 * self.damping, 1e-4)
+        self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+
+    def accept(self, move):
+        """Go there if the cost, under the present weights, is lower there."""
+        candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
+        there = self.linearise(candidate)
+        if not self.cost_of(candidate, there[0]) < self.cost:
+            return False
+        self.damping = self.damping / 10 if self.damping > 1e-8 else 0.0
+        self.take(candidate, *there)
+        return True
+
+    def finish(self):
+        degrees = max(self.residual.size - len(self.scale), 1)
+        return Fit(
+            self.parameters, self.residual, self.weights,
+            self.normal / np.outer(self.scale, self.scale),
+            float(np.sqrt(self.cost / degrees)),
+            tuple(self.history), self.outcome or OUT_OF_STEPS,
+        )  # fmt: skip

@@ -1,0 +1,155 @@
+"""What the workbench needs of a machine, looked at one by one, each with what to type about it."""
+
+import ctypes
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib import import_module, metadata
+from pathlib import Path
+
+# import name -> the distributions that may bring it
+LIBRARIES = {
+    "numpy": ("numpy",),
+    "scipy": ("scipy",),
+    "torch": ("torch",),
+    "kornia": ("kornia",),
+    "cv2": ("opencv-contrib-python-headless",),
+    "skimage": ("scikit-image",),
+    "open3d": ("open3d-cpu", "open3d"),
+    "pyvista": ("pyvista",),
+    "plotly": ("plotly",),
+    "jinja2": ("jinja2",),
+    "typer": ("typer",),
+    "rich": ("rich",),
+    "pydantic": ("pydantic",),
+    "pyarrow": ("pyarrow",),
+}
+OPTIONAL = {"mujoco": ("mujoco",)}
+# what Open3D and VTK load from a Linux system, and the Debian package that has it
+SHARED = {
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libX11.so.6": "libx11-6",
+    "libidn2.so.0": "libidn2-0",
+    "libudev.so.1": "libudev1",
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing looked at: what was found, whether that will do, and what to do where not."""
+
+    name: str
+    ok: bool
+    found: str
+    required: bool = True
+    advice: str = ""
+
+
+def examine() -> list[Check]:
+    """Look at everything; loads each library once, which takes some seconds."""
+    return [
+        _python(),
+        *_shared_libraries(),
+        *(_library(name, brings, True) for name, brings in LIBRARIES.items()),
+        *(_library(name, brings, False) for name, brings in OPTIONAL.items()),
+        _device(),
+        _recordings(),
+        _writing(Path.cwd()),
+    ]
+
+
+def as_json(checks: Sequence[Check]) -> dict:
+    """The object of `doctor --json`; `healthy` is false where something required is missing."""
+    healthy = all(check.ok for check in checks if check.required)
+    return {"command": "doctor", "healthy": healthy, "checks": [asdict(check) for check in checks],
+            "apt": apt_command(checks)}
+
+
+def apt_command(checks: Sequence[Check]) -> str | None:
+    """The one command that installs every system package found missing, or None."""
+    packages = [SHARED[check.name] for check in checks if check.name in SHARED and not check.ok]
+    return f"{_sudo()}apt-get install -y {' '.join(packages)}" if packages else None
+
+
+def _sudo() -> str:
+    return "" if hasattr(os, "geteuid") and os.geteuid() == 0 else "sudo "
+
+
+def _python() -> Check:
+    return Check("Python", sys.version_info >= (3, 11), platform.python_version(),
+                 advice="Install Python 3.11 or newer and make the environment with it.")
+
+
+def _shared_libraries() -> list[Check]:
+    return [_shared(name) for name in SHARED] if sys.platform == "linux" else []
+
+
+def _shared(name: str) -> Check:
+    try:
+        ctypes.CDLL(name)
+    except OSError as error:
+        return Check(name, False, str(error), advice=f"{_sudo()}apt-get install -y {SHARED[name]}")
+    return Check(name, True, "loads")
+
+
+def _library(name: str, brings: Sequence[str], required: bool) -> Check:
+    try:
+        import_module(name)
+    except Exception as error:  # a broken wheel raises anything
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        return Check(name, False, reason, required, _remedy(name, brings, error))
+    return Check(name, True, _version(brings), required)
+
+
+def _remedy(name: str, brings: Sequence[str], error: Exception) -> str:
+    lacking = [package for soname, package in SHARED.items() if soname in str(error)]
+    if lacking:
+        return f"{_sudo()}apt-get install -y {' '.join(lacking)}"
+    return f"{Path(sys.executable).name} -m pip install {brings[0]}"
+
+
+def _version(brings: Sequence[str]) -> str:
+    for distribution in brings:
+        try:
+            return metadata.version(distribution)
+        except metadata.PackageNotFoundError:
+            continue
+    return "version unknown"
+
+
+def _device() -> Check:
+    advice = "Nothing need be done: everything runs on the processor."
+    try:
+        import torch
+    except Exception:
+        return Check("torch device", False, "torch does not load", False)
+    if torch.cuda.is_available():
+        return Check("torch device", True, torch.cuda.get_device_name(0), False)
+    if torch.backends.mps.is_available():
+        return Check("torch device", True, "Apple GPU (mps)", False)
+    return Check("torch device", True, f"CPU, {torch.get_num_threads()} threads", False, advice)
+
+
+def _recordings() -> Check:
+    try:
+        from datasets import registry
+
+        found = [row["name"] for row in registry.listing() if row["folder"]]
+    except Exception as error:
+        return Check("recordings", False, f"{type(error).__name__}: {error}", False)
+    return Check("recordings", bool(found), ", ".join(found) or "none", False,
+                 "Set WORKBENCH_RECORDINGS to the folder that holds them.")
+
+
+def _writing(folder: Path) -> Check:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return Check("write permission", True, str(folder))
+    except OSError as error:
+        return Check("write permission", False, f"{folder}: {error.strerror}",
+                     advice="Change to a folder that you may write, or use --out.")
