@@ -19,7 +19,8 @@ class State:
     `variables` (J, n) joint variables (rad, mm); `covariates` name -> (n,) in file units;
     `gravity` (3,) unit vector in the root frame; `payload` (n,) kg on the flange with its centre
     at `load_centre` (3,) mm in the flange frame; `measured` (3, n) mm as the instrument gave it;
-    `index` (n,) number of the ball or reflector. Torques are those of the nominal geometry: a millimetre of error in a link changes them
+    `index` (n,) number of the ball or reflector and `target` (3, n) mm its nominal place on artefact
+    or tool. Torques are those of the nominal geometry: a millimetre of error in a link changes them
     by a thousandth, which is a micrometre of deflection.
     """
 
@@ -31,6 +32,7 @@ class State:
     load_centre: np.ndarray
     measured: np.ndarray
     index: np.ndarray
+    target: np.ndarray
 
     @property
     def n(self) -> int:

@@ -24,7 +24,9 @@ class RobotChain:
     """Robot, measurement and n samples; implements `workbench.core.model.Chain`.
 
     `variables` (J, n) joint variables (rad, mm) after sign and coupling; `sigma` (m, n);
-    `start` (6 + t,) closed-form base pose and tool, which also place the load.
+    `start` (6 + t,) closed-form base pose and tool, which also place the load. `stated_sigma` is
+    what the recording says, 1 where `sigma_unknown`; a calibration widens `sigma` by what its
+    model does not explain.
     """
 
     robot: Robot
@@ -33,6 +35,8 @@ class RobotChain:
     sigma: np.ndarray
     state: State
     start: np.ndarray
+    stated_sigma: np.ndarray
+    sigma_unknown: bool = False
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -60,10 +64,16 @@ class RobotChain:
             payload=self.state.payload[samples],
             measured=self.state.measured[:, samples],
             index=self.state.index[samples],
+            target=self.state.target[:, samples],
         )
         measurement = self.measurement.at(samples)
-        return RobotChain(
-            self.robot, measurement, self.variables[:, samples], self.sigma[:, samples], state, self.start
+        return replace(
+            self,
+            measurement=measurement,
+            variables=self.variables[:, samples],
+            sigma=self.sigma[:, samples],
+            state=state,
+            stated_sigma=self.stated_sigma[:, samples],
         )
 
     def evaluate(self, values: np.ndarray, deltas: dict) -> "Evaluation":
@@ -85,6 +95,13 @@ class RobotChain:
         """Base pose (6,), geometry (J, 5) and the measurement's own values."""
         end = _BASE + 5 * self.robot.joints
         return values[:_BASE], values[_BASE:end].reshape(-1, 5), values[end:]
+
+    def to_root(self, values: np.ndarray, evaluation: "Evaluation", residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The measured points and residuals (3, n) mm, as arrows, in the robot's root frame."""
+        pose = values[:_BASE]
+        turn = rotation_matrix(pose[3:])
+        arrows = evaluation.closure.to_world(residual)
+        return turn.T @ (evaluation.closure.point - pose[:3, None]), turn.T @ arrows
 
     def frames(self, values: np.ndarray, deltas: dict) -> tuple[kinematics.Frames, dict]:
         """Frames in the world with all deltas of joints, geometry and frames; and the twists."""
@@ -173,7 +190,7 @@ def _twists(deltas) -> dict[int, np.ndarray]:
 
 def _geometry_parameters(robot: Robot) -> list[Parameter]:
     return [
-        Parameter(f"joint-{k + 1}.{name}{k + 1}", unit, float(robot.geometry[k, c]), size, f"joint {k + 1}'s {words}")
+        Parameter(f"joint-{k + 1}.{name}{k + 1}", unit, float(robot.geometry[k, c]), size, f"joint {k + 1}'s {words}", 3 * size)
         for k in range(robot.joints)
         for c, (name, unit, size, words) in enumerate(_GEOMETRY)
     ]
@@ -194,12 +211,15 @@ def bind(robot: Robot, recording) -> RobotChain:
     base, tool = measurement.start(forward(robot, variables))
     start = np.concatenate([base, tool])
     state = _state(robot, recording, variables, measurement, tool)
-    return RobotChain(robot, measurement, variables, measurement.sigma(recording), state, start)
+    sigma = measurement.sigma(recording)
+    return RobotChain(robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None)
 
 
 def _state(robot, recording, variables, measurement, tool) -> State:
     """What effects read; a load without a known centre hangs where the measured point is."""
-    covariates = recording.covariates
+    covariates = dict(recording.covariates)
+    covariates.setdefault("row", np.arange(recording.n, dtype=float))
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(recording.n))
     centre = robot.payload_com if robot.payload_mass > 0 else tool[:3]
-    return State(robot, variables, covariates, robot.gravity, payload, centre, measurement.measured, measurement.numbers)
+    seen = measurement.measured, measurement.numbers, measurement.targets(tool)
+    return State(robot, variables, covariates, robot.gravity, payload, centre, *seen)

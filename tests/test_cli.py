@@ -327,3 +327,11 @@ def test_known_recordings_are_listed_and_found(workbench):
     assert all(row["licence"] and row["measures"] for row in rows)
     place = Path(workbench("datasets", "path", "elastic-arm").stdout.rstrip("\n"))
     assert (place / "recording.toml").is_file()
+
+
+def test_every_public_name_is_there():
+    import workbench
+
+    assert [name for name in workbench.__all__ if getattr(workbench, name, None) is None] == []
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = workbench.nothing

@@ -13,8 +13,7 @@ _HOMES = {
     "InputError": "workbench.core.errors",
     "Model": "workbench.core.model",
     "Parameters": "workbench.core.parameters",
-    "Stage": "workbench.core.solve",
-    "Solution": "workbench.core.solve",
+    "Fit": "workbench.core.solve",
 }
 _MODULES = ("calibrate", "core", "identify", "report", "simulate")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.formats.native import NOMINAL, checked, irb120, recording
+from datasets.formats.native import NOMINAL, checked, IRB120, recording
 from datasets.recording import Recording
 
 TRACKER_MM = 0.005
@@ -32,7 +32,7 @@ def read(folder: Path, variant: str) -> Recording:
     pose, reflector = np.nonzero(keep)
     more = {"pose": pose + 1, "reflector": reflector + 1, "fixed_to": np.where(reflector < 3, "tool", "base")}
     title = "ABB IRB 120, FARO tracker, " + ("read-back joints" if variant else "commanded joints")
-    return recording(irb120(NOMINAL), joints[pose], seen[pose, reflector], more, paths, title, TRACKER_MM)
+    return recording(IRB120, joints[pose], seen[pose, reflector], more, paths, title, TRACKER_MM)
 
 
 def _found(base: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.formats.native import checked, irb120, load_matrix, recording
+from datasets.formats.native import checked, IRB120, load_matrix, recording
 from datasets.recording import Recording
 
 PROBE_MM = 0.1
@@ -31,5 +31,5 @@ def read(folder: Path, variant: str) -> Recording:
     reflector = np.concatenate([np.tile([1, 2, 3], len(joints[0])), tests])
     part = np.repeat([0, 1, 2], [len(p) for p in points])
     more = {"pose": pose, "reflector": reflector, "set": part}
-    return recording(irb120("as for irb120_faro, the same type of arm"), q, np.concatenate(points), more, paths,
+    return recording(IRB120, q, np.concatenate(points), more, paths,
                      "ABB IRB 120, portable measuring arm", PROBE_MM)

@@ -75,9 +75,5 @@ def dh_robot(name: str, source: str, rows: Sequence[tuple], **more: Sequence) ->
     return {"name": name, "convention": "distal", "gravity": [0.0, 0.0, -1.0], "source": source, "joint": joints}
 
 
-def irb120(source: str) -> dict:
-    """Nominal ABB IRB 120: standard Denavit-Hartenberg rows and joint limits of its product specification."""
-    rows = ((0.0, 290.0, 0.0, -90.0), (-90.0, 0.0, 270.0, 0.0), (0.0, 0.0, 70.0, -90.0),
-            (0.0, 302.0, 0.0, 90.0), (0.0, 0.0, 0.0, -90.0), (180.0, 72.0, 0.0, 0.0))
-    limits = ([-165, 165], [-110, 110], [-110, 70], [-160, 160], [-120, 120], [-400, 400])
-    return dh_robot("ABB IRB 120", source, rows, limits_deg=limits)
+IRB120 = {"builtin": "abb_irb120"}
+"""Nominal arm of both IRB 120 sets, with the masses that gravity torques need."""

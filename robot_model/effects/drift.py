@@ -65,6 +65,11 @@ class AxisRunOut(Effect):
     equation = "dx = A cos q + B sin q, dy = C cos q + D sin q"
     source = "radial error motion of an axis of rotation: ISO 230-7"
 
+    def slots(self, chain):
+        """Across the axis means across z of the frame before joint K (exact for distal arms)."""
+        before = f"link-{self.number - 1}" if self.number > 1 else "base"
+        return chain.slots(self.port, before, self.components)
+
     def parameters(self, chain):
         return tuple(
             self.parameter(f"{axis}_{wave}", "mm", 0.02, f"joint {self.number}'s run-out {axis} {wave}")

@@ -38,6 +38,10 @@ class BallCentre:
         """(n,) number of the ball of each sample, as in the file."""
         return np.asarray(self.ids)[self.index]
 
+    def targets(self, values: np.ndarray) -> np.ndarray:
+        """(3, n) nominal places of the balls on the artefact, mm."""
+        return self.centres[self.index].T
+
     def sigma(self, recording) -> np.ndarray:
         """(3, n) mm; 1 where the recording does not say, and the solve then estimates it."""
         return position_sigma(recording)
@@ -61,7 +65,8 @@ class BallCentre:
         tool_rows[:3] = -turn.T.T[:, :, None]
         tool_rows[3:] = cross(seen, about.T[:, :, None])
         ports = {"sensor": np.broadcast_to(np.eye(3)[:, :, None], (3, 3, seen.shape[1])), "target": _columns(axes)}
-        return Closure(predicted - self.measured, ball, lambda rows: -_into(axes, rows), tool_rows, ports)
+        return Closure(predicted - self.measured, ball, lambda rows: -_into(axes, rows), tool_rows, ports,
+                       to_world=lambda seen: sum(axis * row for axis, row in zip(axes, seen)))  # fmt: skip
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """c_k - R_f R_h s - R_f t_h = t_f is linear in the balls c_k (root frame), R_h and t_h."""

@@ -15,7 +15,8 @@ class Closure:
     `residual` (m, n); `point` (3, n) the world point (mm) whose motion with the flange is seen;
     `map_rows` turns (k, 3, n) motions of that point, and `map_turns` (k, 3, n) rotations of the
     flange (rad, world frame), into (k, m, n) of the residual; `map_turns` is None where
-    orientation is not measured. `tool_rows` (t, m, n) belong to the kind's own parameters, and
+    orientation is not measured; `to_world` turns positions' residuals (3, n) into world arrows.
+    `tool_rows` (t, m, n) belong to the kind's own parameters, and
     `port_rows` holds those of the ports `sensor` and `target`.
     """
 
@@ -25,6 +26,7 @@ class Closure:
     tool_rows: np.ndarray
     port_rows: dict[str, np.ndarray]
     map_turns: Callable[[np.ndarray], np.ndarray] | None = None
+    to_world: Callable[[np.ndarray], np.ndarray] = lambda residual: residual
 
 
 def solve_linear_start(blocks: list[np.ndarray], right: np.ndarray) -> np.ndarray:

@@ -39,6 +39,10 @@ class ExternalPoint:
         """(n,) number of the reflector of each sample, as in the file."""
         return np.asarray(self.ids)[self.index]
 
+    def targets(self, values: np.ndarray) -> np.ndarray:
+        """(3, n) places of the reflectors on the flange, mm, for the kind's own values."""
+        return self.tip(values)
+
     def sigma(self, recording) -> np.ndarray:
         """(3, n) mm; 1 where the recording does not say, and the solve then estimates it."""
         return position_sigma(recording)

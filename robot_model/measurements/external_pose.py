@@ -34,6 +34,10 @@ class ExternalPose:
         """(n,) one target only."""
         return np.ones(self.measured.shape[1], int)
 
+    def targets(self, values: np.ndarray) -> np.ndarray:
+        """(3, n) place of the target on the flange, mm, for the kind's own values."""
+        return np.repeat(values[:3, None], self.measured.shape[1], 1)
+
     def sigma(self, recording) -> np.ndarray:
         """(6, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
         position = position_sigma(recording)

@@ -70,8 +70,11 @@ class Effect:
         return 1e-6
 
     def parameter(self, name: str, unit: str, typical: float, label: str, prior: float | None = None) -> Parameter:
-        """A parameter of this effect, null 0, with its key made from place, effect and `name`."""
-        return Parameter(f"{self.where}.{self.effect}.{name}", unit, 0.0, typical, label, prior)
+        """A parameter of this effect, null 0, its key made from place, effect and `name`.
+
+        prior: 1 sigma of what is known before measuring; three typical sizes where not given.
+        """
+        return Parameter(f"{self.where}.{self.effect}.{name}", unit, 0.0, typical, label, prior or 3 * typical)
 
     @property
     def title(self) -> str:

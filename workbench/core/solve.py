@@ -9,7 +9,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 CONVERGED = "converged: another step would move nothing by more than a hundredth of its sigma"
-SETTLED = "converged: the last step lowered the cost by less than three millionths of it"
+SETTLED = "converged: the last step lowered the cost by less than a hundred-thousandth of it"
 STALLED = "converged to rounding: no step lowers the cost any further"
 OUT_OF_STEPS = (
     "did not converge: the cost was still falling at the last step; allow more steps, check units "
@@ -29,7 +29,7 @@ class Fit:
     """What a solve returns.
 
     `residual` (m, n) in the units of the measurement; `weights` (n,) of the robust loss, 1 where
-    none; `normal` (F, F) the whitened normal matrix of the free parameters in their own units;
+    none; `normal` (F, F) the whitened normal matrix of the data in the free parameters' own units;
     `sigma_scale` by which the stated sigmas have to be multiplied to agree with the residuals;
     `history` the cost after each step; `outcome` a sentence.
     """
@@ -142,18 +142,18 @@ class _Problem:
         """One step; the damping grows until the cost falls."""
         before = self.cost
         size = len(self.gradient)
-        for _ in range(12):
-            damped = self.normal + np.diag(np.full(size, _FLOOR) + self.damping * np.diag(self.normal))
+        for _ in range(20):
+            damped = self.normal + (_FLOOR + self.damping) * np.eye(size)
             move = cho_solve(cho_factor(damped, check_finite=False), -self.gradient, check_finite=False)
             decrement = -float(self.gradient @ move)
             if self.damping == 0 and decrement <= 1e-4 * max(1.0, self.cost / max(self.residual.size, 1)):
                 self.outcome = CONVERGED
                 return
             if self.accept(move):
-                if self.damping <= 1e-3 and abs(before - self.cost) < 3e-6 * before:
+                if abs(before - self.cost) < 1e-5 * before:
                     self.outcome = SETTLED
                 return
-            self.damping = max(10 * self.damping, 1e-4)
+            self.damping = max(4 * self.damping, 1e-9 * self.normal.max())
         self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
 
     def accept(self, move):
@@ -162,15 +162,23 @@ class _Problem:
         there = self.linearise(candidate)
         if not self.cost_of(candidate, there[0]) < self.cost:
             return False
-        self.damping = self.damping / 10 if self.damping > 1e-8 else 0.0
+        self.damping = self.damping / 8 if self.damping > 1e-10 * self.normal.max() else 0.0
         self.take(candidate, *there)
         return True
 
     def finish(self):
         degrees = max(self.residual.size - len(self.scale), 1)
+        data = float((self.weights * (self.residual * self.inverse_sigma) ** 2).sum())
         return Fit(
             self.parameters, self.residual, self.weights,
-            self.normal / np.outer(self.scale, self.scale),
-            float(np.sqrt(self.cost / degrees)),
+            (self.normal - np.diag(self.trust * self.scale**2)) / np.outer(self.scale, self.scale),
+            float(np.sqrt(data / degrees)),
             tuple(self.history), self.outcome or OUT_OF_STEPS,
         )  # fmt: skip
+
+
+def normal_matrix(model: Model, parameters: Parameters) -> np.ndarray:
+    """(F, F) whitened normal matrix of the data in the free parameters' own units."""
+    rows = model.linearise(parameters)[1] / model.sigma(parameters)
+    flat = rows.reshape(len(rows), -1)
+    return flat @ flat.T

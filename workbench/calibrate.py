@@ -1,0 +1,273 @@
+"""The main job: from a recording to a calibrated robot, stage by stage, with held-out errors."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from robot_model import load_robot
+from robot_model.effects import CATALOGUE
+from robot_model.robot import Robot
+from robot_model.system import bind
+from scipy.optimize import brentq
+
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.core.identifiability import identifiability, independent
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+from workbench.core.solution import Solution, Stage
+from workbench.core.solve import Fit, normal_matrix, solve
+from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_summary, hold_out
+from workbench.plans import FRAMES, default_plan, read_plan
+from workbench.provenance import provenance
+from workbench.results import StageResult, calibration_json, parameter_rows
+
+# a stage stays if its paired held-out gain over the folds is beyond chance
+_REAL_GAIN = 2.0
+# times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
+_OUTLIER = 15.0
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated robot and how good it is.
+
+    `recording`: the moving rows that entered, n samples. Residuals (3, n) mm are predicted minus
+    measured in the frame of the measurement, nan where a row was never held out; `fold` (n,) -1
+    there. `points` and `residual_in_root` (3, n) mm are in the robot's root frame. `nominal` has
+    base and tool fitted at the nominal geometry. All error figures are 3-D distances.
+    """
+
+    recording: object
+    robot: Robot
+    model: Model
+    solution: Solution
+    stages: tuple[StageResult, ...]
+    parameters: tuple[dict, ...]
+    fit: dict
+    held_out: dict
+    nominal: dict
+    fit_residual: np.ndarray
+    held_out_residual: np.ndarray
+    nominal_residual: np.ndarray
+    fold: np.ndarray
+    points: np.ndarray
+    residual_in_root: np.ndarray
+    suspects: tuple[int, ...]
+    provenance: dict
+
+    def as_json(self) -> dict:
+        """The object of the JSON contract."""
+        return calibration_json(self)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested."""
+
+    fit: np.ndarray
+    fold: np.ndarray
+    test: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Step:
+    """Where a plan stands: the model so far, its fit on the fit samples, and its held-out error."""
+
+    model: Model
+    parameters: Parameters
+    fit: Fit
+    held_out: HeldOut
+    tied: dict
+    free: int
+    rank: int
+
+
+def calibrate(
+    recording,
+    plan: Path | Sequence[Stage] | None = None,
+    fit_samples: Sequence[int] | None = None,
+    test_samples: Sequence[int] | None = None,
+    folds: int = 10,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Calibration:
+    """Calibrate the robot of a recording.
+
+    plan: stages, a TOML file of them, or None for the default plan. fit_samples, test_samples:
+    sample numbers; what is not named for testing is fitted, and without test samples the held-out
+    error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
+    Raises InputError for a recording that this cannot calibrate.
+    """
+    moving = recording.select(recording.moving)
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    chain = bind(robot, moving)
+    split = _split(moving, fit_samples, test_samples, folds)
+    stages = _stages(plan, chain)
+    progress("base and tool at the nominal geometry")
+    nominal = _first(Model(chain), split)
+    step, results = _run(nominal, stages, split, progress)
+    return _calibration(moving, robot, nominal, step, results, split)
+
+
+def _stages(plan, chain) -> tuple[Stage, ...]:
+    if plan is None:
+        return default_plan(chain)
+    return read_plan(Path(plan)) if isinstance(plan, str | Path) else tuple(plan)
+
+
+def _split(recording, fit_samples, test_samples, folds) -> Split:
+    everyone = np.ones(recording.n, bool)
+    test = np.isin(recording.sample_ids, test_samples) if test_samples is not None else ~everyone
+    fit = np.isin(recording.sample_ids, fit_samples) if fit_samples is not None else ~test
+    if not test.any() and not fit.all():
+        test = ~fit
+    if fit.sum() < 4:
+        raise InputError(f"recording '{recording.name}': {fit.sum()} moving samples are left to fit; give at least 4")
+    fold = np.full(recording.n, -1)
+    fold[fit] = blocks(recording.poses[fit], folds)
+    return Split(fit, fold, test)
+
+
+def _first(model: Model, split: Split) -> _Step:
+    start = model.parameters
+    free = start.only(start.matching(*(p for p in FRAMES if any(k.startswith(p[:-1]) for k in start.keys))))
+    fit = solve(model.at(split.fit), free)
+    return _Step(model, fit.parameters, fit, _held_out(model, fit, split, "linear", 50), {}, len(fit.normal), len(fit.normal))
+
+
+def _run(step: _Step, stages, split, progress):
+    """All stages in order; one that does not earn its place is reported and left out."""
+    results = []
+    for stage in stages:
+        progress(f"stage {stage.name}: {stage.why}")
+        after = _try(step, stage, split)
+        gain = after.held_out.gain_over(step.held_out)
+        earned = not stage.earn or gain > _REAL_GAIN
+        results.append(_stage_result(stage, step, after, gain, earned))
+        progress(results[-1].sentence)
+        step = after if earned else step
+    return step, tuple(results)
+
+
+def _try(step: _Step, stage: Stage, split: Split) -> _Step:
+    """The model with the stage's effects, solved on the fit samples and tested on the others.
+
+    Two solves with all that the stage frees say how large the noise is; only then can it be said
+    which parameters these data determine, and the last solve has only those.
+    """
+    effects = make_effects(CATALOGUE, stage.effects)
+    model = step.model.with_effects(*effects)
+    start = model.parameters.take_over(step.parameters)
+    wanted = start.only(start.mask | _stage_mask(start, stage, effects, model.chain))
+    loss = "huber" if stage.loss == "linear" and len(_suspects(step.fit.residual[:3])) else stage.loss
+    trial, residual = None, step.fit
+    for _ in range(2):
+        model = replace(model, chain=_honest_sigma(model.chain, residual, split), _bases={})
+        residual = trial = solve(model.at(split.fit), trial.parameters if trial else wanted, loss, stage.steps)
+    model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
+    free, tied = _canonical(model.at(split.fit), trial, wanted) if stage.canonical else (wanted, {})
+    fit = solve(model.at(split.fit), free, loss, stage.steps)
+    known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
+    held_out = _held_out(model, fit, split, loss, stage.steps)
+    return _Step(model, fit.parameters, fit, held_out, tied, int(wanted.mask.sum()), known.rank)
+
+
+def _stage_mask(parameters, stage, effects, chain):
+    """What a stage frees: its patterns, or with "*" all that its effects bring."""
+    if stage.free != ("*",):
+        present = [p for p in stage.free if p not in FRAMES or any(k.startswith(p[:-1]) for k in parameters.keys)]
+        return parameters.matching(*present)
+    own = [p.key for effect in effects for p in effect.parameters(chain)]
+    return np.isin(parameters.keys, own)
+
+
+def _canonical(model, trial: Fit, wanted: Parameters):
+    """Free only what earlier parameters do not already make, judged at the trial's solution.
+
+    Starts from the trial's values; what is left out goes back to where it was before.
+    """
+    normal = normal_matrix(model, trial.parameters)
+    free, tied = independent(normal, trial.parameters)
+    return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
+
+
+def _honest_sigma(chain, trial: Fit, split: Split):
+    """The chain with sigmas widened by what the model does not explain.
+
+    One variance is added to all samples so that the reduced chi-square becomes 1 (Paule & Mandel,
+    J. Res. NBS 87, 1982): a tracker's 3 um must not decide between poses while 70 um are
+    unexplained. Where no sigma is known it is estimated altogether.
+    """
+    sigma, squares = chain.stated_sigma[:3], trial.residual[:3] ** 2
+    degrees = squares.size / max(squares.size - len(trial.normal), 1)
+    extra = _extra_variance(squares * degrees, 0 * sigma[:, split.fit] if chain.sigma_unknown else sigma[:, split.fit])
+    widened = chain.sigma.copy()
+    widened[:3] = np.sqrt((0 if chain.sigma_unknown else chain.stated_sigma[:3]) ** 2 + extra)
+    return replace(chain, sigma=widened)
+
+
+def _extra_variance(squares, sigma):
+    """The variance v with mean(squares / (sigma^2 + v)) = 1, or 0."""
+    def excess(v):
+        return float((squares / np.maximum(sigma**2 + v, 1e-300)).mean() - 1)
+
+    high = float(squares.mean())
+    return brentq(excess, 1e-12 * high, high) if high > 0 and excess(1e-12 * high) > 0 else 0.0
+
+
+def _suspects(residual):
+    """Places of samples farther off than `_OUTLIER` times the robust spread."""
+    distance = np.sqrt((residual**2).sum(0))
+    return np.flatnonzero(distance > _OUTLIER * np.nanmedian(distance) / 1.538)  # median of chi, 3 degrees
+
+
+def _held_out(model, fit, split, loss, steps) -> HeldOut:
+    if split.test.any():
+        return hold_out(model, fit.parameters, split.test, split.fit, loss, steps)
+    return cross_validate(model, fit.parameters, split.fold, loss, steps)
+
+
+def _stage_result(stage, before: _Step, after: _Step, gain, earned) -> StageResult:
+    change = f"held-out {before.held_out.rms:.4f} -> {after.held_out.rms:.4f} mm"
+    verdict = "" if not stage.earn else f", t = {gain:.1f} over the folds" + ("" if earned else ": not earned, left out")
+    rms = error_summary(after.fit.residual[:3])["rms_mm"]
+    return StageResult(
+        stage.name, stage.why, after.free, after.rank, rms, after.held_out.rms, earned,
+        f"{stage.name}: {change}{verdict}", after.fit.outcome, after.fit.history,
+    )  # fmt: skip
+
+
+def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -> Calibration:
+    solution = Solution(step.parameters, step.fit, step.tied, provenance(recording))
+    fit_residual = step.model.residual(step.parameters)[:3]
+    folds = len(np.unique(split.fold[split.fold >= 0])) if not split.test.any() else 1
+    shown = np.where(np.isfinite(step.held_out.residual), step.held_out.residual, fit_residual)
+    points, arrows = _in_root(step.model, step.parameters, shown)
+    return Calibration(
+        recording, robot, step.model, solution, stages, tuple(parameter_rows(solution)),
+        error_summary(step.fit.residual[:3]),
+        error_summary(step.held_out.residual) | {"folds": folds, "samples": int(np.isfinite(step.held_out.squares).sum())},
+        error_summary(nominal.held_out.residual),
+        fit_residual, step.held_out.residual, nominal.model.residual(nominal.parameters)[:3],
+        step.held_out.fold, points, arrows,
+        tuple(int(i) for i in recording.sample_ids[_suspects(fit_residual)]), dict(solution.provenance),
+    )  # fmt: skip
+
+
+def _in_root(model, parameters, residual):
+    """Points and residuals (3, n) in the robot's root frame."""
+    own = parameters.values[: len(model.chain.parameters)]
+    evaluation = model.chain.evaluate(own, {})
+    return model.chain.to_root(own, evaluation, residual)
+
+
+def save(calibration: Calibration, folder: Path) -> None:
+    """Write parameters.toml, residuals.csv and calibration.json into `folder`."""
+    from workbench.results import save_calibration
+
+    save_calibration(calibration, Path(folder))
+
+
+__all__ = ["Calibration", "Stage", "StageResult", "calibrate", "save"]

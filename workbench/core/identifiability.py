@@ -1,0 +1,147 @@
+"""What data can and cannot determine: rank, null space in words, observability, covariance.
+
+All of it works on the whitened normal matrix with every column scaled by its parameter's typical
+size. A singular value s of a direction then reads: the data know it 1/s typical sizes well. Where
+s < 1 they know less than one knew before measuring, and the direction is called undetermined.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from workbench.core.parameters import Parameters
+
+_NOTHING, _PART = 1e-3, 0.05
+_FAINT = 1e-4  # knows a parameter to a hundred typical sizes
+_TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """F free parameters: `singular` (F,) ascending, `directions` (F, F) their unit directions in
+    columns (typical sizes), `rank`: all from the data alone, without priors; `covariance` (F, F) in
+    the parameters' own units, with the priors, and a hundred typical sizes where nothing is known.
+    """
+
+    keys: tuple[str, ...]
+    labels: tuple[str, ...]
+    typical: np.ndarray
+    singular: np.ndarray
+    directions: np.ndarray
+    rank: int
+    covariance: np.ndarray
+
+    @property
+    def null(self) -> np.ndarray:
+        """(F, F - rank) undetermined directions."""
+        return self.directions[:, : len(self.keys) - self.rank]
+
+    @property
+    def determined(self) -> np.ndarray:
+        """(F,) True where a parameter takes no part in an undetermined direction."""
+        return (self.null**2).sum(1) < _NOTHING
+
+    def tied(self) -> dict[str, list[str]]:
+        """For every undetermined parameter the others that it cannot be told from."""
+        found: dict[str, list[str]] = {key: [] for key, known in zip(self.keys, self.determined) if not known}
+        for group in self.groups():
+            for key in group:
+                found.setdefault(key, []).extend(other for other in group if other != key)
+        return {key: sorted(set(others)) for key, others in found.items()}
+
+    def groups(self) -> list[list[str]]:
+        """Keys of each undetermined direction, after the directions were made as short as possible."""
+        return [[self.keys[k] for k in np.argsort(-np.abs(row)) if abs(row[k]) > _PART] for row in self._short()]
+
+    def _short(self):
+        """(F - rank, F) rows that span the null space, each with one parameter of its own."""
+        null = self.null.T
+        if not null.size:
+            return null
+        weight = 1 + 1e-3 * np.arange(len(self.keys))  # of equals the later one gives its name
+        pivots = qr(null * weight, pivoting=True, mode="r")[1][: len(null)]
+        rows = np.linalg.solve(null[:, pivots], null)
+        return rows / np.abs(rows).max(1, keepdims=True)
+
+    def sentences(self) -> list[str]:
+        """The null space in words, one sentence an undetermined direction."""
+        label = dict(zip(self.keys, self.labels))
+        return [_sentence([label[key] for key in group]) for group in self.groups()]
+
+    def observability(self, samples: int) -> dict[str, float]:
+        """O1-O5 of the determined directions, columns scaled by their typical sizes.
+
+        O1 (Borm & Menq 1991) (prod s)^(1/r) / sqrt(n), O2 (Driels & Pathre 1990) s_min / s_max,
+        O3 (Nahvi et al. 1994) s_min, O4 (Nahvi & Hollerbach 1996) s_min^2 / s_max, O5 (Sun &
+        Hollerbach 2008) 1 / sum(1/s), as collected by Sun & Hollerbach, ICRA 2008.
+        """
+        s = self.singular[len(self.keys) - self.rank :]
+        if not s.size:
+            return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+        low, high = float(s[0]), float(s[-1])
+        mean = float(np.exp(np.log(s).mean()) / np.sqrt(samples))
+        return {"O1": mean, "O2": low / high, "O3": low, "O4": low**2 / high, "O5": float(1 / (1 / s).sum())}
+
+
+def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1.0) -> Identifiability:
+    """From the whitened normal matrix (F, F) of the data and the free parameters, in their own units.
+
+    scale: by how much the residuals exceed their stated sigmas; the data know that much less.
+    """
+    mask = parameters.mask
+    typical = parameters.typical[mask]
+    scaled = normal * np.outer(typical, typical) / max(scale, 1e-300) ** 2
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    rounding = 1e-14 * len(values) * max(values[-1], 0) if len(values) else 0
+    singular = np.sqrt(np.maximum(np.where(values < rounding, 0, values), 0))
+    rank = int((singular >= 1).sum())
+    known = scaled + np.diag(parameters.precision[mask] * typical**2 + _FAINT)
+    covariance = np.linalg.inv(known) * np.outer(typical, typical)
+    table = [p for p, free in zip(parameters.table, mask) if free]
+    names = tuple(p.key for p in table), tuple(p.label or p.key for p in table)
+    return Identifiability(*names, typical, singular, vectors, rank, covariance)
+
+
+def independent(normal: np.ndarray, parameters: Parameters, scale: float = 1.0) -> tuple[Parameters, dict[str, list[str]]]:
+    """Parameters with only an independent set free, and for each one left out what it is tied to.
+
+    Goes through the free ones in order and leaves out each whose column the earlier ones already
+    make, so that what comes first (base, tool, inner joints) carries what cannot be told apart.
+    """
+    free = np.flatnonzero(parameters.mask)
+    typical = parameters.typical[free]
+    scaled = normal * np.outer(typical, typical) / max(scale, 1e-300) ** 2
+    kept, left_out = _greedy(scaled)
+    mask = np.zeros(len(parameters), bool)
+    mask[free[kept]] = True
+    keys = [parameters.keys[k] for k in free]
+    tied = {keys[k]: [keys[kept[j]] for j in np.flatnonzero(np.abs(mix) > _PART)] for k, mix in left_out.items()}
+    return parameters.only(mask), tied
+
+
+def _greedy(scaled):
+    """Indices kept, and for each one left out its mix of the kept (Cholesky, column by column)."""
+    kept, left_out, lower = [], {}, np.zeros_like(scaled)
+    for k in range(len(scaled)):
+        row = np.zeros(len(scaled))
+        for j, other in enumerate(kept):
+            row[j] = (scaled[k, other] - row[:j] @ lower[j, :j]) / lower[j, j]
+        rest = scaled[k, k] - row @ row
+        if rest > max(_TWIN, 1e-12 * scaled[k, k]):
+            row[len(kept)] = np.sqrt(rest)
+            lower[len(kept)] = row
+            kept.append(k)
+        else:
+            size = len(kept)
+            left_out[k] = np.linalg.solve(lower[:size, :size].T, row[:size]) if size else row[:0]
+    return kept, left_out
+
+
+def _sentence(labels):
+    if len(labels) == 1:
+        return f"{labels[0]} has no effect at all on these measurements"
+    if len(labels) == 2:
+        return f"{labels[0]} and {labels[1]} are one and the same here: only their combination is determined"
+    rest = ", ".join(labels[1:-1]) + f" and {labels[-1]}"
+    return f"{labels[0]} cannot be told from a combination of {rest}"

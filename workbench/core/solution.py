@@ -1,0 +1,86 @@
+"""What a calibration hands on: parameters with what is known of them, residuals, provenance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from workbench.core.identifiability import Identifiability, identifiability
+from workbench.core.parameters import Parameters
+from workbench.core.solve import Fit
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of a plan: which effects join, what is free, and why.
+
+    `effects` are (name, where, options) rows; `free` shell patterns of parameter keys;
+    `canonical` True leaves out of the solve what earlier parameters already make; `earn` True:
+    the stage stays in the result only where it lowers the held-out error.
+    """
+
+    name: str
+    why: str
+    effects: tuple[tuple[str, str, dict], ...] = ()
+    free: tuple[str, ...] = ("*",)
+    loss: str = "linear"
+    canonical: bool = True
+    earn: bool = True
+    steps: int = 50
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Result of a solve.
+
+    `parameters` with the free mask of the solve; `tied` the parameters that were left out of it
+    because others make them, with those others; `residual` (m, n) predicted minus measured (mm,
+    rad); `outcome` a sentence; `provenance` versions, hash of the data, date.
+    """
+
+    parameters: Parameters
+    fit: Fit
+    tied: Mapping[str, list[str]]
+    provenance: Mapping[str, str]
+
+    @property
+    def residual(self) -> np.ndarray:
+        return self.fit.residual
+
+    @property
+    def history(self) -> tuple[float, ...]:
+        return self.fit.history
+
+    @property
+    def outcome(self) -> str:
+        return self.fit.outcome
+
+    @property
+    def converged(self) -> bool:
+        return self.fit.converged
+
+    @property
+    def noise_scale(self) -> float:
+        """Residuals over their stated sigmas, never taken below 1 where sigmas were stated."""
+        return self.fit.sigma_scale
+
+    @cached_property
+    def known(self) -> Identifiability:
+        """Rank, null space and covariance at the solution."""
+        return identifiability(self.fit.normal, self.parameters, self.noise_scale)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(F, F) of the free parameters, own units."""
+        return self.known.covariance
+
+    @cached_property
+    def std(self) -> dict[str, float]:
+        """1 sigma of every free parameter."""
+        return dict(zip(self.known.keys, np.sqrt(np.diag(self.covariance)).tolist()))
+
+    @property
+    def null_sentences(self) -> tuple[str, ...]:
+        """What the data cannot tell apart, in words."""
+        return tuple(self.known.sentences())

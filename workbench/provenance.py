@@ -1,0 +1,28 @@
+"""Where a result comes from: versions, data and day."""
+
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+import platform
+
+
+def provenance(recording) -> dict[str, str]:
+    """Versions, hash of the data, source and licence of a recording; no random numbers are used."""
+    return {
+        "workbench": _version("vision-sensor-workbench"),
+        "python": platform.python_version(),
+        "numpy": _version("numpy"),
+        "scipy": _version("scipy"),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seed": "none: no random numbers were used",
+        "data_sha256": recording.sha256,
+        "data_source": recording.source,
+        "data_licence": recording.licence,
+        "recording": recording.name,
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

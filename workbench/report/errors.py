@@ -1,0 +1,112 @@
+"""What is left between prediction and measurement: one residual a sample, and how it is spread."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from scipy.stats import maxwell
+
+from workbench.report import style
+from workbench.report.text import rounded
+
+_CURVE_POINTS = 800
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Residuals (3, n) mm, predicted minus measured, frame of the measurement.
+
+    Held-out where there is one (`held`, (n,) bool), that of the fit elsewhere; `distance` (n,)
+    its length; `sigma` mm of one coordinate (root mean square over the samples), None if unknown.
+    """
+
+    residual: np.ndarray
+    held: np.ndarray
+    sigma: float | None
+
+    @property
+    def distance(self) -> np.ndarray:
+        return np.linalg.norm(self.residual, axis=0)
+
+
+def errors_of(calibration) -> Errors:
+    """The residuals that every section of the page shows."""
+    held_out = calibration.held_out_residual
+    held = np.isfinite(held_out).all(0)
+    sigma = calibration.recording.sigma
+    return Errors(np.where(held, held_out, calibration.fit_residual), held,
+                  None if sigma is None else float(np.sqrt(np.mean(sigma**2))))
+
+
+def section(calibration, errors: Errors) -> dict:
+    """Histogram and cumulative share of the held-out distances."""
+    return {"histogram": style.packed(histogram(errors, calibration.held_out)),
+            "cumulative": style.packed(cumulative(calibration, errors)),
+            "noise": noise_sentence(errors.sigma, calibration.held_out)}
+
+
+def noise_sentence(sigma: float | None, held_out: dict) -> str:
+    """What the instrument's noise alone would leave, beside what is left."""
+    if sigma is None:
+        return ("The recording states no noise of the instrument, so that these errors cannot be "
+                "split into noise and what the model lacks.")
+    floor = np.sqrt(3) * sigma
+    ratio = held_out["rms_mm"] / floor
+    return (f"The recording states σ = {rounded(sigma)} mm a coordinate; noise alone would leave an RMS distance of "
+            f"√3 σ = {rounded(floor)} mm. The held-out RMS is {rounded(ratio)} times that.")
+
+
+def histogram(errors: Errors, held_out: dict) -> go.Figure:
+    """Counts of held-out distances, with the noise's RMS, the RMS and the 95 % point marked."""
+    distance = errors.distance[errors.held]
+    counts, edges = np.histogram(distance, bins=_bins(distance))
+    figure = style.figure(330, "3-D distance, predicted to measured (mm)", "samples")
+    figure.add_bar(x=(edges[1:] + edges[:-1]) / 2, y=counts, width=np.diff(edges), name="held-out samples",
+                   marker=dict(color=style.BLUE, line_width=0), showlegend=False,
+                   hovertemplate="%{x:.4f} mm: %{y} samples<extra></extra>")
+    top = float(counts.max(initial=1)) * 1.06
+    for name, x, colour, dash in _marks(errors.sigma, held_out):
+        figure.add_scatter(x=[x, x], y=[0, top], mode="lines", name=f"{name} {rounded(x)} mm",
+                           line=dict(color=colour, width=2, dash=dash), hoverinfo="skip")
+    figure.update_yaxes(range=[0, top])
+    return figure
+
+
+def cumulative(calibration, errors: Errors) -> go.Figure:
+    """Share of samples that err by less, on a logarithmic axis: nominal, fit, held-out, noise."""
+    figure = style.figure(330, "3-D distance, predicted to measured (mm, logarithmic)", "share of samples (%)")
+    for name, distance, colour, dash, width in (
+        ("nominal geometry", np.linalg.norm(calibration.nominal_residual, axis=0), style.GREY, "dot", 2),
+        ("fit", np.linalg.norm(calibration.fit_residual, axis=0), style.GREEN, "dash", 2),
+        ("held out", errors.distance[errors.held], style.BLUE, "solid", 3),
+    ):
+        _add_curve(figure, name, *_ecdf(distance), dict(color=colour, dash=dash, width=width))
+    if errors.sigma:
+        share = np.linspace(0.005, 0.995, 200)
+        _add_curve(figure, "noise alone", maxwell.ppf(share, scale=errors.sigma), 100 * share,
+                   dict(color=style.ORANGE, width=2, dash="dashdot"))
+    figure.update_xaxes(type="log", dtick="D2", exponentformat="none", showexponent="none")
+    return figure.update_yaxes(range=[0, 101])
+
+
+def _marks(sigma, held_out):
+    """Name, place (mm), colour and dash of the upright lines of the histogram."""
+    marks = [("RMS", held_out["rms_mm"], style.ORANGE, "solid"), ("95 %", held_out["p95_mm"], style.VIOLET, "dash")]
+    return marks + ([("noise alone, RMS √3 σ", np.sqrt(3) * sigma, style.GREY, "dot")] if sigma else [])
+
+
+def _bins(distance):
+    """Freedman & Diaconis' rule, kept between 10 and 80 bins."""
+    return int(np.clip(len(np.histogram_bin_edges(distance, "fd")) - 1, 10, 80)) if distance.size else 10
+
+
+def _ecdf(distance):
+    """Sorted distances and share (%) of samples below, thinned evenly in rank."""
+    ordered = np.sort(distance[np.isfinite(distance)])
+    rank = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), _CURVE_POINTS)).astype(int))
+    return ordered[rank], 100 * (rank + 1) / max(len(ordered), 1)
+
+
+def _add_curve(figure, name, x, y, line):
+    figure.add_scatter(x=x, y=y, mode="lines", name=name, line=line,
+                       hovertemplate="%{y:.1f} % below %{x:.4f} mm<extra>" + name + "</extra>")

@@ -1,0 +1,29 @@
+"""How the solve went: the cost after each step, stage after stage."""
+
+import plotly.graph_objects as go
+
+from workbench.report import style
+
+_COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET)
+_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
+
+
+def section(calibration) -> dict:
+    """The figure, and the sentence in which the solve itself says how it ended."""
+    walked = [stage for stage in calibration.stages if len(stage.history)]
+    return {"figure": style.packed(figure(walked)) if walked else "", "outcome": calibration.solution.outcome}
+
+
+def figure(stages) -> go.Figure:
+    """Cost over step, one line a stage, each beginning where the one before ended."""
+    made = style.figure(360, "step of the solve, all stages in a row", "cost: whitened squares (–, logarithmic)")
+    start = 0
+    for k, stage in enumerate(stages):
+        steps = list(range(start, start + len(stage.history)))
+        colour = _COLOURS[k % len(_COLOURS)] if stage.earned else style.GREY
+        made.add_scatter(x=steps, y=list(stage.history), mode="lines+markers", name=stage.name + ("" if stage.earned else " (not earned)"),
+                         line=dict(color=colour, width=2, dash="solid" if stage.earned else "dot"),
+                         marker=dict(size=6, symbol=_SYMBOLS[k % len(_SYMBOLS)]),
+                         hovertemplate="step %{x}: cost %{y:.6g}<extra>" + stage.name + "</extra>")
+        start += len(stage.history)
+    return made.update_yaxes(type="log", exponentformat="power")

@@ -1,0 +1,63 @@
+// Draws every figure in the colours of the page, light, dark or on paper, and moves the menu.
+(function () {
+  "use strict";
+  const root = document.documentElement;
+  const plots = [...document.querySelectorAll(".plot")];
+  const read = (element) => JSON.parse(element.textContent);
+  const colour = (name) => getComputedStyle(root).getPropertyValue(name).trim();
+  const quiet = { displaylogo: false, responsive: true, displayModeBar: "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "zoomIn2d", "zoomOut2d"] };
+
+  function template() {
+    const ink = colour("--ink"), grid = colour("--grid"), line = colour("--line"), soft = colour("--soft");
+    const axis = { gridcolor: grid, linecolor: line, zerolinecolor: soft, zerolinewidth: 1, tickcolor: line, automargin: true };
+    const scene = { gridcolor: grid, linecolor: line, zerolinecolor: line, color: soft };
+    return { layout: {
+      font: { family: getComputedStyle(document.body).fontFamily, size: 12.5, color: ink },
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", xaxis: axis, yaxis: axis,
+      scene: { xaxis: scene, yaxis: scene, zaxis: scene, bgcolor: "rgba(0,0,0,0)" },
+      hoverlabel: { bgcolor: colour("--shade"), bordercolor: line, font: { color: ink } },
+    } };
+  }
+
+  // Lines of means lie on coloured points: they take the ink of the page.
+  function inked(data) {
+    return data.map((trace) => trace.meta === "mean"
+      ? { ...trace, line: { ...trace.line, color: colour("--ink") }, marker: { ...trace.marker, color: colour("--ink") } }
+      : trace);
+  }
+
+  function draw(plot) {
+    const made = read(document.querySelector('script[data-for="' + plot.id + '"]'));
+    made.layout.template = template();
+    Plotly.newPlot(plot, inked(made.data), made.layout, quiet);
+  }
+
+  function recolour() {
+    for (const plot of plots) {
+      Plotly.react(plot, inked(plot.data), { ...plot.layout, template: template() }, quiet);
+    }
+  }
+
+  function choose(entry) {
+    const four = [0, 1, 2, 3];
+    const x = [...four.map(() => entry.x), ...four.map(() => entry.centres)];
+    const plot = document.getElementById("detail");
+    Plotly.restyle(plot, { x: x }, [...four, 4, 5, 6, 7]);
+    Plotly.restyle(plot, { y: entry.means }, [4, 5, 6, 7]);
+    Plotly.relayout(plot, { "xaxis4.title.text": entry.label, "xaxis4.autorange": true });
+  }
+
+  function unfoldAll() {
+    document.querySelectorAll("details").forEach((group) => { group.open = true; });
+  }
+
+  plots.forEach(draw);
+  const entries = read(document.getElementById("against"));
+  const menu = document.getElementById("menu");
+  menu.addEventListener("change", () => choose(entries[Number(menu.value)]));
+  document.getElementById("unfold").addEventListener("click", unfoldAll);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
+  window.matchMedia("print").addEventListener("change", recolour);
+  window.addEventListener("beforeprint", unfoldAll);
+})();

@@ -1,0 +1,93 @@
+"""The table of parameters, group by group, and what these data leave undetermined."""
+
+from math import isfinite
+
+from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence, shown_unit
+
+_POSE = {"x", "y", "z", "rx", "ry", "rz"}
+
+
+def section(calibration) -> dict:
+    """Groups of rows, and the null space in words."""
+    groups: dict[str, list] = {}
+    for parameter in calibration.parameters:
+        groups.setdefault(parameter["where"], []).append(parameter)
+    return {"groups": [group(where, rows) for where, rows in groups.items()],
+            "count": count(calibration.parameters),
+            "null_space": [sentence(words) for words in calibration.solution.null_sentences]}
+
+
+def count(parameters) -> str:
+    """How many were estimated, are undetermined, were held."""
+    free = [p for p in parameters if p["free"]]
+    known = sum(p["identifiable"] for p in free)
+    return (f"{counted(len(free), 'parameter')} of {len(parameters)} were estimated; the data determine {known} of them "
+            f"and leave {len(free) - known} undetermined; the other {len(parameters) - len(free)} were held where they stood.")
+
+
+def group(where: str, parameters: list[dict]) -> dict:
+    """One fold-out group with its one-line summary."""
+    free = [p for p in parameters if p["free"]]
+    lost = sum(not p["identifiable"] for p in free)
+    return {"where": where.replace("-", " "), "rows": [row(p) for p in parameters], "lost": lost,
+            "summary": f"{len(free)} estimated, {len(parameters) - len(free)} held" + (f", {lost} undetermined" if lost else "")
+            + _largest(free)}
+
+
+def row(p: dict) -> dict:
+    """One line: all in the unit of the page, rounded to two digits of its own sigma."""
+    unit, factor = shown_unit(p["unit"])
+    known = p["free"] and p["identifiable"]
+    std = _scaled(p["std"], factor) if known else None
+    decimals = decimals_of(std, 4 if unit in ("mm", "deg") else 3)
+    nominal, change = _scaled(_nominal(p), factor), _scaled(_change(p), factor)
+    return {"name": p["name"], "label": p["label"], "unit": unit, "std": "–" if std is None else fixed(std, decimals),
+            "value": _number(_scaled(p["value"], factor), decimals), "nominal": _number(nominal, decimals),
+            "change": _signed(change, decimals) if p["free"] else "–", "sigmas": _sigmas(change, std),
+            "state": state(p), "known": known, "free": p["free"]}
+
+
+def state(p: dict) -> str:
+    """Estimated, held or undetermined, and why."""
+    if p["free"] and p["identifiable"]:
+        return ""
+    tied = f": tied to {listed(list(p['tied_to']))}" if p["tied_to"] else ""
+    return sentence(p["why"] or ("undetermined" if p["free"] else "held") + tied)
+
+
+def _largest(free):
+    """', most changed: a3 by 12 σ', or nothing."""
+    sizes = [(abs(_change(p)) / p["std"], p) for p in free
+             if p["identifiable"] and p["std"] and _change(p) is not None and isfinite(p["std"])]
+    if not sizes:
+        return ""
+    size, most = max(sizes, key=lambda pair: pair[0])
+    unit, factor = shown_unit(most["unit"])
+    change = _signed(factor * _change(most), decimals_of(factor * most["std"]))
+    return f"; clearest change {most['name']} {change} {unit} ({rounded(size, 2)} σ)"
+
+
+def _nominal(p):
+    """The nominal value; None for poses and points, of which nothing is known before."""
+    unknown = p["where"] == "base" and p["name"] in _POSE or p["name"].startswith("reflector")
+    return None if unknown or (p["where"] == "tool" and p["name"] in _POSE) else p["nominal"]
+
+
+def _change(p):
+    return None if _nominal(p) is None else p["value"] - _nominal(p)
+
+
+def _scaled(value, factor):
+    return None if value is None or not isfinite(value) else factor * value
+
+
+def _number(value, decimals):
+    return "–" if value is None else fixed(value, decimals)
+
+
+def _signed(value, decimals):
+    return "–" if value is None else ("+" if value > 0 else "") + fixed(value, decimals)
+
+
+def _sigmas(change, std):
+    return "–" if change is None or not std else rounded(abs(change) / std, 2)

@@ -1,0 +1,27 @@
+"""Where the numbers come from: data, source, versions, seed, command."""
+
+from collections.abc import Mapping
+
+_WORDS = {"sha256": "SHA-256 of the data", "data_sha256": "SHA-256 of the data", "licence": "licence of the data", "source": "source of the data"}
+
+
+def section(calibration) -> dict:
+    """Lines of the table, the recording's own first."""
+    recording = calibration.recording
+    lines = [("recording", recording.name or "–"), ("measures", recording.measures),
+             ("samples used", f"{recording.n:,} in {len(set(recording.poses.tolist())):,} poses"),
+             ("robot", calibration.robot.name), ("source of the nominal robot", calibration.robot.source)]
+    return {"lines": [(name, words) for name, words in [*lines, *flat(calibration.provenance)] if words]}
+
+
+def flat(table: Mapping, above: str = "") -> list[tuple[str, str]]:
+    """Nested tables as lines; a list is joined with spaces."""
+    lines = []
+    for key, value in table.items():
+        name = f"{above}{_WORDS.get(key, str(key).replace('_', ' '))}"
+        if isinstance(value, Mapping):
+            lines += flat(value, name + ": ")
+        else:
+            joined = " ".join(map(str, value)) if isinstance(value, list | tuple) else value
+            lines.append((name, "" if joined is None else str(joined)))
+    return lines

@@ -1,0 +1,71 @@
+"""From the nominal robot to the result: what each stage of the solve brought."""
+
+import plotly.graph_objects as go
+
+from workbench.report import style
+from workbench.report.text import counted, rounded, sentence
+
+
+def section(calibration) -> dict:
+    """The step chart, the table of stages and the sentence on those left out."""
+    return {"chart": style.packed(chart(calibration)), "rows": [row(stage) for stage in calibration.stages],
+            "left_out": left_out(calibration.stages)}
+
+
+def left_out(stages) -> str:
+    """Says how many stages did not earn their place, and what that means."""
+    idle = sum(not stage.earned for stage in stages)
+    if not idle:
+        return "Every stage lowered the held-out error and is part of the result."
+    verb = "is" if idle == 1 else "are"
+    return (f"{counted(idle, 'stage')} did not lower the held-out error: drawn grey, "
+            f"{verb} not earned and left out of the result.")
+
+
+def row(stage) -> dict:
+    """A line of the table."""
+    return {"name": stage.name, "why": sentence(stage.why), "free": stage.free, "identifiable": stage.identifiable,
+            "fit": rounded(stage.rms_mm), "held_out": rounded(stage.held_out_rms_mm), "earned": stage.earned,
+            "sentence": sentence(stage.sentence), "outcome": sentence(stage.outcome)}
+
+
+def chart(calibration) -> go.Figure:
+    """Held-out RMS, stage below stage: a stair through those that were kept."""
+    lines = _lines(calibration)
+    made = style.figure(92 + 34 * len(lines), "RMS of the 3-D distance (mm, logarithmic)")
+    kept = [line for line in lines if line[3]]
+    made.add_scatter(x=[line[1] for line in kept], y=[line[0] for line in kept], mode="lines", hoverinfo="skip",
+                     line=dict(color=style.BLUE, width=1.5, shape="vh"), showlegend=False)
+    _add_held_out(made, "held out, kept", kept, style.BLUE)
+    _add_held_out(made, "held out, not earned", [line for line in lines if not line[3]], style.GREY)
+    fits = [line for line in lines if line[2] is not None]
+    made.add_scatter(x=[line[2] for line in fits], y=[line[0] for line in fits], mode="markers", name="fit",
+                     marker=dict(symbol="line-ns-open", size=13, color=style.GREEN, line_width=2),
+                     hovertemplate="fit %{x:.4f} mm<extra></extra>")
+    made.update_yaxes(autorange="reversed", type="category", categoryarray=[line[0] for line in lines], automargin=True)
+    return made.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
+
+
+def _lines(calibration):
+    """(name, held-out RMS, RMS of the fit or None, kept?) from top to bottom, mm."""
+    lines = [("nominal geometry", calibration.nominal["rms_mm"], None, True)]
+    lines += [(stage.name, stage.held_out_rms_mm, stage.rms_mm, stage.earned) for stage in calibration.stages]
+    return [*lines, ("<b>result</b>", calibration.held_out["rms_mm"], calibration.fit["rms_mm"], True)]
+
+
+def _add_held_out(made, name, lines, colour):
+    if not lines:
+        return
+    made.add_scatter(x=[line[1] for line in lines], y=[line[0] for line in lines], mode="markers+text", name=name,
+                     marker=dict(size=11, color=colour), text=["   " + rounded(line[1]) + " mm" for line in lines],
+                     textposition="middle right", cliponaxis=False,
+                     hovertemplate="%{y}: held out %{x:.4f} mm<extra></extra>")
+
+
+def _log_range(values):
+    """A logarithmic axis with room on the right for the number beside the last point."""
+    from math import log10
+
+    low, high = log10(min(values)), log10(max(values))
+    span = max(high - low, 0.3)
+    return dict(type="log", range=[low - 0.06 * span, high + 0.2 * span], dtick="D2", exponentformat="none")

@@ -1,0 +1,44 @@
+"""Colours and the manner of every figure; the page's own script adds what depends on light or dark."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+# Okabe & Ito's colours (Color Universal Design, 2008), blue and green a little lighter so that
+# they stand on white and on near-black alike.
+BLUE, ORANGE, GREEN, VIOLET, GREY = "#1f83c4", "#d9730d", "#12957a", "#b8649f", "#8c8c8c"
+COMPONENTS = {"x": BLUE, "y": ORANGE, "z": GREEN}
+DISTANCE = VIOLET
+MOST_POINTS = 5000
+
+
+def figure(height: int, across: str = "", up: str = "") -> go.Figure:
+    """An empty figure of `height` px, its axes titled with their units."""
+    made = go.Figure()
+    made.update_layout(template="none", height=height, margin=dict(l=64, r=18, t=30, b=54), bargap=0,
+                       legend=dict(orientation="h", x=0, y=1.02, yanchor="bottom", xanchor="left"))
+    made.update_xaxes(title=dict(text=across, standoff=10))
+    return made.update_yaxes(title=dict(text=up, standoff=8))
+
+
+def packed(made: go.Figure) -> str:
+    """The figure as JSON that may stand inside a script element."""
+    return safe(made.to_json())
+
+
+def safe(json_text: str) -> str:
+    """JSON in which nothing can end the script element that holds it."""
+    return json_text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def thinned(n: int, seed: int = 0) -> np.ndarray:
+    """Indices, in order, of at most MOST_POINTS of n samples, drawn evenly at random."""
+    if n <= MOST_POINTS:
+        return np.arange(n)
+    return np.sort(np.random.default_rng(seed).choice(n, MOST_POINTS, replace=False))
+
+
+def thinned_sentence(n: int) -> str:
+    """Says that not all samples are drawn; empty where they are."""
+    if n <= MOST_POINTS:
+        return ""
+    return f"{MOST_POINTS:,} of {n:,} samples are drawn, chosen at random; every number uses all of them."

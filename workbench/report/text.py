@@ -1,0 +1,58 @@
+"""Numbers and words as the page shows them."""
+
+import math
+
+UNITS = {"rad": ("deg", 180 / math.pi), "rad/rad": ("mrad/rad", 1e3)}
+"""Unit of a parameter -> unit on the page and the factor to it; other rad/... become µrad/..."""
+
+
+def rounded(value: float | None, digits: int = 3) -> str:
+    """`value` with so many significant digits, a true minus sign, a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa}·10{_raised(int(exponent))}".replace("-", "−")
+    return fixed(value, digits - 1 - math.floor(math.log10(abs(value))))
+
+
+def fixed(value: float, decimals: int) -> str:
+    """`value` with so many decimals and a true minus sign."""
+    shown = f"{value:.{max(decimals, 0)}f}"
+    return shown.replace("-", "−")
+
+
+def decimals_of(std: float | None, otherwise: int = 4) -> int:
+    """Decimals that show the first two digits of a standard deviation."""
+    if std is None or not math.isfinite(std) or std <= 0:
+        return otherwise
+    return min(max(1 - math.floor(math.log10(std)), 0), 9)
+
+
+def shown_unit(unit: str) -> tuple[str, float]:
+    """How the page calls a unit, and the factor from the one to the other."""
+    if unit.startswith("rad/") and unit not in UNITS:
+        return "µ" + unit.replace("(N m)", "(N·m)"), 1e6
+    return UNITS.get(unit, (unit, 1.0))
+
+
+def counted(number: int, what: str) -> str:
+    """'1 fold', '2,000 folds'."""
+    return f"{number:,} {what}" + ("" if number == 1 else "s")
+
+
+def listed(words: list[str]) -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def sentence(words: str) -> str:
+    """`words` with a capital at its start and a full stop at its end."""
+    words = str(words).strip()
+    return words and words[0].upper() + words[1:] + ("" if words[-1] in ".!?" else ".")
+
+
+def _raised(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
