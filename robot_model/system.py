@@ -11,6 +11,7 @@ from robot_model.measurements import measurement_of
 from robot_model.poses import left_jacobian, pose_parameters, rotation_matrix
 from robot_model.robot import Robot
 from robot_model.state import State
+from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter, Parameters
 
 _GEOMETRY = (("theta", "rad", 0.01, "zero offset (theta)"), ("d", "mm", 1.0, "offset (d)"),
@@ -204,12 +205,22 @@ def geometry_free(robot: Robot) -> list[str]:
     ]
 
 
-def bind(robot: Robot, recording) -> RobotChain:
-    """The chain for the moving rows of a recording, started in closed form at the nominal geometry."""
+def bind(robot: Robot, recording, start: np.ndarray | None = None) -> RobotChain:
+    """The chain for the moving rows of a recording.
+
+    start: base pose (6,) and the measurement's own values; found in closed form at the nominal
+    geometry where it is not given. Raises InputError where readings do not fit the robot.
+    """
     measurement = measurement_of(recording)
+    if recording.joints.shape[1] != robot.mixing.shape[1]:
+        raise InputError(
+            f"recording '{recording.name}': {recording.joints.shape[1]} joint readings a sample, but robot "
+            f"'{robot.name}' has {robot.mixing.shape[1]} joints; correct samples.csv or robot.toml"
+        )
     variables = robot.mixing @ recording.joints.T
-    base, tool = measurement.start(forward(robot, variables))
-    start = np.concatenate([base, tool])
+    if start is None:
+        start = np.concatenate(measurement.start(forward(robot, variables)))
+    tool = start[_BASE:]
     state = _state(robot, recording, variables, measurement, tool)
     sigma = measurement.sigma(recording)
     return RobotChain(robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None)

@@ -129,7 +129,7 @@ def test_stage_that_did_not_earn_its_place_is_grey_and_said_so(written):
     made = stages.chart(fake())
     grey = [trace for trace in made.data if trace.name == "held out, not earned"]
     assert list(grey[0].y) == ["transmission"] and list(grey[0].x) == [0.31]
-    assert "1 stage did not lower the held-out error" in written[1] and "not earned, left out" in written[1]
+    assert "1 stage did not lower the held-out error beyond chance" in written[1] and "not earned, left out" in written[1]
 
 
 def test_all_earned_is_said_too():

@@ -20,12 +20,10 @@ from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
 from workbench.core.solve import Fit, normal_matrix, solve
 from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_summary, hold_out
-from workbench.plans import FRAMES, default_plan, read_plan
+from workbench.plans import FRAMES, default_plan, frames_of, read_plan
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
 
-# a stage stays if its paired held-out gain over the folds is beyond chance
-_REAL_GAIN = 2.0
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
 
@@ -132,7 +130,7 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
 
 def _first(model: Model, split: Split) -> _Step:
     start = model.parameters
-    free = start.only(start.matching(*(p for p in FRAMES if any(k.startswith(p[:-1]) for k in start.keys))))
+    free = start.only(start.matching(*frames_of(start)))
     fit = solve(model.at(split.fit), free)
     return _Step(model, fit.parameters, fit, _held_out(model, fit, split, "linear", 50), {}, len(fit.normal), len(fit.normal))
 
@@ -143,9 +141,8 @@ def _run(step: _Step, stages, split, progress):
     for stage in stages:
         progress(f"stage {stage.name}: {stage.why}")
         after = _try(step, stage, split)
-        gain = after.held_out.gain_over(step.held_out)
-        earned = not stage.earn or gain > _REAL_GAIN
-        results.append(_stage_result(stage, step, after, gain, earned))
+        earned = not stage.earn or after.held_out.beats(step.held_out)
+        results.append(_stage_result(stage, step, after, earned))
         progress(results[-1].sentence)
         step = after if earned else step
     return step, tuple(results)
@@ -177,7 +174,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
 def _stage_mask(parameters, stage, effects, chain):
     """What a stage frees: its patterns, or with "*" all that its effects bring."""
     if stage.free != ("*",):
-        present = [p for p in stage.free if p not in FRAMES or any(k.startswith(p[:-1]) for k in parameters.keys)]
+        present = [p for p in stage.free if p not in FRAMES or p in frames_of(parameters)]
         return parameters.matching(*present)
     own = [p.key for effect in effects for p in effect.parameters(chain)]
     return np.isin(parameters.keys, own)
@@ -229,9 +226,10 @@ def _held_out(model, fit, split, loss, steps) -> HeldOut:
     return cross_validate(model, fit.parameters, split.fold, loss, steps)
 
 
-def _stage_result(stage, before: _Step, after: _Step, gain, earned) -> StageResult:
+def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
     change = f"held-out {before.held_out.rms:.4f} -> {after.held_out.rms:.4f} mm"
-    verdict = "" if not stage.earn else f", t = {gain:.1f} over the folds" + ("" if earned else ": not earned, left out")
+    falls = after.held_out.falls_from(before.held_out)
+    verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + ("" if earned else ": not earned, left out")
     rms = error_summary(after.fit.residual[:3])["rms_mm"]
     return StageResult(
         stage.name, stage.why, after.free, after.rank, rms, after.held_out.rms, earned,

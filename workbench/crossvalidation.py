@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import wilcoxon
 
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -26,13 +27,22 @@ class HeldOut:
         """RMS of the 3-D distances, mm."""
         return float(np.sqrt(np.nanmean(self.squares)))
 
-    def gain_over(self, other: "HeldOut") -> float:
-        """t of the paired fall in mean square over the folds, `other` before and this after."""
+    def falls_from(self, other: "HeldOut") -> np.ndarray:
+        """(folds,) fall of the mean square in each fold, mm^2, from `other` before to this after."""
         folds = np.unique(self.fold[self.fold >= 0])
-        falls = np.array([(other.squares - self.squares)[self.fold == k].mean() for k in folds])
-        if len(falls) < 2:
-            return np.inf if falls.mean() > 0 else -np.inf
-        return float(falls.mean() / max(falls.std(ddof=1) / np.sqrt(len(falls)), 1e-300))
+        return np.array([(other.squares - self.squares)[self.fold == k].mean() for k in folds])
+
+    def beats(self, other: "HeldOut") -> bool:
+        """Whether the error fell on the whole and, where there are folds enough, in more than luck.
+
+        Luck is judged over the folds, one-sided: the mean gain against its scatter (t > 2), or
+        Wilcoxon's signed ranks (5 %), which a single fold with a large gain does not blind.
+        """
+        falls = self.falls_from(other)
+        if not self.rms < other.rms or len(falls) < 5:
+            return self.rms < other.rms
+        t = falls.mean() / max(falls.std(ddof=1) / np.sqrt(len(falls)), 1e-300)
+        return bool(t > 2 or wilcoxon(falls, alternative="greater").pvalue < 0.05)
 
 
 def blocks(poses: np.ndarray, folds: int) -> np.ndarray:

@@ -1,11 +1,43 @@
 """What a recording can determine, before anything is trusted: `workbench identifiability`."""
 
-from dataclasses import replace
+import numpy as np
 
 from robot_model import load_robot
-from robot_model.system import bind
-from workbench.core.identifiability import identifiability as at
+from robot_model.effects import CATALOGUE
+from robot_model.system import bind, geometry_free
+from workbench.core.effect import make_effects
+from workbench.core.identifiability import identifiability as look
 from workbench.core.model import Model
-from workbench.core.solve import solve
-from workbench.plans import FRAMES, default_plan
-from workbench.calibrate import _stage_mask
+from workbench.core.solve import normal_matrix
+from workbench.plans import default_plan, frames_of
+
+_NOMINAL_SIGMA_MM = 0.05
+
+
+def identifiability(recording) -> dict:
+    """Rank, null space in words and observability indices of the geometry and of each stage.
+
+    Judged at the nominal geometry with effects at a third of their typical size; a recording
+    without sigma is taken to have 0.05 mm. Keys as the command prints them.
+    """
+    moving = recording.select(recording.moving)
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    chain = bind(robot, moving)
+    scale = _NOMINAL_SIGMA_MM if recording.sigma is None else 1.0
+    stages = [_stage(chain, robot, stage, scale) for stage in default_plan(chain)]
+    return {
+        "measures": recording.measures, "samples": moving.n, "poses": len(np.unique(moving.poses)),
+        "sigma_assumed_mm": scale if recording.sigma is None else None, "stages": stages,
+    }  # fmt: skip
+
+
+def _stage(chain, robot, stage, scale) -> dict:
+    model = Model(chain, make_effects(CATALOGUE, stage.effects))
+    parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
+    own = [p.key for effect in model.effects for p in effect.parameters(chain)]
+    parameters = (parameters.free(*own) if own else parameters).nudged()
+    known = look(normal_matrix(model, parameters), parameters, scale)
+    return {
+        "name": stage.name, "free": len(known.keys), "identifiable": known.rank,
+        "undetermined": known.sentences(), **known.observability(chain.n),
+    }  # fmt: skip

@@ -22,6 +22,11 @@ def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
     return tuple(stage for stage in stages if stage.effects or stage.name == "geometry")
 
 
+def frames_of(parameters) -> tuple[str, ...]:
+    """Those of `FRAMES` that a model has: base, and tool or hand-eye."""
+    return tuple(p for p in FRAMES if any(key.startswith(p[:-1]) for key in parameters.keys))
+
+
 def geometry(robot: Robot) -> Stage:
     """Base, tool and all link parameters; kept whatever it does, since the rest stands on it."""
     why = "lengths, twists and zero offsets of this arm are not those of the data sheet"

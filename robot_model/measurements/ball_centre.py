@@ -80,11 +80,9 @@ class BallCentre:
         base = rigid_fit(again[:-3].reshape(-1, 3), self.centres)
         return pose_values(*base), pose_values(rotation, again[-3:])
 
-    def simulate(self, frames: Frames, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Columns of samples.csv that a perfect sensor would write."""
-        perfect = replace(self, measured=np.zeros_like(self.measured))
-        seen = perfect.close(frames, values, {}).residual
-        return {f"{axis}_mm": row for axis, row in zip("xyz", seen)}
+    def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of samples.csv for what was predicted: the measurement plus its residual (3, n)."""
+        return dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual))
 
 
 def _into(axes, rows):

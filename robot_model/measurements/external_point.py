@@ -76,7 +76,6 @@ class ExternalPoint:
         again = solve_linear_start(blocks[1:], right - blocks[0] @ rotation.ravel())
         return pose_values(rotation.T, -rotation.T @ again[:3]), again[3:]
 
-    def simulate(self, frames: Frames, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Columns of samples.csv that a perfect instrument would write."""
-        point = frames.point(self.tip(values))
-        return {f"{axis}_mm": row for axis, row in zip("xyz", point)}
+    def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of samples.csv for what was predicted: the measurement plus its residual (3, n)."""
+        return dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual))

@@ -78,11 +78,11 @@ class ExternalPose:
         shift = solve_linear_start(blocks, offset)
         return pose_values(world.T, -world.T @ shift[:3]), pose_values(tool, shift[3:])
 
-    def simulate(self, frames: Frames, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Columns of samples.csv that a perfect instrument would write."""
-        turns = flange_matrices(frames) @ rotation_matrix(values[3:])
-        columns = {f"{axis}_mm": row for axis, row in zip("xyz", frames.point(values[:3]))}
-        return columns | {f"q{c}": row for c, row in zip("xyzw", Rotation.from_matrix(turns).as_quat().T)}
+    def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of samples.csv for what was predicted: the measurement moved by its residual (6, n)."""
+        turns = Rotation.from_rotvec(residual[3:].T) * Rotation.from_matrix(self.turns)
+        columns = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
+        return columns | {f"q{c}": row for c, row in zip("xyzw", turns.as_quat().T)}
 
 
 def _above(rows):

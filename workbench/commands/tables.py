@@ -20,14 +20,15 @@ def identifiability(console, answer: Mapping) -> None:
 
     answer: the object of `identifiability --json`.
     """
-    for key, value in answer.items():
-        if isinstance(value, str | int | float) and key != "command":
-            console.print(f"{key}: {number(value) if isinstance(value, float) else value}")
-    for key, value in answer.items():
-        if isinstance(value, Mapping):
-            _pairs(console, key, value)
-        elif isinstance(value, Sequence) and not isinstance(value, str):
-            _listing(console, key, value)
+    head = ["stage", "free", "determined", "O1", "O2", "O3", "O4", "O5"]
+    rows = [[s["name"], s["free"], s["identifiable"], *(s[f"O{k}"] for k in range(1, 6))] for s in answer["stages"]]
+    grid(console, f"{answer['recording']}: {answer['samples']} samples at {answer['poses']} poses", head, rows)
+    said: set[str] = set()
+    for stage in answer["stages"]:
+        more = [sentence for sentence in stage["undetermined"] if sentence not in said]
+        said.update(more)
+        if more:
+            _listing(console, f"not determined with {stage['name']}", more)
 
 
 def number(value) -> str:
@@ -88,15 +89,7 @@ def _significance(row: Mapping) -> float:
     return change / row["std"] if row["std"] else 0.0
 
 
-def _pairs(console, title: str, values: Mapping) -> None:
-    grid(console, title, ["", ""], [[key, value] for key, value in values.items()])
-
-
 def _listing(console, title: str, values: Sequence) -> None:
-    if values and all(isinstance(value, Mapping) for value in values):
-        head = list(values[0])
-        grid(console, title, head, [[value.get(key) for key in head] for value in values])
-        return
-    console.print(f"{title}:" if values else f"{title}: none")
+    console.print(f"{title}:")
     for value in values:
         console.print(f"  - {value}", markup=False)

@@ -21,7 +21,8 @@ _TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which
 class Identifiability:
     """F free parameters: `singular` (F,) ascending, `directions` (F, F) their unit directions in
     columns (typical sizes), `rank`: all from the data alone, without priors; `covariance` (F, F) in
-    the parameters' own units, with the priors, and a hundred typical sizes where nothing is known.
+    the parameters' own units, with the priors, and a hundred typical sizes where nothing is known;
+    `weight` (F,) what one typical size of each does to all measurements, in sigmas.
     """
 
     keys: tuple[str, ...]
@@ -31,6 +32,7 @@ class Identifiability:
     directions: np.ndarray
     rank: int
     covariance: np.ndarray
+    weight: np.ndarray
 
     @property
     def null(self) -> np.ndarray:
@@ -52,7 +54,14 @@ class Identifiability:
 
     def groups(self) -> list[list[str]]:
         """Keys of each undetermined direction, after the directions were made as short as possible."""
-        return [[self.keys[k] for k in np.argsort(-np.abs(row)) if abs(row[k]) > _PART] for row in self._short()]
+        return [[self.keys[k] for k in self._members(row)] for row in self._short()]
+
+    def _members(self, row):
+        """Who takes part in a direction, by what each would do to the measurements alone."""
+        part = np.abs(row) * self.weight
+        if part.max() < 1:  # nothing in it moves a measurement: it is the parameter itself
+            return [int(np.argmax(np.abs(row)))]
+        return [int(k) for k in np.argsort(-part, kind="stable") if part[k] > _PART * part.max()]
 
     def _short(self):
         """(F - rank, F) rows that span the null space, each with one parameter of its own."""
@@ -97,10 +106,11 @@ def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1
     singular = np.sqrt(np.maximum(np.where(values < rounding, 0, values), 0))
     rank = int((singular >= 1).sum())
     known = scaled + np.diag(parameters.precision[mask] * typical**2 + _FAINT)
+    weight = np.sqrt(np.maximum(np.diag(scaled), 0))
     covariance = np.linalg.inv(known) * np.outer(typical, typical)
     table = [p for p, free in zip(parameters.table, mask) if free]
     names = tuple(p.key for p in table), tuple(p.label or p.key for p in table)
-    return Identifiability(*names, typical, singular, vectors, rank, covariance)
+    return Identifiability(*names, typical, singular, vectors, rank, covariance, weight)
 
 
 def independent(normal: np.ndarray, parameters: Parameters, scale: float = 1.0) -> tuple[Parameters, dict[str, list[str]]]:
@@ -116,8 +126,15 @@ def independent(normal: np.ndarray, parameters: Parameters, scale: float = 1.0) 
     mask = np.zeros(len(parameters), bool)
     mask[free[kept]] = True
     keys = [parameters.keys[k] for k in free]
-    tied = {keys[k]: [keys[kept[j]] for j in np.flatnonzero(np.abs(mix) > _PART)] for k, mix in left_out.items()}
+    weight = np.sqrt(np.diag(scaled))
+    tied = {keys[k]: _partners(mix * weight[kept[: len(mix)]], keys, kept) for k, mix in left_out.items()}
     return parameters.only(mask), tied
+
+
+def _partners(part, keys, kept):
+    """Keys of the kept parameters that make a left-out one, the main ones first."""
+    part = np.abs(part)
+    return [keys[kept[j]] for j in np.argsort(-part, kind="stable") if part[j] > max(_PART * part.max(), 1e-9)]
 
 
 def _greedy(scaled):

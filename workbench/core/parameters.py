@@ -118,6 +118,15 @@ class Parameters:
             new[self.index[key]] = value
         return replace(self, values=new)
 
+    def nudged(self) -> "Parameters":
+        """Effects that are at their null moved by a third of their typical size.
+
+        What multiplies an effect (a mass that only shows through a compliance) shows only then.
+        """
+        effect = np.array([key.count(".") > 1 for key in self.keys], bool)
+        still = self.mask & effect & (self.values == self.nulls)
+        return replace(self, values=np.where(still, self.nulls + self.typical / 3, self.values))
+
     def take_over(self, other: "Parameters") -> "Parameters":
         """Values and mask of `other` for the keys that both have."""
         values, mask = self.values.copy(), self.mask.copy()

@@ -52,7 +52,7 @@ def noise_sentence(sigma: float | None, held_out: dict) -> str:
                 "split into noise and what the model lacks.")
     floor = np.sqrt(3) * sigma
     ratio = held_out["rms_mm"] / floor
-    return (f"The recording states σ = {rounded(sigma)} mm a coordinate; noise alone would leave an RMS distance of "
+    return (f"The recording states σ = {sigma:.3g} mm a coordinate; noise alone would leave an RMS distance of "
             f"√3 σ = {rounded(floor)} mm. The held-out RMS is {rounded(ratio)} times that.")
 
 
@@ -60,7 +60,7 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
     """Counts of held-out distances, with the noise's RMS, the RMS and the 95 % point marked."""
     distance = errors.distance[errors.held]
     counts, edges = np.histogram(distance, bins=_bins(distance))
-    figure = style.figure(330, "3-D distance, predicted to measured (mm)", "samples")
+    figure = style.figure(370, "3-D distance, predicted to measured (mm)", "samples")
     figure.add_bar(x=(edges[1:] + edges[:-1]) / 2, y=counts, width=np.diff(edges), name="held-out samples",
                    marker=dict(color=style.BLUE, line_width=0), showlegend=False,
                    hovertemplate="%{x:.4f} mm: %{y} samples<extra></extra>")
@@ -69,12 +69,12 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
         figure.add_scatter(x=[x, x], y=[0, top], mode="lines", name=f"{name} {rounded(x)} mm",
                            line=dict(color=colour, width=2, dash=dash), hoverinfo="skip")
     figure.update_yaxes(range=[0, top])
-    return figure
+    return figure.update_layout(margin_t=84)
 
 
 def cumulative(calibration, errors: Errors) -> go.Figure:
     """Share of samples that err by less, on a logarithmic axis: nominal, fit, held-out, noise."""
-    figure = style.figure(330, "3-D distance, predicted to measured (mm, logarithmic)", "share of samples (%)")
+    figure = style.figure(370, "3-D distance, predicted to measured (mm, logarithmic)", "share of samples (%)")
     for name, distance, colour, dash, width in (
         ("nominal geometry", np.linalg.norm(calibration.nominal_residual, axis=0), style.GREY, "dot", 2),
         ("fit", np.linalg.norm(calibration.fit_residual, axis=0), style.GREEN, "dash", 2),
@@ -85,8 +85,9 @@ def cumulative(calibration, errors: Errors) -> go.Figure:
         share = np.linspace(0.005, 0.995, 200)
         _add_curve(figure, "noise alone", maxwell.ppf(share, scale=errors.sigma), 100 * share,
                    dict(color=style.ORANGE, width=2, dash="dashdot"))
-    figure.update_xaxes(type="log", dtick="D2", exponentformat="none", showexponent="none")
-    return figure.update_yaxes(range=[0, 101])
+    ends = np.concatenate([trace.x for trace in figure.data])
+    figure.update_xaxes(style.log_axis(ends[ends > 0].min() / 1.1, ends.max() * 1.1))
+    return figure.update_layout(margin_t=84).update_yaxes(range=[0, 101])
 
 
 def _marks(sigma, held_out):

@@ -54,4 +54,5 @@ def caution(calibration) -> str:
 
 
 def _some(numbers):
-    return ", ".join(map(str, numbers[:12])) + (", …" if len(numbers) > 12 else "")
+    more = f" and {len(numbers) - 12} more" if len(numbers) > 12 else ""
+    return ", ".join(map(str, numbers[:12])) + more

@@ -16,7 +16,7 @@ def section(calibration) -> dict:
 
 def figure(stages) -> go.Figure:
     """Cost over step, one line a stage, each beginning where the one before ended."""
-    made = style.figure(360, "step of the solve, all stages in a row", "cost: whitened squares (–, logarithmic)")
+    made = style.figure(360, "step of the solve, all stages in a row", "cost (dimensionless, logarithmic)")
     start = 0
     for k, stage in enumerate(stages):
         steps = list(range(start, start + len(stage.history)))
@@ -26,4 +26,6 @@ def figure(stages) -> go.Figure:
                          marker=dict(size=6, symbol=_SYMBOLS[k % len(_SYMBOLS)]),
                          hovertemplate="step %{x}: cost %{y:.6g}<extra>" + stage.name + "</extra>")
         start += len(stage.history)
-    return made.update_yaxes(type="log", exponentformat="power")
+    made.update_xaxes(dtick=max(1, start // 12))
+    costs = [cost for stage in stages for cost in stage.history if cost > 0]
+    return made.update_yaxes(style.log_axis(min(costs) / 1.3, max(costs) * 1.3))

@@ -14,15 +14,16 @@
     const scene = { gridcolor: grid, linecolor: line, zerolinecolor: line, color: soft };
     return { layout: {
       font: { family: getComputedStyle(document.body).fontFamily, size: 12.5, color: ink },
-      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", xaxis: axis, yaxis: axis,
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", xaxis: { ...axis, zeroline: false }, yaxis: axis,
       scene: { xaxis: scene, yaxis: scene, zaxis: scene, bgcolor: "rgba(0,0,0,0)" },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: grid, activecolor: soft },
       hoverlabel: { bgcolor: colour("--shade"), bordercolor: line, font: { color: ink } },
     } };
   }
 
-  // Lines of means lie on coloured points: they take the ink of the page.
+  // Means lie on coloured points, the arm among coloured arrows: they take the ink of the page.
   function inked(data) {
-    return data.map((trace) => trace.meta === "mean"
+    return data.map((trace) => trace.meta === "ink"
       ? { ...trace, line: { ...trace.line, color: colour("--ink") }, marker: { ...trace.marker, color: colour("--ink") } }
       : trace);
   }

@@ -14,15 +14,24 @@ def section(calibration) -> dict:
         groups.setdefault(parameter["where"], []).append(parameter)
     return {"groups": [group(where, rows) for where, rows in groups.items()],
             "count": count(calibration.parameters),
-            "null_space": [sentence(words) for words in calibration.solution.null_sentences]}
+            "null_space": null_space(calibration)}
+
+
+def null_space(calibration) -> list[str]:
+    """What these data cannot tell apart, in words; then what was held because others already make it."""
+    held = [p for p in calibration.parameters if not p["free"] and p["tied_to"]]
+    told = [f"{p['label'] or p['name']} was held: what it does is already done by {_several(p['tied_to'])}" for p in held]
+    return [sentence(words) for words in [*calibration.solution.null_sentences, *told]]
 
 
 def count(parameters) -> str:
     """How many were estimated, are undetermined, were held."""
     free = [p for p in parameters if p["free"]]
     known = sum(p["identifiable"] for p in free)
-    return (f"{counted(len(free), 'parameter')} of {len(parameters)} were estimated; the data determine {known} of them "
-            f"and leave {len(free) - known} undetermined; the other {len(parameters) - len(free)} were held where they stood.")
+    lost = f"the data determine {known} of them and leave {len(free) - known} undetermined"
+    determined = "the data determine all of them" if known == len(free) else lost
+    return (f"{counted(len(free), 'parameter')} of {len(parameters)} were estimated and {determined}; "
+            f"the other {len(parameters) - len(free)} were held where they stood.")
 
 
 def group(where: str, parameters: list[dict]) -> dict:
@@ -51,8 +60,13 @@ def state(p: dict) -> str:
     """Estimated, held or undetermined, and why."""
     if p["free"] and p["identifiable"]:
         return ""
-    tied = f": tied to {listed(list(p['tied_to']))}" if p["tied_to"] else ""
+    tied = f": tied to {_several(list(p['tied_to']))}" if p["tied_to"] else ""
     return sentence(p["why"] or ("undetermined" if p["free"] else "held") + tied)
+
+
+def _several(keys, most=6):
+    """At most six of the names, and how many more there are."""
+    return listed([*keys[:most], *([f"{len(keys) - most} more"] if len(keys) > most else [])])
 
 
 def _largest(free):

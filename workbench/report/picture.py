@@ -32,7 +32,7 @@ def picture(calibration, errors: Errors):
     from matplotlib.figure import Figure
 
     made = Figure(figsize=(13, 4.9), facecolor="white")
-    grid = made.add_gridspec(1, 3, left=0.125, right=0.985, bottom=0.14, top=0.78, wspace=0.2, width_ratios=(1, 1, 1.05))
+    grid = made.add_gridspec(1, 3, left=0.125, right=0.965, bottom=0.14, top=0.78, wspace=0.22, width_ratios=(1, 1, 1.25))
     _stages(made.add_subplot(grid[0]), calibration)
     _spread(made.add_subplot(grid[1]), calibration, errors)
     _space(made.add_subplot(grid[2], projection="3d"), calibration)
@@ -47,13 +47,13 @@ def _stages(axes, calibration):
     values = [calibration.nominal["rms_mm"], *(s.held_out_rms_mm for s in calibration.stages), calibration.held_out["rms_mm"]]
     kept = [True, *(s.earned for s in calibration.stages), True]
     rows = np.arange(len(names))
-    axes.step(np.array(values)[kept], rows[kept], where="pre", color=style.BLUE, lw=1)
+    axes.step(np.array(values)[kept], rows[kept], where="post", color=style.BLUE, lw=1)
     axes.scatter(values, rows, color=[style.BLUE if k else style.GREY for k in kept], zorder=3)
     for value, at in zip(values, rows):
         axes.annotate(rounded(value), (value, at), (8, 0), textcoords="offset points", va="center", size=8.5)
     axes.set(yticks=rows, yticklabels=names, xscale="log", xlabel="RMS of the 3-D distance (mm)", title="stage by stage, held out")
-    axes.set(xlim=(min(values) / 1.3, max(values) * 1.9), ylim=(len(names) - 0.5, -0.5))
-    _quiet(axes)
+    axes.set(ylim=(len(names) - 0.5, -0.5))
+    _quiet(axes, min(values) / 1.25, max(values) * 1.6)
 
 
 def _spread(axes, calibration, errors):
@@ -63,7 +63,8 @@ def _spread(axes, calibration, errors):
     axes.set(xscale="log", xlabel="3-D distance (mm)", title="share of samples that err by less")
     axes.yaxis.set_major_formatter("{x:.0%}")
     axes.legend(frameon=False, loc="lower right")
-    _quiet(axes)
+    both = np.concatenate([nominal, errors.distance[errors.held]])
+    _quiet(axes, both[both > 0].min(), np.nanmax(both))
 
 
 def _space(axes, calibration):
@@ -76,9 +77,16 @@ def _space(axes, calibration):
     axes.set_aspect("equal")
     axes.tick_params(labelsize=7)
     axes.locator_params(nbins=4)
+    axes.view_init(elev=18, azim=-50)
+    axes.title.set_size(10.5)
 
 
-def _quiet(axes):
+def _quiet(axes, low, high):
+    """Plain numbers on the logarithmic axis from `low` to `high`, and little else."""
+    ticks = style.log_axis(low, high, most=6)
+    axes.set_xlim(low, high)
+    axes.set_xticks(ticks["tickvals"], ticks["ticktext"])
+    axes.set_xticks([], minor=True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, which="major")
     axes.title.set_size(10.5)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-_WORDS = {"sha256": "SHA-256 of the data", "data_sha256": "SHA-256 of the data", "licence": "licence of the data", "source": "source of the data"}
+_WORDS = {"data_sha256": "SHA-256 of the data", "data_source": "source of the data", "data_licence": "licence of the data"}
 
 
 def section(calibration) -> dict:
@@ -11,7 +11,9 @@ def section(calibration) -> dict:
     lines = [("recording", recording.name or "–"), ("measures", recording.measures),
              ("samples used", f"{recording.n:,} in {len(set(recording.poses.tolist())):,} poses"),
              ("robot", calibration.robot.name), ("source of the nominal robot", calibration.robot.source)]
-    return {"lines": [(name, words) for name, words in [*lines, *flat(calibration.provenance)] if words]}
+    told = {name for name, _ in lines}
+    lines += [line for line in flat(calibration.provenance) if line[0] not in told]
+    return {"lines": [(name, words) for name, words in lines if words]}
 
 
 def flat(table: Mapping, above: str = "") -> list[tuple[str, str]]:

@@ -73,14 +73,18 @@ def overview(every: list[Against]) -> go.Figure:
                          vertical_spacing=min(0.36 / rows, 0.3))
     for k, one in enumerate(every):
         for (name, colour), mean in zip(style.COMPONENTS.items(), one.means):
-            made.add_scatter(x=one.centres, y=mean, mode="lines", name=name, legendgroup=name, showlegend=k == 0,
+            made.add_scatter(x=one.centres, y=mean, mode="lines", name=f"mean {name}", legendgroup=name, showlegend=k == 0,
                              line=dict(color=colour, width=1.7), row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1,
                              hovertemplate="%{x:.3f}: mean " + name + " %{y:.4f} mm<extra></extra>")
     made.update_annotations(font_size=11.5)
     made.update_layout(template="none", height=60 + 168 * rows, margin=dict(l=64, r=8, t=56, b=36),
                        legend=dict(orientation="h", x=0, y=1, yref="container", yanchor="top"))
     made.update_yaxes(col=1, title_text="mean (mm)", title_font_size=11.5)
-    return made.update_xaxes(nticks=5, tickfont_size=10.5)
+    made.update_xaxes(nticks=5, tickfont_size=10.5)
+    for k, one in enumerate(every):
+        if one.label.endswith("(number)") and len(one.centres) <= 8:
+            made.update_xaxes(tickvals=one.centres, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1)
+    return made
 
 
 def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
@@ -94,7 +98,7 @@ def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
         made.update_yaxes(title_text=f"{name} (mm)", title_standoff=6, row=k + 1, col=1)
     for k in range(4):
         made.add_scatter(x=one.centres, y=one.means[k], mode="lines+markers", showlegend=False, row=k + 1, col=1,
-                         meta="mean", line_width=1.8, marker_size=4, hovertemplate="mean of the bin %{y:.4f} mm<extra></extra>")
+                         meta="ink", line_width=1.8, marker_size=4, hovertemplate="mean of the bin %{y:.4f} mm<extra></extra>")
     made.update_layout(template="none", height=640, margin=dict(l=70, r=14, t=8, b=52))
     return made.update_xaxes(title_text=one.label, row=4, col=1)
 

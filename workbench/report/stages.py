@@ -17,16 +17,18 @@ def left_out(stages) -> str:
     idle = sum(not stage.earned for stage in stages)
     if not idle:
         return "Every stage lowered the held-out error and is part of the result."
-    verb = "is" if idle == 1 else "are"
-    return (f"{counted(idle, 'stage')} did not lower the held-out error: drawn grey, "
-            f"{verb} not earned and left out of the result.")
+    subject, place = ("It is", "its place") if idle == 1 else ("They are", "their places")
+    return (f"{counted(idle, 'stage')} did not lower the held-out error beyond chance and so did not earn {place}. "
+            f"{subject} drawn grey and left out of the result.")
 
 
 def row(stage) -> dict:
     """A line of the table."""
+    brought = stage.sentence.removeprefix(f"{stage.name}:").replace("->", "→")
+    ended = "" if stage.outcome.startswith("converged") else sentence(stage.outcome)
     return {"name": stage.name, "why": sentence(stage.why), "free": stage.free, "identifiable": stage.identifiable,
             "fit": rounded(stage.rms_mm), "held_out": rounded(stage.held_out_rms_mm), "earned": stage.earned,
-            "sentence": sentence(stage.sentence), "outcome": sentence(stage.outcome)}
+            "sentence": sentence(brought), "outcome": ended}
 
 
 def chart(calibration) -> go.Figure:
@@ -35,7 +37,7 @@ def chart(calibration) -> go.Figure:
     made = style.figure(92 + 34 * len(lines), "RMS of the 3-D distance (mm, logarithmic)")
     kept = [line for line in lines if line[3]]
     made.add_scatter(x=[line[1] for line in kept], y=[line[0] for line in kept], mode="lines", hoverinfo="skip",
-                     line=dict(color=style.BLUE, width=1.5, shape="vh"), showlegend=False)
+                     line=dict(color=style.BLUE, width=1.5, shape="hv"), showlegend=False)
     _add_held_out(made, "held out, kept", kept, style.BLUE)
     _add_held_out(made, "held out, not earned", [line for line in lines if not line[3]], style.GREY)
     fits = [line for line in lines if line[2] is not None]
@@ -64,8 +66,6 @@ def _add_held_out(made, name, lines, colour):
 
 def _log_range(values):
     """A logarithmic axis with room on the right for the number beside the last point."""
-    from math import log10
-
-    low, high = log10(min(values)), log10(max(values))
-    span = max(high - low, 0.3)
-    return dict(type="log", range=[low - 0.06 * span, high + 0.2 * span], dtick="D2", exponentformat="none")
+    low, high = min(values), max(values)
+    span = max(high / low, 2.0)
+    return style.log_axis(low / span**0.06, high * span**0.14)

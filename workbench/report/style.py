@@ -20,6 +20,22 @@ def figure(height: int, across: str = "", up: str = "") -> go.Figure:
     return made.update_yaxes(title=dict(text=up, standoff=8))
 
 
+def log_axis(low: float, high: float, most: int = 7) -> dict:
+    """A logarithmic axis from `low` to `high` (both > 0), at most about so many plain numbers on it."""
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    for steps in ((1, 1.5, 2, 3, 4, 5, 6, 8), (1, 2, 3, 5), (1, 2, 5), (1,)):
+        ticks = [step * 10.0**power for power in powers for step in steps]
+        ticks = [tick for tick in ticks if low <= tick <= high]
+        if len(ticks) <= most:
+            break
+    return dict(type="log", range=[np.log10(low), np.log10(high)], tickvals=ticks, ticktext=[plain(t) for t in ticks])
+
+
+def plain(tick: float) -> str:
+    """A tick's number without an exponent where it is of ordinary size."""
+    return f"{tick:.10f}".rstrip("0").rstrip(".") if 1e-5 <= tick < 1e5 else f"{tick:.0e}".replace("e-0", "e-").replace("e+0", "e")
+
+
 def packed(made: go.Figure) -> str:
     """The figure as JSON that may stand inside a script element."""
     return safe(made.to_json())

@@ -51,7 +51,7 @@ def listed(words: list[str]) -> str:
 def sentence(words: str) -> str:
     """`words` with a capital at its start and a full stop at its end."""
     words = str(words).strip()
-    return words and words[0].upper() + words[1:] + ("" if words[-1] in ".!?" else ".")
+    return words and words[0].upper() + words[1:] + ("" if words[-1] in ".!?…" else ".")
 
 
 def _raised(exponent: int) -> str:
