@@ -20,7 +20,8 @@ class Frames:
     `z`, `x`, `y` (J, 3, n): the axes about which theta, alpha and beta turn (d and a shift along
     z and x); `z_origin`, `x_origin` (J, 3, n): points on them. `link` (J+2, 3, 3, n) the columns
     of the frame of each small twist (base, links, tool), `pivot` (J+2, 3, n) the point that it
-    turns about and `origin` (J, 3, n) that of the frame after each joint. `end` (3, 3, n) columns of the flange, `end_origin` (3, n).
+    turns about and `origin` (J, 3, n) that of the frame after each joint. `end` (3, 3, n)
+    columns of the flange, `end_origin` (3, n).
     """
 
     z: np.ndarray
@@ -218,7 +219,11 @@ def frame_rows(frames: Frames, point: np.ndarray, slots: np.ndarray, twists: dic
     place, kind = np.divmod(slots, 6)
     rows = np.empty((len(slots), 3, point.shape[1]))
     for i, (p, c) in enumerate(zip(place, kind)):
-        rows[i] = frames.link[p][c] if c < 3 else cross(frame_turn(frames, p, c, twists), point - _moved_pivot(frames, p, twists))
+        rows[i] = (
+            frames.link[p][c]
+            if c < 3
+            else cross(frame_turn(frames, p, c, twists), point - _moved_pivot(frames, p, twists))
+        )
     return rows
 
 

@@ -17,7 +17,9 @@ _WORDS = {
 
 def pose_parameters(where: str, what: str) -> list[Parameter]:
     """The six parameters of the transform at `where`, called `what` in sentences."""
-    return [Parameter(f"{where}.{name}", unit, 0.0, size, f"{what} {words}") for name, (unit, size, words) in _WORDS.items()]
+    return [
+        Parameter(f"{where}.{name}", unit, 0.0, size, f"{what} {words}") for name, (unit, size, words) in _WORDS.items()
+    ]
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:

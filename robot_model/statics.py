@@ -62,9 +62,7 @@ def _levers(robot, frames, masses, moments):
     """Levers of J links and a load, masses (J+1, n) and first moments (J+1, 3, n)."""
     mass, moment = (np.cumsum(part[::-1], 0)[::-1] for part in (masses, moments))
     arms = moment[:-1] - mass[:-1, None] * frames.z_origin
-    torque = np.where(
-        robot.prismatic[:, None, None], mass[:-1, None] * frames.z, cross(frames.z, arms) * _MM
-    )
+    torque = np.where(robot.prismatic[:, None, None], mass[:-1, None] * frames.z, cross(frames.z, arms) * _MM)
     # the base carries every body; link K bends under the bodies beyond it, the tool under the load
     outer = [*range(robot.joints + 1), robot.joints]
     bending = (moment[outer] - mass[outer, None] * frames.pivot) * _MM

@@ -97,7 +97,9 @@ class RobotChain:
         end = _BASE + 5 * self.robot.joints
         return values[:_BASE], values[_BASE:end].reshape(-1, 5), values[end:]
 
-    def to_root(self, values: np.ndarray, evaluation: "Evaluation", residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def to_root(
+        self, values: np.ndarray, evaluation: "Evaluation", residual: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The measured points and residuals (3, n) mm, as arrows, in the robot's root frame."""
         pose = values[:_BASE]
         turn = rotation_matrix(pose[3:])
@@ -161,7 +163,9 @@ class Evaluation:
         """Frames that also keep the links; made again only when no twist needed them before."""
         if self.frames.link is None:
             pose, geometry, _ = self.chain.split(self.values)
-            again = self.chain.frames(self.values, self.deltas | {"frame": (np.array([0]), np.zeros((1, self.chain.n)))})
+            again = self.chain.frames(
+                self.values, self.deltas | {"frame": (np.array([0]), np.zeros((1, self.chain.n)))}
+            )
             self.frames = again[0]
         return self.frames
 
@@ -191,7 +195,14 @@ def _twists(deltas) -> dict[int, np.ndarray]:
 
 def _geometry_parameters(robot: Robot) -> list[Parameter]:
     return [
-        Parameter(f"joint-{k + 1}.{name}{k + 1}", unit, float(robot.geometry[k, c]), size, f"joint {k + 1}'s {words}", 3 * size)
+        Parameter(
+            f"joint-{k + 1}.{name}{k + 1}",
+            unit,
+            float(robot.geometry[k, c]),
+            size,
+            f"joint {k + 1}'s {words}",
+            3 * size,
+        )
         for k in range(robot.joints)
         for c, (name, unit, size, words) in enumerate(_GEOMETRY)
     ]
@@ -201,7 +212,10 @@ def geometry_free(robot: Robot) -> list[str]:
     """Keys of the geometry that can be free: theta, d, a, alpha; beta instead of d where Hayati's."""
     left_out = [D if hayati else BETA for hayati in robot.hayati]
     return [
-        f"joint-{k + 1}.{row[0]}{k + 1}" for k in range(robot.joints) for c, row in enumerate(_GEOMETRY) if c != left_out[k]
+        f"joint-{k + 1}.{row[0]}{k + 1}"
+        for k in range(robot.joints)
+        for c, row in enumerate(_GEOMETRY)
+        if c != left_out[k]
     ]
 
 

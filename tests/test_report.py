@@ -10,9 +10,8 @@ import pytest
 
 from datasets.recording import Recording
 from robot_model import load_robot
-from workbench.report import write_report
 from workbench.report import errors as spread
-from workbench.report import history, parameters, picture, provenance, residuals, scene, stages, text
+from workbench.report import history, parameters, picture, provenance, residuals, scene, stages, text, write_report
 
 SECTIONS = ("stages", "spread", "parameters", "residuals", "scene", "history", "provenance")
 

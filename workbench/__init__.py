@@ -14,6 +14,8 @@ _HOMES = {
     "Model": "workbench.core.model",
     "Parameters": "workbench.core.parameters",
     "Fit": "workbench.core.solve",
+    "Solution": "workbench.core.solution",
+    "Stage": "workbench.core.solution",
 }
 _MODULES = ("calibrate", "core", "identify", "report", "simulate")
 

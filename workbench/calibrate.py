@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import brentq
 
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
 from robot_model.system import bind
-from scipy.optimize import brentq
-
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.identifiability import identifiability, independent
@@ -19,7 +18,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
 from workbench.core.solve import Fit, normal_matrix, solve
-from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_summary, hold_out
+from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_summary, hold_out, repeat_summary
 from workbench.plans import FRAMES, default_plan, frames_of, read_plan
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
@@ -132,7 +131,9 @@ def _first(model: Model, split: Split) -> _Step:
     start = model.parameters
     free = start.only(start.matching(*frames_of(start)))
     fit = solve(model.at(split.fit), free)
-    return _Step(model, fit.parameters, fit, _held_out(model, fit, split, "linear", 50), {}, len(fit.normal), len(fit.normal))
+    return _Step(
+        model, fit.parameters, fit, _held_out(model, fit, split, "linear", 50), {}, len(fit.normal), len(fit.normal)
+    )
 
 
 def _run(step: _Step, stages, split, progress):
@@ -207,6 +208,7 @@ def _honest_sigma(chain, trial: Fit, split: Split):
 
 def _extra_variance(squares, sigma):
     """The variance v with mean(squares / (sigma^2 + v)) = 1, or 0."""
+
     def excess(v):
         return float((squares / np.maximum(sigma**2 + v, 1e-300)).mean() - 1)
 
@@ -245,8 +247,8 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -
     points, arrows = _in_root(step.model, step.parameters, shown)
     return Calibration(
         recording, robot, step.model, solution, stages, tuple(parameter_rows(solution)),
-        error_summary(step.fit.residual[:3]),
-        error_summary(step.held_out.residual) | {"folds": folds, "samples": int(np.isfinite(step.held_out.squares).sum())},
+        error_summary(step.fit.residual[:3]) | repeat_summary(recording, fit_residual),
+        error_summary(step.held_out.residual) | {"folds": folds, "samples": int((step.held_out.fold >= 0).sum())},
         error_summary(nominal.held_out.residual),
         fit_residual, step.held_out.residual, nominal.model.residual(nominal.parameters)[:3],
         step.held_out.fold, points, arrows,

@@ -1,6 +1,7 @@
 """Held-out errors: blocks of consecutive poses, never parting what was measured at one standstill."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import wilcoxon
@@ -12,10 +13,16 @@ from workbench.core.solve import solve
 
 @dataclass(frozen=True)
 class HeldOut:
-    """`residual` (3, n) mm, nan where a sample was never held out; `fold` (n,), -1 there."""
+    """`residual` (3, n) mm, nan where a sample was never held out; `fold` (n,), -1 there.
+
+    `located`: key -> value (mm) of what no fitted sample shows, such as a reflector that is only in
+    the held-out samples. It can only come from those; their error is that much too small, as
+    each value takes one of their 3 n degrees of freedom.
+    """
 
     residual: np.ndarray
     fold: np.ndarray
+    located: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def squares(self) -> np.ndarray:
@@ -57,19 +64,45 @@ def blocks(poses: np.ndarray, folds: int) -> np.ndarray:
 
 def cross_validate(model: Model, start: Parameters, fold: np.ndarray, loss: str, steps: int = 50) -> HeldOut:
     """Fit on all folds but one and predict that one, for every fold; start from `start`."""
-    residual = np.full((3, len(fold)), np.nan)
+    residual, located = np.full((3, len(fold)), np.nan), {}
     for k in np.unique(fold[fold >= 0]):
-        fit = solve(model.at(fold != k), start, loss, steps)
-        residual[:, fold == k] = model.at(fold == k).residual(fit.parameters)[:3]
-    return HeldOut(residual, fold)
+        residual[:, fold == k], found = _predict(model, start, fold == k, fold != k, loss, steps)
+        located |= found
+    return HeldOut(residual, fold, located)
 
 
-def hold_out(model: Model, start: Parameters, test: np.ndarray, fit_on: np.ndarray, loss: str, steps: int = 50) -> HeldOut:
+def hold_out(
+    model: Model, start: Parameters, test: np.ndarray, fit_on: np.ndarray, loss: str, steps: int = 50
+) -> HeldOut:
     """Fit on the samples `fit_on` (n,) bool and predict those of `test` (n,) bool."""
-    fit = solve(model.at(fit_on), start, loss, steps)
     residual = np.full((3, len(test)), np.nan)
-    residual[:, test] = model.at(test).residual(fit.parameters)[:3]
-    return HeldOut(residual, np.where(test, 0, -1))
+    residual[:, test], located = _predict(model, start, test, fit_on, loss, steps)
+    return HeldOut(residual, np.where(test, 0, -1), located)
+
+
+def _predict(model, start, test, fit_on, loss, steps):
+    """Residual (3, tested) of a fit on other samples, and what had to be located on the tested ones."""
+    fitted = solve(model.at(fit_on), start, loss, steps).parameters
+    seen = model.at(test)
+    unseen = _unseen(model.at(fit_on), seen, fitted)
+    if unseen.any():
+        placed = solve(seen, fitted.only(unseen), loss, steps).parameters
+        fitted = replace(fitted, values=placed.values)
+    located = {key: fitted[key] for key, mine in zip(fitted.keys, unseen) if mine}
+    return seen.residual(fitted)[:3], located
+
+
+def _unseen(fitted_on: Model, seen: Model, parameters: Parameters) -> np.ndarray:
+    """(P,) True for places on the tool that the fitted samples do not touch and the tested ones do."""
+    own = np.arange(len(parameters)) < len(fitted_on.chain.parameters)
+    places = parameters.only(own & np.char.startswith(parameters.keys, "tool."))
+    if not places.mask.any():
+        return places.mask
+    silent = ~fitted_on.linearise(places)[1].any(axis=(1, 2))
+    silent &= seen.linearise(places)[1].any(axis=(1, 2))
+    unseen = places.mask.copy()
+    unseen[places.mask] = silent
+    return unseen
 
 
 def error_summary(residual: np.ndarray) -> dict[str, float]:
@@ -83,4 +116,23 @@ def error_summary(residual: np.ndarray) -> dict[str, float]:
         "mean_mm": float(distance.mean()),
         "p95_mm": float(np.percentile(distance, 95)),
         "max_mm": float(distance.max()),
+    }
+
+
+def repeat_summary(recording, residual: np.ndarray) -> dict[str, float]:
+    """Lack of fit against pure error where one pose was measured again: {} without a column `repeat`.
+
+    `repeat_means_rms_mm`: RMS distance of the means over repeats, what the model misses;
+    `pure_error_rms_mm`: RMS distance of single rows from their mean, what no model can explain.
+    """
+    if "repeat" not in recording.columns:
+        return {}
+    pairs = np.stack([recording.columns["repeat"], recording.reflector], 1)
+    _, group = np.unique(pairs, axis=0, return_inverse=True)
+    counts = np.bincount(group.ravel())
+    means = np.stack([np.bincount(group.ravel(), row) for row in residual]) / counts
+    scatter = ((residual - means[:, group.ravel()]) ** 2).sum() / max(len(group) - len(counts), 1)
+    return {
+        "repeat_means_rms_mm": float(np.sqrt((means**2).sum(0).mean())),
+        "pure_error_rms_mm": float(np.sqrt(scatter)),
     }

@@ -1,7 +1,7 @@
 """Plans: which stages a calibration goes through; the default one, and plans read from TOML."""
 
-from pathlib import Path
 import tomllib
+from pathlib import Path
 
 import numpy as np
 
@@ -50,7 +50,11 @@ def _compliance(chain):
     joints = [("joint-compliance", f"joint-{k}", {}) for k in loaded]
     masses = [("first-moment", f"link-{k}", {}) for k in loaded if 1 < k < chain.robot.joints - 1]
     tool = [("first-moment", "tool", {})] if loaded else []
-    return Stage("compliance", "joints yield to the weight of links and load, whose centres are not sure", (*joints, *masses, *tool))
+    return Stage(
+        "compliance",
+        "joints yield to the weight of links and load, whose centres are not sure",
+        (*joints, *masses, *tool),
+    )
 
 
 def _loaded(chain):
@@ -63,8 +67,12 @@ def _bending(chain):
     if not _loaded(chain):
         return Stage("bending", "")
     last = max(_loaded(chain))
-    bearings = [("bearing-compliance", f"joint-{k}", {}) for k in range(1, last + 1) if not chain.robot.prismatic[k - 1]]
-    return Stage("bending", "bearings of joints tilt, and with them links bend, under the moment across them", tuple(bearings))
+    bearings = [
+        ("bearing-compliance", f"joint-{k}", {}) for k in range(1, last + 1) if not chain.robot.prismatic[k - 1]
+    ]
+    return Stage(
+        "bending", "bearings of joints tilt, and with them links bend, under the moment across them", tuple(bearings)
+    )
 
 
 def _drift(chain):
@@ -91,7 +99,16 @@ def read_plan(path: Path) -> tuple[Stage, ...]:
     return tuple(_stage(path, number, dict(row)) for number, row in enumerate(rows, 1))
 
 
-_KEYS = {"name": str, "why": str, "effects": list, "free": list, "loss": str, "canonical": bool, "earn": bool, "steps": int}
+_KEYS = {
+    "name": str,
+    "why": str,
+    "effects": list,
+    "free": list,
+    "loss": str,
+    "canonical": bool,
+    "earn": bool,
+    "steps": int,
+}
 
 
 def _stage(path, number, row) -> Stage:
@@ -104,7 +121,9 @@ def _stage(path, number, row) -> Stage:
     if "name" not in row or "why" not in row:
         raise InputError(f"{where}: keys name and why are expected, found {', '.join(row)}; add what is missing")
     if row.get("loss", "linear") not in LOSSES:
-        raise InputError(f"{where}, key loss: expected one of {', '.join(LOSSES)}, found '{row['loss']}'; choose one of them")
+        raise InputError(
+            f"{where}, key loss: expected one of {', '.join(LOSSES)}, found '{row['loss']}'; choose one of them"
+        )
     row["effects"] = tuple(_effect(where, dict(e)) for e in row.get("effects", []))
     row["free"] = tuple(row.get("free", ("*",)))
     return Stage(**row)

@@ -1,8 +1,8 @@
 """Where a result comes from: versions, data and day."""
 
+import platform
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-import platform
 
 
 def provenance(recording) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """What a calibration answers and leaves on disk: the JSON contract, tables and files."""
 
-from dataclasses import dataclass
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +50,11 @@ def _why(free, sure, others, held):
     if sure:
         return ""
     if free:
-        return "undetermined: one and the same here as " + ", ".join(others) if others else "undetermined: has no effect here"
+        return (
+            "undetermined: one and the same here as " + ", ".join(others)
+            if others
+            else "undetermined: has no effect here"
+        )
     if held:
         return "held: what it does is already done by " + ", ".join(others) if others else "held: has no effect here"
     return "held at its nominal value by the plan"
@@ -60,7 +64,20 @@ def calibration_json(calibration) -> dict:
     """The answer of `workbench calibrate`, keys as the contract fixes them, more added."""
     solution = calibration.solution
     stages = [
-        {k: getattr(s, k) for k in ("name", "free", "identifiable", "rms_mm", "held_out_rms_mm", "earned", "sentence", "why", "outcome")}
+        {
+            k: getattr(s, k)
+            for k in (
+                "name",
+                "free",
+                "identifiable",
+                "rms_mm",
+                "held_out_rms_mm",
+                "earned",
+                "sentence",
+                "why",
+                "outcome",
+            )
+        }
         for s in calibration.stages
     ]
     known = solution.known
@@ -79,7 +96,7 @@ def calibration_json(calibration) -> dict:
         "undetermined": list(solution.null_sentences),
         "observability": known.observability(calibration.recording.n),
         "suspect_samples": list(calibration.suspects),
-        "selection": "stages were kept or left out on the same folds that give held_out, unless test samples were named",
+        "selection": "stages were kept or left out on the folds that give held_out, or on the test samples where named",
         "provenance": calibration.provenance,
     }
 

@@ -1,7 +1,7 @@
 """Scene files: what to simulate, read from TOML and checked key by key."""
 
-from pathlib import Path
 import tomllib
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError

@@ -82,7 +82,9 @@ def _poses(scene: Scene, robot: Robot, rng, path) -> tuple[np.ndarray, np.ndarra
         joints = rng.uniform(*limits.T, size=(scene.samples, len(limits)))
         return joints, np.arange(scene.samples) % max(len(scene.reflectors), 1) + 1
     if not scene.balls:
-        raise InputError(f"scene {path}, key balls: a ball-centre scene needs at least one [x, y, z, radius], found none")
+        raise InputError(
+            f"scene {path}, key balls: a ball-centre scene needs at least one [x, y, z, radius], found none"
+        )
     return _looking_at_balls(scene, robot, limits, rng)
 
 

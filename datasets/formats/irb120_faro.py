@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.formats.native import NOMINAL, checked, IRB120, recording
+from datasets.formats.native import IRB120, checked, recording
 from datasets.recording import Recording
 
 TRACKER_MM = 0.005

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.formats.native import checked, IRB120, load_matrix, recording
+from datasets.formats.native import IRB120, checked, load_matrix, recording
 from datasets.recording import Recording
 
 PROBE_MM = 0.1

@@ -42,7 +42,14 @@ class BaseDrift(Effect):
         self.start, self.end, self.order = start, end, order
 
     def parameters(self, chain):
-        names = [("x", "mm", 0.05), ("y", "mm", 0.05), ("z", "mm", 0.05), ("rx", "rad", 1e-4), ("ry", "rad", 1e-4), ("rz", "rad", 1e-4)]
+        names = [
+            ("x", "mm", 0.05),
+            ("y", "mm", 0.05),
+            ("z", "mm", 0.05),
+            ("rx", "rad", 1e-4),
+            ("ry", "rad", 1e-4),
+            ("rz", "rad", 1e-4),
+        ]
         return tuple(
             self.parameter(f"{name}_t{k}", unit, size, f"the base's drift in {name}, order {k}")
             for k in range(1, self.order + 1)

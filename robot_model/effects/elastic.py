@@ -8,6 +8,7 @@ from workbench.core.parameters import Parameter
 SHIFTS, TURNS = (0, 1, 2), (3, 4, 5)
 """Components of a frame's small twist: mm, then rad."""
 
+
 class JointCompliance(Effect):
     """The joint yields to the gravity torque of links and load."""
 
@@ -36,7 +37,11 @@ class LinkSelfWeight(Effect):
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 25, with the full torque of the links"
 
     def parameters(self, chain):
-        return (self.parameter("compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance to its links", prior=3e-3),)
+        return (
+            self.parameter(
+                "compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance to its links", prior=3e-3
+            ),
+        )
 
     def basis(self, state):
         return state.self_torque[self.number - 1][None, None]
@@ -144,7 +149,10 @@ class PedestalCompliance(Effect):
     source = "flexure at the foot"
 
     def parameters(self, chain):
-        return tuple(self.parameter(f"about_{axis}", "rad/(N m)", 3e-5, f"the pedestal's compliance about {axis}") for axis in "xy")
+        return tuple(
+            self.parameter(f"about_{axis}", "rad/(N m)", 3e-5, f"the pedestal's compliance about {axis}")
+            for axis in "xy"
+        )
 
     def basis(self, state):
         return one_each(state.moment[0][:2])
@@ -216,7 +224,8 @@ class FirstMoment(Effect):
         """Prior: a tenth of the arm's mass times 100 mm, or 100 kg mm where masses are unknown."""
         size = max(10.0 * chain.robot.mass.sum(), 100.0)
         return tuple(
-            self.parameter(f"m{axis}", "kg mm", size, f"the first moment of {self.where} along {axis}", prior=size) for axis in "xyz"
+            self.parameter(f"m{axis}", "kg mm", size, f"the first moment of {self.where} along {axis}", prior=size)
+            for axis in "xyz"
         )
 
     def basis(self, state):

@@ -38,7 +38,9 @@ class FieldBias(Effect):
     source = "second-order expansion of what a camera or light-plane model leaves"
 
     def parameters(self, chain):
-        return tuple(self.parameter(name, "mm", 0.02, f"the field bias in {name}") for name in ("x", "y", "xx", "xy", "yy"))
+        return tuple(
+            self.parameter(name, "mm", 0.02, f"the field bias in {name}") for name in ("x", "y", "xx", "xy", "yy")
+        )
 
     def basis(self, state):
         x, y = state.measured[:2] / 100
@@ -90,6 +92,10 @@ class NoiseHeteroscedastic(Effect):
     def __init__(self, where: str, covariate: str, mean: float = 0.0, spread: float = 1.0):
         super().__init__(where)
         self.covariate, self.mean, self.spread = covariate, mean, spread
+
+    @property
+    def needs(self):
+        return (self.covariate,)
 
     def parameters(self, chain):
         return (self.parameter(self.covariate, "1", 0.3, f"the growth of the noise with {self.covariate}"),)

@@ -55,16 +55,17 @@ class Backlash(Effect):
     """The joint stops short of its reading on the side that it came from.
 
     `seat="approach"`: the side of the last motion; `seat="gravity"`: the side to which gravity
-    pulls, smooth where the torque vanishes (`width` of it, as a share of its largest value).
+    pulls, smooth where the torque is within `width` N m of zero (an absolute width, and not a share
+    of the largest torque, so that the law means the same on any part of the samples).
     """
 
     effect = "backlash"
     port = "joint"
     places = ("joint",)
-    equation = "dq = g * approach, or g * tanh(tau / (width * max|tau|))"
+    equation = "dq = g * approach, or g * tanh(tau / width)"
     source = "half-gap model, e.g. Slamani, Nubiola & Bonev, Robotica 30 (2012)"
 
-    def __init__(self, where: str, seat: str = "approach", width: float = 0.02):
+    def __init__(self, where: str, seat: str = "approach", width: float = 0.5):
         super().__init__(where)
         self.seat, self.width = seat, width
 
@@ -78,8 +79,7 @@ class Backlash(Effect):
     def basis(self, state):
         if self.seat == "approach":
             return state.covariate(f"approach{self.number}")[None, None]
-        torque = state.torque[self.number - 1]
-        return np.tanh(torque / (self.width * max(np.abs(torque).max(), 1e-12)))[None, None]
+        return np.tanh(state.torque[self.number - 1] / self.width)[None, None]
 
     @property
     def elastic(self):
@@ -123,7 +123,9 @@ class JointCoupling(Effect):
         self.joint = joint
 
     def parameters(self, chain):
-        return (self.parameter(f"from{self.joint}", "rad/rad", 1e-3, f"joint {self.number}'s share of joint {self.joint}"),)
+        return (
+            self.parameter(f"from{self.joint}", "rad/rad", 1e-3, f"joint {self.number}'s share of joint {self.joint}"),
+        )
 
     def basis(self, state):
         return state.variables[self.joint - 1][None, None]
@@ -151,6 +153,7 @@ class TimeOffset(Effect):
     effect = "time-offset"
     port = "joint"
     places = ("time",)
+    needs = ("qdot1_deg_s",)  # and those of all other readings
     equation = "dq = t qdot"
     source = "first-order clock offset"
 

@@ -5,9 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_model.chain import Frames, cross
-from robot_model.measurements.closure import Closure, flange_matrices, kronecker_rows, position_sigma, rigid_fit, solve_linear_start
+from robot_model.measurements.closure import (
+    Closure,
+    flange_matrices,
+    position_sigma,
+    rigid_fit,
+    solve_linear_start,
+)
 from robot_model.poses import left_jacobian, nearest_rotation, pose_parameters, pose_values, rotation_matrix
-from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
 
 
@@ -55,14 +60,14 @@ class BallCentre:
         axes = [sum(e * r for e, r in zip(frames.end, column)) for column in turn.T]
         ball = self.centres[self.index].T
         if "target" in deltas:
-            ball = _add(ball, deltas["target"])
+            ball = add_delta(ball, deltas["target"])
         from_sensor = ball - frames.point(values[:3])
         seen = np.stack([(axis * from_sensor).sum(0) for axis in axes])
-        predicted = _add(seen, deltas["sensor"]) if "sensor" in deltas else seen
+        predicted = add_delta(seen, deltas["sensor"]) if "sensor" in deltas else seen
         # turning the hand-eye by dw (flange frame) moves the seen point by seen x (R^T dw)
         about = turn.T @ left_jacobian(values[3:])
         tool_rows = np.empty((6, 3, len(self.index)))
-        tool_rows[:3] = -turn.T.T[:, :, None]
+        tool_rows[:3] = -turn[:, :, None]
         tool_rows[3:] = cross(seen, about.T[:, :, None])
         ports = {"sensor": np.broadcast_to(np.eye(3)[:, :, None], (3, 3, seen.shape[1])), "target": _columns(axes)}
         return Closure(predicted - self.measured, ball, lambda rows: -_into(axes, rows), tool_rows, ports,
@@ -93,13 +98,6 @@ def _into(axes, rows):
 def _columns(axes):
     """(3, 3, n): derivative of the seen point by the world point."""
     return np.stack(axes, 1)
-
-
-def _add(points, delta):
-    slots, change = delta
-    moved = np.array(np.broadcast_to(points, np.broadcast_shapes(points.shape, (3, change.shape[1]))))
-    moved[slots] += change
-    return moved
 
 
 def _by_matrix(vectors):

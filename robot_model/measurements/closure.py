@@ -44,6 +44,14 @@ def rigid_fit(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.nd
     return rotation, b - rotation @ a
 
 
+def add_delta(points: np.ndarray, delta: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """(3, n) points moved by the (slots, change (k, n)) of a port, in the frame of the points."""
+    slots, change = delta
+    moved = np.array(np.broadcast_to(points, np.broadcast_shapes(points.shape, (3, change.shape[1]))))
+    moved[slots] += change
+    return moved
+
+
 def kronecker_rows(vectors: np.ndarray) -> np.ndarray:
     """(3 n, 9) matrix that maps a row-major 3x3 matrix M to the stacked M @ vectors; vectors (3, n)."""
     return np.einsum("ij,kn->nijk", np.eye(3), vectors).reshape(-1, 9)

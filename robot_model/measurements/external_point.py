@@ -5,7 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_model.chain import Frames
-from robot_model.measurements.closure import Closure, flange_matrices, kronecker_rows, position_sigma, solve_linear_start
+from robot_model.measurements.closure import (
+    Closure,
+    flange_matrices,
+    kronecker_rows,
+    position_sigma,
+    solve_linear_start,
+)
 from robot_model.poses import nearest_rotation, pose_values
 from workbench.core.parameters import Parameter
 
@@ -62,7 +68,9 @@ class ExternalPoint:
             point = point + sum(frames.end[s] * c for s, c in zip(slots, change))
         axes = np.stack(frames.end)
         tool_rows = np.concatenate([axes * (self.index == r) for r in range(len(self.ids))])
-        return Closure(point - self.measured, point, lambda rows: rows, tool_rows, {"target": axes})
+        predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
+        ports = {"target": axes, "sensor": np.broadcast_to(np.eye(3)[:, :, None], axes.shape)}
+        return Closure(predicted - self.measured, point, lambda rows: rows, tool_rows, ports)
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """R_b^T X - R_b^T t_b = R_f p + t_f is linear in R_b^T, R_b^T t_b and the reflectors p."""

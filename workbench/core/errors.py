@@ -7,3 +7,6 @@ class InputError(ValueError):
     The message is one sentence that names the file, the row or key, what was expected, what was
     found and what to do; a command prints it and ends with status 2.
     """
+
+    def __init__(self, sentence: str):
+        super().__init__(sentence if sentence.endswith(".") else f"{sentence}.")

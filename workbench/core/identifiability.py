@@ -113,15 +113,20 @@ def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1
     return Identifiability(*names, typical, singular, vectors, rank, covariance, weight)
 
 
-def independent(normal: np.ndarray, parameters: Parameters, scale: float = 1.0) -> tuple[Parameters, dict[str, list[str]]]:
+def independent(
+    normal: np.ndarray, parameters: Parameters, scale: float = 1.0
+) -> tuple[Parameters, dict[str, list[str]]]:
     """Parameters with only an independent set free, and for each one left out what it is tied to.
 
-    Goes through the free ones in order and leaves out each whose column the earlier ones already
-    make, so that what comes first (base, tool, inner joints) carries what cannot be told apart.
+    Goes through the free ones, those without a prior (base, tool) first and then in order, and
+    leaves out each whose column the earlier ones already make: what nothing was known about
+    carries what cannot be told apart.
     """
     free = np.flatnonzero(parameters.mask)
+    free = free[np.argsort(parameters.precision[free] > 0, kind="stable")]
     typical = parameters.typical[free]
-    scaled = normal * np.outer(typical, typical) / max(scale, 1e-300) ** 2
+    place = np.searchsorted(np.flatnonzero(parameters.mask), free)
+    scaled = normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, 1e-300) ** 2
     kept, left_out = _greedy(scaled)
     mask = np.zeros(len(parameters), bool)
     mask[free[kept]] = True

@@ -1,10 +1,10 @@
 """Named values with unit, null, typical size and free mask: what a model has and a solve changes."""
 
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
-import tomllib
 
 import numpy as np
 

@@ -2,7 +2,7 @@
 
 from math import isfinite
 
-from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence, shown_unit
+from workbench.report.text import counted, decimals_of, fixed, listed, sentence, shown_unit
 
 _POSE = {"x", "y", "z", "rx", "ry", "rz"}
 
@@ -48,9 +48,9 @@ def row(p: dict) -> dict:
     unit, factor = shown_unit(p["unit"])
     known = p["free"] and p["identifiable"]
     std = _scaled(p["std"], factor) if known else None
-    decimals = decimals_of(std, 4 if unit in ("mm", "deg") else 3)
+    decimals = None if std is None else decimals_of(std)
     nominal, change = _scaled(_nominal(p), factor), _scaled(_change(p), factor)
-    return {"name": p["name"], "label": p["label"], "unit": unit, "std": "–" if std is None else fixed(std, decimals),
+    return {"name": p["name"], "label": p["label"], "unit": unit, "std": _number(std, decimals),
             "value": _number(_scaled(p["value"], factor), decimals), "nominal": _number(nominal, decimals),
             "change": _signed(change, decimals) if p["free"] else "–", "sigmas": _sigmas(change, std),
             "state": state(p), "known": known, "free": p["free"]}
@@ -78,13 +78,13 @@ def _largest(free):
     size, most = max(sizes, key=lambda pair: pair[0])
     unit, factor = shown_unit(most["unit"])
     change = _signed(factor * _change(most), decimals_of(factor * most["std"]))
-    return f"; clearest change {most['name']} {change} {unit} ({rounded(size, 2)} σ)"
+    return f"; clearest change {most['name']} {change} {unit} ({_whole(size)} σ)"
 
 
 def _nominal(p):
     """The nominal value; None for poses and points, of which nothing is known before."""
-    unknown = p["where"] == "base" and p["name"] in _POSE or p["name"].startswith("reflector")
-    return None if unknown or (p["where"] == "tool" and p["name"] in _POSE) else p["nominal"]
+    unknown = p["name"] in _POSE or p["name"].startswith("reflector")
+    return None if unknown else p["nominal"]
 
 
 def _change(p):
@@ -96,12 +96,20 @@ def _scaled(value, factor):
 
 
 def _number(value, decimals):
-    return "–" if value is None else fixed(value, decimals)
+    """To so many decimals; None: as many as six digits take, for what was not estimated."""
+    if value is None:
+        return "–"
+    return f"{value:.6g}".replace("-", "−") if decimals is None else fixed(value, decimals)
 
 
 def _signed(value, decimals):
-    return "–" if value is None else ("+" if value > 0 else "") + fixed(value, decimals)
+    return ("+" if value is not None and value > 0 else "") + _number(value, decimals)
+
+
+def _whole(size):
+    """A count of sigmas: one decimal, none where it is large."""
+    return fixed(size, 1 if size < 9.95 else 0)
 
 
 def _sigmas(change, std):
-    return "–" if change is None or not std else rounded(abs(change) / std, 2)
+    return "–" if change is None or not std else _whole(abs(change) / std)

@@ -8,7 +8,6 @@ import plotly.graph_objects as go
 from robot_model.chain import forward
 from workbench.report import style
 from workbench.report.errors import Errors
-from workbench.report.text import rounded
 
 _ARROW_SHARE = 0.07
 """Length of the arrow that 95 % of all stay below, as a share of the scene's diagonal."""

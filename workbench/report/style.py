@@ -33,7 +33,9 @@ def log_axis(low: float, high: float, most: int = 7) -> dict:
 
 def plain(tick: float) -> str:
     """A tick's number without an exponent where it is of ordinary size."""
-    return f"{tick:.10f}".rstrip("0").rstrip(".") if 1e-5 <= tick < 1e5 else f"{tick:.0e}".replace("e-0", "e-").replace("e+0", "e")
+    if 1e-5 <= tick < 1e7:
+        return f"{tick:,.10f}".rstrip("0").rstrip(".")
+    return f"{tick:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
 def packed(made: go.Figure) -> str:

@@ -20,14 +20,14 @@ def rounded(value: float | None, digits: int = 3) -> str:
 
 def fixed(value: float, decimals: int) -> str:
     """`value` with so many decimals and a true minus sign."""
-    shown = f"{value:.{max(decimals, 0)}f}"
+    shown = f"{value:z.{max(decimals, 0)}f}"
     return shown.replace("-", "−")
 
 
-def decimals_of(std: float | None, otherwise: int = 4) -> int:
+def decimals_of(std: float) -> int:
     """Decimals that show the first two digits of a standard deviation."""
-    if std is None or not math.isfinite(std) or std <= 0:
-        return otherwise
+    if not std > 0:
+        return 4
     return min(max(1 - math.floor(math.log10(std)), 0), 9)
 
 

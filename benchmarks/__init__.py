@@ -1,0 +1,1 @@
+"""Speed against other libraries; never imported by the product."""

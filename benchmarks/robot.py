@@ -1,0 +1,34 @@
+"""Speed of the arm against pybotics, Pinocchio and figaroh: one table, status 1 where a ratio is missed.
+
+Both sides answer the same question in the same process on one thread, and their answers are
+compared before their times are. Run `python benchmarks/robot.py [--full]` in an environment with
+the extra `bench`; `make bench` makes one.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the table; 1 where a required ratio was missed, else 0."""
+    parser = argparse.ArgumentParser(prog="benchmarks/robot.py", description=__doc__.splitlines()[0])
+    parser.add_argument("--full", action="store_true", help="run figaroh on all 7,000 points instead of extrapolating")
+    parser.add_argument("--only", default="", metavar="WORD", help="only the rows whose name holds WORD")
+    options = parser.parse_args(arguments)
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # read by numpy when it is first imported, below
+    root = str(Path(__file__).resolve().parents[1])
+    if root not in sys.path:
+        sys.path.insert(0, root)
+    from benchmarks import table
+    from benchmarks.rows import comparisons
+
+    chosen = [row for row in comparisons(options.full) if options.only in row.__name__]
+    return table.show(chosen)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,97 @@
+"""The table that a benchmark prints, and how a time is taken."""
+
+import gc
+import importlib.metadata
+import platform
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison: seconds of ours and of the peer for the same answer.
+
+    `required` is the least ratio peer / ours that is asked for, None where the row only informs.
+    `at_least`: the peer was stopped before it had an answer, so that the ratio is a lower bound.
+    `note` says what was checked and what was extrapolated.
+    """
+
+    what: str
+    ours: float
+    peer: float
+    required: float | None
+    note: str
+    at_least: bool = False
+
+    @property
+    def ratio(self) -> float:
+        return self.peer / self.ours
+
+    @property
+    def ok(self) -> bool:
+        return self.required is None or self.ratio >= self.required
+
+
+class Disagreement(Exception):
+    """The two sides do not give the same answer: their times mean nothing."""
+
+
+def agree(what: str, difference: float, allowed: float) -> str:
+    """A clause for the note; Disagreement where `difference` is larger than `allowed`."""
+    if not difference <= allowed:
+        raise Disagreement(f"{what}: the two sides differ by {difference:.3g}, expected at most {allowed:.3g}")
+    return f"{what} agree to {difference:.1g}"
+
+
+def best_of(repeats: int, action: Callable[[], object]) -> float:
+    """Least of `repeats` wall times in seconds, after one run that is not counted when repeats > 1.
+
+    The least is the time that the machine needs; what is above it, other work on the machine took.
+    """
+    if repeats > 1:
+        action()
+    gc.collect()
+    return min(timed(action)[0] for _ in range(repeats))
+
+
+def timed(action: Callable[[], object]) -> tuple[float, object]:
+    """Seconds and result of one run."""
+    start = time.perf_counter()
+    result = action()
+    return time.perf_counter() - start, result
+
+
+def show(comparisons: Iterable[Callable[[], Row]]) -> int:
+    """Run and print each comparison; 1 where one was missed or the sides disagree."""
+    print(_versions(), flush=True)
+    print(f"{'':56} {'ours':>10} {'peer':>10} {'ratio':>11} {'required':>9}", flush=True)
+    missed = [comparison.__name__ for comparison in comparisons if not _run(comparison)]
+    print("every required ratio is reached" if not missed else f"NOT REACHED: {', '.join(missed)}")
+    return 1 if missed else 0
+
+
+def _run(comparison) -> bool:
+    try:
+        row = comparison()
+    except Disagreement as fault:
+        print(f"{comparison.__name__}: {fault}  NOT OK", flush=True)
+        return False
+    ratio = f"{'> ' if row.at_least else ''}{row.ratio:,.4g}" if row.ratio < 100 else f"{'> ' if row.at_least else ''}{row.ratio:,.0f}"
+    asked = "" if row.required is None else f"{row.required:,.6g}"
+    verdict = "" if row.required is None else "ok" if row.ok else "NOT OK"
+    print(f"{row.what:56} {_time(row.ours):>10} {_time(row.peer):>10} {ratio:>11} {asked:>9}  {verdict}")
+    print(f"    {row.note}", flush=True)
+    return row.ok
+
+
+def _time(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
+
+
+def _versions() -> str:
+    names = ("pybotics", "pin", "figaroh", "scipy")
+    libraries = [f"{name} {importlib.metadata.version(name)}" for name in names]
+    return ", ".join([f"Python {platform.python_version()}", f"numpy {np.__version__}", *libraries, "one thread"])

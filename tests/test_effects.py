@@ -1,0 +1,276 @@
+"""Every effect of the catalogue keeps the contract: exact null, right derivative, slots, names, sentences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robot_model.effects import CATALOGUE
+from scenes import ABB, CRAIG, REFLECTORS, SLIDING, assert_rows, differences, model_of, scene
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.core.model import NOISE, STATE_PORTS
+
+# the robot's, sensor's and data rows of spec/effects.md
+VOCABULARY = {
+    "transmission-harmonic", "joint-compliance", "link-self-weight", "link-compliance", "backlash", "joint-coupling",
+    "zero-shift", "encoder-quantisation", "link-thermal-growth", "joint-thermal-drift", "pedestal-compliance",
+    "base-drift", "mount-tilt", "tool-deflection", "time-offset", "axis-run-out", "range-scale", "field-bias",
+    "incidence-bias", "subsurface-scatter", "lens-residual", "camera-thermal-drift", "window-refraction", "plane-bow",
+    "mirror-wobble", "mirror-encoder-harmonic", "mirror-hysteresis", "frame-sync", "board-bow", "ball-position",
+    "ball-radius", "artefact-expansion", "outliers", "noise-heteroscedastic", "unit-or-frame", "unknown",
+}  # fmt: skip
+# Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term.
+ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset"}
+PORT_SIZES = {"joint": 6, "geometry": 30, "frame": 48, "gravity": 3, "mass": 21, "sensor": 3, "target": 3, "noise": 1}
+
+CASES = (
+    ("transmission-harmonic", "joint-2", {"order": 1}),
+    ("transmission-harmonic", "joint-5", {"order": 80}),
+    ("zero-offset", "joint-3", {}),
+    ("backlash", "joint-3", {}),
+    ("backlash", "joint-3", {"seat": "gravity"}),
+    ("zero-shift", "joint-1", {"after": 200.0}),
+    ("joint-coupling", "joint-6", {"joint": 5}),
+    ("joint-thermal-drift", "joint-2", {}),
+    ("time-offset", "time", {}),
+    ("joint-compliance", "joint-2", {}),
+    ("link-self-weight", "joint-3", {}),
+    ("ye-compliance", "joint-1", {}),
+    ("link-compliance", "link-2", {}),
+    ("bearing-compliance", "joint-1", {}),
+    ("bearing-compliance", "joint-6", {}),
+    ("pedestal-compliance", "base", {}),
+    ("tool-deflection", "tool", {}),
+    ("mount-tilt", "base", {}),
+    ("first-moment", "link-3", {}),
+    ("first-moment", "tool", {}),
+    ("link-thermal-growth", "link-2", {}),
+    ("base-drift", "base", {"start": 0.0, "end": 500.0, "order": 2}),
+    ("axis-run-out", "joint-1", {}),
+    ("axis-run-out", "joint-4", {}),
+    ("range-scale", "sensor", {"z0": 250.0}),
+    ("field-bias", "sensor", {}),
+    ("ball-position", "ball-2", {}),
+    ("artefact-expansion", "artefact", {}),
+    ("noise-heteroscedastic", "noise", {"covariate": "range_mm", "mean": 250.0, "spread": 30.0}),
+)
+EVERY = pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(str(part) for part in (case[0], case[1], *case[2].values())))
+POINTS = pytest.mark.parametrize("measures", ["ball-centre", "external-point"])
+# what lets gravity and masses be seen
+SOFT = (("joint-compliance", "joint-2", {}), ("link-compliance", "link-3", {}), ("ye-compliance", "joint-4", {}), ("tool-deflection", "tool", {}))
+MISSING = {
+    ("backlash", "joint-3"): ("approach3", {}),
+    ("time-offset", "time"): ("qdot1_deg_s", {}),
+    ("noise-heteroscedastic", "noise"): ("range_mm", {"covariate": "range_mm"}),
+}
+
+
+def with_effect(case, measures="external-point", arm=ABB, n=40):
+    """The model with the case's effect first, and behind it what lets it be seen."""
+    made = scene(measures, n=n, arm=arm, seed=3)
+    needed = [soft for soft in SOFT if soft[:2] != case[:2]] if CATALOGUE[case[0]].port in STATE_PORTS else []
+    return model_of(made, case, *needed)
+
+
+def own_part(model):
+    return model.spans[0]
+
+
+def started(model, sizes):
+    """Parameters at their start; the effects' set to `sizes` typical sizes."""
+    start = model.parameters
+    values = start.values.copy()
+    begin = len(model.chain.parameters)
+    values[begin:] = (start.typical * sizes)[begin:]
+    return replace(start, values=values)
+
+
+def state_of(model):
+    return model.chain.state
+
+
+def test_every_effect_of_the_catalogue_is_in_the_table():
+    assert {name for name, _, _ in CASES} == set(CATALOGUE)
+
+
+@EVERY
+def test_its_name_is_in_the_vocabulary_and_says_where_it_is_from(case):
+    kind = CATALOGUE[case[0]]
+    assert kind.effect in VOCABULARY | ADDITIONS
+    assert kind.effect == case[0] or case[0] == "ye-compliance"  # a variant of joint-compliance
+    assert kind.port in PORT_SIZES
+    assert kind.__doc__.strip() and kind.equation and kind.source
+
+
+@EVERY
+def test_parameters_carry_key_unit_null_size_and_label(case):
+    model = with_effect(case)
+    table = model.effects[0].parameters(model.chain)
+    assert table
+    for parameter in table:
+        where, effect, name = parameter.key.split(".")
+        assert parameter.unit and parameter.label.strip() and name
+        assert parameter.null == 0 and parameter.typical > 0 and parameter.prior > 0
+        if case[0] != "ye-compliance":  # which sits at all six joints at once, and has two laws of the vocabulary
+            assert (where, effect) == (case[1], case[0])
+        assert effect in VOCABULARY | ADDITIONS
+
+
+@EVERY
+def test_slots_lie_in_the_port_and_match_the_shapes(case):
+    model = with_effect(case)
+    effect, state = model.effects[0], state_of(model)
+    slots = effect.slots(model.chain)
+    count = len(effect.parameters(model.chain))
+    assert len(set(slots)) == len(slots) > 0
+    assert all(0 <= slot < PORT_SIZES[effect.port] for slot in slots)
+    assert effect.delta(np.ones(count), state).shape == (len(slots), state.n)
+    assert effect.derivative(np.ones(count), state).shape == (count, len(slots), state.n)
+    assert effect.title
+
+
+@EVERY
+@POINTS
+def test_it_is_exactly_absent_at_null(case, measures):
+    model = with_effect(case, measures)
+    effect = model.effects[0]
+    nothing = np.zeros(len(effect.parameters(model.chain)))
+    assert not effect.delta(nothing, state_of(model)).any()
+    bare = replace(model, effects=(), _bases={})
+    assert np.array_equal(model.residual(model.parameters), bare.residual(bare.parameters))
+    assert np.array_equal(model.sigma(model.parameters), bare.sigma(bare.parameters))
+
+
+@EVERY
+@POINTS
+@pytest.mark.parametrize("sizes", [0.0, 1.0, -2.0])
+def test_its_jacobian_is_the_derivative_of_the_residual(case, measures, sizes):
+    """At null, and where everything else that it needs is switched on."""
+    model = with_effect(case, measures)
+    parameters = started(model, np.where(np.arange(len(model.parameters)) < own_part(model).stop, sizes, 1.5))
+    own = own_part(model)
+    mask = np.zeros(len(parameters), bool)
+    mask[own] = True
+    free = parameters.only(mask)
+    found = model.jacobian(free).T.reshape(own.stop - own.start, *model.residual(free).shape)
+    expected = differences(lambda x: model.residual(free.unpack(x)), free.pack(), 1e-2 * free.typical[own])
+    assert_rows(found, expected)
+
+
+@EVERY
+@POINTS
+def test_it_moves_the_point_or_widens_the_noise(case, measures):
+    model = with_effect(case, measures)
+    before = started(model, np.where(np.arange(len(model.parameters)) < own_part(model).stop, 0.0, 1.5))
+    after = started(model, 1.5)
+    if model.effects[0].port == NOISE:
+        growth = np.log(model.sigma(after) / model.sigma(before))
+        expected = 1.5 * 0.3 * (state_of(model).covariates["range_mm"] - 250) / 30
+        np.testing.assert_allclose(growth, np.tile(expected, (3, 1)), atol=1e-12)
+    else:
+        moved = np.sqrt(((model.residual(after) - model.residual(before)) ** 2).sum(0))
+        assert 1e-3 < moved.max() < 100
+
+
+@EVERY
+def test_a_part_of_the_samples_means_the_same(case):
+    """Held-out samples must be predicted by the law that was fitted."""
+    model = with_effect(case)
+    part = np.arange(0, 40, 3)
+    parameters = started(model, 1.3)
+    np.testing.assert_allclose(model.at(part).residual(parameters), model.residual(parameters)[:, part], rtol=1e-12)
+    np.testing.assert_allclose(model.at(part).sigma(parameters), model.sigma(parameters)[:, part], rtol=1e-12)
+
+
+@EVERY
+@pytest.mark.parametrize("arm", [CRAIG, SLIDING], ids=["craig", "sliding"])
+def test_it_stands_on_any_arm(case, arm):
+    model = with_effect(case, "ball-centre", arm)
+    assert np.isfinite(model.residual(started(model, 0.5))).all()
+
+
+@pytest.mark.parametrize("place", MISSING, ids=lambda place: place[0])
+def test_a_missing_covariate_is_a_sentence(place):
+    column, options = MISSING[place]
+    made = scene("external-point", n=20)
+    columns = {k: v for k, v in made.recording.columns.items() if k != column}
+    model = model_of(replace(made, recording=replace(made.recording, columns=columns)), (*place, options))
+    assert column in model.effects[0].needs
+    with pytest.raises(InputError, match=f"'{column}' is needed"):
+        model.residual(started(model, 1.0)), model.sigma(started(model, 1.0))
+
+
+def test_every_effect_that_names_a_need_is_in_the_table_of_missing_ones():
+    needy = {(e.effect, e.where) for e in make_effects(CATALOGUE, [(n, w, o) for n, w, o in CASES]) if e.needs}
+    assert needy == set(MISSING)
+
+
+@EVERY
+def test_a_wrong_place_is_a_sentence(case):
+    name, _, options = case
+    with pytest.raises(InputError, match=f"effect '{name}' cannot sit at 'mirror'"):
+        make_effects(CATALOGUE, [(name, "mirror", options)])
+
+
+@pytest.mark.parametrize("where", ["joint", "joint-", "joint-x", "joint-0", "joint--1", "joint-2.5"])
+def test_a_place_without_a_proper_number_is_a_sentence(where):
+    with pytest.raises(InputError, match="joint"):
+        make_effects(CATALOGUE, [("zero-offset", where, {})])
+
+
+@pytest.mark.parametrize("where", ["base-1", "base-x"])
+def test_a_number_where_none_belongs_is_a_sentence(where):
+    with pytest.raises(InputError, match=f"cannot sit at '{where}'"):
+        make_effects(CATALOGUE, [("mount-tilt", where, {})])
+
+
+@pytest.mark.parametrize(("name", "where"), [("zero-offset", "joint-7"), ("link-compliance", "link-9"), ("first-moment", "link-7")])
+def test_a_joint_that_the_arm_has_not_is_a_sentence(name, where):
+    with pytest.raises(InputError, match=where):
+        model = model_of(scene("external-point", n=20), (name, where, {}))
+        model.residual(started(model, 1.0))
+
+
+def test_an_unknown_effect_or_option_is_a_sentence():
+    with pytest.raises(InputError, match="no effect is called 'gremlin'"):
+        make_effects(CATALOGUE, [("gremlin", "joint-1", {})])
+    with pytest.raises(InputError, match="'backlash' does not take these options"):
+        make_effects(CATALOGUE, [("backlash", "joint-1", {"depth": 3})])
+
+
+def test_a_balls_error_moves_that_ball_alone():
+    model = model_of(scene("ball-centre", n=40), ("ball-position", "ball-4", {}))
+    moved = model.residual(started(model, 1.0)) - model.residual(model.parameters)
+    own = model.chain.state.index == 4
+    np.testing.assert_allclose(np.sqrt((moved**2).sum(0)), np.where(own, 0.05 * np.sqrt(3), 0), atol=1e-12)
+
+
+def test_heat_falls_back_from_place_to_ambient_to_time():
+    made = scene("external-point", n=20)
+    ambient, time = made.recording.columns["temperature_c"], made.recording.columns["time_s"]
+    named = replace(made.recording, columns=made.recording.columns | {"temperature_j2_c": ambient + 7})
+    cold = replace(made.recording, columns={k: v for k, v in made.recording.columns.items() if k != "temperature_c"})
+    for recording, expected in ((named, ambient + 7 - 20), (made.recording, ambient - 20), (cold, time / 3600)):
+        model = model_of(replace(made, recording=recording), ("joint-thermal-drift", "joint-2", {}))
+        np.testing.assert_allclose(model.effects[0].basis(state_of(model))[0, 0], expected)
+
+
+def test_base_drift_is_a_smooth_function_of_time_without_a_constant():
+    """Legendre polynomials have no mean over the span, so that the base pose keeps its meaning."""
+    model = model_of(scene("external-point", n=501), ("base-drift", "base", {"start": 0.0, "end": 5000.0}))
+    waves = model.effects[0].basis(state_of(model))[::6, 0]
+    assert np.abs(waves.mean(1)).max() < 5e-3
+    assert waves.max() == pytest.approx(1) and waves.min() == pytest.approx(-1)
+
+
+def test_yes_law_is_its_equations():
+    """Ye 2024 eq. 24-27 written out for one sample."""
+    model = model_of(scene("external-point", n=5, reflectors={1: REFLECTORS[1]}), ("ye-compliance", "joint-1", {}))
+    p, state = np.array([1e-4, 2e-4, -1e-4, 3e-4, 1e-4, 2e-4, 900.0, 400.0]), state_of(model)
+    found, lever = model.effects[0].delta(p, state)[:, 3], state.unit_load_torque[:, 3]
+    q = state.variables[:, 3]
+    expected = p[:6] * lever
+    expected[1] += p[1] * (0.9 * np.sin(q[1]) + 0.4 * np.sin(q[1] - q[2]))
+    expected[2] += p[2] * 0.4 * np.sin(q[1] - q[2])
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
