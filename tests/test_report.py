@@ -246,3 +246,12 @@ def test_page_is_complete_where_the_picture_cannot_be_drawn(tmp_path, monkeypatc
                                           (float("nan"), "–"), (3.14e-6, "3.14·10⁻⁶"), (1234.6, "1235")])
 def test_numbers_are_shown_with_three_digits(value, shown):
     assert text.rounded(value) == shown
+
+
+def test_long_list_of_ties_is_cut_and_says_how_much():
+    keys = [f"joint-{k}.a{k}" for k in range(1, 8)]
+    tied = parameter("d3", "joint-3", 0.01, identifiable=False, std=None, tied_to=keys,
+                     why="undetermined: one and the same here as " + ", ".join(keys))
+    assert parameters.row(tied)["state"].endswith("as joint-1.a1, joint-2.a2, joint-3.a3, joint-4.a4 and 3 more.")
+    words = "a cannot be told from " + ", ".join("bcdefghijklm") + " and n"
+    assert parameters.shortened(words) == "a cannot be told from b, c, d, e, f, g, h, i and 5 more, which the JSON names"

@@ -17,7 +17,7 @@ from workbench.core.identifiability import identifiability, independent
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
-from workbench.core.solve import Fit, normal_matrix, solve
+from workbench.core.solve import Fit, normal_matrix, pose_scores, solve
 from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_summary, hold_out, repeat_summary
 from workbench.plans import FRAMES, default_plan, frames_of, read_plan
 from workbench.provenance import provenance
@@ -240,7 +240,8 @@ def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
 
 
 def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -> Calibration:
-    solution = Solution(step.parameters, step.fit, step.tied, provenance(recording))
+    scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
+    solution = Solution(step.parameters, step.fit, step.tied, provenance(recording), scores)
     fit_residual = step.model.residual(step.parameters)[:3]
     folds = len(np.unique(split.fold[split.fold >= 0])) if not split.test.any() else 1
     shown = np.where(np.isfinite(step.held_out.residual), step.held_out.residual, fit_residual)

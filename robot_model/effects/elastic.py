@@ -51,8 +51,12 @@ class YeCompliance(Effect):
     """Ye's simplified compliance of a six-joint arm: six load terms and two of self-weight.
 
     dq_k = lambda_k t_k, with t_k the torque of one newton at the load centre (a lever in m), and
-    dq_2 += lambda_2 (s1 sin q2 + s2 sin(q2 - q3)), dq_3 += lambda_3 s2 sin(q2 - q3), where q2 = 0
+    dq_2 += lambda_2 (s1 sin q2 + s2 sin(q2 - q3)), dq_3 -= lambda_3 s2 sin(q2 - q3), where q2 = 0
     stands upright and the axes of joints 2 and 3 are opposite (alpha_2 = 180 deg).
+
+    The paper prints a plus at joint 3. Statics wants a minus: the links' energy is
+    F (s1 cos q2 + s2 cos(q2 - q3)), and the torque is its fall by q3. A plus needs axes 2 and 3
+    alike, but then the forearm stands at q2 + q3.
     """
 
     effect = "joint-compliance"
@@ -60,7 +64,7 @@ class YeCompliance(Effect):
     places = ("joint",)
     elastic = True
     equation = "dq = lambda (J^T H e3 + N23 [s1, s2])"
-    source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1"
+    source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1, with the sign of joint 3 from statics"
 
     def parameters(self, chain):
         loads = [
@@ -80,7 +84,7 @@ class YeCompliance(Effect):
         change = p[:6, None] * state.unit_load_torque
         upper, forearm = self._sines(state)
         change[1] += p[1] * (p[6] * upper + p[7] * forearm) * 1e-3
-        change[2] += p[2] * p[7] * forearm * 1e-3
+        change[2] -= p[2] * p[7] * forearm * 1e-3
         return change
 
     def derivative(self, p, state):
@@ -88,9 +92,9 @@ class YeCompliance(Effect):
         out = np.zeros((8, 6, state.n))
         out[range(6), range(6)] = state.unit_load_torque
         out[1, 1] += (p[6] * upper + p[7] * forearm) * 1e-3
-        out[2, 2] += p[7] * forearm * 1e-3
+        out[2, 2] -= p[7] * forearm * 1e-3
         out[6, 1] = p[1] * upper * 1e-3
-        out[7, 1], out[7, 2] = p[1] * forearm * 1e-3, p[2] * forearm * 1e-3
+        out[7, 1], out[7, 2] = p[1] * forearm * 1e-3, -p[2] * forearm * 1e-3
         return out
 
     def _sines(self, state):

@@ -7,6 +7,7 @@ import numpy as np
 from robot_model.chain import Frames, cross
 from robot_model.measurements.closure import (
     Closure,
+    add_delta,
     flange_matrices,
     position_sigma,
     rigid_fit,

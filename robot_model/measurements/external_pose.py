@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_model.chain import Frames
-from robot_model.measurements.closure import Closure, flange_matrices, position_sigma, solve_linear_start
+from robot_model.chain import Frames, cross
+from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma, solve_linear_start
 from robot_model.poses import left_jacobian, nearest_rotation, pose_parameters, pose_values, rotation_matrix
 
 
@@ -49,17 +49,20 @@ class ExternalPose:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(6, n): point difference in mm, then the rotation vector from measured to predicted (rad)."""
-        point, tool = frames.point(values[:3]), rotation_matrix(values[3:])
-        off = Rotation.from_matrix(flange_matrices(frames) @ tool @ self.turns.transpose(0, 2, 1))
-        residual = np.concatenate([point - self.measured, off.as_rotvec().T])
-        axes = np.stack(frames.end)
-        about = left_jacobian(values[3:])
+        point, tool, axes = frames.point(values[:3]), rotation_matrix(values[3:]), np.stack(frames.end)
+        if "target" in deltas:
+            slots, change = deltas["target"]
+            point = point + sum(axes[s] * c for s, c in zip(slots, change))
+        predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
+        off = Rotation.from_matrix(flange_matrices(frames) @ tool @ self.turns.transpose(0, 2, 1)).as_rotvec().T
         tool_rows = np.zeros((6, 6, point.shape[1]))
         tool_rows[:3, :3] = axes
-        tool_rows[3:, 3:] = np.einsum("fcn,fk->kcn", axes, about)
+        tool_rows[3:, 3:] = _of_vector(off, np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:])))
         below = np.zeros_like(axes)
-        ports = {"target": np.concatenate([axes, below], 1)}
-        return Closure(residual, point, _above, tool_rows, ports, _below)
+        sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
+        ports = {port: np.concatenate([rows, below], 1) for port, rows in (("target", axes), ("sensor", sensor))}
+        residual = np.concatenate([predicted - self.measured, off])
+        return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(_of_vector(off, turns)))
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """R_b^T R_m = R_f R_t is linear in both rotations; then the translations are linear.
@@ -83,6 +86,17 @@ class ExternalPose:
         turns = Rotation.from_rotvec(residual[3:].T) * Rotation.from_matrix(self.turns)
         columns = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
         return columns | {f"q{c}": row for c, row in zip("xyzw", turns.as_quat().T)}
+
+
+def _of_vector(vector, turns):
+    """(k, 3, n) change of a rotation vector (3, n) when its rotation is turned by small `turns` (k, 3, n).
+
+    The inverse of the left Jacobian: Barfoot, State Estimation for Robotics (2017), eq. 7.76.
+    """
+    angle = np.maximum(np.sqrt((vector**2).sum(0)), 1e-3)  # below, the factor is 1/12 to 1e-9
+    vector = np.broadcast_to(vector, turns.shape)
+    once = cross(vector, turns)
+    return turns - once / 2 + (1 - angle / 2 / np.tan(angle / 2)) / angle**2 * cross(vector, once)
 
 
 def _above(rows):

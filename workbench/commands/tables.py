@@ -73,7 +73,9 @@ def _verdict(stage: Mapping) -> str:
 
 def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
     """The corrections that stand out most from their uncertainty; the rest is in the files."""
-    known = [row for row in parameters if row["identifiable"]]
+    # where base and tool stand is no correction: nothing was known about it
+    found = ("base", "tool", "sensor")
+    known = [row for row in parameters if row["identifiable"] and (row["where"] not in found or "." in row["name"])]
     ranked = sorted(known, key=_significance, reverse=True)[:most]
     rows = [[row["where"], row["name"], row["unit"], row["value"], row["std"], row["nominal"]]
             for row in ranked]

@@ -34,7 +34,8 @@ class Stage:
 class Solution:
     """Result of a solve.
 
-    `parameters` with the free mask of the solve; `tied` the parameters that were left out of it
+    `parameters` with the free mask of the solve; `scores` (F, F) the outer products of the poses'
+    gradients, None where every pose has one sample; `tied` the parameters that were left out of it
     because others make them, with those others; `residual` (m, n) predicted minus measured (mm,
     rad); `outcome` a sentence; `provenance` versions, hash of the data, date.
     """
@@ -43,6 +44,7 @@ class Solution:
     fit: Fit
     tied: Mapping[str, list[str]]
     provenance: Mapping[str, str]
+    scores: np.ndarray | None = None
 
     @property
     def residual(self) -> np.ndarray:
@@ -70,10 +72,19 @@ class Solution:
         """Rank, null space and covariance at the solution."""
         return identifiability(self.fit.normal, self.parameters, self.noise_scale)
 
-    @property
+    @cached_property
     def covariance(self) -> np.ndarray:
-        """(F, F) of the free parameters, own units."""
-        return self.known.covariance
+        """(F, F) of the free parameters, own units.
+
+        Samples of one pose share what the model gets wrong there. Where poses have several, the
+        covariance is never below the sandwich over poses (Liang & Zeger, Biometrika 73, 1986).
+        """
+        plain = self.known.covariance
+        if self.scores is None:
+            return plain
+        robust = plain @ self.scores @ plain
+        wider = np.sqrt(np.maximum(np.diag(robust) / np.diag(plain), 1))
+        return plain * np.outer(wider, wider)
 
     @cached_property
     def std(self) -> dict[str, float]:

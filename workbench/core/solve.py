@@ -182,3 +182,19 @@ def normal_matrix(model: Model, parameters: Parameters) -> np.ndarray:
     rows = model.linearise(parameters)[1] / model.sigma(parameters)
     flat = rows.reshape(len(rows), -1)
     return flat @ flat.T
+
+
+def pose_scores(model: Model, fit: Fit, poses: np.ndarray) -> np.ndarray | None:
+    """(F, F) sum over poses of the outer product of their whitened gradients; poses (n,) labels.
+
+    None where every pose has one sample. In units of the residuals' real size, `fit.sigma_scale`.
+    """
+    _, group = np.unique(poses, return_inverse=True)
+    if len(group) == group.max() + 1:
+        return None
+    residual, rows = model.linearise(fit.parameters)
+    white = 1 / (model.sigma(fit.parameters) * fit.sigma_scale) ** 2
+    gradient = (rows * (residual * white * fit.weights)).sum(1)
+    sums = np.zeros((len(rows), group.max() + 1))
+    np.add.at(sums.T, group, gradient.T)
+    return sums @ sums.T

@@ -21,7 +21,16 @@ def null_space(calibration) -> list[str]:
     """What these data cannot tell apart, in words; then what was held because others already make it."""
     held = [p for p in calibration.parameters if not p["free"] and p["tied_to"]]
     told = [f"{p['label'] or p['name']} was held: what it does is already done by {_several(p['tied_to'])}" for p in held]
-    return [sentence(words) for words in [*calibration.solution.null_sentences, *told]]
+    return [sentence(shortened(words)) for words in [*calibration.solution.null_sentences, *told]]
+
+
+def shortened(words: str, most: int = 8) -> str:
+    """A sentence that lists no more than so many things; the JSON has them all."""
+    parts = words.split(", ")
+    if len(parts) <= most + 2:
+        return words
+    more = len(parts) - most + (" and " in parts[-1])
+    return f"{', '.join(parts[:most])} and {more} more, which the JSON names"
 
 
 def count(parameters) -> str:
@@ -49,10 +58,11 @@ def row(p: dict) -> dict:
     known = p["free"] and p["identifiable"]
     std = _scaled(p["std"], factor) if known else None
     decimals = None if std is None else decimals_of(std)
+    digits = 3 if p["free"] else 6
     nominal, change = _scaled(_nominal(p), factor), _scaled(_change(p), factor)
     return {"name": p["name"], "label": p["label"], "unit": unit, "std": _number(std, decimals),
-            "value": _number(_scaled(p["value"], factor), decimals), "nominal": _number(nominal, decimals),
-            "change": _signed(change, decimals) if p["free"] else "–", "sigmas": _sigmas(change, std),
+            "value": _number(_scaled(p["value"], factor), decimals, digits), "nominal": _number(nominal, decimals),
+            "change": _signed(change, decimals, digits) if p["free"] else "–", "sigmas": _sigmas(change, std),
             "state": state(p), "known": known, "free": p["free"]}
 
 
@@ -60,12 +70,14 @@ def state(p: dict) -> str:
     """Estimated, held or undetermined, and why."""
     if p["free"] and p["identifiable"]:
         return ""
-    tied = f": tied to {_several(list(p['tied_to']))}" if p["tied_to"] else ""
-    return sentence(p["why"] or ("undetermined" if p["free"] else "held") + tied)
+    others = list(p["tied_to"])
+    tied = f": tied to {_several(others)}" if others else ""
+    why = p["why"].replace(", ".join(others), _several(others)) if others else p["why"]
+    return sentence(why or ("undetermined" if p["free"] else "held") + tied)
 
 
-def _several(keys, most=6):
-    """At most six of the names, and how many more there are."""
+def _several(keys, most=4):
+    """The first names, and how many more there are."""
     return listed([*keys[:most], *([f"{len(keys) - most} more"] if len(keys) > most else [])])
 
 
@@ -95,15 +107,15 @@ def _scaled(value, factor):
     return None if value is None or not isfinite(value) else factor * value
 
 
-def _number(value, decimals):
-    """To so many decimals; None: as many as six digits take, for what was not estimated."""
+def _number(value, decimals, digits=6):
+    """To so many decimals; None: to so many digits, for what was not determined."""
     if value is None:
         return "–"
-    return f"{value:.6g}".replace("-", "−") if decimals is None else fixed(value, decimals)
+    return f"{value:.{digits}g}".replace("-", "−") if decimals is None else fixed(value, decimals)
 
 
-def _signed(value, decimals):
-    return ("+" if value is not None and value > 0 else "") + _number(value, decimals)
+def _signed(value, decimals, digits=6):
+    return ("+" if value is not None and value > 0 else "") + _number(value, decimals, digits)
 
 
 def _whole(size):
