@@ -28,22 +28,36 @@ class Calibration(BaseCalibration):
         return self.apply_measurement_weighting(self._compute_logmap_residuals(self.PEE_measured, estimated))
 
 
+CHOOSING = 300
+"""Points from which figaroh chooses what can be identified.
+
+Its choice (QR with pivoting) keeps 27 parameters from these, which is the whole arm, but 26 from
+700, with which it ends at five times the residual: it is helped to the right ones.
+"""
+
+
 def prepared(problem: Problem) -> Calibration:
-    """Everything that figaroh does before it solves: read the points, choose what can be identified."""
+    """Everything that figaroh does before it solves: choose what can be identified, read the points."""
     logging.disable(logging.WARNING)
     model = pinocchio_model(problem, millimetre=1e-3, point=POINT)
     robot = SimpleNamespace(model=model, data=model.createData(), q0=pin.neutral(model))
     with tempfile.TemporaryDirectory() as folder:
-        points, settings = Path(folder, "points.csv"), Path(folder, "settings.yaml")
-        with points.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["x1", "y1", "z1", *(f"j{k}" for k in range(1, 7))])
-            writer.writerows(np.concatenate([problem.points / 1000, problem.variables.T], 1).tolist())
-        settings.write_text(yaml.safe_dump(_settings(problem.n, str(points))), encoding="utf-8")
+        table, settings = Path(folder, "points.csv"), Path(folder, "settings.yaml")
+        settings.write_text(yaml.safe_dump(_settings(str(table))), encoding="utf-8")
+        _write(table, Problem(CHOOSING))
         calibration = Calibration(robot, str(settings))
         calibration.calib_config |= {"known_baseframe": False, "known_tipframe": False}
         calibration.initialize()
+        _write(table, problem)
+        calibration.load_data_set()
     return calibration
+
+
+def _write(table, problem):
+    with table.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["x1", "y1", "z1", *(f"j{k}" for k in range(1, 7))])
+        writer.writerows(np.concatenate([problem.points / 1000, problem.variables.T], 1).tolist())
 
 
 def solved(calibration: Calibration) -> tuple[float, float]:
@@ -54,7 +68,7 @@ def solved(calibration: Calibration) -> tuple[float, float]:
     return seconds, float(np.sqrt(2 * result.cost / calibration.calib_config["NbSample"]))
 
 
-def _settings(n, points):
+def _settings(points):
     joints = [f"j{k}" for k in range(1, 7)]
     task = {
         "type": "kinematic_calibration",
@@ -62,6 +76,6 @@ def _settings(n, points):
         "kinematics": {"base_frame": "universe", "tool_frame": "tool"},
         "parameters": {"calibration_level": "full_params"},
         "measurements": {"markers": [{"measurable_dof": [True] * 3 + [False] * 3}]},
-        "data": {"number_of_samples": n, "source_file": points},
+        "data": {"number_of_samples": CHOOSING, "source_file": points},
     }
     return {"robot": {"name": "arm"}, "tasks": {"calibration": task}}

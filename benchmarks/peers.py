@@ -14,22 +14,22 @@ from benchmarks.problem import Problem, last_twist, modified_rows
 
 
 class Pybotics:
-    """pybotics with the start of ours: nominal arm, base and measured point from the closed form."""
+    """pybotics with 24 numbers of the arm and 6 of its base free, and the start of ours.
 
-    def __init__(self, problem: Problem):
+    base: mm and rotation vector in rad; the arm is nominal. point: mm, flange frame.
+    """
+
+    def __init__(self, problem: Problem, base: np.ndarray = np.zeros(6), point: np.ndarray = np.zeros(3)):  # noqa: B008
         self.q, self.points = problem.variables.T.copy(), problem.points
-        self.robot = PyboticsRobot.from_parameters(modified_rows(problem.robot))
-        tool = last_twist(problem.robot)
-        self.robot.tool.matrix = tool.copy()
-        tool[:3, 3] = (tool @ np.append(problem.chain.start[6:], 1))[:3]
-        fitted = PyboticsRobot.from_parameters(modified_rows(problem.robot))
-        fitted.tool.matrix, fitted.world_frame = tool, _world(problem.chain.start)
-        self.handler = OptimizationHandler(fitted, kinematic_chain_mask=True, world_mask=True)
+        robot = PyboticsRobot.from_parameters(modified_rows(problem.robot))
+        robot.tool.matrix, robot.world_frame = last_twist(problem.robot), _world(base)
+        robot.tool.matrix[:3, 3] += robot.tool.matrix[:3, :3] @ point
+        self.handler = OptimizationHandler(robot, kinematic_chain_mask=True, world_mask=True)
         self.start = self.handler.generate_optimization_vector()
 
     def forward(self) -> np.ndarray:
-        """(n, 3) flange, one call a pose: pybotics has no other way."""
-        return np.array([self.robot.fk(q)[:3, 3] for q in self.q])
+        """(n, 3) end of the arm, one call a pose: pybotics has no other way."""
+        return np.array([self.handler.robot.fk(q)[:3, 3] for q in self.q])
 
     def distances(self, x: np.ndarray) -> np.ndarray:
         """(n,) its own objective: the length of each residual."""

@@ -17,7 +17,8 @@ def frames_of(robot, readings):
     for (theta, d, a, alpha, beta), slides, q in zip(robot.geometry, robot.prismatic, robot.mixing @ readings):
         turn = place(Rotation.from_euler("z", theta + (0 if slides else q)))
         shift = place(shift=(a, 0, 0)), place(shift=(0, 0, d + (q if slides else 0)))
-        tilt = place(Rotation.from_euler("x", alpha)) @ place(Rotation.from_euler("y", beta))
-        step = turn @ shift[1] @ shift[0] @ tilt if robot.convention == "distal" else tilt @ shift[0] @ turn @ shift[1]
+        twist, lean = place(Rotation.from_euler("x", alpha)), place(Rotation.from_euler("y", beta))
+        distal = robot.convention == "distal"
+        step = turn @ shift[1] @ shift[0] @ twist @ lean if distal else lean @ twist @ shift[0] @ turn @ shift[1]
         frames.append(frames[-1] @ step)
     return [*frames, frames[-1] @ robot.flange]

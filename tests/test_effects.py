@@ -111,7 +111,8 @@ def test_parameters_carry_key_unit_null_size_and_label(case):
     for parameter in table:
         where, effect, name = parameter.key.split(".")
         assert parameter.unit and parameter.label.strip() and name
-        assert parameter.null == 0 and parameter.typical > 0 and parameter.prior > 0
+        assert parameter.null == 0 and parameter.typical > 0
+        assert parameter.prior is None or parameter.prior >= parameter.typical
         if case[0] != "ye-compliance":  # which sits at all six joints at once, and has two laws of the vocabulary
             assert (where, effect) == (case[1], case[0])
         assert effect in VOCABULARY | ADDITIONS

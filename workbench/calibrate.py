@@ -169,7 +169,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     fit = solve(model.at(split.fit), free, loss, stage.steps)
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, loss, stage.steps)
-    return _Step(model, fit.parameters, fit, held_out, tied, int(wanted.mask.sum()), known.rank)
+    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, int(wanted.mask.sum()), known.rank)
 
 
 def _stage_mask(parameters, stage, effects, chain):

@@ -70,8 +70,8 @@ class ExternalPose:
         The Kronecker form of robot-world/hand-eye calibration: Shah, J. Mech. Robotics 5 (2013).
         """
         turns = flange_matrices(frames)
-        left = np.einsum("ij,nlk->niklj", np.eye(3), self.turns.transpose(0, 2, 1)).transpose(0, 1, 2, 4, 3)
-        right = np.einsum("nij,kl->nikjl", turns, np.eye(3))
+        left = np.einsum("ia,nbl->nilab", np.eye(3), self.turns)
+        right = np.einsum("nia,lb->nilab", turns, np.eye(3))
         system = np.concatenate([left.reshape(-1, 9), -right.reshape(-1, 9)], 1)
         null = np.linalg.eigh(system.T @ system)[1][:, 0]
         sign = np.sign(np.linalg.det(null[:9].reshape(3, 3)))

@@ -12,7 +12,7 @@ from scipy.linalg import qr
 
 from workbench.core.parameters import Parameters
 
-_NOTHING, _PART = 1e-3, 0.05
+_NOTHING, _PART, _NAMED = 1e-3, 0.05, 6
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
 _TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
 
@@ -165,5 +165,7 @@ def _sentence(labels):
         return f"{labels[0]} has no effect at all on these measurements"
     if len(labels) == 2:
         return f"{labels[0]} and {labels[1]} are one and the same here: only their combination is determined"
+    if len(labels) > _NAMED + 1:
+        labels = [*labels[:_NAMED], f"{len(labels) - _NAMED} more"]
     rest = ", ".join(labels[1:-1]) + f" and {labels[-1]}"
     return f"{labels[0]} cannot be told from a combination of {rest}"

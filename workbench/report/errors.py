@@ -34,26 +34,35 @@ def errors_of(calibration) -> Errors:
     held_out = calibration.held_out_residual
     held = np.isfinite(held_out).all(0)
     sigma = calibration.recording.sigma
-    return Errors(np.where(held, held_out, calibration.fit_residual), held,
-                  None if sigma is None else float(np.sqrt(np.mean(sigma**2))))
+    return Errors(
+        np.where(held, held_out, calibration.fit_residual),
+        held,
+        None if sigma is None else float(np.sqrt(np.mean(sigma**2))),
+    )
 
 
 def section(calibration, errors: Errors) -> dict:
     """Histogram and cumulative share of the held-out distances."""
-    return {"histogram": style.packed(histogram(errors, calibration.held_out)),
-            "cumulative": style.packed(cumulative(calibration, errors)),
-            "noise": noise_sentence(errors.sigma, calibration.held_out)}
+    return {
+        "histogram": style.packed(histogram(errors, calibration.held_out)),
+        "cumulative": style.packed(cumulative(calibration, errors)),
+        "noise": noise_sentence(errors.sigma, calibration.held_out),
+    }
 
 
 def noise_sentence(sigma: float | None, held_out: dict) -> str:
     """What the instrument's noise alone would leave, beside what is left."""
     if sigma is None:
-        return ("The recording states no noise of the instrument, so that these errors cannot be "
-                "split into noise and what the model lacks.")
+        return (
+            "The recording states no noise of the instrument, so that these errors cannot be "
+            "split into noise and what the model lacks."
+        )
     floor = np.sqrt(3) * sigma
     ratio = held_out["rms_mm"] / floor
-    return (f"The recording states σ = {sigma:.3g} mm a coordinate; noise alone would leave an RMS distance of "
-            f"√3 σ = {rounded(floor)} mm. The held-out RMS is {rounded(ratio)} times that.")
+    return (
+        f"The recording states σ = {sigma:.3g} mm a coordinate; noise alone would leave an RMS distance of "
+        f"√3 σ = {rounded(floor)} mm. The held-out RMS is {rounded(ratio)} times that."
+    )
 
 
 def histogram(errors: Errors, held_out: dict) -> go.Figure:
@@ -61,13 +70,25 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
     distance = errors.distance[errors.held]
     counts, edges = np.histogram(distance, bins=_bins(distance))
     figure = style.figure(370, "3-D distance, predicted to measured (mm)", "samples")
-    figure.add_bar(x=(edges[1:] + edges[:-1]) / 2, y=counts, width=np.diff(edges), name="held-out samples",
-                   marker=dict(color=style.BLUE, line_width=0), showlegend=False,
-                   hovertemplate="%{x:.4f} mm: %{y} samples<extra></extra>")
+    figure.add_bar(
+        x=(edges[1:] + edges[:-1]) / 2,
+        y=counts,
+        width=np.diff(edges),
+        name="held-out samples",
+        marker=dict(color=style.BLUE, line_width=0),
+        showlegend=False,
+        hovertemplate="%{x:.4f} mm: %{y} samples<extra></extra>",
+    )
     top = float(counts.max(initial=1)) * 1.06
     for name, x, colour, dash in _marks(errors.sigma, held_out):
-        figure.add_scatter(x=[x, x], y=[0, top], mode="lines", name=f"{name} {rounded(x)} mm",
-                           line=dict(color=colour, width=2, dash=dash), hoverinfo="skip")
+        figure.add_scatter(
+            x=[x, x],
+            y=[0, top],
+            mode="lines",
+            name=f"{name} {rounded(x)} mm",
+            line=dict(color=colour, width=2, dash=dash),
+            hoverinfo="skip",
+        )
     figure.update_yaxes(range=[0, top])
     return figure.update_layout(margin_t=84)
 
@@ -83,8 +104,13 @@ def cumulative(calibration, errors: Errors) -> go.Figure:
         _add_curve(figure, name, *_ecdf(distance), dict(color=colour, dash=dash, width=width))
     if errors.sigma:
         share = np.linspace(0.005, 0.995, 200)
-        _add_curve(figure, "noise alone", maxwell.ppf(share, scale=errors.sigma), 100 * share,
-                   dict(color=style.ORANGE, width=2, dash="dashdot"))
+        _add_curve(
+            figure,
+            "noise alone",
+            maxwell.ppf(share, scale=errors.sigma),
+            100 * share,
+            dict(color=style.ORANGE, width=2, dash="dashdot"),
+        )
     ends = np.concatenate([trace.x for trace in figure.data])
     figure.update_xaxes(style.log_axis(ends[ends > 0].min() / 1.1, ends.max() * 1.1))
     return figure.update_layout(margin_t=84).update_yaxes(range=[0, 101])
@@ -109,5 +135,11 @@ def _ecdf(distance):
 
 
 def _add_curve(figure, name, x, y, line):
-    figure.add_scatter(x=x, y=y, mode="lines", name=name, line=line,
-                       hovertemplate="%{y:.1f} % below %{x:.4f} mm<extra>" + name + "</extra>")
+    figure.add_scatter(
+        x=x,
+        y=y,
+        mode="lines",
+        name=name,
+        line=line,
+        hovertemplate="%{y:.1f} % below %{x:.4f} mm<extra>" + name + "</extra>",
+    )

@@ -26,30 +26,37 @@ def meaning(calibration, held: np.ndarray) -> str:
     poses = len(np.unique(calibration.recording.poses[held]))
     folds = calibration.held_out.get("folds", 0)
     where = f"in {counted(folds, 'fold')}" if folds > 1 else "in one test set"
-    return (f"This is how far the calibrated model's prediction lies from the measured point, as a 3-D distance, on "
-            f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} that no step of the solve had seen "
-            f"({where}; repeats of one pose never stand on both sides).")
+    return (
+        f"This is how far the calibrated model's prediction lies from the measured point, as a 3-D distance, on "
+        f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} that no step of the solve had seen "
+        f"({where}; repeats of one pose never stand on both sides)."
+    )
 
 
 def gain(calibration) -> str:
     """Nominal, fit and held-out RMS beside one another."""
     nominal, held_out = calibration.nominal["rms_mm"], calibration.held_out["rms_mm"]
-    return (f"With the nominal geometry, base and tool alone fitted, it is {rounded(nominal)} mm RMS: "
-            f"{rounded(nominal / held_out)} times as much. On the samples of the fit itself it is "
-            f"{rounded(calibration.fit['rms_mm'])} mm.")
+    return (
+        f"With the nominal geometry, base and tool alone fitted, it is {rounded(nominal)} mm RMS: "
+        f"{rounded(nominal / held_out)} times as much. On the samples of the fit itself it is "
+        f"{rounded(calibration.fit['rms_mm'])} mm."
+    )
 
 
 def caution(calibration) -> str:
     """What makes the held-out numbers less than a proof: stages chosen on the same folds, suspect samples."""
     words = []
     if calibration.held_out.get("folds", 0) > 1 and len(calibration.stages) > 1:
-        words.append("Which stages to keep was decided on these same folds; name test samples for a number that "
-                     "no choice has touched.")
+        words.append(
+            "Which stages to keep was decided on these same folds; name test samples for a number that "
+            "no choice has touched."
+        )
     suspects = len(calibration.suspects)
     if suspects:
-        words.append(f"{counted(suspects, 'sample')} {'lies' if suspects == 1 else 'lie'} far outside the others and may "
-                     f"be faulty, but {'is' if suspects == 1 else 'are'} counted here: "
-                     f"sample {'' if suspects == 1 else 'numbers '}{_some(calibration.suspects)}.")
+        words.append(
+            f"Far outside the others, perhaps faulty, and yet counted here: {counted(suspects, 'sample')} "
+            f"(number {_some(calibration.suspects)})."
+        )
     return " ".join(words)
 
 

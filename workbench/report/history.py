@@ -21,11 +21,16 @@ def figure(stages) -> go.Figure:
     for k, stage in enumerate(stages):
         steps = list(range(start, start + len(stage.history)))
         colour = _COLOURS[k % len(_COLOURS)] if stage.earned else style.GREY
-        made.add_scatter(x=steps, y=list(stage.history), mode="lines+markers", name=stage.name + ("" if stage.earned else " (not earned)"),
-                         line=dict(color=colour, width=2, dash="solid" if stage.earned else "dot"),
-                         marker=dict(size=6, symbol=_SYMBOLS[k % len(_SYMBOLS)]),
-                         hovertemplate="step %{x}: cost %{y:.6g}<extra>" + stage.name + "</extra>")
+        made.add_scatter(
+            x=steps,
+            y=list(stage.history),
+            mode="lines+markers",
+            name=stage.name + ("" if stage.earned else " (not earned)"),
+            line=dict(color=colour, width=2, dash="solid" if stage.earned else "dot"),
+            marker=dict(size=6, symbol=_SYMBOLS[k % len(_SYMBOLS)]),
+            hovertemplate="step %{x}: cost %{y:.6g}<extra>" + stage.name + "</extra>",
+        )
         start += len(stage.history)
-    made.update_xaxes(dtick=max(1, start // 12))
+    made.update_xaxes(dtick=max(1, start // 12), range=[-0.5, start - 0.5])
     costs = [cost for stage in stages for cost in stage.history if cost > 0]
     return made.update_yaxes(style.log_axis(min(costs) / 1.3, max(costs) * 1.3))

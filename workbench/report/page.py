@@ -28,7 +28,9 @@ def page(calibration) -> str:
     from plotly.offline import get_plotlyjs
 
     loader = PackageLoader("workbench", "report")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     return environment.get_template("page.html.j2").render(plotly=get_plotlyjs(), **sections(calibration))
 
 

@@ -2,7 +2,7 @@
 
 from math import isfinite
 
-from workbench.report.text import counted, decimals_of, fixed, listed, sentence, shown_unit
+from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence, shown_unit
 
 _POSE = {"x", "y", "z", "rx", "ry", "rz"}
 
@@ -12,15 +12,19 @@ def section(calibration) -> dict:
     groups: dict[str, list] = {}
     for parameter in calibration.parameters:
         groups.setdefault(parameter["where"], []).append(parameter)
-    return {"groups": [group(where, rows) for where, rows in groups.items()],
-            "count": count(calibration.parameters),
-            "null_space": null_space(calibration)}
+    return {
+        "groups": [group(where, rows) for where, rows in groups.items()],
+        "count": count(calibration.parameters),
+        "null_space": null_space(calibration),
+    }
 
 
 def null_space(calibration) -> list[str]:
     """What these data cannot tell apart, in words; then what was held because others already make it."""
     held = [p for p in calibration.parameters if not p["free"] and p["tied_to"]]
-    told = [f"{p['label'] or p['name']} was held: what it does is already done by {_several(p['tied_to'])}" for p in held]
+    told = [
+        f"{p['label'] or p['name']} was held: what it does is already done by {_several(p['tied_to'])}" for p in held
+    ]
     return [sentence(shortened(words)) for words in [*calibration.solution.null_sentences, *told]]
 
 
@@ -39,17 +43,24 @@ def count(parameters) -> str:
     known = sum(p["identifiable"] for p in free)
     lost = f"the data determine {known} of them and leave {len(free) - known} undetermined"
     determined = "the data determine all of them" if known == len(free) else lost
-    return (f"{counted(len(free), 'parameter')} of {len(parameters)} were estimated and {determined}; "
-            f"the other {len(parameters) - len(free)} were held where they stood.")
+    return (
+        f"{counted(len(free), 'parameter')} of {len(parameters)} were estimated and {determined}; "
+        f"the other {len(parameters) - len(free)} were held where they stood."
+    )
 
 
 def group(where: str, parameters: list[dict]) -> dict:
     """One fold-out group with its one-line summary."""
     free = [p for p in parameters if p["free"]]
     lost = sum(not p["identifiable"] for p in free)
-    return {"where": where.replace("-", " "), "rows": [row(p) for p in parameters], "lost": lost,
-            "summary": f"{len(free)} estimated, {len(parameters) - len(free)} held" + (f", {lost} undetermined" if lost else "")
-            + _largest(free)}
+    return {
+        "where": where.replace("-", " "),
+        "rows": [row(p) for p in parameters],
+        "lost": lost,
+        "summary": f"{len(free)} estimated, {len(parameters) - len(free)} held"
+        + (f", {lost} undetermined" if lost else "")
+        + _largest(free),
+    }
 
 
 def row(p: dict) -> dict:
@@ -60,10 +71,19 @@ def row(p: dict) -> dict:
     decimals = None if std is None else decimals_of(std)
     digits = 3 if p["free"] else 6
     nominal, change = _scaled(_nominal(p), factor), _scaled(_change(p), factor)
-    return {"name": p["name"], "label": p["label"], "unit": unit, "std": _number(std, decimals),
-            "value": _number(_scaled(p["value"], factor), decimals, digits), "nominal": _number(nominal, decimals),
-            "change": _signed(change, decimals, digits) if p["free"] else "–", "sigmas": _sigmas(change, std),
-            "state": state(p), "known": known, "free": p["free"]}
+    return {
+        "name": p["name"],
+        "label": p["label"],
+        "unit": unit,
+        "std": _number(std, decimals),
+        "value": _number(_scaled(p["value"], factor), decimals, digits),
+        "nominal": _number(nominal, decimals),
+        "change": _signed(change, decimals, digits) if p["free"] else "–",
+        "sigmas": _sigmas(change, std),
+        "state": state(p),
+        "known": known,
+        "free": p["free"],
+    }
 
 
 def state(p: dict) -> str:
@@ -83,8 +103,11 @@ def _several(keys, most=4):
 
 def _largest(free):
     """', most changed: a3 by 12 σ', or nothing."""
-    sizes = [(abs(_change(p)) / p["std"], p) for p in free
-             if p["identifiable"] and p["std"] and _change(p) is not None and isfinite(p["std"])]
+    sizes = [
+        (abs(_change(p)) / p["std"], p)
+        for p in free
+        if p["identifiable"] and p["std"] and _change(p) is not None and isfinite(p["std"])
+    ]
     if not sizes:
         return ""
     size, most = max(sizes, key=lambda pair: pair[0])
@@ -111,7 +134,9 @@ def _number(value, decimals, digits=6):
     """To so many decimals; None: to so many digits, for what was not determined."""
     if value is None:
         return "–"
-    return f"{value:.{digits}g}".replace("-", "−") if decimals is None else fixed(value, decimals)
+    if decimals is None:
+        return f"{value:.6g}".replace("-", "−") if digits == 6 else rounded(value, digits)
+    return fixed(value, decimals)
 
 
 def _signed(value, decimals, digits=6):

@@ -32,7 +32,9 @@ def picture(calibration, errors: Errors):
     from matplotlib.figure import Figure
 
     made = Figure(figsize=(13, 4.9), facecolor="white")
-    grid = made.add_gridspec(1, 3, left=0.125, right=0.965, bottom=0.14, top=0.78, wspace=0.22, width_ratios=(1, 1, 1.25))
+    grid = made.add_gridspec(
+        1, 3, left=0.125, right=0.965, bottom=0.14, top=0.78, wspace=0.22, width_ratios=(1, 1, 1.25)
+    )
     _stages(made.add_subplot(grid[0]), calibration)
     _spread(made.add_subplot(grid[1]), calibration, errors)
     _space(made.add_subplot(grid[2], projection="3d"), calibration)
@@ -44,21 +46,34 @@ def picture(calibration, errors: Errors):
 
 def _stages(axes, calibration):
     names = ["nominal", *(s.name for s in calibration.stages), "result"]
-    values = [calibration.nominal["rms_mm"], *(s.held_out_rms_mm for s in calibration.stages), calibration.held_out["rms_mm"]]
+    values = [
+        calibration.nominal["rms_mm"],
+        *(s.held_out_rms_mm for s in calibration.stages),
+        calibration.held_out["rms_mm"],
+    ]
     kept = [True, *(s.earned for s in calibration.stages), True]
     rows = np.arange(len(names))
     axes.step(np.array(values)[kept], rows[kept], where="post", color=style.BLUE, lw=1)
     axes.scatter(values, rows, color=[style.BLUE if k else style.GREY for k in kept], zorder=3)
     for value, at in zip(values, rows):
         axes.annotate(rounded(value), (value, at), (8, 0), textcoords="offset points", va="center", size=8.5)
-    axes.set(yticks=rows, yticklabels=names, xscale="log", xlabel="RMS of the 3-D distance (mm)", title="stage by stage, held out")
+    axes.set(
+        yticks=rows,
+        yticklabels=names,
+        xscale="log",
+        xlabel="RMS of the 3-D distance (mm)",
+        title="stage by stage, held out",
+    )
     axes.set(ylim=(len(names) - 0.5, -0.5))
     _quiet(axes, min(values) / 1.25, max(values) * 1.6)
 
 
 def _spread(axes, calibration, errors):
     nominal = np.linalg.norm(calibration.nominal_residual, axis=0)
-    for name, distance, colour in (("nominal", nominal, style.GREY), ("held out", errors.distance[errors.held], style.BLUE)):
+    for name, distance, colour in (
+        ("nominal", nominal, style.GREY),
+        ("held out", errors.distance[errors.held], style.BLUE),
+    ):
         axes.ecdf(distance[np.isfinite(distance)], label=name, color=colour, lw=2)
     axes.set(xscale="log", xlabel="3-D distance (mm)", title="share of samples that err by less")
     axes.yaxis.set_major_formatter("{x:.0%}")

@@ -2,15 +2,23 @@
 
 from collections.abc import Mapping
 
-_WORDS = {"data_sha256": "SHA-256 of the data", "data_source": "source of the data", "data_licence": "licence of the data"}
+_WORDS = {
+    "data_sha256": "SHA-256 of the data",
+    "data_source": "source of the data",
+    "data_licence": "licence of the data",
+}
 
 
 def section(calibration) -> dict:
     """Lines of the table, the recording's own first."""
     recording = calibration.recording
-    lines = [("recording", recording.name or "–"), ("measures", recording.measures),
-             ("samples used", f"{recording.n:,} in {len(set(recording.poses.tolist())):,} poses"),
-             ("robot", calibration.robot.name), ("source of the nominal robot", calibration.robot.source)]
+    lines = [
+        ("recording", recording.name or "–"),
+        ("measures", recording.measures),
+        ("samples used", f"{recording.n:,} in {len(set(recording.poses.tolist())):,} poses"),
+        ("robot", calibration.robot.name),
+        ("source of the nominal robot", calibration.robot.source),
+    ]
     told = {name for name, _ in lines}
     lines += [line for line in flat(calibration.provenance) if line[0] not in told]
     return {"lines": [(name, words) for name, words in lines if words]}

@@ -34,11 +34,18 @@ def section(calibration, errors: Errors) -> dict:
     shown = int(np.argmax([one.share for one in every]))
     drawn = style.thinned(len(errors.held))
     constant = [name for name, x in calibration.recording.covariates.items() if not _varies(x)]
-    return {"overview": style.packed(overview(every)), "detail": style.packed(detail(every[shown], errors, drawn)),
-            "menu": [one.label for one in every], "shown": shown, "data": menu_data(every, drawn),
-            "thinned": style.thinned_sentence(len(errors.held)), "constant": constant,
-            "most": f"{every[shown].label} ({_percent(every[shown].share)})", "held": int(errors.held.sum()),
-            "n": len(errors.held)}
+    return {
+        "overview": style.packed(overview(every)),
+        "detail": style.packed(detail(every[shown], errors, drawn)),
+        "menu": [one.label for one in every],
+        "shown": shown,
+        "data": menu_data(every, drawn),
+        "thinned": style.thinned_sentence(len(errors.held)),
+        "constant": constant,
+        "most": f"{every[shown].label} ({_percent(every[shown].share)})",
+        "held": int(errors.held.sum()),
+        "n": len(errors.held),
+    }
 
 
 def quantities(recording) -> list[tuple[str, np.ndarray]]:
@@ -68,17 +75,36 @@ def against(label: str, x: np.ndarray, errors: Errors) -> Against:
 def overview(every: list[Against]) -> go.Figure:
     """Small multiples: mean residual of each bin, all on one scale."""
     rows = -(-len(every) // _PANELS_ACROSS)
-    titles = [f"{one.label} · {_percent(one.share)}" for one in every]
-    made = make_subplots(rows, _PANELS_ACROSS, shared_yaxes="all", subplot_titles=titles, horizontal_spacing=0.025,
-                         vertical_spacing=min(0.36 / rows, 0.3))
+    titles = [f"{one.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(one.share)}" for one in every]
+    made = make_subplots(
+        rows,
+        _PANELS_ACROSS,
+        shared_yaxes="all",
+        subplot_titles=titles,
+        horizontal_spacing=0.025,
+        vertical_spacing=min(0.36 / rows, 0.3),
+    )
     for k, one in enumerate(every):
         for (name, colour), mean in zip(style.COMPONENTS.items(), one.means):
-            made.add_scatter(x=one.centres, y=mean, mode="lines", name=f"mean {name}", legendgroup=name, showlegend=k == 0,
-                             line=dict(color=colour, width=1.7), row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1,
-                             hovertemplate="%{x:.3f}: mean " + name + " %{y:.4f} mm<extra></extra>")
+            made.add_scatter(
+                x=one.centres,
+                y=mean,
+                mode="lines",
+                name=f"mean {name}",
+                legendgroup=name,
+                showlegend=k == 0,
+                line=dict(color=colour, width=1.7),
+                row=k // _PANELS_ACROSS + 1,
+                col=k % _PANELS_ACROSS + 1,
+                hovertemplate="%{x:.3f}: mean " + name + " %{y:.4f} mm<extra></extra>",
+            )
     made.update_annotations(font_size=11.5)
-    made.update_layout(template="none", height=60 + 168 * rows, margin=dict(l=64, r=8, t=56, b=36),
-                       legend=dict(orientation="h", x=0, y=1, yref="container", yanchor="top"))
+    made.update_layout(
+        template="none",
+        height=60 + 168 * rows,
+        margin=dict(l=64, r=8, t=56, b=36),
+        legend=dict(orientation="h", x=0, y=1, yref="container", yanchor="top"),
+    )
     made.update_yaxes(col=1, title_text="mean (mm)", title_font_size=11.5)
     made.update_xaxes(nticks=5, tickfont_size=10.5)
     for k, one in enumerate(every):
@@ -92,23 +118,49 @@ def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
     made = make_subplots(4, 1, shared_xaxes=True, vertical_spacing=0.025)
     four = np.vstack([errors.residual, errors.distance])[:, drawn]
     for k, (name, colour) in enumerate(zip(_ROWS, _COLOURS)):
-        made.add_scatter(x=one.x[drawn], y=np.round(four[k], 6), mode="markers", showlegend=False, row=k + 1, col=1,
-                         marker=dict(size=3.5, color=colour, opacity=0.45),
-                         hovertemplate="%{x}: " + name + " %{y:.4f} mm<extra></extra>")
+        made.add_scatter(
+            x=one.x[drawn],
+            y=np.round(four[k], 6),
+            mode="markers",
+            showlegend=False,
+            row=k + 1,
+            col=1,
+            marker=dict(size=3.5, color=colour, opacity=0.45 if len(drawn) > 1000 else 0.75),
+            hovertemplate="%{x}: " + name + " %{y:.4f} mm<extra></extra>",
+        )
         made.update_yaxes(title_text=f"{name} (mm)", title_standoff=6, row=k + 1, col=1)
     for k in range(4):
-        made.add_scatter(x=one.centres, y=one.means[k], mode="lines+markers", showlegend=False, row=k + 1, col=1,
-                         meta="ink", line_width=1.8, marker_size=4, hovertemplate="mean of the bin %{y:.4f} mm<extra></extra>")
+        made.add_scatter(
+            x=one.centres,
+            y=one.means[k],
+            mode="lines+markers",
+            showlegend=False,
+            row=k + 1,
+            col=1,
+            meta="ink",
+            line_width=1.8,
+            marker_size=4,
+            hovertemplate="mean of the bin %{y:.4f} mm<extra></extra>",
+        )
     made.update_layout(template="none", height=640, margin=dict(l=70, r=14, t=8, b=52))
     return made.update_xaxes(title_text=one.label, row=4, col=1)
 
 
 def menu_data(every: list[Against], drawn: np.ndarray) -> str:
     """JSON: for each entry of the menu its label, values, and the centres and means of its bins."""
-    return style.safe(json.dumps([
-        {"label": one.label, "x": np.round(one.x[drawn], 5).tolist(), "centres": np.round(one.centres, 5).tolist(),
-         "means": np.round(one.means, 6).tolist()} for one in every
-    ]))  # fmt: skip
+    return style.safe(
+        json.dumps(
+            [
+                {
+                    "label": one.label,
+                    "x": np.round(one.x[drawn], 5).tolist(),
+                    "centres": np.round(one.centres, 5).tolist(),
+                    "means": np.round(one.means, 6).tolist(),
+                }
+                for one in every
+            ]
+        )
+    )
 
 
 def _bins_of(x):

@@ -35,8 +35,13 @@ def section(calibration, errors: Errors) -> dict:
     """The 3-D figure and the sentences that say what is drawn and how much enlarged."""
     scene = scene_of(calibration)
     sample = int(calibration.recording.sample_ids[scene.at])
-    return {"figure": style.packed(figure(scene, errors)), "scale": f"{scene.scale:,.0f}", "anchor": scene.anchor,
-            "sample": sample, "thinned": style.thinned_sentence(len(errors.held))}
+    return {
+        "figure": style.packed(figure(scene, errors)),
+        "scale": f"{scene.scale:,.0f}",
+        "anchor": scene.anchor,
+        "sample": sample,
+        "thinned": style.thinned_sentence(len(errors.held)),
+    }
 
 
 def scene_of(calibration) -> Scene:
@@ -74,8 +79,15 @@ def figure(scene: Scene, errors: Errors) -> go.Figure:
     """Arrows as lines from a coloured point; the arm as a thick line with its joints."""
     drawn = style.thinned(len(errors.held))
     feet, tips, distance = scene.feet[:, drawn], scene.tips[:, drawn], errors.distance[drawn]
-    made = go.Figure(layout=dict(template="none", height=660, margin=dict(l=0, r=0, t=8, b=0), scene=_axes(),
-                                 legend=dict(orientation="h", x=0, y=0, yanchor="top")))
+    made = go.Figure(
+        layout=dict(
+            template="none",
+            height=660,
+            margin=dict(l=0, r=0, t=8, b=0),
+            scene=_axes(),
+            legend=dict(orientation="h", x=0, y=0, yanchor="top"),
+        )
+    )
     _add_arrows(made, feet, tips, scene.scale)
     _add_points(made, feet, distance)
     _add_arm(made, scene)
@@ -86,34 +98,71 @@ def _add_arrows(made, feet, tips, scale):
     """One trace with gaps: a line from foot to tip and a gap, thrice as many places as arrows."""
     path = np.stack([feet, tips, np.full_like(feet, np.nan)], axis=2).reshape(3, -1)
     x, y, z = np.round(path, 3)
-    made.add_scatter3d(x=x, y=y, z=z, mode="lines", name=f"residual, enlarged {scale:,.0f} times", hoverinfo="skip",
-                       line=dict(color=style.ORANGE, width=2), connectgaps=False)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines",
+        name=f"residual, enlarged {scale:,.0f} times",
+        hoverinfo="skip",
+        line=dict(color=style.ORANGE, width=2),
+        connectgaps=False,
+    )
 
 
 def _add_points(made, feet, distance):
     x, y, z = np.round(feet, 3)
     top = float(np.percentile(distance, 98))
     bar = dict(title=dict(text="residual (mm)", side="right"), thickness=12, len=0.6, x=1.0, xanchor="right")
-    made.add_scatter3d(x=x, y=y, z=z, mode="markers", name="samples", customdata=np.round(distance, 5),
-                       marker=dict(size=2.2, opacity=0.75, color=np.round(distance, 5), colorscale="Viridis", cmin=0, cmax=top, colorbar=bar),
-                       hovertemplate="residual %{customdata:.4f} mm<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>")
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers",
+        name="samples",
+        customdata=np.round(distance, 5),
+        marker=dict(
+            size=2.2, opacity=0.75, color=np.round(distance, 5), colorscale="Viridis", cmin=0, cmax=top, colorbar=bar
+        ),
+        hovertemplate="residual %{customdata:.4f} mm<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>",
+    )
 
 
 def _add_arm(made, scene):
     x, y, z = scene.links
-    made.add_scatter3d(x=x, y=y, z=z, mode="lines+markers", name="nominal arm in one pose", hoverinfo="skip",
-                       meta="ink", line=dict(color=style.GREY, width=12), marker=dict(size=6, color=style.GREY))
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines+markers",
+        name="nominal arm in one pose",
+        hoverinfo="skip",
+        meta="ink",
+        line=dict(color=style.GREY, width=12),
+        marker=dict(size=6, color=style.GREY),
+    )
     flange = scene.links[:, -1]
     stalks = [np.stack([flange, point, np.full(3, np.nan)]) for point in scene.held_points.T]
     x, y, z = np.concatenate(stalks).T
-    made.add_scatter3d(x=x, y=y, z=z, mode="lines", name="flange to measured point", hoverinfo="skip",
-                       meta="ink", line=dict(color=style.GREY, width=4))
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines",
+        name="flange to measured point",
+        hoverinfo="skip",
+        meta="ink",
+        line=dict(color=style.GREY, width=4),
+    )
 
 
 def _axes():
     axis = dict(showbackground=False, showspikes=False)
-    return dict(aspectmode="data", camera=dict(eye=dict(x=1.15, y=-1.3, z=0.55), center=dict(x=0, y=0, z=-0.08)),
-                **{f"{a}axis": dict(title=dict(text=f"{a} (mm)"), **axis) for a in "xyz"})
+    return dict(
+        aspectmode="data",
+        camera=dict(eye=dict(x=1.15, y=-1.3, z=0.55), center=dict(x=0, y=0, z=-0.08)),
+        **{f"{a}axis": dict(title=dict(text=f"{a} (mm)"), **axis) for a in "xyz"},
+    )
 
 
 def _diagonal(places):

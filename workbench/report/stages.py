@@ -8,8 +8,11 @@ from workbench.report.text import counted, rounded, sentence
 
 def section(calibration) -> dict:
     """The step chart, the table of stages and the sentence on those left out."""
-    return {"chart": style.packed(chart(calibration)), "rows": [row(stage) for stage in calibration.stages],
-            "left_out": left_out(calibration.stages)}
+    return {
+        "chart": style.packed(chart(calibration)),
+        "rows": [row(stage) for stage in calibration.stages],
+        "left_out": left_out(calibration.stages),
+    }
 
 
 def left_out(stages) -> str:
@@ -18,17 +21,27 @@ def left_out(stages) -> str:
     if not idle:
         return "Every stage lowered the held-out error and is part of the result."
     subject, place = ("It is", "its place") if idle == 1 else ("They are", "their places")
-    return (f"{counted(idle, 'stage')} did not lower the held-out error beyond chance and so did not earn {place}. "
-            f"{subject} drawn grey and left out of the result.")
+    return (
+        f"{counted(idle, 'stage')} did not lower the held-out error beyond chance and so did not earn {place}. "
+        f"{subject} drawn grey and left out of the result."
+    )
 
 
 def row(stage) -> dict:
     """A line of the table."""
     brought = stage.sentence.removeprefix(f"{stage.name}:").replace("->", "→")
     ended = "" if stage.outcome.startswith("converged") else sentence(stage.outcome)
-    return {"name": stage.name, "why": sentence(stage.why), "free": stage.free, "identifiable": stage.identifiable,
-            "fit": rounded(stage.rms_mm), "held_out": rounded(stage.held_out_rms_mm), "earned": stage.earned,
-            "sentence": sentence(brought), "outcome": ended}
+    return {
+        "name": stage.name,
+        "why": sentence(stage.why),
+        "free": stage.free,
+        "identifiable": stage.identifiable,
+        "fit": rounded(stage.rms_mm),
+        "held_out": rounded(stage.held_out_rms_mm),
+        "earned": stage.earned,
+        "sentence": sentence(brought),
+        "outcome": ended,
+    }
 
 
 def chart(calibration) -> go.Figure:
@@ -36,14 +49,26 @@ def chart(calibration) -> go.Figure:
     lines = _lines(calibration)
     made = style.figure(92 + 34 * len(lines), "RMS of the 3-D distance (mm, logarithmic)")
     kept = [line for line in lines if line[3]]
-    made.add_scatter(x=[line[1] for line in kept], y=[line[0] for line in kept], mode="lines", hoverinfo="skip",
-                     line=dict(color=style.BLUE, width=1.5, shape="hv"), showlegend=False)
+    made.add_scatter(
+        x=[line[1] for line in kept],
+        y=[line[0] for line in kept],
+        mode="lines",
+        hoverinfo="skip",
+        line=dict(color=style.BLUE, width=1.5, shape="hv"),
+        showlegend=False,
+    )
     _add_held_out(made, "held out, kept", kept, style.BLUE)
     _add_held_out(made, "held out, not earned", [line for line in lines if not line[3]], style.GREY)
     fits = [line for line in lines if line[2] is not None]
-    made.add_scatter(x=[line[2] for line in fits], y=[line[0] for line in fits], mode="markers", name="fit",
-                     marker=dict(symbol="line-ns-open", size=13, color=style.GREEN, line_width=2),
-                     hovertemplate="fit %{x:.4f} mm<extra></extra>")
+    made.add_scatter(
+        x=[line[2] for line in fits],
+        y=[line[0] for line in fits],
+        mode="markers",
+        name="fit",
+        marker=dict(symbol="line-ns-open", size=13, color=style.GREEN, line_width=2),
+        hovertemplate="fit %{x:.4f} mm<extra></extra>",
+    )
+    made.update_layout(margin_r=64)
     made.update_yaxes(autorange="reversed", type="category", categoryarray=[line[0] for line in lines], automargin=True)
     return made.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
 
@@ -58,14 +83,21 @@ def _lines(calibration):
 def _add_held_out(made, name, lines, colour):
     if not lines:
         return
-    made.add_scatter(x=[line[1] for line in lines], y=[line[0] for line in lines], mode="markers+text", name=name,
-                     marker=dict(size=11, color=colour), text=["   " + rounded(line[1]) + " mm" for line in lines],
-                     textposition="middle right", cliponaxis=False,
-                     hovertemplate="%{y}: held out %{x:.4f} mm<extra></extra>")
+    made.add_scatter(
+        x=[line[1] for line in lines],
+        y=[line[0] for line in lines],
+        mode="markers+text",
+        name=name,
+        marker=dict(size=11, color=colour),
+        text=["   " + rounded(line[1]) + " mm" for line in lines],
+        textposition="middle right",
+        cliponaxis=False,
+        hovertemplate="%{y}: held out %{x:.4f} mm<extra></extra>",
+    )
 
 
 def _log_range(values):
     """A logarithmic axis with room on the right for the number beside the last point."""
     low, high = min(values), max(values)
     span = max(high / low, 2.0)
-    return style.log_axis(low / span**0.06, high * span**0.14)
+    return style.log_axis(low / span**0.06, high * span**0.08)

@@ -14,8 +14,13 @@ MOST_POINTS = 5000
 def figure(height: int, across: str = "", up: str = "") -> go.Figure:
     """An empty figure of `height` px, its axes titled with their units."""
     made = go.Figure()
-    made.update_layout(template="none", height=height, margin=dict(l=64, r=18, t=30, b=54), bargap=0,
-                       legend=dict(orientation="h", x=0, y=1.02, yanchor="bottom", xanchor="left"))
+    made.update_layout(
+        template="none",
+        height=height,
+        margin=dict(l=64, r=18, t=30, b=54),
+        bargap=0,
+        legend=dict(orientation="h", x=0, y=1.02, yanchor="bottom", xanchor="left"),
+    )
     made.update_xaxes(title=dict(text=across, standoff=10))
     return made.update_yaxes(title=dict(text=up, standoff=8))
 
