@@ -219,11 +219,14 @@ def geometry_free(robot: Robot) -> list[str]:
     ]
 
 
-def bind(robot: Robot, recording, start: np.ndarray | None = None) -> RobotChain:
+def bind(
+    robot: Robot, recording, start: np.ndarray | None = None, start_on: np.ndarray | slice = slice(None)
+) -> RobotChain:
     """The chain for the moving rows of a recording.
 
     start: base pose (6,) and the measurement's own values; found in closed form at the nominal
-    geometry where it is not given. Raises InputError where readings do not fit the robot.
+    geometry, from the samples `start_on` (n,) alone, where it is not given.
+    Raises InputError where readings do not fit the robot.
     """
     measurement = measurement_of(recording)
     if recording.joints.shape[1] != robot.mixing.shape[1]:
@@ -233,7 +236,7 @@ def bind(robot: Robot, recording, start: np.ndarray | None = None) -> RobotChain
         )
     variables = robot.mixing @ recording.joints.T
     if start is None:
-        start = np.concatenate(measurement.start(forward(robot, variables)))
+        start = np.concatenate(measurement.at(start_on).start(forward(robot, variables[:, start_on])))
     tool = start[_BASE:]
     state = _state(robot, recording, variables, measurement, tool)
     sigma = measurement.sigma(recording)

@@ -99,8 +99,8 @@ def calibrate(
     """
     moving = recording.select(recording.moving)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
-    chain = bind(robot, moving)
     split = _split(moving, fit_samples, test_samples, folds)
+    chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split)
@@ -136,9 +136,9 @@ def _first(model: Model, split: Split) -> _Step:
     )
 
 
-def _run(step: _Step, stages, split, progress):
-    """All stages in order; one that does not earn its place is reported and left out."""
-    results = []
+def _run(nominal: _Step, stages, split, progress):
+    """All stages in order, then once more without each: what does not earn its place is left out."""
+    step, results = nominal, []
     for stage in stages:
         progress(f"stage {stage.name}: {stage.why}")
         after = _try(step, stage, split)
@@ -146,7 +146,36 @@ def _run(step: _Step, stages, split, progress):
         results.append(_stage_result(stage, step, after, earned))
         progress(results[-1].sentence)
         step = after if earned else step
-    return step, tuple(results)
+    return _prune(nominal, step, list(zip(stages, results)), split, progress)
+
+
+def _prune(nominal: _Step, step: _Step, rows, split, progress):
+    """Leave out stages that earned their place only until a later one explained the same."""
+    for k, (stage, result) in enumerate(rows):
+        others = [s for i, (s, r) in enumerate(rows) if r.earned and i != k]
+        if not (stage.earn and result.earned and any(s is later for s in others for later, _ in rows[k + 1 :])):
+            continue
+        progress(f"the result without {stage.name}")
+        without = _try(nominal, _merged(others, nominal), split)
+        if not step.held_out.beats(without.held_out):
+            after = f"held-out {without.held_out.rms:.4f} mm without it, {step.held_out.rms:.4f} with it"
+            sentence = f"{result.sentence}; no longer earned after the later stages ({after}): left out"
+            rows[k] = stage, replace(result, earned=False, sentence=sentence)
+            progress(rows[k][1].sentence)
+            step = without
+    return step, tuple(result for _, result in rows)
+
+
+def _merged(stages, nominal: _Step) -> Stage:
+    """One stage that brings and frees all that some stages do."""
+    effects = tuple(row for stage in stages for row in stage.effects)
+    model = nominal.model.with_effects(*make_effects(CATALOGUE, effects))
+    mask = np.zeros(len(model.parameters), bool)
+    for stage in stages:
+        mask |= _stage_mask(model.parameters, stage, make_effects(CATALOGUE, stage.effects), model.chain)
+    free = tuple(key for key, wanted in zip(model.parameters.keys, mask) if wanted)
+    first, last = stages[0], stages[-1]
+    return replace(last, name="result", effects=effects, free=free, canonical=first.canonical and last.canonical)
 
 
 def _try(step: _Step, stage: Stage, split: Split) -> _Step:

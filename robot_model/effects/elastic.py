@@ -67,12 +67,15 @@ class YeCompliance(Effect):
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1, with the sign of joint 3 from statics"
 
     def parameters(self, chain):
+        # a gear of 20 kN m/rad under ten newtons; links of ten times that load, at a quarter of a metre
         loads = [
-            Parameter(f"joint-{k}.joint-compliance.load", "rad/m", 0.0, 1e-4, f"the load compliance of joint {k}")
+            Parameter(
+                f"joint-{k}.joint-compliance.load", "rad/m", 0.0, 5e-4, f"the load compliance of joint {k}", 1.5e-3
+            )
             for k in range(1, 7)
         ]
         weights = [
-            Parameter(f"joint-{k}.link-self-weight.s{k - 1}", "mm", 0.0, 1000.0, f"the self-weight term s{k - 1}")
+            Parameter(f"joint-{k}.link-self-weight.s{k - 1}", "mm", 0.0, 1e3, f"the self-weight term s{k - 1}", 3e3)
             for k in (2, 3)
         ]
         return (*loads, *weights)

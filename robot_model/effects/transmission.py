@@ -4,6 +4,7 @@ import numpy as np
 
 from robot_model.effects.covariates import clock, warmth
 from workbench.core.effect import Effect
+from workbench.core.errors import InputError
 
 
 class TransmissionHarmonic(Effect):
@@ -21,8 +22,9 @@ class TransmissionHarmonic(Effect):
 
     def parameters(self, chain):
         times = f"{self.order:g} times a turn"
+        # 3e-4 rad is one minute of arc: what makers state as the accuracy of a robot's gears
         return tuple(
-            self.parameter(f"{wave}{self.order:g}", "rad", 1e-3, f"joint {self.number}'s {wave} {times}")
+            self.parameter(f"{wave}{self.order:g}", "rad", 3e-4, f"joint {self.number}'s {wave} {times}")
             for wave in ("cos", "sin")
         )
 
@@ -123,6 +125,10 @@ class JointCoupling(Effect):
         self.joint = joint
 
     def parameters(self, chain):
+        if not 1 <= self.joint <= chain.robot.joints:
+            raise InputError(
+                f"{self.title}, option joint: expected one of the {chain.robot.joints} joints, found {self.joint}; correct it"
+            )
         return (
             self.parameter(f"from{self.joint}", "rad/rad", 1e-3, f"joint {self.number}'s share of joint {self.joint}"),
         )

@@ -83,7 +83,8 @@ class BallCentre:
         solution = solve_linear_start([balls, -hand, -seen], right)
         rotation = nearest_rotation(solution[-9:].reshape(3, 3))
         again = solve_linear_start([balls, -hand], right + seen @ rotation.ravel())
-        base = rigid_fit(again[:-3].reshape(-1, 3), self.centres)
+        seen_balls = np.unique(self.index)
+        base = rigid_fit(again[:-3].reshape(-1, 3)[seen_balls], self.centres[seen_balls])
         return pose_values(*base), pose_values(rotation, again[-3:])
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
