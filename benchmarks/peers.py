@@ -46,13 +46,13 @@ class Pybotics:
         return approx_derivative(self.distances, self.start, method="2-point")
 
     def fit(self, objective, seconds: float = np.inf, enough: float = 0.0) -> tuple[float, float]:
-        """Seconds until the 3-D RMS (mm) falls to `enough`, or until scipy or the time ends; and that RMS."""
+        """Processor seconds until the 3-D RMS (mm) falls to `enough`, or until scipy or the time ends; and that RMS."""
         watch = _Watch(objective, len(self.points), seconds, enough)
         try:
             least_squares(watch, self.start, x_scale="jac")
         except _Enough:
             pass
-        return time.perf_counter() - watch.began, watch.least
+        return time.process_time() - watch.began, watch.least
 
 
 class _Enough(Exception):
@@ -64,12 +64,12 @@ class _Watch:
 
     def __init__(self, objective, n, seconds, enough):
         self.objective, self.n, self.seconds, self.enough = objective, n, seconds, enough
-        self.least, self.began = np.inf, time.perf_counter()
+        self.least, self.began = np.inf, time.process_time()
 
     def __call__(self, x):
         residual = self.objective(x)
         self.least = min(self.least, float(np.sqrt((residual**2).sum() / self.n)))
-        if self.least <= self.enough or time.perf_counter() - self.began > self.seconds:
+        if self.least <= self.enough or time.process_time() - self.began > self.seconds:
             raise _Enough
         return residual
 

@@ -46,22 +46,32 @@ def agree(what: str, difference: float, allowed: float) -> str:
     return f"{what} agree to {difference:.1g}"
 
 
-def best_of(repeats: int, action: Callable[[], object]) -> float:
-    """Least of `repeats` wall times in seconds, after one run that is not counted when repeats > 1.
+def compare(ours: Callable, peer: Callable, repeats: tuple[int, int]) -> tuple[float, float]:
+    """Seconds of ours and of the peer, medians of `repeats`; ours before and after the peer.
 
-    The least is the time that the machine needs; what is above it, other work on the machine took.
+    Both sides are taken alike, so that a busy machine favours neither.
     """
+    before = median(repeats[0], ours)
+    theirs = median(repeats[1], peer)
+    return (before + median(repeats[0], ours)) / 2, theirs
+
+
+def median(repeats: int, action: Callable[[], object]) -> float:
+    """Median seconds of `repeats` runs, after one that is not counted where there are several."""
     if repeats > 1:
         action()
     gc.collect()
-    return min(timed(action)[0] for _ in range(repeats))
+    return float(np.median([timed(action)[0] for _ in range(repeats)]))
 
 
 def timed(action: Callable[[], object]) -> tuple[float, object]:
-    """Seconds and result of one run."""
-    start = time.perf_counter()
+    """Seconds and result of one run: the processor time of this process, of which it uses one core.
+
+    Time that other programs take from it does not count, on either side.
+    """
+    start = time.process_time()
     result = action()
-    return time.perf_counter() - start, result
+    return time.process_time() - start, result
 
 
 def show(comparisons: Iterable[Callable[[], Row]]) -> int:
@@ -79,7 +89,7 @@ def _run(comparison) -> bool:
     except Disagreement as fault:
         print(f"{comparison.__name__}: {fault}  NOT OK", flush=True)
         return False
-    ratio = f"{'> ' if row.at_least else ''}{row.ratio:,.4g}" if row.ratio < 100 else f"{'> ' if row.at_least else ''}{row.ratio:,.0f}"
+    ratio = ("> " if row.at_least else "") + (f"{row.ratio:,.0f}" if row.ratio >= 100 else f"{row.ratio:.3g}")
     asked = "" if row.required is None else f"{row.required:,.6g}"
     verdict = "" if row.required is None else "ok" if row.ok else "NOT OK"
     print(f"{row.what:56} {_time(row.ours):>10} {_time(row.peer):>10} {ratio:>11} {asked:>9}  {verdict}")
@@ -94,4 +104,4 @@ def _time(seconds: float) -> str:
 def _versions() -> str:
     names = ("pybotics", "pin", "figaroh", "scipy")
     libraries = [f"{name} {importlib.metadata.version(name)}" for name in names]
-    return ", ".join([f"Python {platform.python_version()}", f"numpy {np.__version__}", *libraries, "one thread"])
+    return ", ".join([f"Python {platform.python_version()}", f"numpy {np.__version__}", *libraries, "one thread, processor time"])

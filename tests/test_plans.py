@@ -41,7 +41,7 @@ WRONG = {
     "effect without place": (HEAD + 'effects = [{ effect = "backlash" }]\n', "each needs effect and where"),
     "an effect that is a text": (HEAD + 'effects = ["backlash"]\n', "key effects"),
     "a stage that is a table": ('[stage]\nname = "a"\nwhy = "b"\n', "stage"),
-    "a stage that is a number": ("stage = [3]\n", "stage 1"),
+    "a stage that is a number": ("stage = [3]\n", "stage"),
     "a truth value for steps": (HEAD + "steps = true\n", "key steps"),
     "no steps": (HEAD + "steps = 0\n", "key steps"),
 }

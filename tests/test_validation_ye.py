@@ -7,6 +7,7 @@ what they would tell, come nearer than poses drawn at random.
 """
 
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,10 @@ import pytest
 import workbench as package
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
+from robot_model.effects.elastic import YeCompliance
 from robot_model.system import bind
 from workbench.calibrate import calibrate
-from workbench.core.effect import make_effects
+from workbench.core.effect import make_effects, numeric_derivative
 from workbench.core.model import Model
 from workbench.plans import read_plan
 
@@ -121,14 +123,28 @@ def predicted_variance(calibration):
     return np.einsum("fin,fin->", rows, np.tensordot(solution.covariance, rows, 1)) / rows.shape[2]
 
 
-def test_statics_without_noise_is_reproduced_with_the_values_of_table_7(quiet):
-    """MuJoCo's torques are those of eq. 22-27 with the sign of statics at joint 3."""
-    found = first_fitted(noisy(quiet, 1, sigma=1e-5), count=3000)
-    assert found.held_out["max_mm"] < 1e-3
-    value = found.solution.parameters
+class AsPrinted(YeCompliance):
+    """Eq. 25 to the letter: a plus at joint 3."""
+
+    def delta(self, p, state):
+        change = super().delta(p, state)
+        change[2] += 2e-3 * p[2] * p[7] * self._sines(state)[1]
+        return change
+
+    def derivative(self, p, state):
+        return numeric_derivative(lambda x: self.delta(x, state), p, 1e-3 * np.array([1e-3] * 6 + [1e3] * 2))
+
+
+def test_statics_decides_the_sign_of_joint_3(quiet, monkeypatch):
+    """With nearly no noise the law with a minus predicts MuJoCo's statics to that noise, the printed plus does not."""
+    recording = noisy(quiet, 1, sigma=1e-5)
+    ours = first_fitted(recording, count=1000)
+    monkeypatch.setitem(CATALOGUE, "ye-compliance", AsPrinted)
+    printed = first_fitted(recording, count=1000)
+    assert ours.held_out["rms_mm"] < 3e-5 < 1e-4 < printed.held_out["rms_mm"]
     for joint in (2, 3, 4, 5):
-        assert value[f"joint-{joint}.joint-compliance.load"] == pytest.approx(TABLE.compliance[joint - 1] * 1e-3, rel=0.1)
-    assert value["joint-3.link-self-weight.s2"] == pytest.approx(TABLE.s2_mm, rel=0.1)
+        found = ours.solution.parameters[f"joint-{joint}.joint-compliance.load"]
+        assert found == pytest.approx(TABLE.compliance[joint - 1] * 1e-3, rel=0.2)
 
 
 NULL = {
@@ -148,13 +164,18 @@ def test_the_null_directions_are_named_in_words(quiet):
     assert groups >= NULL
     label = {p.key: p.label for p in found.solution.parameters.table}
     sentences = found.as_json()["undetermined"]
-    for null in NULL:
-        words = [s for s in sentences if all(label[key] in s for key in null) and s.count(" and ") == len(null) - 1]
-        assert len(words) == 1 and ("one and the same" in words[0] if len(null) == 2 else "no effect" in words[0])
+    for first, *other in NULL:
+        words = {f"{label[a]} and {label[b]} are one and the same here" for a, b in permutations([first, *other], 2)}
+        words = words or {f"{label[first]} has no effect at all"}
+        assert sum(any(s.startswith(w) for w in words) for s in sentences) == 1
 
 
 def test_what_is_null_carries_no_sigma(quiet):
-    """100 poses: none of the parameters of a null direction is reported as known."""
+    """100 poses: no parameter of a null direction is reported as known, each names what it is tied to.
+
+    The base's turn is known to within what was known of joint 1's constant before.
+    """
     rows = {f"{row['where']}.{row['name']}": row for row in first_fitted(noisy(quiet, 2)).parameters}
-    for key in frozenset().union(*NULL):
+    for key in frozenset().union(*NULL) - {"base.rz"}:
         assert rows[key]["free"] and not rows[key]["identifiable"] and rows[key]["std"] is None
+    assert "joint-1.zero-offset.k0" in rows["base.rz"]["tied_to"]

@@ -126,9 +126,8 @@ class JointCoupling(Effect):
 
     def parameters(self, chain):
         if not 1 <= self.joint <= chain.robot.joints:
-            raise InputError(
-                f"{self.title}, option joint: expected one of the {chain.robot.joints} joints, found {self.joint}; correct it"
-            )
+            expected = f"one of the arm's {chain.robot.joints} joints"
+            raise InputError(f"{self.title}, option joint: expected {expected}, found {self.joint}; correct it")
         return (
             self.parameter(f"from{self.joint}", "rad/rad", 1e-3, f"joint {self.number}'s share of joint {self.joint}"),
         )
