@@ -97,11 +97,12 @@ class State:
             np.add.at(gravity if port == "gravity" else moments, np.asarray(slots), delta[:, 0])
         altered = replace(self, gravity=gravity)
         altered.__dict__["frames"] = self.frames  # the rest of the state does not change with them
-        altered.__dict__["load_levers"] = self.load_levers
-        links = self.link_levers
-        if moments.any():
-            links = links + moment_levers(self.robot, self.frames, moments.reshape(-1, 3))
-        altered.__dict__["link_levers"] = links
+        body = np.repeat(np.arange(self.robot.joints + 1), 3)
+        for name, mine in (("link_levers", body < self.robot.joints), ("load_levers", body == self.robot.joints)):
+            own, levers = np.where(mine, moments, 0), getattr(self, name)
+            if own.any():
+                levers = levers + moment_levers(self.robot, self.frames, own.reshape(-1, 3))
+            altered.__dict__[name] = levers
         return altered
 
     def covariate(self, name: str) -> np.ndarray:

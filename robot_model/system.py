@@ -89,6 +89,8 @@ class RobotChain:
             return components or tuple(range(self.robot.joints if port == "joint" else 3))
         first = {"geometry": 0, "joint": 0, "mass": 0, "frame": 1}[port]
         end = {"base": 0, "tool": self.robot.joints + first}
+        if kind and int(number) > self.robot.joints:
+            raise InputError(f"there is no '{where}': {self.robot.name} has {self.robot.joints} joints; correct it")
         place = int(number) - 1 + first if kind else end[where]
         return tuple(width * place + c for c in components or range(width))
 

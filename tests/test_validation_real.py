@@ -16,7 +16,7 @@ from robot_model.system import bind
 from workbench.calibrate import calibrate
 from workbench.core.model import Model
 from workbench.crossvalidation import hold_out
-from workbench.plans import geometry, read_plan
+from workbench.plans import geometry
 
 BENDING = Path(package.__file__).parent / "plan_files" / "geometry-compliance-bending.toml"
 pytestmark = pytest.mark.slow

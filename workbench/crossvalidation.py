@@ -66,7 +66,7 @@ def cross_validate(model: Model, start: Parameters, fold: np.ndarray, loss: str,
     """Fit on all folds but one and predict that one, for every fold; start from `start`."""
     residual, located = np.full((3, len(fold)), np.nan), {}
     for k in np.unique(fold[fold >= 0]):
-        residual[:, fold == k], found = _predict(model, start, fold == k, fold != k, loss, steps)
+        residual[:, fold == k], found = _predict(model, start, fold == k, (fold >= 0) & (fold != k), loss, steps)
         located |= found
     return HeldOut(residual, fold, located)
 

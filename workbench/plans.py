@@ -94,6 +94,8 @@ def read_plan(path: Path) -> tuple[Stage, ...]:
         rows = tomllib.loads(Path(path).read_text(encoding="utf-8")).get("stage", [])
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
         raise InputError(f"plan {path} cannot be read ({problem}); write it as TOML with [[stage]] tables") from None
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"plan {path}, key stage: expected [[stage]] tables, found {rows!r}; write double brackets")
     if not rows:
         raise InputError(f"plan {path}: no [[stage]] found; write at least one with name and why")
     return tuple(_stage(path, number, dict(row)) for number, row in enumerate(rows, 1))
@@ -116,7 +118,7 @@ def _stage(path, number, row) -> Stage:
     for key, value in row.items():
         if key not in _KEYS:
             raise InputError(f"{where}: key '{key}' is not known; expected {', '.join(_KEYS)}; remove or rename it")
-        if not isinstance(value, _KEYS[key]):
+        if not isinstance(value, _KEYS[key]) or (key == "steps" and (value is True or value < 1)):
             raise InputError(f"{where}, key {key}: expected {_KEYS[key].__name__}, found {value!r}; correct it")
     if "name" not in row or "why" not in row:
         raise InputError(f"{where}: keys name and why are expected, found {', '.join(row)}; add what is missing")
@@ -124,12 +126,17 @@ def _stage(path, number, row) -> Stage:
         raise InputError(
             f"{where}, key loss: expected one of {', '.join(LOSSES)}, found '{row['loss']}'; choose one of them"
         )
-    row["effects"] = tuple(_effect(where, dict(e)) for e in row.get("effects", []))
+    row["effects"] = tuple(_effect(where, e) for e in row.get("effects", []))
     row["free"] = tuple(row.get("free", ("*",)))
+    if not all(isinstance(pattern, str) for pattern in row["free"]):
+        raise InputError(f"{where}, key free: expected patterns of keys, found {list(row['free'])}; quote each")
     return Stage(**row)
 
 
 def _effect(where, row):
+    if not isinstance(row, dict):
+        raise InputError(f"{where}, key effects: expected tables with effect and where, found {row!r}; correct it")
+    row = dict(row)
     if "effect" not in row or "where" not in row:
         raise InputError(f"{where}, key effects: each needs effect and where, found {row}; add what is missing")
     return row.pop("effect"), row.pop("where"), row

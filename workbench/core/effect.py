@@ -96,11 +96,22 @@ def make_effects(catalogue: Mapping[str, type[Effect]], rows: Iterable[tuple[str
     return tuple(_make(catalogue, *row) for row in rows)
 
 
+NUMBERED = ("joint", "link", "ball")
+
+
+def _sits(kind, where: str) -> bool:
+    """Whether `where` is one of the effect's places, with a number from 1 where places are numbered."""
+    place, _, number = where.rpartition("-")
+    if place in NUMBERED:
+        return place in kind.places and number.isdecimal() and int(number) > 0
+    return where in kind.places and where not in NUMBERED
+
+
 def _make(catalogue, name, where, options) -> Effect:
     if name not in catalogue:
         raise InputError(f"no effect is called '{name}': known are {', '.join(sorted(catalogue))}")
     kind = catalogue[name]
-    if where.rpartition("-")[0] not in kind.places and where not in kind.places:
+    if not _sits(kind, where):
         raise InputError(f"effect '{name}' cannot sit at '{where}': it sits at {', '.join(kind.places)}")
     try:
         return kind(where, **options)

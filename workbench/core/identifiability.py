@@ -12,7 +12,7 @@ from scipy.linalg import qr
 
 from workbench.core.parameters import Parameters
 
-_NOTHING, _PART, _NAMED = 1e-3, 0.05, 6
+_PART, _NAMED = 0.05, 6
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
 _TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
 
@@ -42,7 +42,8 @@ class Identifiability:
     @property
     def determined(self) -> np.ndarray:
         """(F,) True where a parameter takes no part in an undetermined direction."""
-        return (self.null**2).sum(1) < _NOTHING
+        tied = {key for group in self.groups() for key in group}
+        return np.array([key not in tied for key in self.keys], bool)
 
     def tied(self) -> dict[str, list[str]]:
         """For every undetermined parameter the others that it cannot be told from."""

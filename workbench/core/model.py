@@ -96,8 +96,8 @@ class Model:
 
     def jacobian(self, parameters: Parameters) -> np.ndarray:
         """(m n, F) derivative of the stacked residual with respect to the free parameters."""
-        rows = self.linearise(parameters)[1]
-        return rows.reshape(len(rows), -1).T
+        residual, rows = self.linearise(parameters)
+        return rows.reshape(len(rows), residual.size).T
 
     def _effect_rows(self, effect, span, values, evaluation):
         """(P, m, n): port derivative times the effect's own small factor."""

@@ -145,7 +145,7 @@ class Parameters:
 
     def from_toml(self, text: str) -> "Parameters":
         """Values and free marks of `text` written over these; units must agree."""
-        read = tomllib.loads(text)["parameters"]
+        read = _parameter_rows(text)
         values, mask = self.values.copy(), self.mask.copy()
         for key, row in read.items():
             if key not in self.index:
@@ -155,6 +155,21 @@ class Parameters:
                 raise InputError(f"parameter '{key}' is in {self.table[k].unit}, not in {row['unit']}")
             values[k], mask[k] = row["value"], row["free"]
         return replace(self, values=values, mask=mask)
+
+
+def _parameter_rows(text: str) -> dict:
+    """key -> row of a parameter file; InputError where it is no such file."""
+    try:
+        rows = tomllib.loads(text).get("parameters")
+    except tomllib.TOMLDecodeError as problem:
+        raise InputError(f"the parameters file is not TOML ({problem}); write one table line a parameter") from None
+    if not isinstance(rows, dict):
+        raise InputError("the parameters file has no table [parameters]; write one line a parameter under it")
+    for key, row in rows.items():
+        kinds = [type(row.get(name)) for name in ("value", "unit", "free")] if isinstance(row, dict) else []
+        if kinds not in ([float, str, bool], [int, str, bool]):
+            raise InputError(f"parameter '{key}': expected value, unit and free, found {row!r}; correct it")
+    return rows
 
 
 def _some(keys: tuple[str, ...]) -> str:

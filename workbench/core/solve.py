@@ -108,7 +108,7 @@ class _Problem:
         self.parameters, self.residual, self.weights = parameters, residual, weights
         root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
         rows *= root
-        flat = rows.reshape(len(rows), -1)
+        flat = rows.reshape(len(rows), residual.size)
         self.normal = (flat @ flat.T) * np.outer(self.scale, self.scale)
         self.gradient = (flat @ (residual * root).ravel()) * self.scale
         self.trust = self.trust_in_priors(residual)
@@ -179,8 +179,8 @@ class _Problem:
 
 def normal_matrix(model: Model, parameters: Parameters) -> np.ndarray:
     """(F, F) whitened normal matrix of the data in the free parameters' own units."""
-    rows = model.linearise(parameters)[1] / model.sigma(parameters)
-    flat = rows.reshape(len(rows), -1)
+    residual, rows = model.linearise(parameters)
+    flat = (rows / model.sigma(parameters)).reshape(len(rows), residual.size)
     return flat @ flat.T
 
 
