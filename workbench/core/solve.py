@@ -1,11 +1,12 @@
 """Whitened, damped least squares: from a model and its free parameters to a fit."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from workbench.core.model import Model
+from workbench.core.noise import fit_noise, information, noise_mask
 from workbench.core.parameters import Parameters
 
 CONVERGED = "converged: another step would move nothing by more than a hundredth of its sigma"
@@ -22,6 +23,7 @@ NOT_FINITE = (
 # A step is damped by at least this much per squared typical size: it keeps null directions still,
 # and slows only directions that the data know a hundred times less than one knew before measuring.
 _FLOOR = 1e-4
+_NOISE_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,20 @@ def solve(model: Model, parameters: Parameters, loss: str = "linear", steps: int
 
     Levenberg-Marquardt on residuals whitened by their own sigma, columns scaled by the
     parameters' typical sizes (Nocedal & Wright, Numerical Optimization, 2nd ed., ch. 10);
-    a robust loss reweights samples, with the noise's scale from their median.
+    a robust loss reweights samples, with the noise's scale from their median. Effects on the noise
+    that are free are fitted between solves of the mean.
     """
+    spread = noise_mask(model, parameters)
+    fit = _solve_mean(model, parameters.only(parameters.mask & ~spread), loss, steps)
+    if not spread.any():
+        return fit
+    for _ in range(_NOISE_ROUNDS):
+        found = fit_noise(model, fit.parameters.only(parameters.mask), fit.residual, fit.weights)
+        fit = _solve_mean(model, found.only(parameters.mask & ~spread), loss, steps)
+    return _with_noise(model, fit, parameters.mask, spread)
+
+
+def _solve_mean(model, parameters, loss, steps) -> Fit:
     problem = _Problem(model, parameters, LOSSES[loss])
     problem.start()
     for _ in range(steps):
@@ -79,6 +93,17 @@ def solve(model: Model, parameters: Parameters, loss: str = "linear", steps: int
             break
         problem.step()
     return problem.finish()
+
+
+def _with_noise(model, fit: Fit, mask, spread) -> Fit:
+    """The fit with the noise parameters free again and their information in the normal matrix."""
+    parameters = fit.parameters.only(mask)
+    normal = np.zeros((mask.sum(),) * 2)
+    mean = ~spread[mask]
+    normal[np.ix_(mean, mean)] = fit.normal
+    # information is free of the scale of sigma, by which `normal` is divided later
+    normal[np.ix_(~mean, ~mean)] = information(model, parameters, fit.weights) * fit.sigma_scale**2
+    return replace(fit, parameters=parameters, normal=normal)
 
 
 class _Problem:
