@@ -7,7 +7,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from robot_model import Robot, load_robot
-from robot_model.chain import A, ALPHA, D, THETA, forward
+from robot_model.chain import ALPHA, THETA, A, D, forward
 from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.poses import rotation_matrix
 from robot_model.system import RobotChain, bind, geometry_free
@@ -50,7 +50,8 @@ class Problem:
         points = frames.point(POINT).T + random.normal(0, NOISE, (self.n, 3))
         columns = {f"q{k + 1}_deg": np.rad2deg(column) for k, column in enumerate(readings.T)}
         columns |= {f"{axis}_mm": column for axis, column in zip("xyz", points.T)}
-        return Recording("external-point", columns, {"builtin": "fanuc_lr_mate_200id"}, sigma_mm=NOISE, name="benchmark")
+        arm = {"builtin": "fanuc_lr_mate_200id"}
+        return Recording("external-point", columns, arm, sigma_mm=NOISE, name="benchmark")
 
     @cached_property
     def chain(self) -> RobotChain:

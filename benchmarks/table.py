@@ -104,4 +104,5 @@ def _time(seconds: float) -> str:
 def _versions() -> str:
     names = ("pybotics", "pin", "figaroh", "scipy")
     libraries = [f"{name} {importlib.metadata.version(name)}" for name in names]
-    return ", ".join([f"Python {platform.python_version()}", f"numpy {np.__version__}", *libraries, "one thread, processor time"])
+    ours = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
+    return ", ".join([*ours, *libraries, "one thread", "processor time"])

@@ -80,6 +80,7 @@ class _Step:
     tied: dict
     free: int
     rank: int
+    loss: str = "linear"
 
 
 def calibrate(
@@ -156,7 +157,7 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
         if not (stage.earn and result.earned and any(s is later for s in others for later, _ in rows[k + 1 :])):
             continue
         progress(f"the result without {stage.name}")
-        without = _try(nominal, _merged(others, nominal), split)
+        without = _try(replace(step, model=nominal.model), _merged(others, nominal), split)
         if not step.held_out.beats(without.held_out):
             after = f"held-out {without.held_out.rms:.4f} mm without it, {step.held_out.rms:.4f} with it"
             sentence = f"{result.sentence}; no longer earned after the later stages ({after}): left out"
@@ -198,7 +199,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     fit = solve(model.at(split.fit), free, loss, stage.steps)
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, loss, stage.steps)
-    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, int(wanted.mask.sum()), known.rank)
+    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, int(wanted.mask.sum()), known.rank, loss)
 
 
 def _stage_mask(parameters, stage, effects, chain):
@@ -252,9 +253,15 @@ def _suspects(residual):
 
 
 def _held_out(model, fit, split, loss, steps) -> HeldOut:
-    if split.test.any():
-        return hold_out(model, fit.parameters, split.test, split.fit, loss, steps)
+    """Judged on folds of the fit samples alone: test samples have no part in choosing stages."""
     return cross_validate(model, fit.parameters, split.fold, loss, steps)
+
+
+def _final_held_out(step: _Step, split: Split) -> HeldOut:
+    """The error on the named test samples, else that over the folds."""
+    if not split.test.any():
+        return step.held_out
+    return hold_out(step.model, step.parameters, split.test, split.fit, step.loss)
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
@@ -269,21 +276,29 @@ def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
 
 
 def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -> Calibration:
+    held_out = _final_held_out(step, split)
+    parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
-    solution = Solution(step.parameters, step.fit, step.tied, provenance(recording), scores)
-    fit_residual = step.model.residual(step.parameters)[:3]
-    folds = len(np.unique(split.fold[split.fold >= 0])) if not split.test.any() else 1
-    shown = np.where(np.isfinite(step.held_out.residual), step.held_out.residual, fit_residual)
-    points, arrows = _in_root(step.model, step.parameters, shown)
+    solution = Solution(parameters, step.fit, step.tied, provenance(recording), scores)
+    fit_residual = step.model.residual(parameters)[:3]
+    shown = np.where(np.isfinite(held_out.residual), held_out.residual, fit_residual)
+    points, arrows = _in_root(step.model, parameters, shown)
     return Calibration(
         recording, robot, step.model, solution, stages, tuple(parameter_rows(solution)),
         error_summary(step.fit.residual[:3]) | repeat_summary(recording, fit_residual),
-        error_summary(step.held_out.residual) | {"folds": folds, "samples": int((step.held_out.fold >= 0).sum())},
-        error_summary(nominal.held_out.residual),
-        fit_residual, step.held_out.residual, nominal.model.residual(nominal.parameters)[:3],
-        step.held_out.fold, points, arrows,
+        _held_out_summary(held_out),
+        error_summary(_final_held_out(nominal, split).residual),
+        fit_residual, held_out.residual, nominal.model.residual(nominal.parameters)[:3],
+        held_out.fold, points, arrows,
         tuple(int(i) for i in recording.sample_ids[_suspects(fit_residual)]), dict(solution.provenance),
     )  # fmt: skip
+
+
+def _held_out_summary(held_out: HeldOut) -> dict:
+    """Errors, folds and samples; what had to be located on the tested rows costs one number each."""
+    folds = len(np.unique(held_out.fold[held_out.fold >= 0]))
+    counts = {"folds": folds, "samples": int((held_out.fold >= 0).sum())}
+    return error_summary(held_out.residual) | counts | {"located_on_test_rows": sorted(held_out.located)}
 
 
 def _in_root(model, parameters, residual):

@@ -96,7 +96,7 @@ def calibration_json(calibration) -> dict:
         "undetermined": list(solution.null_sentences),
         "observability": known.observability(calibration.recording.n),
         "suspect_samples": list(calibration.suspects),
-        "selection": "stages were kept or left out on the folds that give held_out, or on the test samples where named",
+        "selection": "stages were chosen on folds of the fit samples; without named test samples these give held_out",
         "provenance": calibration.provenance,
     }
 

@@ -13,6 +13,7 @@ from scipy.linalg import qr
 from workbench.core.parameters import Parameters
 
 _PART, _NAMED = 0.05, 6
+_SAME = 1e-12  # squared: what rounding leaves of a column, in its own length, that others make exactly
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
 _TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
 
@@ -22,7 +23,8 @@ class Identifiability:
     """F free parameters: `singular` (F,) ascending, `directions` (F, F) their unit directions in
     columns (typical sizes), `rank`: all from the data alone, without priors; `covariance` (F, F) in
     the parameters' own units, with the priors, and a hundred typical sizes where nothing is known;
-    `weight` (F,) what one typical size of each does to all measurements, in sigmas.
+    `weight` (F,) what one typical size of each does to all measurements, in sigmas; `exact` (E, F)
+    directions in which nothing changes at all, whatever the sigmas and typical sizes.
     """
 
     keys: tuple[str, ...]
@@ -33,6 +35,7 @@ class Identifiability:
     rank: int
     covariance: np.ndarray
     weight: np.ndarray
+    exact: np.ndarray
 
     @property
     def null(self) -> np.ndarray:
@@ -65,14 +68,15 @@ class Identifiability:
         return [int(k) for k in np.argsort(-part, kind="stable") if part[k] > _PART * part.max()]
 
     def _short(self):
-        """(F - rank, F) rows that span the null space, each with one parameter of its own."""
-        null = self.null.T
-        if not null.size:
-            return null
-        weight = 1 + 1e-3 * np.arange(len(self.keys))  # of equals the later one gives its name
-        pivots = qr(null * weight, pivoting=True, mode="r")[1][: len(null)]
-        rows = np.linalg.solve(null[:, pivots], null)
-        return rows / np.abs(rows).max(1, keepdims=True)
+        """(F - rank, F) rows that span the null space, each with one parameter of its own.
+
+        What is exactly the same comes first and by itself: it is not to be mixed with what these
+        few samples only hardly tell apart.
+        """
+        exact, pivots = _echelon(self.exact)
+        rest = self.null.T - self.null.T[:, pivots] @ exact
+        basis = np.linalg.svd(rest, full_matrices=False)[2][: max(len(rest) - len(exact), 0)]
+        return np.concatenate([exact, _echelon(basis)[0]])
 
     def sentences(self) -> list[str]:
         """The null space in words, one sentence an undetermined direction."""
@@ -111,7 +115,23 @@ def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1
     covariance = np.linalg.inv(known) * np.outer(typical, typical)
     table = [p for p, free in zip(parameters.table, mask) if free]
     names = tuple(p.key for p in table), tuple(p.label or p.key for p in table)
-    return Identifiability(*names, typical, singular, vectors, rank, covariance, weight)
+    return Identifiability(*names, typical, singular, vectors, rank, covariance, weight, _exact(scaled, weight))
+
+
+def _exact(scaled, weight):
+    """(E, F) null directions of the matrix with columns of unit length, back in typical sizes."""
+    length = np.where(weight > 0, weight, 1)
+    values, vectors = np.linalg.eigh(scaled / np.outer(length, length))
+    return (vectors[:, values < _SAME] / length[:, None]).T
+
+
+def _echelon(rows):
+    """The same row space with one column of its own for each row, largest entry 1; and those columns."""
+    if not len(rows):
+        return rows, []
+    weight = 1 + 1e-3 * np.arange(rows.shape[1])  # of equals the later one gives its name
+    pivots = qr(rows * weight, pivoting=True, mode="r")[1][: len(rows)]
+    return np.linalg.solve(rows[:, pivots], rows), pivots
 
 
 def independent(
