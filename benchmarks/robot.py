@@ -1,7 +1,7 @@
 """Speed of the arm against pybotics, Pinocchio and figaroh: one table, status 1 where a ratio is missed.
 
 Both sides answer the same question in the same process on one thread, and their answers are
-compared before their times are. Run `python benchmarks/robot.py [--full]` in an environment with
+compared before their times are. Run `python benchmarks/robot.py` in an environment with
 the extra `bench`; `make bench` makes one.
 """
 
@@ -16,7 +16,6 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_N
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 where a required ratio was missed, else 0."""
     parser = argparse.ArgumentParser(prog="benchmarks/robot.py", description=__doc__.splitlines()[0])
-    parser.add_argument("--full", action="store_true", help="run figaroh on all 7,000 points instead of extrapolating")
     parser.add_argument("--only", default="", metavar="WORD", help="only the rows whose name holds WORD")
     options = parser.parse_args(arguments)
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read by numpy when it is first imported, below
@@ -25,8 +24,10 @@ def main(arguments: list[str] | None = None) -> int:
         sys.path.insert(0, root)
     from benchmarks import table
     from benchmarks.rows import comparisons
+    from workbench.core.memory import keep_freed_memory
 
-    chosen = [row for row in comparisons(options.full) if options.only in row.__name__]
+    keep_freed_memory()  # as the command line does
+    chosen = [row for row in comparisons() if options.only in row.__name__]
     return table.show(chosen)
 
 

@@ -16,7 +16,7 @@ class Row:
 
     `required` is the least ratio peer / ours that is asked for, None where the row only informs.
     `at_least`: the peer was stopped before it had an answer, so that the ratio is a lower bound.
-    `note` says what was checked and what was extrapolated.
+    `note` says what was checked.
     """
 
     what: str

@@ -93,10 +93,11 @@ class Recording:
         """(n,) int labels 0, 1, …: rows with one `pose`, or with one `repeat`, share a label.
 
         Rows that are linked through others share it too, so that a split by label never parts
-        repeats of one pose. Without either column every row stands alone.
+        repeats of one pose; so do rows whose joint readings agree.
         """
-        links = [self.columns[c] for c in ("pose", "repeat") if c in self.columns]
-        return _linked(links) if links else np.arange(self.n)
+        # readings that agree to 1e-4 rad (1e-4 mm) are one commanded pose, whatever the columns say
+        same = np.unique(self.joints.round(4), axis=0, return_inverse=True)[1].ravel()
+        return _linked([same, *(self.columns[c] for c in ("pose", "repeat") if c in self.columns)])
 
     @property
     def covariates(self) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ operation is then one long contiguous loop; a rotation matrix is its three colum
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,19 +22,23 @@ class Frames:
     z and x); `z_origin`, `x_origin` (J, 3, n): points on them. `link` (J+2, 3, 3, n) the columns
     of the frame of each small twist (base, links, tool), `pivot` (J+2, 3, n) the point that it
     turns about and `origin` (J, 3, n) that of the frame after each joint. `end` (3, 3, n)
-    columns of the flange, `end_origin` (3, n).
+    columns of the flange, `end_origin` (3, n). `axes` (z, x, y) and `origins` (of z, of x) are
+    lists of one (3, n) a joint: as the walk left them, copied only when somebody asks.
     """
 
-    z: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    z_origin: np.ndarray
-    x_origin: np.ndarray
+    axes: tuple[list[np.ndarray], ...]
+    origins: tuple[list[np.ndarray], ...]
     link: np.ndarray | None
     pivot: np.ndarray | None
     origin: np.ndarray | None
     end: tuple[np.ndarray, np.ndarray, np.ndarray]
     end_origin: np.ndarray
+
+    z = cached_property(lambda self: np.stack(self.axes[0]))
+    x = cached_property(lambda self: np.stack(self.axes[1]))
+    y = cached_property(lambda self: np.stack(self.axes[2]))
+    z_origin = cached_property(lambda self: np.stack(self.origins[0]))
+    x_origin = cached_property(lambda self: np.stack(self.origins[1]))
 
     def point(self, flange_point: np.ndarray) -> np.ndarray:
         """(3, n) world coordinates of a flange-frame point (3,) or (3, n)."""
@@ -52,6 +57,7 @@ def forward(
     base: tuple[np.ndarray, np.ndarray] | None = None,
     twists: dict[int, np.ndarray] | None = None,
     links: bool = False,
+    turns: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Frames:
     """Frames of the arm.
 
@@ -68,10 +74,17 @@ def forward(
     walk = _Walk(joints, n, robot.base, base, twists or {}, links or bool(twists))
     geometry = robot.geometry if geometry is None else geometry
     angles, shifts = _angles_and_shifts(robot, variables, geometry)
-    cosines, sines = np.cos(angles), np.sin(angles)
+    if turns is None or geometry.ndim > 2 or robot.prismatic.any():
+        cosines, sines = np.cos(angles), np.sin(angles)
+    else:
+        c, s = np.cos(geometry[:, :1]), np.sin(geometry[:, :1])
+        cosines, sines = c * turns[0] - s * turns[1], s * turns[0] + c * turns[1]
     step = walk.distal if robot.convention == "distal" else walk.craig
+    twist_cosines, twist_sines = np.cos(geometry[:, ALPHA:]), np.sin(geometry[:, ALPHA:])
+    tilted = geometry[:, BETA].reshape(joints, -1).any(1)
     for k in range(joints):
-        step(k, cosines[k], sines[k], shifts[k], geometry[k])
+        beta = (twist_cosines[k, 1], twist_sines[k, 1]) if tilted[k] else None
+        step(k, (cosines[k], sines[k]), (twist_cosines[k, 0], twist_sines[k, 0]), beta, shifts[k], geometry[k, A])
     return walk.finish(robot.flange)
 
 
@@ -93,33 +106,40 @@ class _Walk:
         start = rotation @ root[:3, :3]
         self.axes = [np.repeat(start[:, c, None], n, 1) for c in range(3)]
         self.origin = np.repeat((rotation @ root[:3, 3] + origin)[:, None], n, 1)
-        self.z, self.x, self.y, self.z_origin, self.x_origin = np.empty((5, joints, 3, n))
+        self.z, self.x, self.y, self.z_origin, self.x_origin = ([] for _ in range(5))
         self.link = np.empty((joints + 2, 3, 3, n)) if links else None
         self.pivot = np.empty((joints + 2, 3, n)) if links else None
         self.origins = np.empty((joints, 3, n)) if links else None
         self.twists = twists
         self.keep_link(0, self.origin)
 
-    def distal(self, k, c, s, shift, row):
+    def distal(self, k, theta, alpha, beta, shift, length):
         before = self.origin
-        self.z[k], self.z_origin[k] = self.axes[2], self.origin
-        self.turn(2, c, s)
-        self.origin = self.origin + self.axes[2] * shift + self.axes[0] * row[A]
-        self.x[k], self.x_origin[k] = self.axes[0], self.origin
-        self.turn(0, np.cos(row[ALPHA]), np.sin(row[ALPHA]))
-        self.y[k] = self.axes[1]
-        self.turn_if(1, row[BETA])
+        self.z.append(self.axes[2])
+        self.z_origin.append(self.origin)
+        self.turn(2, *theta)
+        self.origin = self.origin + self.axes[2] * shift
+        self.origin += self.axes[0] * length
+        self.x.append(self.axes[0])
+        self.x_origin.append(self.origin)
+        self.turn(0, *alpha)
+        self.y.append(self.axes[1])
+        if beta is not None:
+            self.turn(1, *beta)
         self.keep_joint(k, before)
 
-    def craig(self, k, c, s, shift, row):
+    def craig(self, k, theta, alpha, beta, shift, length):
         before = self.origin
-        self.y[k], self.x_origin[k] = self.axes[1], self.origin
-        self.turn_if(1, row[BETA])
-        self.x[k] = self.axes[0]
-        self.turn(0, np.cos(row[ALPHA]), np.sin(row[ALPHA]))
-        self.origin = self.origin + self.axes[0] * row[A]
-        self.z[k], self.z_origin[k] = self.axes[2], self.origin
-        self.turn(2, c, s)
+        self.y.append(self.axes[1])
+        self.x_origin.append(self.origin)
+        if beta is not None:
+            self.turn(1, *beta)
+        self.x.append(self.axes[0])
+        self.turn(0, *alpha)
+        self.origin = self.origin + self.axes[0] * length
+        self.z.append(self.axes[2])
+        self.z_origin.append(self.origin)
+        self.turn(2, *theta)
         self.origin = self.origin + self.axes[2] * shift
         self.keep_joint(k, before)
 
@@ -127,12 +147,9 @@ class _Walk:
         """Right-multiply by an elementary rotation: mixes the other two axes."""
         i, j = (about + 1) % 3, (about + 2) % 3
         first, second = self.axes[i], self.axes[j]
-        self.axes[i] = c * first + s * second
-        self.axes[j] = c * second - s * first
-
-    def turn_if(self, about, angle):
-        if np.any(angle):
-            self.turn(about, np.cos(angle), np.sin(angle))
+        self.axes[i], self.axes[j] = c * first, c * second
+        self.axes[i] += s * second
+        self.axes[j] -= s * first
 
     def keep_joint(self, k, before):
         if self.link is not None:
@@ -159,8 +176,8 @@ class _Walk:
             self.origin = self.origin + sum(axis * t for axis, t in zip(self.axes, offset))
             self.axes = [sum(axis * r for axis, r in zip(self.axes, rotation[:, c])) for c in range(3)]
         self.keep_link(len(self.z) + 1, self.origin)
-        kept = (self.z, self.x, self.y, self.z_origin, self.x_origin, self.link, self.pivot, self.origins)
-        return Frames(*kept, tuple(self.axes), self.origin)
+        lines = (self.z, self.x, self.y), (self.z_origin, self.x_origin)
+        return Frames(*lines, self.link, self.pivot, self.origins, tuple(self.axes), self.origin)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -192,19 +209,23 @@ def joint_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarra
 
 def geometry_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarray) -> np.ndarray:
     """(len(slots), 3, n) motion of `point` per unit of geometry; slot 5 k + THETA..BETA of joint k."""
-    joint, kind = np.divmod(slots, 5)
     rows = np.empty((len(slots), 3, point.shape[1]))
-    for which, axis, origin in (
-        (THETA, frames.z, frames.z_origin),
-        (ALPHA, frames.x, frames.x_origin),
-        (BETA, frames.y, frames.x_origin),
-    ):
-        mine = joint[kind == which]
-        if mine.size:
-            rows[kind == which] = cross(axis[mine], point - origin[mine])
-    rows[kind == D] = frames.z[joint[kind == D]]
-    rows[kind == A] = frames.x[joint[kind == A]]
+    turns, levers = [], []
+    for row, slot in enumerate(slots.tolist()):
+        joint, kind = divmod(slot, 5)
+        rows[row] = frames.axes[_AXIS[kind]][joint]
+        if kind not in (D, A):
+            turns.append(row)
+            levers.append(frames.origins[_ORIGIN[kind]][joint])
+    if turns:
+        lever = point - np.stack(levers)
+        rows[turns] = cross(rows[turns], lever)
     return rows
+
+
+_AXIS = (0, 0, 1, 1, 2)
+"""theta and d go by z, a and alpha by x, beta by y; the last two stand where x does."""
+_ORIGIN = (0, 0, 1, 1, 1)
 
 
 def geometry_turns(frames: Frames, slots: np.ndarray) -> np.ndarray:

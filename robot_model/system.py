@@ -56,6 +56,11 @@ class RobotChain:
     def n(self) -> int:
         return self.variables.shape[1]
 
+    @cached_property
+    def turns(self) -> tuple[np.ndarray, np.ndarray]:
+        """(J, n) cosines and sines of the joint variables, which every evaluation needs."""
+        return np.cos(self.variables), np.sin(self.variables)
+
     def at(self, samples: np.ndarray) -> "RobotChain":
         """The same robot and start on some of the samples."""
         state = replace(
@@ -111,9 +116,9 @@ class RobotChain:
     def frames(self, values: np.ndarray, deltas: dict) -> tuple[kinematics.Frames, dict]:
         """Frames in the world with all deltas of joints, geometry and frames; and the twists."""
         pose, geometry, _ = self.split(values)
-        variables, twists = self.variables, _twists(deltas)
+        variables, turns, twists = self.variables, self.turns, _twists(deltas)
         if "joint" in deltas:
-            variables = variables.copy()
+            turns, variables = None, variables.copy()
             variables[deltas["joint"][0]] += deltas["joint"][1]
         if "geometry" in deltas:
             slots, change = deltas["geometry"]
@@ -121,7 +126,7 @@ class RobotChain:
             geometry[slots] += change
             geometry = geometry.reshape(self.robot.joints, 5, self.n)
         base = rotation_matrix(pose[3:]), pose[:3]
-        return forward(self.robot, variables, geometry, base, twists, links=bool(twists)), twists
+        return forward(self.robot, variables, geometry, base, twists, bool(twists), turns), twists
 
 
 class Evaluation:

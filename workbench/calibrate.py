@@ -13,7 +13,7 @@ from robot_model.robot import Robot
 from robot_model.system import bind
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
-from workbench.core.identifiability import identifiability, independent
+from workbench.core.identifiability import Identifiability, identifiability, independent
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
@@ -25,6 +25,8 @@ from workbench.results import StageResult, calibration_json, parameter_rows
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
+_LEAST_POSES = 4
+_NANOMETRE = 1e-6  # mm: nothing is measured better
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,10 @@ def calibrate(
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split)
+    clean = _without_blunders(nominal, stages[0], split)
+    if clean is not split:
+        progress(f"{int((split.fit & ~clean.fit).sum())} blunders are left out of the fit and named")
+        split, nominal = clean, _first(Model(chain), clean)
     step, results = _run(nominal, stages, split, progress)
     return _calibration(moving, robot, nominal, step, results, split)
 
@@ -121,11 +127,30 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
     fit = np.isin(recording.sample_ids, fit_samples) if fit_samples is not None else ~test
     if not test.any() and not fit.all():
         test = ~fit
-    if fit.sum() < 4:
-        raise InputError(f"recording '{recording.name}': {fit.sum()} moving samples are left to fit; give at least 4")
+    poses = len(np.unique(recording.poses[fit]))
+    if poses < _LEAST_POSES:
+        raise InputError(
+            f"recording '{recording.name}': {fit.sum()} moving samples at {poses} distinct poses are left to fit; "
+            f"expected at least {_LEAST_POSES} poses; measure more"
+        )
     fold = np.full(recording.n, -1)
     fold[fit] = blocks(recording.poses[fit], folds)
     return Split(fit, fold, test)
+
+
+def _without_blunders(nominal: _Step, stage: Stage, split: Split) -> Split:
+    """The split without fit samples that are far off even a robust fit of the first stage.
+
+    They say something about the recording and nothing about the robot; more than a twentieth of
+    the samples is no blunder any more but a model that is wrong, and stays.
+    """
+    after = _try(nominal, replace(stage, loss="huber"), replace(split, fold=np.full_like(split.fold, -1)))
+    off = np.flatnonzero(split.fit)[_suspects(after.fit.residual[:3])]
+    if not off.size or off.size > split.fit.sum() / 20:
+        return split
+    fit, fold = split.fit.copy(), split.fold.copy()
+    fit[off], fold[off] = False, -1
+    return Split(fit, fold, split.test)
 
 
 def _first(model: Model, split: Split) -> _Step:
@@ -189,17 +214,16 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     model = step.model.with_effects(*effects)
     start = model.parameters.take_over(step.parameters)
     wanted = start.only(start.mask | _stage_mask(start, stage, effects, model.chain))
-    loss = "huber" if stage.loss == "linear" and len(_suspects(step.fit.residual[:3])) else stage.loss
     trial, residual = None, step.fit
     for _ in range(2):
         model = replace(model, chain=_honest_sigma(model.chain, residual, split), _bases={})
-        residual = trial = solve(model.at(split.fit), trial.parameters if trial else wanted, loss, stage.steps)
+        residual = trial = solve(model.at(split.fit), trial.parameters if trial else wanted, stage.loss, stage.steps)
     model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
     free, tied = _canonical(model.at(split.fit), trial, wanted) if stage.canonical else (wanted, {})
-    fit = solve(model.at(split.fit), free, loss, stage.steps)
+    fit = solve(model.at(split.fit), free, stage.loss, stage.steps)
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
-    held_out = _held_out(model, fit, split, loss, stage.steps)
-    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, int(wanted.mask.sum()), known.rank, loss)
+    held_out = _held_out(model, fit, split, stage.loss, stage.steps)
+    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, int(wanted.mask.sum()), known.rank, stage.loss)
 
 
 def _stage_mask(parameters, stage, effects, chain):
@@ -228,11 +252,13 @@ def _honest_sigma(chain, trial: Fit, split: Split):
     J. Res. NBS 87, 1982): a tracker's 3 um must not decide between poses while 70 um are
     unexplained. Where no sigma is known it is estimated altogether.
     """
-    sigma, squares = chain.stated_sigma[:3], trial.residual[:3] ** 2
-    degrees = squares.size / max(squares.size - len(trial.normal), 1)
-    extra = _extra_variance(squares * degrees, 0 * sigma[:, split.fit] if chain.sigma_unknown else sigma[:, split.fit])
-    widened = chain.sigma.copy()
-    widened[:3] = np.sqrt((0 if chain.sigma_unknown else chain.stated_sigma[:3]) ** 2 + extra)
+    stated, widened = (0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma), chain.sigma.copy()
+    degrees = trial.residual.size / max(trial.residual.size - len(trial.normal), 1)
+    for rows in (slice(0, 3), slice(3, 6)):  # positions, and turns where they are measured
+        squares = trial.residual[rows] ** 2 * degrees
+        if squares.size:
+            extra = _extra_variance(squares, stated[rows][:, split.fit])
+            widened[rows] = np.sqrt(stated[rows] ** 2 + extra)
     return replace(chain, sigma=widened)
 
 
@@ -242,8 +268,9 @@ def _extra_variance(squares, sigma):
     def excess(v):
         return float((squares / np.maximum(sigma**2 + v, 1e-300)).mean() - 1)
 
-    high = float(squares.mean())
-    return brentq(excess, 1e-12 * high, high) if high > 0 and excess(1e-12 * high) > 0 else 0.0
+    high = 2 * float(squares.mean())  # twice: at the mean itself rounding may leave the sign open
+    least = max(1e-12 * high, _NANOMETRE**2)
+    return brentq(excess, least, high) if high > least and excess(least) > 0 else least * (not sigma.any())
 
 
 def _suspects(residual):
@@ -279,7 +306,8 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -
     held_out = _final_held_out(step, split)
     parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
-    solution = Solution(parameters, step.fit, step.tied, provenance(recording), scores)
+    known = _all_known(step, parameters, split)
+    solution = Solution(parameters, step.fit, known, provenance(recording), scores)
     fit_residual = step.model.residual(parameters)[:3]
     shown = np.where(np.isfinite(held_out.residual), held_out.residual, fit_residual)
     points, arrows = _in_root(step.model, parameters, shown)
@@ -290,8 +318,15 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -
         error_summary(_final_held_out(nominal, split).residual),
         fit_residual, held_out.residual, nominal.model.residual(nominal.parameters)[:3],
         held_out.fold, points, arrows,
-        tuple(int(i) for i in recording.sample_ids[_suspects(fit_residual)]), dict(solution.provenance),
+        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), dict(solution.provenance),
     )  # fmt: skip
+
+
+def _all_known(step: _Step, parameters: Parameters, split: Split) -> Identifiability:
+    """What the data determine of all that any stage freed, also of what was then held."""
+    tied = np.isin(parameters.keys, list(step.tied))
+    everything = parameters.only(parameters.mask | tied)
+    return identifiability(normal_matrix(step.model.at(split.fit), everything), everything)
 
 
 def _held_out_summary(held_out: HeldOut) -> dict:

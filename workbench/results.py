@@ -24,40 +24,42 @@ class StageResult:
 
 
 def parameter_rows(solution) -> list[dict]:
-    """One row a parameter of the JSON contract; what is undetermined carries no sigma."""
-    parameters, known = solution.parameters, solution.known
+    """One row a parameter of the JSON contract.
+
+    A parameter that is known only together with others carries no `std` but `std_given_tied`: how
+    sure it is if those others are exactly what they are held at.
+    """
+    parameters, known = solution.parameters, solution.all_known
     determined = dict(zip(known.keys, known.determined.tolist()))
-    tied = known.tied() | dict(solution.tied)
+    tied = known.tied()
+    std = solution.std if solution.redundancy > 0 else {}
     return [
-        _row(p, value, free, solution.std, determined, tied)
+        _row(p, value, free, std.get(p.key), determined.get(p.key, False), tied.get(p.key, []))
         for p, value, free in zip(parameters.table, parameters.values.tolist(), parameters.mask.tolist())
     ]
 
 
-def _row(parameter, value, free, std, determined, tied):
-    key = parameter.key
-    where, _, name = key.partition(".")
-    sure = free and determined[key]
-    others = tied.get(key, [])
+def _row(parameter, value, free, std, determined, others):
+    where, _, name = parameter.key.partition(".")
+    sure = bool(free and determined and std is not None)
     return {
         "name": name, "where": where, "value": value, "unit": parameter.unit,
-        "std": std[key] if sure else None, "nominal": parameter.null, "identifiable": bool(sure),
-        "tied_to": others, "free": bool(free), "label": parameter.label, "why": _why(free, sure, others, key in tied),
+        "std": std if sure else None, "nominal": parameter.null, "identifiable": sure,
+        "tied_to": others, "free": bool(free), "label": parameter.label,
+        "std_given_tied": None if sure else std, "why": _why(free, sure, std, others, determined),
     }  # fmt: skip
 
 
-def _why(free, sure, others, held):
+def _why(free, sure, std, others, determined):
     if sure:
         return ""
+    if free and std is None:
+        return "no redundancy: as many parameters as measured numbers"
     if free:
-        return (
-            "undetermined: one and the same here as " + ", ".join(others)
-            if others
-            else "undetermined: has no effect here"
-        )
-    if held:
-        return "held: what it does is already done by " + ", ".join(others) if others else "held: has no effect here"
-    return "held at its nominal value by the plan"
+        return "known only together with " + ", ".join(others) if others else "undetermined: too little effect here"
+    if others:
+        return "held: one and the same here as " + ", ".join(others)
+    return "held at its nominal value by the plan" if determined is False else "held: too little effect here"
 
 
 def calibration_json(calibration) -> dict:

@@ -14,6 +14,7 @@ from workbench.core.parameters import Parameters
 
 _PART, _NAMED = 0.05, 6
 _SAME = 1e-12  # squared: what rounding leaves of a column, in its own length, that others make exactly
+_NO_EFFECT = 1e-6  # sigmas: what rounding makes of a column of zeros
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
 _TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
 
@@ -29,6 +30,7 @@ class Identifiability:
 
     keys: tuple[str, ...]
     labels: tuple[str, ...]
+    units: tuple[str, ...]
     typical: np.ndarray
     singular: np.ndarray
     directions: np.ndarray
@@ -81,7 +83,18 @@ class Identifiability:
     def sentences(self) -> list[str]:
         """The null space in words, one sentence an undetermined direction."""
         label = dict(zip(self.keys, self.labels))
-        return [_sentence([label[key] for key in group]) for group in self.groups()]
+        return [
+            self._alone(group[0]) if len(group) == 1 else _sentence([label[k] for k in group])
+            for group in self.groups()
+        ]
+
+    def _alone(self, key):
+        """What is said of a parameter that no other can stand in for and that still is not known."""
+        k = self.keys.index(key)
+        if self.weight[k] < _NO_EFFECT:
+            return f"{self.labels[k]} has no effect at all on these measurements"
+        least = f"{self.typical[k] / self.weight[k]:.2g} {self.units[k]}"
+        return f"{self.labels[k]} has too little effect here: below about {least} it cannot be seen"
 
     def observability(self, samples: int) -> dict[str, float]:
         """O1-O5 of the determined directions, columns scaled by their typical sizes.
@@ -114,14 +127,15 @@ def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1
     weight = np.sqrt(np.maximum(np.diag(scaled), 0))
     covariance = np.linalg.inv(known) * np.outer(typical, typical)
     table = [p for p, free in zip(parameters.table, mask) if free]
-    names = tuple(p.key for p in table), tuple(p.label or p.key for p in table)
+    names = tuple(p.key for p in table), tuple(p.label or p.key for p in table), tuple(p.unit for p in table)
     return Identifiability(*names, typical, singular, vectors, rank, covariance, weight, _exact(scaled, weight))
 
 
 def _exact(scaled, weight):
     """(E, F) null directions of the matrix with columns of unit length, back in typical sizes."""
-    length = np.where(weight > 0, weight, 1)
-    values, vectors = np.linalg.eigh(scaled / np.outer(length, length))
+    seen = weight > _NO_EFFECT  # what rounding leaves of a column of zeros is not to be blown up
+    length = np.where(seen, weight, 1)
+    values, vectors = np.linalg.eigh(scaled * np.outer(seen, seen) / np.outer(length, length))
     return (vectors[:, values < _SAME] / length[:, None]).T
 
 
@@ -182,8 +196,6 @@ def _greedy(scaled):
 
 
 def _sentence(labels):
-    if len(labels) == 1:
-        return f"{labels[0]} has no effect at all on these measurements"
     if len(labels) == 2:
         return f"{labels[0]} and {labels[1]} are one and the same here: only their combination is determined"
     if len(labels) > _NAMED + 1:

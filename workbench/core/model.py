@@ -87,25 +87,40 @@ class Model:
         """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
         evaluation, values = self._evaluate(parameters), parameters.values
         own = len(self.chain.parameters)
-        rows = [evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))]
+        rows = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
+        filled = parameters.mask[:own].sum()
+        rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))
+        evaluation = _Once(evaluation, self._slots_by_port)
         for effect, span in zip(self.effects, self.spans):
             free = parameters.mask[span]
             if free.any():
-                rows.append(self._effect_rows(effect, span, values, evaluation)[free])
-        return evaluation.residual, np.concatenate(rows) if len(rows) > 1 else rows[0]
+                end = filled + free.sum()
+                self._effect_rows(effect, span, values, evaluation, free, rows[filled:end])
+                filled = end
+        return evaluation.residual, rows
+
+    @cached_property
+    def _slots_by_port(self) -> dict[str, np.ndarray]:
+        """Slots that some effect moves, sorted, of each port that reaches the residual by itself."""
+        every: dict[str, set] = {}
+        for effect in self.effects:
+            if effect.port not in (NOISE, *STATE_PORTS):
+                every.setdefault(effect.port, set()).update(np.asarray(effect.slots(self.chain)).tolist())
+        return {port: np.array(sorted(slots)) for port, slots in every.items()}
 
     def jacobian(self, parameters: Parameters) -> np.ndarray:
         """(m n, F) derivative of the stacked residual with respect to the free parameters."""
         residual, rows = self.linearise(parameters)
         return rows.reshape(len(rows), residual.size).T
 
-    def _effect_rows(self, effect, span, values, evaluation):
-        """(P, m, n): port derivative times the effect's own small factor."""
+    def _effect_rows(self, effect, span, values, evaluation, free, out):
+        """Into `out` (free, m, n): port derivative times the effect's own small factor."""
         if effect.port == NOISE:
-            return np.zeros((span.stop - span.start, *evaluation.residual.shape))
-        if effect.port in STATE_PORTS:
-            return self._load_rows(effect, span, values, evaluation)
-        return _contract(self._derivative(effect, span, values), self._port_rows(effect, evaluation))
+            out[:] = 0
+        elif effect.port in STATE_PORTS:
+            out[:] = self._load_rows(effect, span, values, evaluation)[free]
+        else:
+            _contract(self._derivative(effect, span, values)[free], self._port_rows(effect, evaluation), out)
 
     def _port_rows(self, effect, evaluation):
         return evaluation.rows(effect.port, np.asarray(effect.slots(self.chain)))
@@ -190,9 +205,22 @@ class Model:
         return self._bases[key]
 
 
-def _contract(small: np.ndarray, rows: np.ndarray) -> np.ndarray:
+class _Once:
+    """An evaluation that makes the rows of a port once, for all the effects on it together."""
+
+    def __init__(self, evaluation, slots_by_port):
+        self.residual, self._evaluation, self._slots, self._rows = evaluation.residual, evaluation, slots_by_port, {}
+
+    def rows(self, port, slots):
+        if port not in self._rows:
+            self._rows[port] = self._evaluation.rows(port, self._slots[port])
+        made, first = self._rows[port], np.searchsorted(self._slots[port], slots)
+        return made[first[0], None] if len(first) == 1 else made[first]
+
+
+def _contract(small: np.ndarray, rows: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
     """(P, k, n) times (k, m, n), summed over the k slots."""
-    out = small[:, 0, None, :] * rows[0]
+    out = np.multiply(small[:, 0, None, :], rows[0], out=out)
     for slot in range(1, len(rows)):
         out += small[:, slot, None, :] * rows[slot]
     return out
@@ -202,5 +230,5 @@ def _add_up(pieces) -> tuple[np.ndarray, np.ndarray]:
     slots = np.unique(np.concatenate([np.asarray(s) for s, _ in pieces]))
     total = np.zeros((len(slots), max(d.shape[-1] for _, d in pieces)))
     for own, delta in pieces:
-        np.add.at(total, np.searchsorted(slots, own), delta)
+        total[np.searchsorted(slots, own)] += delta  # an effect names each of its slots once
     return slots, total

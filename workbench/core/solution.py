@@ -35,14 +35,15 @@ class Solution:
     """Result of a solve.
 
     `parameters` with the free mask of the solve; `scores` (F, F) the outer products of the poses'
-    gradients, None where every pose has one sample; `tied` the parameters that were left out of it
-    because others make them, with those others; `residual` (m, n) predicted minus measured (mm,
-    rad); `outcome` a sentence; `provenance` versions, hash of the data, date.
+    gradients, None where every pose has one sample; `all_known` what the data determine of all
+    parameters that a stage freed, also of those then held because others make them; `residual`
+    (m, n) predicted minus measured (mm, rad); `outcome` a sentence; `provenance` versions, hash of
+    the data, date.
     """
 
     parameters: Parameters
     fit: Fit
-    tied: Mapping[str, list[str]]
+    all_known: Identifiability
     provenance: Mapping[str, str]
     scores: np.ndarray | None = None
 
@@ -65,7 +66,7 @@ class Solution:
     @property
     def noise_scale(self) -> float:
         """Residuals over their stated sigmas, never taken below 1 where sigmas were stated."""
-        return self.fit.sigma_scale
+        return max(1.0, self.fit.sigma_scale)
 
     @cached_property
     def known(self) -> Identifiability:
@@ -94,4 +95,9 @@ class Solution:
     @property
     def null_sentences(self) -> tuple[str, ...]:
         """What the data cannot tell apart, in words."""
-        return tuple(self.known.sentences())
+        return tuple(self.all_known.sentences())
+
+    @property
+    def redundancy(self) -> int:
+        """Measured numbers beyond the free parameters; without any, no sigma can be stated."""
+        return self.fit.residual.size - len(self.fit.normal)

@@ -3,14 +3,14 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from workbench.core.model import Model
 from workbench.core.noise import fit_noise, information, noise_mask
 from workbench.core.parameters import Parameters
 
 CONVERGED = "converged: another step would move nothing by more than a hundredth of its sigma"
-SETTLED = "converged: the last step lowered the cost by less than a hundred-thousandth of it"
+SETTLED = "converged: the last step lowered chi-square by less than 0.02, or a hundred-thousandth of it"
 STALLED = "converged to rounding: no step lowers the cost any further"
 OUT_OF_STEPS = (
     "did not converge: the cost was still falling at the last step; allow more steps, check units "
@@ -169,13 +169,13 @@ class _Problem:
         size = len(self.gradient)
         for _ in range(20):
             damped = self.normal + (_FLOOR + self.damping) * np.eye(size)
-            move = cho_solve(cho_factor(damped, check_finite=False), -self.gradient, check_finite=False)
+            move = _newton(damped, self.gradient)
             decrement = -float(self.gradient @ move)
             if self.damping == 0 and decrement <= 1e-4 * max(1.0, self.cost / max(self.residual.size, 1)):
                 self.outcome = CONVERGED
                 return
             if self.accept(move):
-                if abs(before - self.cost) < 1e-5 * before:
+                if abs(before - self.cost) < max(1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)):
                     self.outcome = SETTLED
                 return
             self.damping = max(4 * self.damping, 1e-9 * self.normal.max())
@@ -200,6 +200,14 @@ class _Problem:
             float(np.sqrt(data / degrees)),
             tuple(self.history), self.outcome or OUT_OF_STEPS,
         )  # fmt: skip
+
+
+def _newton(matrix, gradient):
+    """-matrix^-1 gradient; by least squares where rounding has left the matrix indefinite."""
+    try:
+        return cho_solve(cho_factor(matrix, check_finite=False), -gradient, check_finite=False)
+    except LinAlgError:
+        return -np.linalg.lstsq(matrix, gradient, rcond=1e-12)[0]
 
 
 def normal_matrix(model: Model, parameters: Parameters) -> np.ndarray:
