@@ -96,8 +96,9 @@ class Recording:
         repeats of one pose; so do rows whose joint readings agree.
         """
         # readings that agree to 1e-4 rad (1e-4 mm) are one commanded pose, whatever the columns say
-        same = np.unique(self.joints.round(4), axis=0, return_inverse=True)[1].ravel()
-        return _linked([same, *(self.columns[c] for c in ("pose", "repeat") if c in self.columns)])
+        posture = np.unique(self.joints.round(4), axis=0, return_inverse=True)[1].ravel()
+        links = [self.columns[c] for c in ("pose", "repeat") if c in self.columns]
+        return _linked([posture if self.joints.size else np.arange(self.n), *links])
 
     @property
     def covariates(self) -> dict[str, np.ndarray]:

@@ -109,5 +109,15 @@ class State:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""
         if name not in self.covariates:
             held = ", ".join(sorted(self.covariates)) or "none"
-            raise InputError(f"covariate '{name}' is needed but samples.csv has no such column: it has {held}")
+            raise InputError(
+                f"samples.csv of the recording: column '{name}' is needed by an effect, found {held}; "
+                f"add the column or take the effect out of the plan"
+            )
         return self.covariates[name]
+
+
+def sliding(robot: Robot) -> np.ndarray:
+    """(R,) True for a reading in mm: that of a prismatic joint, or of the first joint that it drives."""
+    joints, readings = robot.mixing.shape
+    own = np.arange(readings) if joints == readings else np.argmax(robot.mixing != 0, axis=0)
+    return robot.prismatic[own]

@@ -166,7 +166,7 @@ def test_a_solution_carries_covariance_and_sentences():
     model = model_of(upright())
     free = model.parameters.free("base.*", "tool.*", "joint-1.d1", "joint-2.a2")
     fit = solve(observed(model, free, np.random.default_rng(0)), free)
-    solution = Solution(fit.parameters, fit, {}, {})
+    solution = Solution(fit.parameters, fit, identifiability(fit.normal, free), {})
     assert set(solution.std) == set(np.array(free.keys)[free.mask])
     place = list(solution.known.keys).index("joint-2.a2")
     assert solution.std["joint-2.a2"] == pytest.approx(np.sqrt(solution.covariance[place, place]))

@@ -51,13 +51,19 @@ def test_joints_in_order_of_number_and_in_rad_or_mm():
 
 
 def test_poses_merge_pose_and_repeat():
-    """Rows 0-1 share a pose, 1-3 a repeat, 4 stands alone: three groups, none parted."""
+    """Rows 0-1 share a pose, 1-3 a repeat, 4 and 5 stand alone: three groups, none parted."""
     recording = made(pose=[1, 1, 2, 3, 4, 5], repeat=[7, 8, 8, 8, 9, 10])
     assert list(recording.poses) == [0, 0, 0, 0, 1, 2]
 
 
 def test_poses_without_columns_stand_alone():
     assert list(made(x_mm=[1.0, 2.0, 3.0]).poses) == [0, 1, 2]
+    assert list(made(q1_deg=[1.0, 2.0, 3.0]).poses) == [0, 1, 2]
+
+
+def test_rows_with_the_same_readings_are_one_pose_without_a_column():
+    """Read-back joints differ by an encoder count; a tenth of a degree is another pose."""
+    assert list(made(q1_deg=[1.0, 2.0, 1.0004, 1.1], q2_deg=[5.0, 6.0, 5.0, 5.0]).poses) == [0, 1, 0, 2]
 
 
 def test_sigma_of_the_row_comes_first():

@@ -107,7 +107,7 @@ def calibrate(
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split)
-    clean = _without_blunders(nominal, stages[0], split)
+    clean = _without_blunders(nominal, stages[0], split) if stages else split
     if clean is not split:
         progress(f"{int((split.fit & ~clean.fit).sum())} blunders are left out of the fit and named")
         split, nominal = clean, _first(Model(chain), clean)

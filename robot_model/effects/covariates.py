@@ -19,5 +19,15 @@ def warmth(state, *names: str) -> np.ndarray:
     return clock(state) / 3600
 
 
+def warmth_sizes(state, kelvin: float, *names: str) -> tuple[str, float, float | None]:
+    """Unit of `warmth`, and typical size and prior of what grows with it by about `kelvin` a kelvin.
+
+    An arm that works warms by up to ten kelvins in its first hour, so an hour's worth is larger.
+    """
+    if any(name in state.covariates for name in (*names, "temperature_c")):
+        return "K", kelvin, None
+    return "h", 5 * kelvin, 30 * kelvin
+
+
 REFERENCE_C = 20.0
 """ISO 1: the standard reference temperature for dimensions, in degrees Celsius."""

@@ -1,10 +1,14 @@
 """Effects of heat and time on links and base, and axes that run out."""
 
-import numpy as np
+from typing import Annotated
 
-from robot_model.chain import A, D
-from robot_model.effects.covariates import clock, warmth
+import numpy as np
+from pydantic import Field
+
+from robot_model.chain import THETA, A, D
+from robot_model.effects.covariates import clock, warmth, warmth_sizes
 from workbench.core.effect import Effect
+from workbench.core.errors import InputError
 
 
 class LinkThermalGrowth(Effect):
@@ -17,12 +21,18 @@ class LinkThermalGrowth(Effect):
     equation = "(d, a) grow by c (T - T0) (d, a)"
     source = "linear expansion"
 
-    def parameters(self, chain):
-        return (self.parameter("per_unit", "1/unit", 1e-5, f"link {self.number}'s growth"),)
+    def table(self, chain):
+        unit, size, prior = warmth_sizes(chain.state, 1e-5, self.column)
+        return (self.parameter("per_unit", f"1/{unit}", size, f"link {self.number}'s growth", prior),)
 
     def basis(self, state):
         lengths = state.robot.geometry[self.number - 1, [D, A]]
-        return (lengths[:, None] * warmth(state, f"temperature_link{self.number}_c"))[None]
+        return (lengths[:, None] * warmth(state, self.column))[None]
+
+    @property
+    def column(self):
+        """Where the temperature of the link itself would be recorded."""
+        return f"temperature_link{self.number}_c"
 
 
 class BaseDrift(Effect):
@@ -37,11 +47,16 @@ class BaseDrift(Effect):
     equation = "twist = sum_k c_k P_k(t)"
     source = "Legendre polynomials on the span of the recording, constant left to the base pose"
 
-    def __init__(self, where: str, start: float, end: float, order: int = 3):
+    def __init__(self, where: str, start: float, end: float, order: Annotated[int, Field(ge=1, le=20)] = 3):
         super().__init__(where)
+        if end <= start:
+            raise InputError(
+                f"effect '{self.effect}', options start and end: expected an end after the start, "
+                f"found {start:g} and {end:g}; correct them"
+            )
         self.start, self.end, self.order = start, end, order
 
-    def parameters(self, chain):
+    def table(self, chain):
         names = [
             ("x", "mm", 0.05),
             ("y", "mm", 0.05),
@@ -69,15 +84,16 @@ class AxisRunOut(Effect):
     port = "frame"
     places = ("joint",)
     components = (0, 1)
+    turning = True
     equation = "dx = A cos q + B sin q, dy = C cos q + D sin q"
     source = "radial error motion of an axis of rotation: ISO 230-7"
 
     def slots(self, chain):
-        """Across the axis means across z of the frame before joint K (exact for distal arms)."""
-        before = f"link-{self.number - 1}" if self.number > 1 else "base"
-        return chain.slots(self.port, before, self.components)
+        """x and y of a frame whose z is joint K's axis: distal, the one before it; Craig, the one after it."""
+        last = self.number if chain.robot.convention == "craig" else self.number - 1
+        return chain.slots(self.port, f"link-{last}" if last else "base", self.components)
 
-    def parameters(self, chain):
+    def table(self, chain):
         return tuple(
             self.parameter(f"{axis}_{wave}", "mm", 0.02, f"joint {self.number}'s run-out {axis} {wave}")
             for axis in "xy"
@@ -87,4 +103,10 @@ class AxisRunOut(Effect):
     def basis(self, state):
         phase = state.variables[self.number - 1]
         waves = np.stack([np.cos(phase), np.sin(phase)])
-        return np.einsum("ij,wn->iwjn", np.eye(2), waves).reshape(4, 2, state.n)
+        return np.einsum("ijn,wn->iwjn", self._axes(state), waves).reshape(4, 2, state.n)
+
+    def _axes(self, state):
+        """(2, 2, n) the fixed x and y across the axis, in the frame of the slots; Craig's turns with the joint."""
+        turned = state.robot.convention == "craig"
+        angle = turned * (state.variables[self.number - 1] + state.robot.geometry[self.number - 1, THETA])
+        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from workbench.core.effect import Effect
+from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
 
 SHIFTS, TURNS = (0, 1, 2), (3, 4, 5)
@@ -19,7 +20,7 @@ class JointCompliance(Effect):
     equation = "dq = lambda tau(q, payload)"
     source = "linear torsion spring: Ye et al., Sensors 24, 2559 (2024), eq. 22, with the full torque"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (self.parameter("compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance", prior=3e-3),)
 
     def basis(self, state):
@@ -36,7 +37,7 @@ class LinkSelfWeight(Effect):
     equation = "dq = lambda tau_links(q)"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 25, with the full torque of the links"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (
             self.parameter(
                 "compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance to its links", prior=3e-3
@@ -66,7 +67,12 @@ class YeCompliance(Effect):
     equation = "dq = lambda (J^T H e3 + N23 [s1, s2])"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1, with the sign of joint 3 from statics"
 
-    def parameters(self, chain):
+    def table(self, chain):
+        if chain.robot.joints != 6 or chain.robot.prismatic.any():
+            raise InputError(
+                f"effect 'ye-compliance': expected an arm of six joints that turn, found '{chain.robot.name}' "
+                f"with {chain.robot.joints} joints; use joint-compliance instead"
+            )
         # a gear of 20 kN m/rad under ten newtons; links of ten times that load, at a quarter of a metre
         loads = [
             Parameter(
@@ -115,7 +121,7 @@ class LinkCompliance(Effect):
     equation = "w = c M_transverse(q, payload)"
     source = "beam bending as a flexure at mid-link (virtual joint): Klimchik et al., Mech. Mach. Theory (2017)"
 
-    def parameters(self, chain):
+    def table(self, chain):
         label = f"link {self.number}'s bending compliance"
         return (self.parameter("bending", "rad/(N m)", 3e-5, label, prior=3e-4),)
 
@@ -136,7 +142,7 @@ class BearingCompliance(Effect):
     equation = "w = c M_across(q, payload)"
     source = "bearing tilt as a virtual joint: Klimchik et al., Mech. Mach. Theory (2017)"
 
-    def parameters(self, chain):
+    def table(self, chain):
         label = f"the tilting compliance of joint {self.number}'s bearing"
         return (self.parameter("tilt", "rad/(N m)", 1e-4, label, prior=1e-3),)
 
@@ -155,7 +161,7 @@ class PedestalCompliance(Effect):
     equation = "w = c M_overturning(q, payload)"
     source = "flexure at the foot"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return tuple(
             self.parameter(f"about_{axis}", "rad/(N m)", 3e-5, f"the pedestal's compliance about {axis}")
             for axis in "xy"
@@ -176,7 +182,7 @@ class ToolDeflection(Effect):
     equation = "dx = c g_in_tool"
     source = "shift of the measured point along gravity seen from the flange"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return tuple(self.parameter(f"sag_{axis}", "mm", 0.05, f"the tool's sag along {axis}") for axis in "xyz")
 
     def basis(self, state):
@@ -192,7 +198,7 @@ class MountTilt(Effect):
     equation = "dg = tilt across the nominal gravity"
     source = "two direction cosines of gravity in the base frame"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return tuple(self.parameter(f"tilt_{i}", "rad", 0.01, f"the tilt of gravity ({i})") for i in (1, 2))
 
     def basis(self, state):
@@ -227,7 +233,7 @@ class FirstMoment(Effect):
     equation = "m c -> m c + d"
     source = "first moments as in rigid-body identification: Atkeson, An & Hollerbach, Int. J. Robot. Res. 5 (1986)"
 
-    def parameters(self, chain):
+    def table(self, chain):
         """Prior: a tenth of the arm's mass times 100 mm, or 100 kg mm where masses are unknown."""
         size = max(10.0 * chain.robot.mass.sum(), 100.0)
         return tuple(

@@ -1,8 +1,11 @@
 """Effects on the measured point: the sensor's field, the artefact, and the noise."""
 
-import numpy as np
+from typing import Annotated
 
-from robot_model.effects.covariates import warmth
+import numpy as np
+from pydantic import Field
+
+from robot_model.effects.covariates import warmth, warmth_sizes
 from workbench.core.effect import Effect
 
 
@@ -20,7 +23,7 @@ class RangeScale(Effect):
         super().__init__(where)
         self.z0 = z0
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (self.parameter("scale", "mm/mm", 1e-3, "the range scale"),)
 
     def basis(self, state):
@@ -37,7 +40,7 @@ class FieldBias(Effect):
     equation = "dz = c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2, x and y in units of 100 mm"
     source = "second-order expansion of what a camera or light-plane model leaves"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return tuple(
             self.parameter(name, "mm", 0.02, f"the field bias in {name}") for name in ("x", "y", "xx", "xy", "yy")
         )
@@ -56,7 +59,7 @@ class BallPosition(Effect):
     equation = "ball K -> ball K + d"
     source = "one free vector a ball"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return tuple(self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}") for axis in "xyz")
 
     def basis(self, state):
@@ -73,8 +76,9 @@ class ArtefactExpansion(Effect):
     equation = "ball -> ball (1 + c (T - T0))"
     source = "linear expansion about the artefact's origin"
 
-    def parameters(self, chain):
-        return (self.parameter("per_unit", "1/unit", 1e-5, "the artefact's expansion"),)
+    def table(self, chain):
+        unit, size, prior = warmth_sizes(chain.state, 1e-5, "temperature_artefact_c")
+        return (self.parameter("per_unit", f"1/{unit}", size, "the artefact's expansion", prior),)
 
     def basis(self, state):
         return (state.target * warmth(state, "temperature_artefact_c"))[None]
@@ -89,7 +93,7 @@ class NoiseHeteroscedastic(Effect):
     equation = "log sigma -> log sigma + c (s - mean s) / spread of s"
     source = "log-linear variance model: Harvey, Econometrica 44 (1976)"
 
-    def __init__(self, where: str, covariate: str, mean: float = 0.0, spread: float = 1.0):
+    def __init__(self, where: str, covariate: str, mean: float = 0.0, spread: Annotated[float, Field(gt=0)] = 1.0):
         super().__init__(where)
         self.covariate, self.mean, self.spread = covariate, mean, spread
 
@@ -97,7 +101,7 @@ class NoiseHeteroscedastic(Effect):
     def needs(self):
         return (self.covariate,)
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (self.parameter(self.covariate, "1", 0.3, f"the growth of the noise with {self.covariate}"),)
 
     def slots(self, chain):

@@ -1,8 +1,12 @@
 """Effects between a joint's reading and its angle: gears, belts, encoders, clocks and heat."""
 
-import numpy as np
+from typing import Annotated, Literal
 
-from robot_model.effects.covariates import clock, warmth
+import numpy as np
+from pydantic import Field
+
+from robot_model.effects.covariates import clock, warmth, warmth_sizes
+from robot_model.state import sliding
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
@@ -13,14 +17,15 @@ class TransmissionHarmonic(Effect):
     effect = "transmission-harmonic"
     port = "joint"
     places = ("joint",)
+    turning = True
     equation = "dq = A cos(n q) + B sin(n q)"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 16-17, there n = 1, 2"
 
-    def __init__(self, where: str, order: float = 1):
+    def __init__(self, where: str, order: Annotated[float, Field(gt=0)] = 1):
         super().__init__(where)
         self.order = order
 
-    def parameters(self, chain):
+    def table(self, chain):
         times = f"{self.order:g} times a turn"
         # 3e-4 rad is one minute of arc: what makers state as the accuracy of a robot's gears
         return tuple(
@@ -46,7 +51,7 @@ class ConstantTerm(Effect):
     equation = "dq = k0"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 16"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (self.parameter("k0", "rad", 1e-3, f"the constant term of joint {self.number}"),)
 
     def basis(self, state):
@@ -67,7 +72,7 @@ class Backlash(Effect):
     equation = "dq = g * approach, or g * tanh(tau / width)"
     source = "half-gap model, e.g. Slamani, Nubiola & Bonev, Robotica 30 (2012)"
 
-    def __init__(self, where: str, seat: str = "approach", width: float = 0.5):
+    def __init__(self, where: str, seat: Literal["approach", "gravity"] = "approach", width: Annotated[float, Field(gt=0)] = 0.5):
         super().__init__(where)
         self.seat, self.width = seat, width
 
@@ -75,7 +80,7 @@ class Backlash(Effect):
     def needs(self):
         return (f"approach{self.number}",) if self.seat == "approach" else ()
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (self.parameter("half_gap", "rad", 1e-3, f"joint {self.number}'s half gap"),)
 
     def basis(self, state):
@@ -104,7 +109,7 @@ class ZeroShift(Effect):
         super().__init__(where)
         self.after = after
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (self.parameter("shift", "rad", 1e-3, f"joint {self.number}'s shift after {self.after:g}"),)
 
     def basis(self, state):
@@ -124,7 +129,7 @@ class JointCoupling(Effect):
         super().__init__(where)
         self.joint = joint
 
-    def parameters(self, chain):
+    def table(self, chain):
         if not 1 <= self.joint <= chain.robot.joints:
             expected = f"one of the arm's {chain.robot.joints} joints"
             raise InputError(f"{self.title}, option joint: expected {expected}, found {self.joint}; correct it")
@@ -145,15 +150,24 @@ class JointThermalDrift(Effect):
     equation = "dq = c (T - T0)"
     source = "linear thermal drift of a joint offset"
 
-    def parameters(self, chain):
-        return (self.parameter("per_unit", "rad/unit", 1e-4, f"joint {self.number}'s drift"),)
+    def table(self, chain):
+        unit, size, prior = warmth_sizes(chain.state, 1e-4, self.column)
+        return (self.parameter("per_unit", f"rad/{unit}", size, f"joint {self.number}'s drift", prior),)
 
     def basis(self, state):
-        return warmth(state, f"temperature_j{self.number}_c")[None, None]
+        return warmth(state, self.column)[None, None]
+
+    @property
+    def column(self):
+        """Where the temperature of the joint itself would be recorded."""
+        return f"temperature_j{self.number}_c"
 
 
 class TimeOffset(Effect):
-    """The readings were taken a moment before or after the measured point."""
+    """The readings were taken a moment before or after the measured point.
+
+    Speeds are columns `qdot<k>_deg_s`, `qdot<k>_mm_s` of a reading that slides.
+    """
 
     effect = "time-offset"
     port = "joint"
@@ -162,9 +176,12 @@ class TimeOffset(Effect):
     equation = "dq = t qdot"
     source = "first-order clock offset"
 
-    def parameters(self, chain):
+    def table(self, chain):
         return (self.parameter("offset", "s", 1e-2, "the time offset"),)
 
     def basis(self, state):
-        speeds = [np.deg2rad(state.covariate(f"qdot{k + 1}_deg_s")) for k in range(state.robot.mixing.shape[1])]
+        speeds = [
+            state.covariate(f"qdot{k}_mm_s") if slides else np.deg2rad(state.covariate(f"qdot{k}_deg_s"))
+            for k, slides in enumerate(sliding(state.robot), 1)
+        ]
         return (state.robot.mixing @ np.stack(speeds))[None]

@@ -1,8 +1,10 @@
 """One physical effect is one definition: a perturbation of one port of a measuring chain."""
 
+import inspect
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
@@ -26,6 +28,7 @@ class Effect:
     places: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
     components: tuple[int, ...] = ()  # which components of its port at its place; () for all of them
+    turning = False  # True: speaks of a turn of its joint, which a slide does not make
     elastic = False  # True: reads the state's torques or moments, so gravity and masses act through it
     equation = ""
     source = ""
@@ -39,8 +42,26 @@ class Effect:
         return int(self.where.rpartition("-")[2])
 
     def parameters(self, chain) -> tuple[Parameter, ...]:
-        """The P parameters, keys `<where>.<effect>.<name>`."""
+        """The P parameters, keys `<where>.<effect>.<name>`; InputError where the chain has no such place."""
+        self.check(chain)
+        return self.table(chain)
+
+    def table(self, chain) -> tuple[Parameter, ...]:
+        """What `parameters` gives, of a place that is there."""
         raise NotImplementedError
+
+    def check(self, chain) -> None:
+        """InputError where this chain has no such joint, link or ball, or a slide for a turning joint."""
+        place = self.where.rpartition("-")[0]
+        if place in NUMBERED and self.number not in (known := _numbers(chain, place)):
+            raise InputError(
+                f"{self.title}: expected {place}-K with K one of {', '.join(map(str, known))}, "
+                f"found '{self.where}'; correct the place"
+            )
+        if self.turning and chain.robot.prismatic[self.number - 1]:
+            raise InputError(
+                f"{self.title}: expected a joint that turns, found one that slides; take the effect out or move it"
+            )
 
     def slots(self, chain) -> tuple[int, ...]:
         """The m places of the port that this effect perturbs, as row numbers of the port."""
@@ -99,8 +120,15 @@ def make_effects(catalogue: Mapping[str, type[Effect]], rows: Iterable[tuple[str
 NUMBERED = ("joint", "link", "ball")
 
 
-def _sits(kind, where: str) -> bool:
+def _numbers(chain, place: str) -> tuple[int, ...]:
+    """The numbers that a numbered place may have in this chain."""
+    return tuple(chain.measurement.ids) if place == "ball" else tuple(range(1, chain.robot.joints + 1))
+
+
+def _sits(kind, where) -> bool:
     """Whether `where` is one of the effect's places, with a number from 1 where places are numbered."""
+    if not isinstance(where, str):
+        return False
     place, _, number = where.rpartition("-")
     if place in NUMBERED:
         return place in kind.places and number.isdecimal() and int(number) > 0
@@ -108,12 +136,28 @@ def _sits(kind, where: str) -> bool:
 
 
 def _make(catalogue, name, where, options) -> Effect:
-    if name not in catalogue:
-        raise InputError(f"no effect is called '{name}': known are {', '.join(sorted(catalogue))}")
+    if not isinstance(name, str) or name not in catalogue:
+        raise InputError(f"no effect is called '{name}': known are {', '.join(sorted(catalogue))}; choose one of them")
     kind = catalogue[name]
     if not _sits(kind, where):
-        raise InputError(f"effect '{name}' cannot sit at '{where}': it sits at {', '.join(kind.places)}")
-    try:
-        return kind(where, **options)
-    except TypeError as problem:
-        raise InputError(f"effect '{name}' does not take these options: {problem}") from None
+        places = ", ".join(f"{place}-K" if place in NUMBERED else place for place in kind.places)
+        raise InputError(f"effect '{name}' cannot sit at '{where}': expected {places}; correct the place")
+    return kind(where, **_checked(kind, name, options))
+
+
+def _checked(kind, name, options) -> dict:
+    """The options, each of the type that the effect's constructor says, none missing or unknown."""
+    known = dict(list(inspect.signature(kind).parameters.items())[1:])
+    missing = [key for key, option in known.items() if option.default is option.empty and key not in options]
+    if missing:
+        raise InputError(f"effect '{name}': option {missing[0]} is expected, found none; add it")
+    for key, value in options.items():
+        if key not in known:
+            expected = ", ".join(known) or "no option"
+            raise InputError(f"effect '{name}' does not take these options: expected {expected}, found {key}; remove it")
+        try:
+            TypeAdapter(known[key].annotation, config={"allow_inf_nan": False}).validate_python(value, strict=True)
+        except ValidationError as problem:
+            what = problem.errors()[0]["msg"].removeprefix("Input should be ")
+            raise InputError(f"effect '{name}', option {key}: expected {what}, found {value!r}; correct it") from None
+    return options
