@@ -121,8 +121,10 @@ NUMBERED = ("joint", "link", "ball")
 
 
 def _numbers(chain, place: str) -> tuple[int, ...]:
-    """The numbers that a numbered place may have in this chain."""
-    return tuple(chain.measurement.ids) if place == "ball" else tuple(range(1, chain.robot.joints + 1))
+    """The numbers that a numbered place may have in this chain: joints, and targets where there are several."""
+    if place == "ball":
+        return tuple(getattr(chain.measurement, "ids", (1,)))
+    return tuple(range(1, chain.robot.joints + 1))
 
 
 def _sits(kind, where) -> bool:

@@ -23,6 +23,9 @@ NOT_FINITE = (
 # A step is damped by at least this much per squared typical size: it keeps null directions still,
 # and slows only directions that the data know a hundred times less than one knew before measuring.
 _FLOOR = 1e-4
+# Squared sigmas that a step moves: below the first it need not be taken, and after one below the
+# second the next would be far below the first, since the steps shrink quadratically.
+_DONE, _NEARLY = 1e-4, 1e-2
 _NOISE_ROUNDS = 3
 
 
@@ -171,8 +174,8 @@ class _Problem:
             damped = self.normal + (_FLOOR + self.damping) * np.eye(size)
             move = _newton(damped, self.gradient)
             decrement = -float(self.gradient @ move)
-            if self.damping == 0 and decrement <= 1e-4 * max(1.0, self.cost / max(self.residual.size, 1)):
-                self.outcome = CONVERGED
+            unit = max(1.0, self.cost / max(self.residual.size, 1))
+            if self.damping == 0 and decrement <= _NEARLY * unit and self.finished(move, decrement, unit):
                 return
             if self.accept(move):
                 if abs(before - self.cost) < max(1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)):
@@ -180,6 +183,19 @@ class _Problem:
                 return
             self.damping = max(4 * self.damping, 1e-9 * self.normal.max())
         self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+
+    def finished(self, move, decrement, unit):
+        """Whether this is the end; a last step that moves hardly anything needs no new derivative."""
+        if decrement > _DONE * unit:
+            candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
+            residual = self.model.residual(candidate)
+            cost = self.cost_of(candidate, residual)
+            if not cost < self.cost:
+                return False
+            self.parameters, self.residual, self.cost = candidate, residual, cost
+            self.history.append(cost)
+        self.outcome = CONVERGED
+        return True
 
     def accept(self, move):
         """Go there if the cost, under the present weights, is lower there."""
