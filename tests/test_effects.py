@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robot_model.effects import CATALOGUE
+from robot_model.poses import rotation_matrix
 from scenes import ABB, CRAIG, REFLECTORS, SLIDING, assert_rows, differences, model_of, scene
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -187,6 +188,8 @@ def test_a_part_of_the_samples_means_the_same(case):
 @EVERY
 @pytest.mark.parametrize("arm", [CRAIG, SLIDING], ids=["craig", "sliding"])
 def test_it_stands_on_any_arm(case, arm):
+    if arm is SLIDING and CATALOGUE[case[0]].turning:
+        case = (case[0], "joint-1", case[2])  # the others slide, or may
     model = with_effect(case, "ball-centre", arm)
     assert np.isfinite(model.residual(started(model, 0.5))).all()
 
@@ -198,7 +201,7 @@ def test_a_missing_covariate_is_a_sentence(place):
     columns = {k: v for k, v in made.recording.columns.items() if k != column}
     model = model_of(replace(made, recording=replace(made.recording, columns=columns)), (*place, options))
     assert column in model.effects[0].needs
-    with pytest.raises(InputError, match=f"'{column}' is needed"):
+    with pytest.raises(InputError, match=f"samples.csv .* column '{column}' is needed .* add the column"):
         model.residual(started(model, 1.0)), model.sigma(started(model, 1.0))
 
 
@@ -231,6 +234,71 @@ def test_a_joint_that_the_arm_has_not_is_a_sentence(name, where):
     model = model_of(scene("external-point", n=20), (name, where, {}))
     with pytest.raises(InputError, match=where):
         model.effects[0].slots(model.chain)
+
+
+@pytest.mark.parametrize(("name", "where"), [("joint-compliance", "joint-99"), ("link-compliance", "link-9"), ("ball-position", "ball-9")])
+@POINTS
+def test_a_place_that_is_not_there_is_a_sentence_of_the_parameters(name, where, measures):
+    with pytest.raises(InputError, match=f"{name} at {where}: expected .* one of .*, found '{where}'; correct the place"):
+        model_of(scene(measures, n=20), (name, where, {})).parameters
+
+
+@pytest.mark.parametrize("name", ["transmission-harmonic", "axis-run-out"])
+def test_what_speaks_of_a_turn_does_not_sit_at_a_slide(name):
+    with pytest.raises(InputError, match=f"{name} .*at joint-2: expected a joint that turns, found one that slides"):
+        model_of(scene("external-point", n=20, arm=SLIDING), (name, "joint-2", {})).parameters
+
+
+@pytest.mark.parametrize(("name", "options"), [("zero-offset", {}), ("backlash", {}), ("zero-shift", {"after": 90.0}), ("joint-coupling", {"joint": 4}),
+                                               ("joint-coupling", {"joint": 1}), ("joint-thermal-drift", {}), ("joint-compliance", {}), ("link-self-weight", {})])  # fmt: skip
+def test_a_slides_error_is_in_millimetres(name, options):
+    model = model_of(scene("external-point", n=20, arm=SLIDING), (name, "joint-2", options), (name, "joint-3", options))
+    slide, turn = model.parameters.table[-2:]
+    per = {"joint-coupling": "/mm" if options.get("joint") == 4 else "/rad", "joint-thermal-drift": "/K"}.get(name, "")
+    force = {"joint-compliance": ("/N", "/(N m)"), "link-self-weight": ("/N", "/(N m)")}.get(name, (per, per))
+    assert (slide.unit, turn.unit) == ("mm" + force[0], "rad" + force[1])
+    assert slide.typical == pytest.approx(turn.typical * (1 if name in ("joint-compliance", "link-self-weight") else 1000))
+
+
+def test_yes_law_wants_six_joints():
+    arm = SLIDING | {"joint": SLIDING["joint"][:5]}
+    with pytest.raises(InputError, match="'ye-compliance': expected an arm of six joints, found .* with 5"):
+        model_of(scene("external-point", n=20, arm=arm), ("ye-compliance", "joint-1", {})).parameters
+
+
+@pytest.mark.parametrize("arm", [ABB, CRAIG, SLIDING], ids=["abb", "craig", "sliding"])
+@pytest.mark.parametrize("number", [1, 3, 6])
+def test_an_axis_runs_out_across_itself(arm, number):
+    """The cosine's x shifts what is beyond joint K by A cos q along one direction that its turn leaves alone."""
+    model = model_of(scene("external-point", n=30, arm=arm), ("axis-run-out", f"joint-{number}", {}))
+    before = model.parameters
+    base = rotation_matrix(before.values[3:6])
+    moved = base.T @ (model.residual(before.update({f"joint-{number}.axis-run-out.x_cos": 0.1})) - model.residual(before))
+    frames = state_of(model).frames
+    np.testing.assert_allclose((moved * frames.z[number - 1]).sum(0), 0, atol=1e-12)
+    cosine = np.cos(state_of(model).variables[number - 1])
+    np.testing.assert_allclose(np.sqrt((moved**2).sum(0)), 0.1 * np.abs(cosine), atol=1e-12)
+    if arm is CRAIG:  # whose frame before the joint is not at hand otherwise: the x axis of joint K's twist
+        np.testing.assert_allclose(moved, 0.1 * cosine * frames.x[number - 1], atol=1e-12)
+
+
+def test_a_slides_speed_is_in_millimetres():
+    made = scene("external-point", n=20, arm=SLIDING)
+    basis = (effect := model_of(made, ("time-offset", "time", {}))).effects[0].basis(state_of(effect))[0]
+    columns = made.recording.columns
+    np.testing.assert_allclose(basis[1], columns["qdot2_mm_s"])
+    np.testing.assert_allclose(basis[0], np.deg2rad(columns["qdot1_deg_s"]))
+
+
+@pytest.mark.parametrize("case", [("joint-thermal-drift", "joint-2"), ("link-thermal-growth", "link-2"), ("artefact-expansion", "artefact")])
+def test_growth_an_hour_is_taken_to_be_larger_than_growth_a_kelvin(case):
+    """10 K an hour of aluminium, 2.4e-5 a kelvin, must lie within one sigma of the prior."""
+    made = scene("external-point", n=20)
+    cold = {k: v for k, v in made.recording.columns.items() if k != "temperature_c"}
+    warm = model_of(made, (*case, {})).parameters.table[-1]
+    hours = model_of(replace(made, recording=replace(made.recording, columns=cold)), (*case, {})).parameters.table[-1]
+    assert warm.unit.endswith("/K") and hours.unit.endswith("/h")
+    assert hours.prior >= 24 * warm.typical and hours.typical > warm.typical
 
 
 def test_an_unknown_effect_or_option_is_a_sentence():

@@ -36,7 +36,9 @@ def switched_on(model, size=1.0, seed=1):
 @pytest.mark.parametrize("measures", KINDS)
 def test_the_jacobian_of_everything_is_the_derivative(measures, arm):
     """What moves the pivots of small twists (geometry, slides) is off by half a twist, 2e-3 rad; see test_chain."""
-    model = model_of(scene(measures, n=15, arm=arm), *MIXED)
+    unfit = {"transmission-harmonic"} if arm is SLIDING else set()
+    unfit |= {"ball-position"} if measures == "external-pose" else set()
+    model = model_of(scene(measures, n=15, arm=arm), *(row for row in MIXED if row[0] not in unfit))
     parameters = switched_on(model)
     free = parameters.only(np.ones(len(parameters), bool))
     rows = model.linearise(free)[1]

@@ -134,6 +134,66 @@ def test_a_plan_that_is_not_there_is_a_sentence(tmp_path):
         read_plan(tmp_path / "nowhere.toml")
 
 
+# one effect of a plan, and what its sentence says; the first ones are wrong on every arm
+NO_SUCH_EFFECT = {
+    "a number for a place": ('effect = "backlash", where = 2', "'backlash' cannot sit at '2': expected joint-K"),
+    "a number for an effect": ('effect = 3, where = "joint-1"', "no effect is called '3'"),
+    "a list for an effect": ('effect = ["backlash"], where = "joint-1"', "no effect is called"),
+    "a place without number": ('effect = "backlash", where = "joint"', "cannot sit at 'joint': expected joint-K"),
+    "a letter for a number": ('effect = "backlash", where = "joint-x"', "cannot sit at 'joint-x': expected joint-K"),
+    "a text for an order": (
+        'effect = "transmission-harmonic", where = "joint-1", order = "two"',
+        "effect 'transmission-harmonic', option order: expected a valid number, found 'two'; correct it",
+    ),
+    "a truth value for an order": ('effect = "transmission-harmonic", where = "joint-1", order = true', "option order"),
+    "an order that is none": ('effect = "transmission-harmonic", where = "joint-1", order = nan', "option order"),
+    "a text for an instant": (
+        'effect = "base-drift", where = "base", start = "a", end = 9',
+        "effect 'base-drift', option start: expected a valid number, found 'a'",
+    ),
+    "an end before the start": ('effect = "base-drift", where = "base", start = 9, end = 3', "an end after the start"),
+    "half an order": ('effect = "base-drift", where = "base", start = 0, end = 9, order = 1.5', "option order"),
+    "a slip of the pen": (
+        'effect = "backlash", where = "joint-1", seat = "gravty"',
+        "effect 'backlash', option seat: expected 'approach' or 'gravity', found 'gravty'",
+    ),
+    "no width": ('effect = "backlash", where = "joint-1", seat = "gravity", width = 0', "option width"),
+    "no spread": ('effect = "noise-heteroscedastic", where = "noise", covariate = "time_s", spread = 0', "option spread"),
+    "a number for a column": ('effect = "noise-heteroscedastic", where = "noise", covariate = 3', "option covariate"),
+    "an option left out": ('effect = "zero-shift", where = "joint-1"', "'zero-shift': option after is expected"),
+    "an unknown option": ('effect = "zero-offset", where = "joint-1", depth = 3', "expected no option, found depth"),
+}
+NOT_ON_THIS_ARM = {
+    "a joint too far": ('effect = "joint-compliance", where = "joint-99"', "expected joint-K with K one of 1, 2, 3, 4, 5, 6"),
+    "a link too far": ('effect = "link-compliance", where = "link-9"', "at link-9: expected link-K"),
+    "no such ball": ('effect = "ball-position", where = "ball-9"', "ball-9: expected ball-K with K one of 1, 2, 4, 7"),
+    "coupled to nothing": ('effect = "joint-coupling", where = "joint-2", joint = 9', "option joint: expected one of"),
+}
+
+
+def one_effect(tmp_path, keys):
+    return read_plan(written(tmp_path, HEAD + f"effects = [{{ {keys} }}]\n"))
+
+
+@pytest.mark.parametrize("name", NO_SUCH_EFFECT)
+def test_an_effect_that_cannot_be_is_a_sentence_of_the_plan(tmp_path, name):
+    keys, sentence = NO_SUCH_EFFECT[name]
+    with pytest.raises(InputError, match=sentence) as problem:
+        one_effect(tmp_path, keys)
+    assert "plan.toml, stage 1, key effects" in str(problem.value) and "\n" not in str(problem.value)
+
+
+@pytest.mark.parametrize("name", NOT_ON_THIS_ARM)
+def test_an_effect_at_a_place_that_is_not_there_is_a_sentence(tmp_path, name):
+    keys, sentence = NOT_ON_THIS_ARM[name]
+    (stage,) = one_effect(tmp_path, keys)
+    made = scene("ball-centre", n=20)
+    model = Model(bind(made.robot, made.recording), make_effects(CATALOGUE, stage.effects))
+    with pytest.raises(InputError, match=sentence) as problem:
+        model.parameters
+    assert "\n" not in str(problem.value)
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

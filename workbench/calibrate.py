@@ -22,9 +22,12 @@ from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_sum
 from workbench.plans import FRAMES, default_plan, frames_of, read_plan
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
+from workbench.suspicion import suspicion
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
+_MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
+_ROUNDS = 2
 _LEAST_POSES = 4
 _NANOMETRE = 1e-6  # mm: nothing is measured better
 
@@ -55,6 +58,7 @@ class Calibration:
     points: np.ndarray
     residual_in_root: np.ndarray
     suspects: tuple[int, ...]
+    warnings: tuple[str, ...]
     provenance: dict
 
     def as_json(self) -> dict:
@@ -102,17 +106,22 @@ def calibrate(
     """
     moving = recording.select(recording.moving)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
-    split = _split(moving, fit_samples, test_samples, folds)
+    split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split)
-    clean = _without_blunders(nominal, stages[0], split) if stages else split
-    if clean is not split:
-        progress(f"{int((split.fit & ~clean.fit).sum())} blunders are left out of the fit and named")
-        split, nominal = clean, _first(Model(chain), clean)
+    warnings = _doubts(robot, moving.select(split.fit), nominal)
     step, results = _run(nominal, stages, split, progress)
-    return _calibration(moving, robot, nominal, step, results, split)
+    for _ in range(_ROUNDS):
+        clean = _without_blunders(step, split, everyone)
+        if np.array_equal(clean.fit, split.fit):
+            break
+        progress(f"{int((everyone.fit & ~clean.fit).sum())} samples far off are left out and named; once more")
+        split = clean
+        nominal = _first(Model(chain), split)
+        step, results = _run(nominal, stages, split, progress)
+    return _calibration(moving, robot, nominal, step, results, split, warnings)
 
 
 def _stages(plan, chain) -> tuple[Stage, ...]:
@@ -138,19 +147,26 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
     return Split(fit, fold, test)
 
 
-def _without_blunders(nominal: _Step, stage: Stage, split: Split) -> Split:
-    """The split without fit samples that are far off even a robust fit of the first stage.
+def _doubts(robot, recording, nominal: _Step) -> tuple[str, ...]:
+    """What looks wrong with the recording; InputError where one change would set it right."""
+    found = suspicion(robot, recording, error_summary(nominal.fit.residual[:3])["rms_mm"])
+    if found is not None and found.certain:
+        raise InputError(found.sentence)
+    return () if found is None else (found.sentence,)
 
-    They say something about the recording and nothing about the robot; more than a twentieth of
-    the samples is no blunder any more but a model that is wrong, and stays.
+
+def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
+    """The split without fit samples that are far off what the whole model leaves elsewhere.
+
+    They say something about the recording and nothing about the robot: a lost beam, a wrong ball.
+    Judged only after all stages, so that physics not yet in the model is not taken for blunders;
+    more than a twentieth of the samples is no blunder any more, and stays.
     """
-    after = _try(nominal, replace(stage, loss="huber"), replace(split, fold=np.full_like(split.fold, -1)))
-    off = np.flatnonzero(split.fit)[_suspects(after.fit.residual[:3])]
-    if not off.size or off.size > split.fit.sum() / 20:
+    distance = np.sqrt((step.model.residual(step.parameters)[:3] ** 2).sum(0))
+    off = everyone.fit & (distance > _OUTLIER * np.median(distance[split.fit]) / _MEDIAN_CHI3)
+    if off.sum() > everyone.fit.sum() / 20:
         return split
-    fit, fold = split.fit.copy(), split.fold.copy()
-    fit[off], fold[off] = False, -1
-    return Split(fit, fold, split.test)
+    return Split(everyone.fit & ~off, np.where(off, -1, everyone.fold), everyone.test)
 
 
 def _first(model: Model, split: Split) -> _Step:
@@ -273,12 +289,6 @@ def _extra_variance(squares, sigma):
     return brentq(excess, least, high) if high > least and excess(least) > 0 else least * (not sigma.any())
 
 
-def _suspects(residual):
-    """Places of samples farther off than `_OUTLIER` times the robust spread."""
-    distance = np.sqrt((residual**2).sum(0))
-    return np.flatnonzero(distance > _OUTLIER * np.nanmedian(distance) / 1.538)  # median of chi, 3 degrees
-
-
 def _held_out(model, fit, split, loss, steps) -> HeldOut:
     """Judged on folds of the fit samples alone: test samples have no part in choosing stages."""
     return cross_validate(model, fit.parameters, split.fold, loss, steps)
@@ -302,7 +312,7 @@ def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
     )  # fmt: skip
 
 
-def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -> Calibration:
+def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, warnings) -> Calibration:
     held_out = _final_held_out(step, split)
     parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
@@ -318,7 +328,7 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split) -
         error_summary(_final_held_out(nominal, split).residual),
         fit_residual, held_out.residual, nominal.model.residual(nominal.parameters)[:3],
         held_out.fold, points, arrows,
-        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), dict(solution.provenance),
+        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), warnings, dict(solution.provenance),
     )  # fmt: skip
 
 

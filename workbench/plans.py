@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
 from robot_model.system import RobotChain, geometry_free
+from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.core.solve import LOSSES
@@ -139,4 +141,9 @@ def _effect(where, row):
     row = dict(row)
     if "effect" not in row or "where" not in row:
         raise InputError(f"{where}, key effects: each needs effect and where, found {row}; add what is missing")
-    return row.pop("effect"), row.pop("where"), row
+    effect = row.pop("effect"), row.pop("where"), row
+    try:
+        make_effects(CATALOGUE, [effect])
+    except InputError as problem:
+        raise InputError(f"{where}, key effects: {problem}") from None
+    return effect

@@ -98,6 +98,7 @@ def calibration_json(calibration) -> dict:
         "undetermined": list(solution.null_sentences),
         "observability": known.observability(calibration.recording.n),
         "suspect_samples": list(calibration.suspects),
+        "warnings": list(calibration.warnings),
         "selection": "stages were chosen on folds of the fit samples; without named test samples these give held_out",
         "provenance": calibration.provenance,
     }

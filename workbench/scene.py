@@ -2,17 +2,33 @@
 
 import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from workbench.core.errors import InputError
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
+def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError("expected the lower one first")
+    return pair
+
+
+def _ball(ball: list[float]) -> list[float]:
+    if not ball[3] > 0.1:
+        raise ValueError("expected [x, y, z, radius] in mm with a radius above 0.1")
+    return ball
+
+
+Mass = Annotated[float, Field(ge=0)]
+Ball = Annotated[list[float], Field(min_length=4, max_length=4), AfterValidator(_ball)]
+
+
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 class Pose(_Table):
@@ -30,31 +46,42 @@ class Errors(_Table):
 
 
 class Cause(BaseModel):
-    """An effect, its place, its options (any further key) and the values of its parameters."""
+    """An effect, its place, its options (any further key) and the values of its parameters.
 
-    model_config = ConfigDict(extra="allow")
+    `values`: by the last part of a parameter's key, or by the whole key where several end alike.
+    """
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
     effect: str
     where: str
     values: dict[str, float]
 
 
 class Scene(_Table):
-    """One file; lengths mm, angles deg. `joints` is a CSV with q1_deg ... to use instead of random poses."""
+    """One file; lengths mm, angles deg.
+
+    `robot`: a built-in name, or a .toml or .urdf file, relative to the scene. Poses are random within
+    `share_of_limits` of the joints' limits; in a ball-centre scene they look at `balls`. Optional
+    covariates: `payload_kg` [low, high] and `approach` at random; `speeds_deg_s`, each joint's speed at
+    random up to it (mm/s of a slide); `temperature_c` [first, last], a smooth ramp over the recording.
+    """
 
     robot: str
-    measures: str = "external-point"
+    measures: Literal["external-point", "external-pose", "ball-centre"] = "external-point"
     title: str = "simulated"
     samples: int = Field(200, ge=4, le=10_000_000)
-    seed: int = 0
+    seed: int = Field(0, ge=0)
     sigma_mm: float = Field(0.02, gt=0)
     base: Pose = Pose()
     tool: Pose = Pose()
-    reflectors: list[Vector] = [[0.0, 0.0, 100.0]]
-    balls: list[Annotated[list[float], Field(min_length=4, max_length=4)]] = []
+    reflectors: Annotated[list[Vector], Field(min_length=1)] = [[0.0, 0.0, 100.0]]
+    balls: list[Ball] = []
     errors: Errors = Errors()
     share_of_limits: float = Field(0.7, gt=0, le=1)
-    payload_kg: tuple[float, float] | None = None
+    payload_kg: Annotated[tuple[Mass, Mass], AfterValidator(_rising)] | None = None
     approach: bool = False
+    speeds_deg_s: float | None = Field(None, gt=0)
+    temperature_c: tuple[float, float] | None = None
     seconds_per_sample: float = Field(10.0, gt=0)
     effect: list[Cause] = []
 
@@ -69,7 +96,7 @@ def read_scene(path: Path) -> Scene:
         return Scene(**keys)
     except ValidationError as problem:
         first = problem.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            f"scene {path}, key {key}: {first['msg'].lower()}, found {first['input']!r}; correct or remove it"
-        ) from None
+        key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in first["loc"])
+        what = first["msg"].removeprefix("Value error, ")
+        what = what[0].lower() + what[1:]
+        raise InputError(f"scene {path}, key {key}: {what}, found {first['input']!r}; correct or remove it") from None

@@ -81,7 +81,7 @@ def _best_guess(robot, recording, found) -> Suspicion | None:
         f"samples.csv of recording '{recording.name}', {best.where}",
         "positions that belong to the joint readings",
         f"that base and tool at the nominal geometry fit to {found:.3g} mm as recorded, but to "
-        f"{errors[close[0]]:.2g} mm if one takes it that {best.where} {best.seems}{as_well}",
+        f"{errors[close[0]]:.2g} mm if {best.where} {best.seems}{as_well}",
         best.do,
     )
     return Suspicion(str(sentence), True)
@@ -206,9 +206,7 @@ def _mirrors(recording) -> Iterator[_Guess]:
         )  # fmt: skip
         return
     for c in POINT:
-        yield _Guess(
-            f"column {c}", "has the opposite sign", "negate it", lambda columns, c=c: {c: -columns[c]}
-        )
+        yield _Guess(f"column {c}", "has the opposite sign", "negate it", lambda columns, c=c: {c: -columns[c]})
     yield from (_swapped(a, b) for a, b in combinations(POINT, 2))
     vector = QUATERNION[1:]
     yield _Guess(

@@ -21,7 +21,8 @@ class JointCompliance(Effect):
     source = "linear torsion spring: Ye et al., Sensors 24, 2559 (2024), eq. 22, with the full torque"
 
     def table(self, chain):
-        return (self.parameter("compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance", prior=3e-3),)
+        label = f"joint {self.number}'s compliance"
+        return (self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),)
 
     def basis(self, state):
         return state.torque[self.number - 1][None, None]
@@ -38,11 +39,8 @@ class LinkSelfWeight(Effect):
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 25, with the full torque of the links"
 
     def table(self, chain):
-        return (
-            self.parameter(
-                "compliance", "rad/(N m)", 3e-4, f"joint {self.number}'s compliance to its links", prior=3e-3
-            ),
-        )
+        label = f"joint {self.number}'s compliance to its links"
+        return (self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),)
 
     def basis(self, state):
         return state.self_torque[self.number - 1][None, None]
@@ -68,9 +66,9 @@ class YeCompliance(Effect):
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1, with the sign of joint 3 from statics"
 
     def table(self, chain):
-        if chain.robot.joints != 6 or chain.robot.prismatic.any():
+        if chain.robot.joints != 6:
             raise InputError(
-                f"effect 'ye-compliance': expected an arm of six joints that turn, found '{chain.robot.name}' "
+                f"effect 'ye-compliance': expected an arm of six joints, found '{chain.robot.name}' "
                 f"with {chain.robot.joints} joints; use joint-compliance instead"
             )
         # a gear of 20 kN m/rad under ten newtons; links of ten times that load, at a quarter of a metre
@@ -205,6 +203,11 @@ class MountTilt(Effect):
         gravity = state.robot.gravity
         across = np.linalg.svd(gravity[None])[2][1:]
         return np.repeat(across[:, :, None], state.n, 2)
+
+
+def joint_unit(chain, number: int) -> str:
+    """Unit of a joint's compliance: a slide yields in mm to a force, and typically by as much."""
+    return "mm/N" if chain.robot.prismatic[number - 1] else "rad/(N m)"
 
 
 def one_each(values):

@@ -52,7 +52,7 @@ class ConstantTerm(Effect):
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 16"
 
     def table(self, chain):
-        return (self.parameter("k0", "rad", 1e-3, f"the constant term of joint {self.number}"),)
+        return (self.parameter("k0", *_size(chain, self.number, 1e-3), f"the constant term of joint {self.number}"),)
 
     def basis(self, state):
         return np.ones((1, 1, state.n))
@@ -72,7 +72,9 @@ class Backlash(Effect):
     equation = "dq = g * approach, or g * tanh(tau / width)"
     source = "half-gap model, e.g. Slamani, Nubiola & Bonev, Robotica 30 (2012)"
 
-    def __init__(self, where: str, seat: Literal["approach", "gravity"] = "approach", width: Annotated[float, Field(gt=0)] = 0.5):
+    def __init__(
+        self, where: str, seat: Literal["approach", "gravity"] = "approach", width: Annotated[float, Field(gt=0)] = 0.5
+    ):
         super().__init__(where)
         self.seat, self.width = seat, width
 
@@ -81,7 +83,7 @@ class Backlash(Effect):
         return (f"approach{self.number}",) if self.seat == "approach" else ()
 
     def table(self, chain):
-        return (self.parameter("half_gap", "rad", 1e-3, f"joint {self.number}'s half gap"),)
+        return (self.parameter("half_gap", *_size(chain, self.number, 1e-3), f"joint {self.number}'s half gap"),)
 
     def basis(self, state):
         if self.seat == "approach":
@@ -110,7 +112,8 @@ class ZeroShift(Effect):
         self.after = after
 
     def table(self, chain):
-        return (self.parameter("shift", "rad", 1e-3, f"joint {self.number}'s shift after {self.after:g}"),)
+        label = f"joint {self.number}'s shift after {self.after:g}"
+        return (self.parameter("shift", *_size(chain, self.number, 1e-3), label),)
 
     def basis(self, state):
         return (clock(state) > self.after).astype(float)[None, None]
@@ -133,9 +136,10 @@ class JointCoupling(Effect):
         if not 1 <= self.joint <= chain.robot.joints:
             expected = f"one of the arm's {chain.robot.joints} joints"
             raise InputError(f"{self.title}, option joint: expected {expected}, found {self.joint}; correct it")
-        return (
-            self.parameter(f"from{self.joint}", "rad/rad", 1e-3, f"joint {self.number}'s share of joint {self.joint}"),
-        )
+        unit, size = _size(chain, self.number, 1e-3)
+        other, per = _size(chain, self.joint, 1.0)
+        label = f"joint {self.number}'s share of joint {self.joint}"
+        return (self.parameter(f"from{self.joint}", f"{unit}/{other}", size / per, label),)
 
     def basis(self, state):
         return state.variables[self.joint - 1][None, None]
@@ -151,8 +155,9 @@ class JointThermalDrift(Effect):
     source = "linear thermal drift of a joint offset"
 
     def table(self, chain):
-        unit, size, prior = warmth_sizes(chain.state, 1e-4, self.column)
-        return (self.parameter("per_unit", f"rad/{unit}", size, f"joint {self.number}'s drift", prior),)
+        angle, kelvin = _size(chain, self.number, 1e-4)
+        unit, size, prior = warmth_sizes(chain.state, kelvin, self.column)
+        return (self.parameter("per_unit", f"{angle}/{unit}", size, f"joint {self.number}'s drift", prior),)
 
     def basis(self, state):
         return warmth(state, self.column)[None, None]
@@ -185,3 +190,8 @@ class TimeOffset(Effect):
             for k, slides in enumerate(sliding(state.robot), 1)
         ]
         return (state.robot.mixing @ np.stack(speeds))[None]
+
+
+def _size(chain, number: int, turn: float) -> tuple[str, float]:
+    """Unit and typical size of a joint's error, `turn` rad; of a slide what that makes a metre away, in mm."""
+    return ("mm", 1000 * turn) if chain.robot.prismatic[number - 1] else ("rad", turn)

@@ -10,6 +10,8 @@ def calibration(console, answer: Mapping) -> None:
 
     answer: the object of `calibrate --json`.
     """
+    for warning in answer.get("warnings", ()):
+        console.print(f"Warning: {warning}", style="bold red", markup=False)
     _errors(console, answer)
     _stages(console, answer["stages"])
     _parameters(console, answer["parameters"])

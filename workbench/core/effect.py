@@ -156,7 +156,9 @@ def _checked(kind, name, options) -> dict:
     for key, value in options.items():
         if key not in known:
             expected = ", ".join(known) or "no option"
-            raise InputError(f"effect '{name}' does not take these options: expected {expected}, found {key}; remove it")
+            raise InputError(
+                f"effect '{name}' does not take these options: expected {expected}, found {key}; remove it"
+            )
         try:
             TypeAdapter(known[key].annotation, config={"allow_inf_nan": False}).validate_python(value, strict=True)
         except ValidationError as problem:
