@@ -196,9 +196,17 @@ def test_a_scene_that_cannot_be_is_a_sentence(tmp_path, name):
     assert "\n" not in str(problem.value) and ".toml" in str(problem.value)
 
 
-def test_a_covariate_that_the_scene_does_not_give_is_a_sentence(tmp_path):
-    scene = {k: v for k, v in TRACKER.items() if k != "speeds_deg_s"} | {"effect": [cause("time-offset", "time", {}, {"offset": 0.01})]}
-    with pytest.raises(InputError, match="key effect: .*column 'qdot1_deg_s' is needed"):
+@pytest.mark.parametrize(("key", "row", "sentence"), [
+    ("speeds_deg_s", ("time-offset", "time", {}), "column 'qdot1_deg_s', found none; add speeds_deg_s = 20.0 to the scene"),
+    ("approach", ("backlash", "joint-2", {}), "column 'approach2', found none; add approach = true to the scene"),
+    ("payload_kg", ("noise-heteroscedastic", "noise", {"covariate": "payload_kg"}), "add payload_kg = .* to the scene"),
+    ("temperature_c", ("noise-heteroscedastic", "noise", {"covariate": "temperature_c"}), "add temperature_c = .* to the scene"),
+    ("title", ("noise-heteroscedastic", "noise", {"covariate": "humidity"}), "column 'humidity' is needed"),
+])  # fmt: skip
+def test_a_covariate_that_the_scene_does_not_give_is_a_sentence(tmp_path, key, row, sentence):
+    values = {"humidity": 0.1} if row[2].get("covariate") == "humidity" else {}
+    scene = {k: v for k, v in TRACKER.items() if k != key} | {"effect": [cause(*row, values)]}
+    with pytest.raises(InputError, match=f"a.toml, key effect: .*{sentence}"):
         simulate(written(tmp_path, scene))
 
 

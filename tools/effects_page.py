@@ -3,8 +3,8 @@
 `python tools/effects_page.py` writes the page; `--check` says whether it is up to date (status 1).
 """
 
-from pathlib import Path
 import sys
+from pathlib import Path
 
 from robot_model.effects import CATALOGUE
 

@@ -73,8 +73,28 @@ def _truth(scene, chain, geometry):
     """The model of the scene with its true parameters."""
     rows = [(cause.effect, cause.where, dict(cause.model_extra or {})) for cause in scene.effect]
     model = Model(chain, make_effects(CATALOGUE, rows))
+    _check_columns(model)
     parameters = model.parameters.update(_true_values(scene, model))
     return model, parameters.update(geometry)
+
+
+def _check_columns(model) -> None:
+    """InputError where an effect needs a column that the scene did not ask for."""
+    held = model.chain.state.covariates
+    for effect in model.effects:
+        for name in effect.needs:
+            stem = name.rstrip("0123456789").split("_")[0].rstrip("0123456789")
+            if name not in held and stem in _MAKERS:
+                raise InputError(f"{effect.title} needs column '{name}', found none; add {_MAKERS[stem]} to the scene")
+
+
+_MAKERS = {
+    "qdot": "speeds_deg_s = 20.0",
+    "approach": "approach = true",
+    "payload": "payload_kg = [0.0, 2.0]",
+    "temperature": "temperature_c = [20.0, 30.0]",
+}
+"""What a scene says to get columns whose names begin so."""
 
 
 def _true_values(scene, model) -> dict[str, float]:
