@@ -86,6 +86,16 @@ class RobotChain:
         """Residual and port derivatives at the chain's own `values` and the effects' `deltas`."""
         return Evaluation(self, values, deltas)
 
+    def numbers(self, place: str) -> tuple[int, ...]:
+        """The numbers that `joint-K`, `link-K` or `ball-K` may have here."""
+        if place == "ball":
+            return tuple(getattr(self.measurement, "ids", (1,)))
+        return tuple(range(1, self.robot.joints + 1))
+
+    def slides(self, joint: int) -> bool:
+        """Whether joint K (from 1) is prismatic."""
+        return bool(self.robot.prismatic[joint - 1])
+
     def slots(self, port: str, where: str, components: tuple[int, ...] = ()) -> tuple[int, ...]:
         """Row numbers of a port at a place of the vocabulary; all components where none are named."""
         kind, _, number = where.rpartition("-")

@@ -53,12 +53,12 @@ class Effect:
     def check(self, chain) -> None:
         """InputError where this chain has no such joint, link or ball, or a slide for a turning joint."""
         place = self.where.rpartition("-")[0]
-        if place in NUMBERED and self.number not in (known := _numbers(chain, place)):
+        if place in NUMBERED and self.number not in (known := chain.numbers(place)):
             raise InputError(
                 f"{self.title}: expected {place}-K with K one of {', '.join(map(str, known))}, "
                 f"found '{self.where}'; correct the place"
             )
-        if self.turning and chain.robot.prismatic[self.number - 1]:
+        if self.turning and chain.slides(self.number):
             raise InputError(
                 f"{self.title}: expected a joint that turns, found one that slides; take the effect out or move it"
             )
@@ -118,13 +118,6 @@ def make_effects(catalogue: Mapping[str, type[Effect]], rows: Iterable[tuple[str
 
 
 NUMBERED = ("joint", "link", "ball")
-
-
-def _numbers(chain, place: str) -> tuple[int, ...]:
-    """The numbers that a numbered place may have in this chain: joints, and targets where there are several."""
-    if place == "ball":
-        return tuple(getattr(chain.measurement, "ids", (1,)))
-    return tuple(range(1, chain.robot.joints + 1))
 
 
 def _sits(kind, where) -> bool:
