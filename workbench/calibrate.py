@@ -269,9 +269,9 @@ def _honest_sigma(chain, trial: Fit, split: Split):
     unexplained. Where no sigma is known it is estimated altogether.
     """
     stated, widened = (0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma), chain.sigma.copy()
-    degrees = trial.residual.size / max(trial.residual.size - len(trial.normal), 1)
+    spent = trial.residual.size / trial.degrees
     for rows in (slice(0, 3), slice(3, 6)):  # positions, and turns where they are measured
-        squares = trial.residual[rows] ** 2 * degrees
+        squares = trial.residual[rows] ** 2 * spent
         if squares.size:
             extra = _extra_variance(squares, stated[rows][:, split.fit])
             widened[rows] = np.sqrt(stated[rows] ** 2 + extra)

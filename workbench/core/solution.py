@@ -10,6 +10,8 @@ from workbench.core.identifiability import Identifiability, identifiability
 from workbench.core.parameters import Parameters
 from workbench.core.solve import Fit
 
+_STATED = 20.0
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -65,8 +67,13 @@ class Solution:
 
     @property
     def noise_scale(self) -> float:
-        """Residuals over their stated sigmas, never taken below 1 where sigmas were stated."""
-        return max(1.0, self.fit.sigma_scale)
+        """Residuals over their stated sigmas, with the statement counted as `_STATED` degrees of freedom.
+
+        A few residuals that happen to be small do not make an instrument better than it is (inverse
+        gamma prior on the variance: Gelman et al., Bayesian Data Analysis, 3rd ed., sec. 2.6).
+        """
+        degrees = self.fit.degrees
+        return float(np.sqrt((self.fit.sigma_scale**2 * degrees + _STATED) / (degrees + _STATED)))
 
     @cached_property
     def known(self) -> Identifiability:

@@ -36,7 +36,7 @@ class Fit:
     `residual` (m, n) in the units of the measurement; `weights` (n,) of the robust loss, 1 where
     none; `normal` (F, F) the whitened normal matrix of the data in the free parameters' own units;
     `sigma_scale` by which the stated sigmas have to be multiplied to agree with the residuals;
-    `history` the cost after each step; `outcome` a sentence.
+    `history` the cost after each step; `outcome` a sentence; `degrees` of freedom that are left.
     """
 
     parameters: Parameters
@@ -46,6 +46,7 @@ class Fit:
     sigma_scale: float
     history: tuple[float, ...] = field(default_factory=tuple)
     outcome: str = CONVERGED
+    degrees: float = 1.0
 
     @property
     def converged(self) -> bool:
@@ -207,14 +208,23 @@ class _Problem:
         self.take(candidate, *there)
         return True
 
+    def degrees(self):
+        """Residuals less the parameters that the data, and not the priors, have spent on them."""
+        size = len(self.scale)
+        if not size:
+            return float(self.residual.size)
+        prior = np.diag(self.trust * self.scale**2 + _FLOOR)
+        held = np.trace(np.linalg.solve(self.normal + _FLOOR * np.eye(size), prior))
+        return max(self.residual.size - size + float(held), 1.0)
+
     def finish(self):
-        degrees = max(self.residual.size - len(self.scale), 1)
+        degrees = self.degrees()
         data = float((self.weights * (self.residual * self.inverse_sigma) ** 2).sum())
         return Fit(
             self.parameters, self.residual, self.weights,
             (self.normal - np.diag(self.trust * self.scale**2)) / np.outer(self.scale, self.scale),
             float(np.sqrt(data / degrees)),
-            tuple(self.history), self.outcome or OUT_OF_STEPS,
+            tuple(self.history), self.outcome or OUT_OF_STEPS, degrees,
         )  # fmt: skip
 
 

@@ -20,12 +20,8 @@ def section(calibration) -> dict:
 
 
 def null_space(calibration) -> list[str]:
-    """What these data cannot tell apart, in words; then what was held because others already make it."""
-    held = [p for p in calibration.parameters if not p["free"] and p["tied_to"]]
-    told = [
-        f"{p['label'] or p['name']} was held: what it does is already done by {_several(p['tied_to'])}" for p in held
-    ]
-    return [sentence(shortened(words)) for words in [*calibration.solution.null_sentences, *told]]
+    """What these data cannot tell apart, in words."""
+    return [sentence(shortened(words)) for words in calibration.solution.null_sentences]
 
 
 def shortened(words: str, most: int = 8) -> str:
@@ -41,7 +37,7 @@ def count(parameters) -> str:
     """How many were estimated, are undetermined, were held."""
     free = [p for p in parameters if p["free"]]
     known = sum(p["identifiable"] for p in free)
-    lost = f"the data determine {known} of them and leave {len(free) - known} undetermined"
+    lost = f"the data determine {known} of them by themselves and {len(free) - known} only together with others"
     determined = "the data determine all of them" if known == len(free) else lost
     return (
         f"{counted(len(free), 'parameter')} of {len(parameters)} were estimated and {determined}; "
