@@ -148,23 +148,6 @@ def _moving(table: Table) -> np.ndarray:
     return np.ones(len(table.rows), bool) if fixed is None else fixed == "tool"
 
 
-def check_ball_places(balls: Mapping[int, tuple], ball: np.ndarray, places: np.ndarray, called: str) -> None:
-    """Find swapped balls with the help of the arm's nominal geometry.
-
-    ball: (n,) int; places: (n, 3) measured centres carried into the base frame by nominal poses
-    and a start value of the hand-eye transform, mm. Each ball's median place must be as far from
-    the others' as the artefact says, within 10 mm and 5 %: raises InputError where it is not.
-    """
-    seen = {int(b): np.median(places[ball == b], axis=0) for b in np.unique(ball)}
-    for a, b in combinations(sorted(seen), 2):
-        measured, nominal = float(np.linalg.norm(seen[a] - seen[b])), _apart(balls, a, b)
-        slack = max(10.0, 0.05 * nominal)
-        if abs(measured - nominal) > slack:
-            do = _swap(balls, measured, slack, "correct the ball numbers or artefact.csv")
-            raise complaint(f"{called}, column ball", f"balls {a} and {b} {nominal:.1f} mm apart as in artefact.csv",
-                            f"{measured:.1f} mm", do)
-
-
 RULES = (joints_are_within_limits, joints_are_degrees, motion_fits_joints, points_are_millimetres,
          balls_keep_their_distance)
 

@@ -45,10 +45,6 @@ class Frames:
         ex, ey, ez = self.end
         return self.end_origin + ex * flange_point[0] + ey * flange_point[1] + ez * flange_point[2]
 
-    def to_flange(self, vectors: np.ndarray) -> np.ndarray:
-        """(..., 3, n) world vectors expressed in the flange frame."""
-        return np.stack([(axis * vectors).sum(-2) for axis in self.end], -2)
-
 
 def forward(
     robot: Robot,
@@ -195,16 +191,6 @@ def rotate(vector: np.ndarray, points: np.ndarray) -> np.ndarray:
     once = cross(vector, points)
     half = np.sinc(angle / (2 * np.pi))
     return points + np.sinc(angle / np.pi) * once + half**2 / 2 * cross(vector, once)
-
-
-def joint_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarray) -> np.ndarray:
-    """(len(slots), 3, n) motion of a flange-fixed world `point` (3, n) per unit of joint variable."""
-    rows = frames.z[slots]
-    turning = ~robot.prismatic[slots]
-    if turning.all():
-        return cross(rows, point - frames.z_origin[slots])
-    rows[turning] = cross(rows[turning], point - frames.z_origin[slots[turning]])
-    return rows
 
 
 def geometry_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarray) -> np.ndarray:

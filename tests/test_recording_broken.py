@@ -19,7 +19,6 @@ import pytest
 
 import datasets
 from datasets.errors import InputError
-from datasets.plausible import check_ball_places
 from test_recording_good import write_good
 
 
@@ -328,14 +327,3 @@ def test_picture_of_another_kind_is_left_to_opencv(tmp_path):
     cv2.imwrite(str(folder / "images" / "a.tiff"), np.zeros((5, 6), np.uint8))
     sub(IMG, "images/a.png", "images/a.tiff")(folder)
     assert datasets.read(folder).images[0]["image"] == "images/a.tiff"
-
-
-def test_swapped_balls_are_found_from_places_in_the_base():
-    """The hook for a solve: with nominal places in the base frame, balls that changed names stand out."""
-    balls = {1: (0.0, 0.0, 0.0, 15.0), 2: (100.0, 0.0, 0.0, 15.0), 3: (0.0, 250.0, 0.0, 15.0)}
-    ball = np.repeat([1, 2, 3], 4)
-    noise = np.random.default_rng(1).normal(0, 1, (12, 3))
-    places = np.array([balls[b][:3] for b in ball]) + (500, 0, 300) + noise
-    check_ball_places(balls, ball, places, "cell-4/samples.csv")
-    with pytest.raises(InputError, match="balls 1 and 3.*column ball"):
-        check_ball_places(balls, np.array([0, 1, 3, 2])[ball], places, "cell-4/samples.csv")

@@ -7,8 +7,9 @@ A kind is a frozen dataclass made from a `datasets.recording.Recording` by `of(r
 - `start(frames)`: base pose (6,) and own values in closed form, no guess needed;
 - `at(samples)`: the same for some of the samples;
 - `columns(residual)`: what the model predicts, as columns of samples.csv;
-- `numbers`, `targets(values)`, `sigma(recording)`: which target, where it is nominally, how sure;
-- `position_rows`: how many of the m components are a position in mm (the first ones).
+- `numbers`, `targets(values)`, `sigma(recording)`: which target, where it is nominally, how sure.
+
+The first three of the m components are always a position in mm.
 """
 
 from importlib import import_module

@@ -25,7 +25,6 @@ class BallCentre:
     index: np.ndarray
     ids: tuple[int, ...]
     centres: np.ndarray
-    position_rows = 3
     place = "sensor"
 
     @classmethod

@@ -24,7 +24,6 @@ class ExternalPoint:
     measured: np.ndarray
     index: np.ndarray
     ids: tuple[int, ...]
-    position_rows = 3
     place = "tool"
 
     @classmethod

@@ -16,7 +16,6 @@ class ExternalPose:
 
     measured: np.ndarray
     turns: np.ndarray
-    position_rows = 3
     place = "tool"
 
     @classmethod
