@@ -9,10 +9,10 @@ from datasets.recording import Recording
 from robot_model import Robot, load_robot
 from robot_model.chain import ALPHA, THETA, A, D, forward
 from robot_model.effects.transmission import TransmissionHarmonic
-from robot_model.poses import rotation_matrix
 from robot_model.system import RobotChain, bind, geometry_free
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.core.rigid import rotation_matrix
 
 NOISE = 0.02
 """mm, 1 sigma of a coordinate."""

@@ -1,9 +1,9 @@
 """Rigid transforms as six parameters: translation (mm) and rotation vector (rad)."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from workbench.core.parameters import Parameter
+from workbench.core.rigid import rotation_vector
 
 _WORDS = {
     "x": ("mm", 100.0, "translation along x"),
@@ -22,30 +22,6 @@ def pose_parameters(where: str, what: str) -> list[Parameter]:
     ]
 
 
-def rotation_matrix(vector: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation of a rotation vector (3,) in rad."""
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
-def left_jacobian(vector: np.ndarray) -> np.ndarray:
-    """(3, 3) J with Exp(v + dv) = Exp(J dv) Exp(v).
-
-    Barfoot, State Estimation for Robotics (2017), eq. 7.77.
-    """
-    angle = np.linalg.norm(vector)
-    skew = np.array([[0, -vector[2], vector[1]], [vector[2], 0, -vector[0]], [-vector[1], vector[0], 0]])
-    if angle < 1e-4:
-        return np.eye(3) + skew / 2 + skew @ skew / 6
-    first, second = (1 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-    return np.eye(3) + first * skew + second * skew @ skew
-
-
 def pose_values(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """(6,) parameters of a rotation matrix (3, 3) and a translation (3,) in mm."""
-    return np.concatenate([translation, Rotation.from_matrix(rotation).as_rotvec()])
-
-
-def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation nearest to `matrix` in the Frobenius norm (Kabsch, by SVD)."""
-    u, _, vt = np.linalg.svd(matrix)
-    return u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return np.concatenate([translation, rotation_vector(rotation)])

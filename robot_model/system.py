@@ -8,11 +8,12 @@ import numpy as np
 from robot_model import chain as kinematics
 from robot_model.chain import BETA, D, forward
 from robot_model.measurements import measurement_of
-from robot_model.poses import left_jacobian, pose_parameters, rotation_matrix
+from robot_model.poses import pose_parameters
 from robot_model.robot import Robot
 from robot_model.state import State
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter, Parameters
+from workbench.core.rigid import left_jacobian, rotation_matrix
 
 _GEOMETRY = (("theta", "rad", 0.01, "zero offset (theta)"), ("d", "mm", 1.0, "offset (d)"),
              ("a", "mm", 1.0, "length (a)"), ("alpha", "rad", 0.01, "twist (alpha)"),

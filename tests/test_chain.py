@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from plain_frames import frames_of, place
 from robot_model import load_robot
 from robot_model.chain import forward, rotate
-from robot_model.poses import left_jacobian, nearest_rotation, pose_values, rotation_matrix
+from robot_model.poses import pose_values
 from robot_model.system import geometry_free
 from scenes import ARMS, KINDS, assert_rows, differences, model_of, scene
+from workbench.core.rigid import left_jacobian, nearest_rotation, rotation_matrix
 
 EVERY_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS.keys())
 EVERY_KIND = pytest.mark.parametrize("measures", KINDS)

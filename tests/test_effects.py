@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from robot_model.effects import CATALOGUE
-from robot_model.poses import rotation_matrix
 from scenes import ABB, CRAIG, REFLECTORS, SLIDING, assert_rows, differences, model_of, scene
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import NOISE, STATE_PORTS
+from workbench.core.rigid import rotation_matrix
 
 # the robot's, sensor's and data rows of spec/effects.md
 VOCABULARY = {

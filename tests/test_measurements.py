@@ -10,10 +10,10 @@ from plain_frames import place
 from robot_model.measurements import KINDS as REGISTERED
 from robot_model.measurements import measurement_of
 from robot_model.measurements.closure import rigid_fit, solve_linear_start
-from robot_model.poses import rotation_matrix
 from robot_model.system import bind
 from scenes import ABB, ARMS, BALLS, KINDS, REFLECTORS, assert_rows, differences, model_of, random_pose, scene
 from workbench.core.errors import InputError
+from workbench.core.rigid import rotation_matrix
 
 EVERY_KIND = pytest.mark.parametrize("measures", KINDS)
 COPLANAR = {k: (x, y, 0.0, r) for k, (x, y, _, r) in BALLS.items()}

@@ -13,8 +13,9 @@ from robot_model.measurements.closure import (
     rigid_fit,
     solve_linear_start,
 )
-from robot_model.poses import left_jacobian, nearest_rotation, pose_parameters, pose_values, rotation_matrix
+from robot_model.poses import pose_parameters, pose_values
 from workbench.core.parameters import Parameter
+from workbench.core.rigid import left_jacobian, nearest_rotation, rotation_matrix
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_model.poses import nearest_rotation
+from workbench.core.rigid import nearest_rotation
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from robot_model.measurements.closure import (
     position_sigma,
     solve_linear_start,
 )
-from robot_model.poses import nearest_rotation, pose_values
+from robot_model.poses import pose_values
 from workbench.core.parameters import Parameter
+from workbench.core.rigid import nearest_rotation
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from robot_model.chain import Frames, cross
 from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma, solve_linear_start
-from robot_model.poses import left_jacobian, nearest_rotation, pose_parameters, pose_values, rotation_matrix
+from robot_model.poses import pose_parameters, pose_values
+from workbench.core.rigid import left_jacobian, nearest_rotation, rotation_matrix
 
 
 @dataclass(frozen=True)

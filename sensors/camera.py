@@ -1,0 +1,140 @@
+"""The camera: points to pixels and, exactly, pixels to rays.
+
+Frame: x right, y down, z forward, mm; pixel (0, 0) is the centre of the top-left pixel, as in
+OpenCV. Distortion: Brown's k1 k2 p1 p2 k3, with k4 k5 k6 the rational model, in OpenCV's order.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.errors import InputError
+
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+BROWN, RATIONAL = 9, 12
+_STEPS = 30
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics in px, `distortion` (5,) or (8,) without unit, `size` (width, height) in px."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = (0.0,) * 5
+    size: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def of(cls, values: np.ndarray, size: tuple[int, int]) -> "Camera":
+        """From values (9,) or (12,) in the order of `NAMES`."""
+        values = [float(v) for v in values]
+        return cls(*values[:4], tuple(values[4:]), (int(size[0]), int(size[1])))
+
+    @property
+    def values(self) -> np.ndarray:
+        """(9,) or (12,) in the order of `NAMES`."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(3, 3) camera matrix, px."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """(2, n) px of points (3, n) mm in the camera frame."""
+        bent = self.distort(points[:2] / points[2])
+        return np.stack([self.fx * bent[0] + self.cx, self.fy * bent[1] + self.cy])
+
+    def project_rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pixels (2, n), their derivative by the point (3, 2, n) and by `values` (P, 2, n)."""
+        flat = points[:2] / points[2]
+        bent, slope, by_coefficient = self.distort_rows(flat)
+        focal = np.array([[self.fx], [self.fy]])
+        pixels = focal * bent + np.array([[self.cx], [self.cy]])
+        slope = focal * slope  # (2, 2, n): [by x or y, u or v]
+        by_point = np.empty((3, 2, points.shape[1]))
+        by_point[:2] = slope / points[2]
+        by_point[2] = -(slope[0] * flat[0] + slope[1] * flat[1]) / points[2]
+        by_value = np.zeros((len(self.values), 2, points.shape[1]))
+        by_value[0, 0], by_value[1, 1], by_value[2, 0], by_value[3, 1] = bent[0], bent[1], 1, 1
+        by_value[4:] = focal * by_coefficient
+        return pixels, by_point, by_value
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """(3, n) unit directions in the camera frame of pixels (2, n)."""
+        flat = self.normalised(pixels)
+        ray = np.stack([flat[0], flat[1], np.ones_like(flat[0])])
+        return ray / np.sqrt((ray**2).sum(0))
+
+    def normalised(self, pixels: np.ndarray) -> np.ndarray:
+        """(2, n) x/z and y/z of pixels (2, n): the exact inverse of the distortion, by Newton's method.
+
+        nan where a pixel lies beyond what the distortion can reach.
+        """
+        seen = np.stack([(pixels[0] - self.cx) / self.fx, (pixels[1] - self.cy) / self.fy])
+        flat = seen.copy()
+        for _ in range(_STEPS):
+            bent, slope, _ = self.distort_rows(flat)
+            gap = bent - seen
+            determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
+            step = np.stack([slope[1, 1] * gap[0] - slope[1, 0] * gap[1],
+                             slope[0, 0] * gap[1] - slope[0, 1] * gap[0]]) / determinant  # fmt: skip
+            flat = flat - step
+            if np.nanmax(np.abs(step), initial=0) < 1e-14:
+                break
+        return np.where(np.abs(step).max(0) < 1e-9, flat, np.nan)
+
+    def distort(self, flat: np.ndarray) -> np.ndarray:
+        """(2, n) where the lens puts the ideal normalised image points (2, n)."""
+        return self.distort_rows(flat)[0]
+
+    def distort_rows(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distorted points (2, n), derivative by the ideal point (2, 2, n) [by x or y, x or y] and by coefficient.
+
+        Brown, Photogramm. Eng. 32 (1966) and 37 (1971); OpenCV's `calib3d` equations.
+        """
+        x, y = flat
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
+        r2 = x * x + y * y
+        top, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = top / below
+        steep = 2 * ((k1 + r2 * (2 * k2 + 3 * r2 * k3)) - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+        bent = np.stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                         y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y])  # fmt: skip
+        cross = steep * x * y + 2 * (p1 * x + p2 * y)
+        slope = np.stack([np.stack([radial + steep * x * x + 2 * p1 * y + 6 * p2 * x, cross]),
+                          np.stack([cross, radial + steep * y * y + 6 * p1 * y + 2 * p2 * x])])  # fmt: skip
+        return bent, slope, self._by_coefficient(flat, r2, radial, below)
+
+    def _by_coefficient(self, flat, r2, radial, below):
+        x, y = flat
+        tangential = [np.stack([2 * x * y, r2 + 2 * y * y]), np.stack([r2 + 2 * x * x, 2 * x * y])]
+        powers = [r2 / below * flat, r2**2 / below * flat, r2**3 / below * flat]
+        rows = [powers[0], powers[1], *tangential, powers[2], *(-radial * power for power in powers)]
+        return np.stack(rows[: len(self.distortion)])
+
+
+def camera_from_keys(keys: dict, called: str) -> Camera:
+    """A camera from `fx_px fy_px cx_px cy_px distortion width_px height_px`; InputError where they are not usable."""
+    try:
+        values = [float(keys[f"{name}_px"]) for name in NAMES[:4]] + [float(k) for k in keys["distortion"]]
+        size = (int(keys["width_px"]), int(keys["height_px"]))
+    except (KeyError, TypeError, ValueError) as problem:
+        raise InputError(f"{called}: expected fx_px, fy_px, cx_px, cy_px, distortion, width_px and height_px, "
+                         f"found none or no number for {problem}; write them again") from None
+    if len(values) not in (BROWN, RATIONAL) or not np.isfinite(values).all() or min(*values[:2], *size) <= 0:
+        raise InputError(f"{called}: expected positive focal lengths and 5 or 8 finite distortion coefficients, "
+                         f"found {values}; calibrate the camera again")
+    return Camera.of(values, size)
+
+
+def camera_keys(camera: Camera) -> dict:
+    """What `camera_from_keys` reads."""
+    return {
+        **{f"{name}_px": float(value) for name, value in zip(NAMES[:4], camera.values)},
+        "distortion": [float(k) for k in camera.distortion],
+        "width_px": int(camera.size[0]),
+        "height_px": int(camera.size[1]),
+    }
