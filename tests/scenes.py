@@ -36,7 +36,7 @@ SLIDING = {
 SLIDING_CRAIG = SLIDING | {"name": "the same, Craig's frames", "convention": "craig"}
 ARMS = {"abb": ABB, "fanuc": {"builtin": "fanuc_lr_mate_200id"}, "craig": CRAIG, "sliding": SLIDING, "sliding-craig": SLIDING_CRAIG}
 
-KINDS = ("ball-centre", "external-point", "external-pose")
+KINDS = ("ball-centre", "external-point", "external-pose", "partial-pose")
 BALLS = {1: (0.0, 0.0, 0.0, 15.0), 2: (120.0, 5.0, -3.0, 15.0), 4: (10.0, 150.0, 4.0, 15.0), 7: (60.0, 70.0, 90.0, 15.0)}
 REFLECTORS = {1: (30.0, -40.0, 100.0), 2: (-60.0, 10.0, 80.0), 5: (15.0, 75.0, 60.0)}
 
@@ -95,8 +95,10 @@ def _covariates(rng, robot, n):
 
 def _observed(measures, rng, flanges, tool, balls, reflectors):
     n = len(flanges)
+    targets = flanges @ tool
+    if measures == "partial-pose":
+        return _xyz(targets[:, :3, 3]) | {f"o{c}": row for c, row in zip("xyz", targets[:, :3, 1].T)}
     if measures == "external-pose":
-        targets = flanges @ tool
         turns = Rotation.from_matrix(targets[:, :3, :3]).as_quat()
         return _xyz(targets[:, :3, 3]) | {f"q{c}": row for c, row in zip("xyzw", turns.T)}
     seen = balls if measures == "ball-centre" else reflectors

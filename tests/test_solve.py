@@ -12,7 +12,7 @@ from workbench.core.identifiability import independent
 from workbench.core.parameters import Parameters
 from workbench.core.solve import LOSSES, NOT_FINITE, OUT_OF_STEPS, cauchy, huber, normal_matrix, pose_scores, solve
 
-FRAMES = {"ball-centre": ("base.*", "sensor.*"), "external-point": ("base.*", "tool.*"), "external-pose": ("base.*", "tool.*")}
+FRAMES = {"ball-centre": ("base.*", "sensor.*"), "external-point": ("base.*", "tool.*"), "external-pose": ("base.*", "tool.*"), "partial-pose": ("base.*", "tool.*")}
 
 
 def everything(model, measures="external-point") -> Parameters:
@@ -55,12 +55,14 @@ def test_exact_data_are_met_far_below_their_sigma(measures, seed):
 def observed_pose(model, truth, measures):
     """As `observed`, with orientations too where they are measured."""
     seen = observed(model, truth)
-    if measures != "external-pose":
+    if measures not in ("external-pose", "partial-pose"):
         return seen
     columns = model.chain.measurement.columns(model.residual(truth))
-    quaternions = np.stack([columns[f"q{c}"] for c in "xyzw"], -1)
-    turns = Rotation.from_quat(quaternions).as_matrix()
-    measurement = replace(seen.chain.measurement, turns=turns)
+    if measures == "partial-pose":
+        turned = {"axis": np.stack([columns[f"o{c}"] for c in "xyz"])}
+    else:
+        turned = {"turns": Rotation.from_quat(np.stack([columns[f"q{c}"] for c in "xyzw"], -1)).as_matrix()}
+    measurement = replace(seen.chain.measurement, **turned)
     return replace(seen, chain=replace(seen.chain, measurement=measurement), _bases={})
 
 

@@ -20,6 +20,7 @@ KINDS = {
     "ball-centre": "BallCentre",
     "external-point": "ExternalPoint",
     "external-pose": "ExternalPose",
+    "partial-pose": "PartialPose",
 }
 
 

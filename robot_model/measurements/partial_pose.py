@@ -1,0 +1,108 @@
+"""`partial-pose`: a target on the flange, of which an external instrument gives point and one axis."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robot_model.chain import Frames, cross
+from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma
+from robot_model.measurements.external_point import ExternalPoint
+from robot_model.poses import pose_parameters
+from workbench.core.rigid import left_jacobian, rotation_matrix
+
+AXES = {("nx", "ny", "nz"): 0, ("ox", "oy", "oz"): 1}
+"""Columns of a measured axis -> which axis of the tool it is: x (NP) or y (OP)."""
+
+
+@dataclass(frozen=True)
+class PartialPose:
+    """Measured points (3, n) mm and unit axes (3, n), external frame; `which` axis of the tool that is."""
+
+    measured: np.ndarray
+    axis: np.ndarray
+    which: int
+    place = "tool"
+
+    @classmethod
+    def of(cls, recording) -> "PartialPose":
+        """From a recording with columns nx ny nz (the tool's x axis) or ox oy oz (its y axis)."""
+        names, which = next((names, k) for names, k in AXES.items() if names[0] in recording.columns)
+        axis = np.stack([recording.columns[name] for name in names])
+        return cls(np.ascontiguousarray(recording.points.T), axis / np.linalg.norm(axis, axis=0), which)
+
+    def parameters(self) -> list:
+        """Transform T_flange_target; its turn about the measured axis is nowhere seen."""
+        return pose_parameters("tool", "tool")
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """(n,) one target only."""
+        return np.ones(self.measured.shape[1], int)
+
+    def targets(self, values: np.ndarray) -> np.ndarray:
+        """(3, n) place of the target on the flange, mm, for the kind's own values."""
+        return np.repeat(values[:3, None], self.measured.shape[1], 1)
+
+    def sigma(self, recording) -> np.ndarray:
+        """(5, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
+        position = position_sigma(recording)
+        turn = np.deg2rad(recording.columns["sigma_deg"]) if "sigma_deg" in recording.columns else position[0] / 100
+        return np.concatenate([position, np.tile(turn, (2, 1))])
+
+    def at(self, samples: np.ndarray) -> "PartialPose":
+        return replace(self, measured=self.measured[:, samples], axis=self.axis[:, samples])
+
+    @property
+    def across(self) -> np.ndarray:
+        """(2, 3, n) unit vectors across the measured axis."""
+        least = np.eye(3)[:, np.abs(self.axis).argmin(0)]
+        first = cross(self.axis, least)
+        first = first / np.linalg.norm(first, axis=0)
+        return np.stack([first, cross(self.axis, first)])
+
+    def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
+        """(5, n): point difference in mm, then the sines by which the axis leans off the measured one, two ways."""
+        point, tool, axes = frames.point(values[:3]), rotation_matrix(values[3:]), np.stack(frames.end)
+        if "target" in deltas:
+            slots, change = deltas["target"]
+            point = point + sum(axes[s] * c for s, c in zip(slots, change))
+        predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
+        axis, across = np.einsum("fcn,f->cn", axes, tool[:, self.which]), self.across
+
+        def lean(turns):
+            return np.einsum("acn,kcn->kan", across, cross(turns, np.broadcast_to(axis, turns.shape)))
+
+        tool_rows = np.zeros((6, 5, point.shape[1]))
+        tool_rows[:3, :3] = axes
+        tool_rows[3:, 3:] = lean(np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:])))
+        below = np.zeros((3, 2, point.shape[1]))
+        sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
+        ports = {port: np.concatenate([rows, below], 1) for port, rows in (("target", axes), ("sensor", sensor))}
+        residual = np.concatenate([predicted - self.measured, np.einsum("acn,cn->an", across, axis)])
+        return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(lean(turns)))
+
+    def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+        """Base and point as of an external point; then the axis is the mean of what the flange sees."""
+        points = ExternalPoint(self.measured, np.zeros(self.measured.shape[1], int), (1,))
+        base, place = points.start(frames)
+        seen = rotation_matrix(base[3:]).T @ self.axis
+        axis = np.einsum("nij,in->j", flange_matrices(frames), seen)
+        turn, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.which][None])
+        return base, np.concatenate([place, turn.as_rotvec()])
+
+    def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of samples.csv for what was predicted: the measurement moved by its residual (5, n)."""
+        names = next(names for names, which in AXES.items() if which == self.which)
+        straight = np.sqrt(np.maximum(1 - (residual[3:] ** 2).sum(0), 0))
+        axis = straight * self.axis + np.einsum("acn,an->cn", self.across, residual[3:])
+        columns = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
+        return columns | dict(zip(names, axis))
+
+
+def _above(rows):
+    return np.concatenate([rows, np.zeros((len(rows), 2, rows.shape[2]))], 1)
+
+
+def _below(turns):
+    return np.concatenate([np.zeros((len(turns), 3, turns.shape[2])), turns], 1)
