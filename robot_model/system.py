@@ -25,6 +25,8 @@ _BASE = 6
 class RobotChain:
     """Robot, measurement and n samples; implements `workbench.core.model.Chain`.
 
+    A kind of measurement that is `grounded` knows no world but the robot's root, and so no base pose.
+
     `variables` (J, n) joint variables (rad, mm) after sign and coupling; `sigma` (m, n);
     `start` (6 + t,) closed-form base pose and tool, which also place the load. `stated_sigma` is
     what the recording says, 1 where `sigma_unknown`; a calibration widens `sigma` by what its
@@ -43,15 +45,16 @@ class RobotChain:
     @cached_property
     def parameters(self) -> Parameters:
         """base (6), geometry (5 J) and the measurement's own, started in closed form."""
-        table = [
-            *pose_parameters("base", "base"),
-            *_geometry_parameters(self.robot),
-            *self.measurement.parameters(),
-        ]
-        parameters = Parameters.of(table)
-        values = parameters.values.copy()
-        values[:_BASE], values[_BASE + 5 * self.robot.joints :] = self.start[:_BASE], self.start[_BASE:]
+        base = pose_parameters("base", "base") if self.base_size else []
+        parameters = Parameters.of([*base, *_geometry_parameters(self.robot), *self.measurement.parameters()])
+        values, size = parameters.values.copy(), self.base_size
+        values[:size], values[size + 5 * self.robot.joints :] = self.start[:size], self.start[size:]
         return replace(parameters, values=values)
+
+    @property
+    def base_size(self) -> int:
+        """Number of parameters that say where the base stands: 6, or 0 where the base is the world."""
+        return 0 if self.measurement.grounded else _BASE
 
     @property
     def n(self) -> int:
@@ -112,14 +115,14 @@ class RobotChain:
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Base pose (6,), geometry (J, 5) and the measurement's own values."""
-        end = _BASE + 5 * self.robot.joints
-        return values[:_BASE], values[_BASE:end].reshape(-1, 5), values[end:]
+        base, end = self.base_size, self.base_size + 5 * self.robot.joints
+        return values[:base] if base else np.zeros(_BASE), values[base:end].reshape(-1, 5), values[end:]
 
     def to_root(
         self, values: np.ndarray, evaluation: "Evaluation", residual: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The measured points and residuals (3, n) mm, as arrows, in the robot's root frame."""
-        pose = values[:_BASE]
+        pose = self.split(values)[0]
         turn = rotation_matrix(pose[3:])
         arrows = evaluation.closure.to_world(residual)
         return turn.T @ (evaluation.closure.point - pose[:3, None]), turn.T @ arrows
@@ -151,11 +154,12 @@ class Evaluation:
 
     def own_rows(self, indices: np.ndarray) -> np.ndarray:
         """(k, m, n) derivative of the residual with respect to the chain's own parameters."""
-        end = _BASE + 5 * self.chain.robot.joints
+        base = self.chain.base_size
+        end = base + 5 * self.chain.robot.joints
         parts = []
-        if (indices < _BASE).any():
-            parts.append(self._base_rows()[indices[indices < _BASE]])
-        middle = indices[(indices >= _BASE) & (indices < end)] - _BASE
+        if (indices < base).any():
+            parts.append(self._base_rows()[indices[indices < base]])
+        middle = indices[(indices >= base) & (indices < end)] - base
         if middle.size:
             parts.append(self.rows("geometry", middle))
         if (indices >= end).any():
@@ -188,7 +192,7 @@ class Evaluation:
         return self.frames
 
     def _base_rows(self):
-        pose = self.values[:_BASE]
+        pose = self.chain.split(self.values)[0]
         about = left_jacobian(pose[3:]).T[:, :, None]
         shifts = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, self.chain.n))
         turns = kinematics.cross(np.broadcast_to(about, (3, 3, self.chain.n)), self.closure.point - pose[:3, None])
@@ -255,7 +259,7 @@ def bind(
     variables = robot.mixing @ recording.joints.T
     if start is None:
         start = np.concatenate(measurement.at(start_on).start(forward(robot, variables[:, start_on])))
-    tool = start[_BASE:]
+    tool = start if measurement.grounded else start[_BASE:]
     state = _state(robot, recording, variables, measurement, tool)
     sigma = measurement.sigma(recording)
     return RobotChain(robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None)

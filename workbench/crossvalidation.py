@@ -93,9 +93,10 @@ def _predict(model, start, test, fit_on, loss, steps):
 
 
 def _unseen(fitted_on: Model, seen: Model, parameters: Parameters) -> np.ndarray:
-    """(P,) True for places on the tool that the fitted samples do not touch and the tested ones do."""
+    """(P,) True for places on tool or artefact that the fitted samples do not touch and the tested ones do."""
     own = np.arange(len(parameters)) < len(fitted_on.chain.parameters)
-    places = parameters.only(own & np.char.startswith(parameters.keys, "tool."))
+    placed = [np.char.startswith(parameters.keys, where) for where in ("tool.", "artefact.")]
+    places = parameters.only(own & (placed[0] | placed[1]))
     if not places.mask.any():
         return places.mask
     silent = ~fitted_on.linearise(places)[1].any(axis=(1, 2))

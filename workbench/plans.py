@@ -13,7 +13,7 @@ from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.core.solve import LOSSES
 
-FRAMES = ("base.*", "tool.*", "sensor.*")
+FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
 # a joint that hardly moves shows no wave of its gear, and one that hardly is loaded no torsion
 _MOVES_RAD, _LOADED_NM = 0.35, 0.02
 
@@ -25,7 +25,7 @@ def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
 
 
 def frames_of(parameters) -> tuple[str, ...]:
-    """Those of `FRAMES` that a model has: base, and tool or hand-eye."""
+    """Those of `FRAMES` that a model has: base, and tool or hand-eye, and points that nobody measured."""
     return tuple(p for p in FRAMES if any(key.startswith(p[:-1]) for key in parameters.keys))
 
 

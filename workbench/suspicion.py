@@ -148,8 +148,9 @@ def _guesses(robot, recording) -> Iterator[_Guess]:
     yield from (_sign((c,)) for c in joints)
     yield from (_swapped(a, b) for a, b in combinations(joints, 2) if a[-3:] == b[-3:])
     yield from _radians(recording, turning)
-    yield from (_unit(factor, unit) for factor, unit in _UNITS.items())
-    yield from _mirrors(recording)
+    if set(POINT) <= set(recording.columns):
+        yield from (_unit(factor, unit) for factor, unit in _UNITS.items())
+        yield from _mirrors(recording)
     yield from (_shifted(recording, step) for step in (1, -1))
     if recording.measures == "ball-centre":
         yield from _balls(recording)

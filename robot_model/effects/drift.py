@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.chain import THETA, A, D
-from robot_model.effects.covariates import clock, warmth, warmth_sizes
+from workbench.core.covariates import clock, warmth, warmth_sizes
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 

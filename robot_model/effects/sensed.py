@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.effects.covariates import warmth, warmth_sizes
+from workbench.core.covariates import warmth, warmth_sizes
 from workbench.core.effect import Effect
 
 

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from robot_model.effects.covariates import clock, warmth, warmth_sizes
 from robot_model.state import sliding
+from workbench.core.covariates import clock, warmth, warmth_sizes
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 

@@ -5,6 +5,8 @@ A kind is a frozen dataclass made from a `datasets.recording.Recording` by `of(r
 - `parameters()`: what it adds to the chain (hand-eye, reflectors), keys at `tool` or `sensor`;
 - `close(frames, values, deltas)`: a `Closure`, the residual and how motions reach it;
 - `start(frames)`: base pose (6,) and own values in closed form, no guess needed;
+- `place`, "tool" or "sensor": where on the flange it sits; `grounded`: True where nothing but the
+  arm itself says where the base is, so that there is no base pose (6,) but (0,);
 - `at(samples)`: the same for some of the samples;
 - `columns(residual)`: what the model predicts, as columns of samples.csv;
 - `numbers`, `targets(values)`, `sigma(recording)`: which target, where it is nominally, how sure.
@@ -21,6 +23,7 @@ KINDS = {
     "external-point": "ExternalPoint",
     "external-pose": "ExternalPose",
     "partial-pose": "PartialPose",
+    "touch-point": "TouchPoint",
 }
 
 

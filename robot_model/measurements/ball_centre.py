@@ -26,7 +26,7 @@ class BallCentre:
     index: np.ndarray
     ids: tuple[int, ...]
     centres: np.ndarray
-    place = "sensor"
+    place, grounded = "sensor", False
 
     @classmethod
     def of(cls, recording) -> "BallCentre":

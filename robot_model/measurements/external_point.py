@@ -25,7 +25,7 @@ class ExternalPoint:
     measured: np.ndarray
     index: np.ndarray
     ids: tuple[int, ...]
-    place = "tool"
+    place, grounded = "tool", False
 
     @classmethod
     def of(cls, recording) -> "ExternalPoint":

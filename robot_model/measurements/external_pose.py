@@ -17,7 +17,7 @@ class ExternalPose:
 
     measured: np.ndarray
     turns: np.ndarray
-    place = "tool"
+    place, grounded = "tool", False
 
     @classmethod
     def of(cls, recording) -> "ExternalPose":

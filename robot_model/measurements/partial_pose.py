@@ -22,7 +22,7 @@ class PartialPose:
     measured: np.ndarray
     axis: np.ndarray
     which: int
-    place = "tool"
+    place, grounded = "tool", False
 
     @classmethod
     def of(cls, recording) -> "PartialPose":
