@@ -124,7 +124,7 @@ class RobotChain:
         """The measured points and residuals (3, n) mm, as arrows, in the robot's root frame."""
         pose = self.split(values)[0]
         turn = rotation_matrix(pose[3:])
-        arrows = evaluation.closure.to_world(residual)
+        arrows = evaluation.closure.to_world(residual[: len(evaluation.residual)])
         return turn.T @ (evaluation.closure.point - pose[:3, None]), turn.T @ arrows
 
     def frames(self, values: np.ndarray, deltas: dict) -> tuple[kinematics.Frames, dict]:
@@ -258,7 +258,10 @@ def bind(
         )
     variables = robot.mixing @ recording.joints.T
     if start is None:
-        start = np.concatenate(measurement.at(start_on).start(forward(robot, variables[:, start_on])))
+        frames = forward(robot, variables[:, start_on])
+        if hasattr(measurement, "oriented"):
+            measurement = replace(measurement, facing=measurement.at(start_on).oriented(frames).facing)
+        start = np.concatenate(measurement.at(start_on).start(frames))
     tool = start if measurement.grounded else start[_BASE:]
     state = _state(robot, recording, variables, measurement, tool)
     sigma = measurement.sigma(recording)

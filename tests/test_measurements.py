@@ -16,6 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 
 EVERY_KIND = pytest.mark.parametrize("measures", KINDS)
+CLOSED = {"touch-point", "laser-spot", "plane-touch", "ball-surface"}  # each has a test file of its own
 COPLANAR = {k: (x, y, 0.0, r) for k, (x, y, _, r) in BALLS.items()}
 
 
@@ -41,7 +42,7 @@ def assert_started(made, chain, atol=1e-6):
 
 
 def test_every_registered_kind_is_tested():
-    assert {*KINDS, "touch-point"} == set(REGISTERED)  # touches have a file of their own
+    assert {*KINDS, *CLOSED} == set(REGISTERED)
 
 
 @EVERY_KIND

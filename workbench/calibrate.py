@@ -18,7 +18,15 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
 from workbench.core.solve import Fit, normal_matrix, pose_scores, solve
-from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_summary, hold_out, repeat_summary
+from workbench.crossvalidation import (
+    HeldOut,
+    blocks,
+    cross_validate,
+    error_summary,
+    hold_out,
+    in_space,
+    repeat_summary,
+)
 from workbench.plans import FRAMES, default_plan, frames_of, read_plan
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
@@ -318,7 +326,7 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
     known = _all_known(step, parameters, split)
     solution = Solution(parameters, step.fit, known, provenance(recording), scores)
-    fit_residual = step.model.residual(parameters)[:3]
+    fit_residual = in_space(step.model.residual(parameters))
     shown = np.where(np.isfinite(held_out.residual), held_out.residual, fit_residual)
     points, arrows = _in_root(step.model, parameters, shown)
     return Calibration(
@@ -326,7 +334,7 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
         error_summary(step.fit.residual[:3]) | repeat_summary(recording, fit_residual),
         _held_out_summary(held_out),
         error_summary(_final_held_out(nominal, split).residual),
-        fit_residual, held_out.residual, nominal.model.residual(nominal.parameters)[:3],
+        fit_residual, held_out.residual, in_space(nominal.model.residual(nominal.parameters)),
         held_out.fold, points, arrows,
         tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), warnings, dict(solution.provenance),
     )  # fmt: skip

@@ -89,7 +89,7 @@ def _predict(model, start, test, fit_on, loss, steps):
         placed = solve(seen, fitted.only(unseen), loss, steps).parameters
         fitted = replace(fitted, values=placed.values)
     located = {key: fitted[key] for key, mine in zip(fitted.keys, unseen) if mine}
-    return seen.residual(fitted)[:3], located
+    return in_space(seen.residual(fitted)), located
 
 
 def _unseen(fitted_on: Model, seen: Model, parameters: Parameters) -> np.ndarray:
@@ -104,6 +104,11 @@ def _unseen(fitted_on: Model, seen: Model, parameters: Parameters) -> np.ndarray
     unseen = places.mask.copy()
     unseen[places.mask] = silent
     return unseen
+
+
+def in_space(residual: np.ndarray) -> np.ndarray:
+    """(3, n) mm: the lengths among a residual's components (m, n), with zeros where a kind has fewer than three."""
+    return np.concatenate([residual[:3], np.zeros((max(3 - len(residual), 0), residual.shape[1]))])
 
 
 def error_summary(residual: np.ndarray) -> dict[str, float]:

@@ -11,7 +11,8 @@ A kind is a frozen dataclass made from a `datasets.recording.Recording` by `of(r
 - `columns(residual)`: what the model predicts, as columns of samples.csv;
 - `numbers`, `targets(values)`, `sigma(recording)`: which target, where it is nominally, how sure.
 
-The first three of the m components are always a position in mm.
+The first three of the m components are a position in mm; a kind with fewer has only lengths. A kind
+that must look at the poses before it can number its parameters has `oriented(frames)`.
 """
 
 from importlib import import_module
@@ -24,6 +25,9 @@ KINDS = {
     "external-pose": "ExternalPose",
     "partial-pose": "PartialPose",
     "touch-point": "TouchPoint",
+    "laser-spot": "LaserSpot",
+    "plane-touch": "PlaneTouch",
+    "ball-surface": "BallSurface",
 }
 
 
