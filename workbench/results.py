@@ -105,7 +105,10 @@ def calibration_json(calibration) -> dict:
 
 
 def save_calibration(calibration, folder: Path) -> None:
-    """Write parameters.toml, residuals.csv and calibration.json."""
+    """Write parameters.toml, residuals.csv, calibration.json and solution.json."""
+    from workbench.solution_file import NAME, solution_keys
+
+    (folder / NAME).write_text(json.dumps(solution_keys(calibration), indent=1), encoding="utf-8")
     (folder / "parameters.toml").write_text(calibration.solution.parameters.to_toml(), encoding="utf-8")
     text = json.dumps(calibration.as_json(), indent=1, allow_nan=True)
     (folder / "calibration.json").write_text(text, encoding="utf-8")

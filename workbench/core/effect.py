@@ -98,6 +98,11 @@ class Effect:
         return Parameter(f"{self.where}.{self.effect}.{name}", unit, 0.0, typical, label, prior or 3 * typical)
 
     @property
+    def options(self) -> dict:
+        """What its constructor was given beside its place, so that a file can say it; each is kept by its own name."""
+        return {name: getattr(self, name) for name in list(inspect.signature(type(self)).parameters)[1:]}
+
+    @property
     def title(self) -> str:
         return f"{self.effect} at {self.where}"
 

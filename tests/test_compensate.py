@@ -1,0 +1,112 @@
+"""A calibration that is used: corrected readings bring an arm that another engine simulates where it was sent."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets.makers import ye
+from datasets.mujoco_arm import pose, reflector_points
+from datasets.recording import Recording
+from workbench.calibrate import calibrate, save
+from workbench.compensate import actual_poses, checked, compensate, nominal_poses
+from workbench.core.errors import InputError
+from workbench.core.rigid import rotation_matrix
+from workbench.solution_file import read_solution
+
+N = 200
+
+
+@pytest.fixture(scope="module")
+def made():
+    return ye.ye_second_experiment(n=N + 100, seed=4)
+
+
+@pytest.fixture(scope="module")
+def run(made, tmp_path_factory):
+    """The run folder of a calibration on the first N samples, and the calibration."""
+    columns = {name: np.asarray(v, float)[:N] for name, v in made.columns.items()}
+    recording = Recording(made.measures, columns, made.robot, sigma_mm=made.sigma_mm, name="ye")
+    calibration = calibrate(recording, folds=5)
+    folder = tmp_path_factory.mktemp("run")
+    save(calibration, folder)
+    return folder, calibration
+
+
+def targets(made):
+    return np.deg2rad(np.stack([made.columns[f"q{k}_deg"] for k in range(1, 7)], 1)[N:])
+
+
+def wanted_points(arm, readings):
+    """(n, 3) where the nominal arm would bring the reflector, with base and reflector as calibrated."""
+    base = np.array([arm.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
+    reflector = np.array([arm.values[f"tool.reflector1_{c}"] for c in "xyz"] + [1.0])
+    return (nominal_poses(arm.robot, readings) @ reflector)[:, :3] @ rotation_matrix(base[3:]).T + base[:3]
+
+
+def true_points(readings):
+    """(n, 3) where MuJoCo's arm with the 53 published parameters really brings it."""
+    return reflector_points(ye._flange(ye.SECOND, np.rad2deg(readings)), ye.SECOND.tool[0], pose(*ye.SECOND.user))
+
+
+def test_the_file_gives_back_the_calibration(run):
+    folder, calibration = run
+    arm = read_solution(folder)
+    assert arm.trusted and arm.values == dict(zip(calibration.solution.parameters.keys, calibration.solution.parameters.values))
+    assert [e.title for e in arm.effects] == [e.title for e in calibration.model.effects]
+    np.testing.assert_array_equal(arm.covariance, calibration.solution.covariance)
+    assert arm.held_out_mm == calibration.held_out["rms_mm"]
+
+
+def test_compensated_readings_are_as_good_as_the_calibration(run, made):
+    folder, _ = run
+    arm, readings = read_solution(folder), targets(made)
+    done = compensate(arm, readings)
+    wanted = wanted_points(arm, readings)
+    before = np.sqrt(((true_points(readings) - wanted) ** 2).sum(1).mean())
+    after = np.sqrt(((true_points(done.readings) - wanted) ** 2).sum(1).mean())
+    assert done.reached.all() and done.left_mm.max() < 1e-4
+    assert before > 0.5 and after <= 1.1 * arm.held_out_mm
+    assert np.sqrt((done.before_mm**2).mean()) == pytest.approx(before, rel=0.3)
+    assert 0 < done.sigma_mm.max() < arm.held_out_mm
+
+
+def test_the_model_is_inverted_exactly(run, made):
+    arm, readings = read_solution(run[0]), targets(made)
+    done = compensate(arm, readings)
+    np.testing.assert_allclose(actual_poses(arm, done.readings)[:, :3, 3], done.poses[:, :3, 3], atol=1e-4)
+    np.testing.assert_allclose(actual_poses(arm, done.readings)[:, :3, :3], done.poses[:, :3, :3], atol=1e-6)
+
+
+def test_poses_are_reached_from_a_start_that_is_far_off(run, made):
+    arm, readings = read_solution(run[0]), targets(made)
+    start = readings + np.random.default_rng(0).uniform(-0.15, 0.15, readings.shape)
+    done = compensate(arm, start, nominal_poses(arm.robot, readings))
+    assert done.reached.mean() > 0.95
+    np.testing.assert_allclose(done.left_mm[done.reached], 0, atol=1e-3)
+
+
+def test_a_target_out_of_reach_is_said_to_be(run, made):
+    arm, readings = read_solution(run[0]), targets(made)[:3]
+    poses = nominal_poses(arm.robot, readings)
+    poses[1, :3, 3] *= 10
+    assert compensate(arm, readings, poses).reached.tolist() == [True, False, True]
+
+
+def test_what_was_not_found_good_is_not_used_unless_forced(run):
+    arm = replace(read_solution(run[0]), trusted=False, why="the solve did not converge")
+    with pytest.raises(InputError, match="did not converge; calibrate again, or add --force"):
+        checked(arm, "solution.json", force=False)
+    assert checked(arm, "solution.json", force=True) is arm
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "expected JSON"), ("[]", "expected 'solution/1'"), ('{"format": "solution/2"}', "expected 'solution/1'"),
+    ('{"format": "solution/1"}', "'effects' is missing"),
+])  # fmt: skip
+def test_a_broken_file_is_a_sentence(tmp_path, text, words):
+    (tmp_path / "solution.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_solution(tmp_path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_solution(tmp_path / "none")

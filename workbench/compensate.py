@@ -1,0 +1,187 @@
+"""Using a calibration: joint readings that bring the real arm where the nominal one was sent.
+
+The full non-linear model is inverted, for all targets at once: geometry, transmission, compliance
+under the load that each target carries, and whatever else was calibrated.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_model.chain import forward
+from robot_model.measurements.closure import flange_matrices
+from robot_model.measurements.external_pose import ExternalPose
+from robot_model.robot import Robot
+from robot_model.state import State
+from robot_model.system import RobotChain
+from workbench.core.errors import InputError
+from workbench.core.model import Model
+from workbench.core.rigid import transform
+from workbench.solution_file import CalibratedArm
+
+_STEPS, _LEVER_MM = 40, 200.0
+# a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
+_REACHED_MM = 1e-5
+# what acts on the arm; the instrument's own errors, and its drift against the base, move no flange
+_OF_THE_ARM = ("joint", "geometry", "frame", "gravity", "mass")
+
+
+@dataclass(frozen=True)
+class Compensated:
+    """Corrected targets.
+
+    `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange that were asked for; `before_mm` (n,)
+    how far the real flange would have been off, by the model; `left_mm` (n,) what is left of it;
+    `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters' uncertainty makes; `reached` (n,)
+    False where no reading within limits gets there.
+    """
+
+    readings: np.ndarray
+    poses: np.ndarray
+    before_mm: np.ndarray
+    left_mm: np.ndarray
+    sigma_mm: np.ndarray
+    reached: np.ndarray
+
+
+def compensate(arm: CalibratedArm, readings: np.ndarray, poses: np.ndarray | None = None, covariates=None) -> Compensated:
+    """Readings with which the calibrated arm puts its flange where the nominal arm would have put it.
+
+    readings (n, R): rad, mm, as programmed, or where to start looking when `poses` (n, 4, 4),
+    T_root_flange in mm, are the targets. covariates: name -> (n,) in file units, `payload_kg`
+    among them; what an effect needs and is not given raises InputError.
+    """
+    nominal = nominal_poses(arm.robot, readings)
+    wanted = nominal if poses is None else np.asarray(poses, float)
+    before = _off(_model(arm, readings, wanted, covariates), arm)[1]
+    found = np.array(readings, float)
+    if poses is not None:
+        found = _nominal_readings(arm.robot, found, wanted)
+    for _ in range(_STEPS):
+        model = _model(arm, found, wanted, covariates)
+        residual, distance = _off(model, arm)
+        step = _step(model, arm, residual)
+        if distance.max(initial=0) < _REACHED_MM:
+            break
+        found = found - np.linalg.lstsq(arm.robot.mixing, step, rcond=None)[0].T
+    model = _model(arm, found, wanted, covariates)
+    left = _off(model, arm)[1]
+    reached = (left < 1e-3) & _within(arm.robot, found)
+    return Compensated(found, wanted, before, left, _sigma(model, arm), reached)
+
+
+def nominal_poses(robot: Robot, readings: np.ndarray) -> np.ndarray:
+    """(n, 4, 4) T_root_flange of the nominal arm at readings (n, R)."""
+    frames = forward(robot, robot.mixing @ np.asarray(readings, float).T)
+    return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+def actual_poses(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
+    """(n, 4, 4) T_root_flange where the calibrated arm really is at readings (n, R)."""
+    model = _model(arm, readings, nominal_poses(arm.robot, readings), covariates)
+    frames = model.evaluate(_parameters(model, arm)).frames
+    return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+def _model(arm, readings, wanted, covariates) -> Model:
+    """The calibrated arm at readings, measured from its own root against the wanted poses."""
+    variables = arm.robot.mixing @ np.asarray(readings, float).T
+    n = variables.shape[1]
+    covariates = {name: np.broadcast_to(np.asarray(v, float), (n,)) for name, v in (covariates or {}).items()}
+    covariates.setdefault("row", np.zeros(n))
+    payload = arm.robot.payload_mass + covariates.get("payload_kg", np.zeros(n))
+    measurement = ExternalPose(wanted[:, :3, 3].T.copy(), wanted[:, :3, :3])
+    blank = np.zeros((3, n))
+    state = State(arm.robot, variables, covariates, arm.robot.gravity, payload, arm.load_centre, blank,
+                  np.ones(n, int), blank)  # fmt: skip
+    ones = np.ones((6, n))
+    acting = tuple(e for e in arm.effects if e.port in _OF_THE_ARM and e.effect != "base-drift")
+    return Model(RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones), acting)
+
+
+def _parameters(model: Model, arm: CalibratedArm):
+    """The calibrated geometry and effects; base and tool are left out, since the flange is asked for in the root."""
+    keys = [k for k in model.parameters.keys if k in arm.values and not _is_frame(k)]
+    return model.parameters.update({key: arm.values[key] for key in keys})
+
+
+def _is_frame(key: str) -> bool:
+    place, _, name = key.partition(".")
+    return place in ("base", "tool", "sensor") and "." not in name
+
+
+def _off(model, arm):
+    """(6, n) actual minus wanted pose, and (n,) mm: its largest of place and of turn at a lever's length."""
+    residual = model.residual(_parameters(model, arm))
+    place, turn = np.linalg.norm(residual[:3], axis=0), np.linalg.norm(residual[3:], axis=0)
+    return residual, np.maximum(place, _LEVER_MM * turn)
+
+
+def _step(model, arm, residual):
+    """(J, n) change of the joint variables that undoes the residual; effects hardly change over it."""
+    rows = model.evaluate(_parameters(model, arm)).rows("joint", np.arange(arm.robot.joints))
+    scale = np.array([1.0, 1, 1, _LEVER_MM, _LEVER_MM, _LEVER_MM])[:, None]
+    jacobian = np.transpose(rows * scale, (2, 1, 0))
+    right = (residual * scale).T[..., None]
+    # damped: near a singular posture a plain inverse would leap
+    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * _LEVER_MM**2 * 1e-3 * np.eye(arm.robot.joints)
+    return np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0].T
+
+
+def _nominal_readings(robot, start, wanted):
+    """Readings (n, R) of the nominal arm at the wanted poses, from `start`."""
+    bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
+    found = start
+    for _ in range(3 * _STEPS):
+        model = _model(bare, found, wanted, None)
+        residual, distance = _off(model, bare)
+        if distance.max(initial=0) < 1e-3:
+            break
+        step = np.clip(_step(model, bare, residual), -0.3 * _reach(robot), 0.3 * _reach(robot))
+        found = found - np.linalg.lstsq(robot.mixing, step, rcond=None)[0].T
+    return found
+
+
+def _reach(robot):
+    """(J, 1) what a step of one is: a radian, or a hundred mm where the joint slides."""
+    return np.where(robot.prismatic, 100.0, 1.0)[:, None]
+
+
+def _within(robot, readings):
+    low, high = robot.limits.T
+    return ((readings >= np.where(np.isnan(low), -np.inf, low)) & (readings <= np.where(np.isnan(high), np.inf, high))).all(1)
+
+
+def _sigma(model, arm) -> np.ndarray:
+    """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
+
+    Base and tool are in it: they were found together with the arm, and what they share with it cancels.
+    """
+    known = {_called(key): key for key in arm.free if _called(key) in model.parameters.index}
+    parameters = model.parameters.update({k: arm.values[key] for key in arm.values if (k := _called(key)) in
+                                          model.parameters.index})  # fmt: skip
+    parameters = parameters.only(np.isin(parameters.keys, list(known)))
+    if not known:
+        return np.zeros(model.chain.n)
+    order = [arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free]
+    rows = model.linearise(parameters)[1][:, :3]
+    covariance = arm.covariance[np.ix_(order, order)]
+    return np.sqrt(np.maximum(np.einsum("fmn,fg,gmn->n", rows, covariance, rows), 0))
+
+
+def _called(key: str) -> str:
+    """What a parameter of a calibration is called in the model of a flange and one point on it."""
+    place, _, name = key.partition(".")
+    if (place in ("tool", "sensor")) and name[-1:] in "xyz" and name[:-1] in ("", "reflector1_", "tip_"):
+        return f"tool.{name[-1]}"
+    return key
+
+
+def checked(arm: CalibratedArm, path, force: bool) -> CalibratedArm:
+    """The arm, where it may be used; InputError where it may not and nobody forces it."""
+    if arm.trusted or force:
+        return arm
+    raise InputError(f"{path}: expected a calibration that converged and helps on unseen samples, found that {arm.why}; "
+                     "calibrate again, or add --force")
+
+
