@@ -1,0 +1,101 @@
+"""Every export is read back and means the same; what a format cannot hold is said."""
+
+import numpy as np
+import pytest
+
+from plain_frames import frames_of
+from robot_model import load_robot
+from robot_model.chain import forward
+from robot_model.measurements.closure import flange_matrices
+from scenes import ABB, ARMS, CRAIG
+from sensors.camera import Camera
+from workbench.core.errors import InputError
+from workbench.core.rigid import transform
+from workbench.exports import CAMERA_FORMATS, camera_text, mdh_csv, mdh_json, read_camera_text, read_mdh, urdf
+from workbench.exports.mdh import calibrated_geometry
+from workbench.solution_file import CalibratedArm
+
+BROWN = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.05), (1280, 1024))
+RADTAN = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.0), (1280, 1024))
+RATIONAL = Camera(800.0, 801.0, 320.0, 240.0, (-0.2, 0.11, 0.0013, -0.0021, 0.05, 0.1, 0.02, 0.003), (640, 480))
+
+
+def arm_of(spec, seed=0) -> CalibratedArm:
+    """An arm with errors in every length and angle."""
+    robot = load_robot(spec)
+    rng = np.random.default_rng(seed)
+    moved = robot.geometry + rng.normal(size=robot.geometry.shape) * [1e-2, 1, 1, 1e-2, 1e-2]
+    values = {f"joint-{k + 1}.{name}{k + 1}": moved[k, c] for k in range(robot.joints)
+              for c, name in enumerate(("theta", "d", "a", "alpha", "beta"))}
+    return CalibratedArm(robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.05, True, "", {})
+
+
+def flanges(robot, readings, geometry=None):
+    frames = forward(robot, robot.mixing @ readings.T, geometry)
+    return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+@pytest.mark.parametrize("write", [mdh_json, mdh_csv])
+@pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS.keys())
+def test_a_table_read_back_is_the_same_arm(spec, write):
+    arm = arm_of(spec)
+    np.testing.assert_allclose(read_mdh(write(arm), arm.robot), calibrated_geometry(arm), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS.keys())
+def test_a_urdf_read_back_puts_the_flange_where_the_calibration_does(spec, tmp_path):
+    arm = arm_of(spec)
+    (tmp_path / "arm.urdf").write_text(urdf(arm))
+    again = load_robot(tmp_path / "arm.urdf")
+    rng = np.random.default_rng(1)
+    readings = np.where(arm.robot.prismatic, 50, 1) * rng.uniform(-1, 1, (20, arm.robot.joints))
+    expected = flanges(arm.robot, readings, calibrated_geometry(arm))
+    coupled = np.count_nonzero(arm.robot.mixing) > arm.robot.joints
+    own = readings @ arm.robot.mixing.T if coupled else readings
+    np.testing.assert_allclose(flanges(again, own), expected, atol=1e-6)
+    plain = np.array([frames_of(again, reading)[-1] for reading in own])
+    np.testing.assert_allclose(plain, expected, atol=1e-6)
+
+
+def test_coupled_joints_are_angles_between_links_and_the_file_says_how():
+    rows = [dict(row) for row in CRAIG["joint"]]
+    rows[2]["coupled"] = {"joint": 2, "ratio": 1.0}
+    assert "joint_3 = 1 q2 + 1 q3" in urdf(arm_of(CRAIG | {"joint": rows}))
+    assert "joint_3" not in urdf(arm_of(CRAIG)).split("-->")[0]
+
+
+def test_a_table_of_another_arm_is_a_sentence():
+    text = mdh_csv(arm_of(ABB))
+    with pytest.raises(InputError, match="expected 6 joints"):
+        read_mdh("\n".join(text.splitlines()[:-1]), load_robot(ABB))
+    with pytest.raises(InputError, match="expected columns joint, theta_deg"):
+        read_mdh("a,b\n1,2\n", load_robot(ABB))
+
+
+@pytest.mark.parametrize("camera", [BROWN, RADTAN, RATIONAL], ids=["brown", "radtan", "rational"])
+@pytest.mark.parametrize("name", CAMERA_FORMATS)
+def test_a_camera_read_back_is_the_same(camera, name):
+    if name == "kalibr" and camera is not RADTAN:
+        with pytest.raises(InputError, match="radtan model does not have"):
+            camera_text(camera, name)
+        return
+    again = read_camera_text(camera_text(camera, name), name)
+    np.testing.assert_allclose(again.values, camera.values, rtol=1e-15)
+    assert again.size == camera.size
+
+
+def test_opencv_itself_reads_its_file(tmp_path):
+    import cv2
+
+    path = tmp_path / "camera.yml"
+    path.write_text(camera_text(BROWN, "opencv"))
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    np.testing.assert_allclose(file.getNode("camera_matrix").mat(), BROWN.matrix)
+    np.testing.assert_allclose(file.getNode("distortion_coefficients").mat()[0], BROWN.distortion)
+
+
+@pytest.mark.parametrize("name", CAMERA_FORMATS)
+@pytest.mark.parametrize("text", ["", "[1]", "cam0: {", "camera_matrix: 3"])
+def test_a_broken_camera_file_is_a_sentence(name, text):
+    with pytest.raises(InputError, match="camera file: expected"):
+        read_camera_text(text, name)
