@@ -1,0 +1,176 @@
+"""Which poses to measure: reachable, visible, not in the arm's own way, and telling the most."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from datasets.columns import joint_columns
+from robot_model import load_robot
+from robot_model.clearance import hidden_by_others, self_clearance, view_clearance
+from robot_model.effects import CATALOGUE
+from robot_model.system import bind, geometry_free
+from workbench.core.design import Design, choose
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.core.identifiability import identifiability, independent
+from workbench.core.model import Model
+from workbench.core.solve import normal_matrix
+from workbench.plans import default_plan, frames_of
+
+CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5", "task")
+_NOMINAL_SIGMA_MM = 0.05
+LINK_RADIUS_MM = 50.0
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """`samples` numbers of the rows at the chosen poses; `design` how good they are; `undetermined` what stays open.
+
+    `candidates` poses to choose from, `left_out` (reason -> how many) of those that were no candidates.
+    """
+
+    recording: object
+    samples: tuple[int, ...]
+    design: Design
+    criterion: str
+    undetermined: tuple[str, ...]
+    candidates: int
+    left_out: dict[str, int]
+    parameters: int
+
+    def as_json(self) -> dict:
+        """The answer of `workbench poses`."""
+        return {
+            "command": "poses", "recording": self.recording.name, "criterion": self.criterion,
+            "poses": len(self.design.chosen), "candidates": self.candidates, "left_out": self.left_out,
+            "parameters": self.parameters, "value": self.design.value,
+            "random_median": float(np.median(self.design.random)), "gain_over_random": self.design.gain,
+            "samples": list(self.samples), "undetermined": list(self.undetermined),
+        }  # fmt: skip
+
+
+def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: bool = False,
+                 link_radius_mm: float = LINK_RADIUS_MM, seed: int = 0) -> Chosen:  # fmt: skip
+    """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
+
+    recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
+    robot and kind, whose predicted error is to be small. link_radius_mm: half the thickness of the
+    arm's links, for the check that it is not in its own way; 0 leaves the check out.
+    Raises InputError where there are too few candidates or the criterion is not known.
+    """
+    if criterion not in CRITERIA or (criterion == "task") != (tasks is not None):
+        raise InputError(f"--criterion {criterion}: expected one of {', '.join(CRITERIA)}, and task together with "
+                         "--tasks FILE, found otherwise; correct the call")
+    moving = recording.select(recording.moving)
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    good, left_out = _usable(robot, moving, link_radius_mm)
+    moving = moving.select(good)
+    poses = np.unique(moving.poses, return_inverse=True)[1]
+    count = poses.max(initial=-1) + 1
+    if not 2 <= n <= count:
+        raise InputError(f"--count {n}: expected 2 to {count}, the poses of {recording.name} that can be used "
+                         f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates")
+    model, free, everything = _model(robot, moving, effects)
+    rows = _by_pose(_whitened(model, free), poses)
+    design = choose(rows, n, criterion, None if tasks is None else _task_rows(robot, model, tasks, free), seed)
+    picked = np.isin(poses, design.chosen)
+    known = identifiability(normal_matrix(model.at(picked), everything), everything)
+    samples = tuple(int(i) for i in moving.sample_ids[picked])
+    return Chosen(recording, samples, design, criterion, tuple(known.sentences()), int(count), left_out,
+                  int(free.mask.sum()))  # fmt: skip
+
+
+def _told(left_out) -> str:
+    return ", ".join(f"{count} {why}" for why, count in left_out.items() if count) or "none left out"
+
+
+def _model(robot, recording, effects):
+    """The model of the candidates, what they determine of it, and all that is free."""
+    if recording.sigma is None:
+        recording = replace(recording, sigma_mm=_NOMINAL_SIGMA_MM)
+    chain = bind(robot, recording)
+    rows = [row for stage in default_plan(chain) for row in stage.effects] if effects else []
+    model = Model(chain, make_effects(CATALOGUE, rows))
+    everything = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
+    own = [p.key for effect in model.effects for p in effect.parameters(chain)]
+    everything = everything.free(*own) if own else everything
+    return model, independent(normal_matrix(model, everything), everything)[0], everything
+
+
+def _whitened(model, free) -> np.ndarray:
+    """(n, m, F) rows, whitened and in typical sizes."""
+    rows = model.linearise(free)[1] / model.sigma(free) * free.typical[free.mask][:, None, None]
+    return rows.transpose(2, 1, 0)
+
+
+def _by_pose(rows, poses) -> np.ndarray:
+    """(N, m', F): rows of one pose side by side, zeros where a pose has fewer samples than another."""
+    order = np.argsort(poses, kind="stable")
+    counts = np.bincount(poses)
+    place = np.arange(len(poses)) - np.repeat(np.cumsum(counts) - counts, counts)
+    made = np.zeros((len(counts), counts.max(), *rows.shape[1:]))
+    made[poses[order], place] = rows[order]
+    return made.reshape(len(counts), -1, rows.shape[2])
+
+
+def _task_rows(robot, model, tasks, free):
+    """(T, m, F) rows of the tasks, with base and tool as the candidates have them."""
+    tasks = tasks.select(tasks.moving)
+    chain = bind(robot, replace(tasks, sigma_mm=1.0), start=model.chain.start)
+    seen = Model(chain, model.effects)
+    return _whitened(seen, seen.parameters.take_over(free).only(free.mask))
+
+
+def _usable(robot, recording, link_radius):
+    """(n,) which rows may be driven to and show what they should, and how many may not, by reason."""
+    variables = robot.mixing @ recording.joints.T
+    low, high = robot.limits.T
+    beyond = ~(np.where(np.isnan(low), True, recording.joints >= low - 1e-9)
+               & np.where(np.isnan(high), True, recording.joints <= high + 1e-9)).all(1)  # fmt: skip
+    own_way = np.zeros(recording.n, bool)
+    if link_radius > 0:
+        own_way = self_clearance(robot, variables, link_radius) < 2 * link_radius
+    hidden = _hidden(robot, recording, variables, link_radius)
+    reasons = {"beyond a joint's limit": beyond, "in the arm's own way": own_way & ~beyond,
+               "ball hidden": hidden & ~own_way & ~beyond}  # fmt: skip
+    return ~(beyond | own_way | hidden), {why: int(rows.sum()) for why, rows in reasons.items()}
+
+
+def _hidden(robot, recording, variables, link_radius):
+    """(n,) True where another ball or a link stands between sensor and ball; nothing hides in other kinds."""
+    if recording.measures != "ball-centre":
+        return np.zeros(recording.n, bool)
+    chain = bind(robot, recording)
+    values = chain.parameters.values
+    frames, _ = chain.frames(values, {})
+    base, _, hand = chain.split(values)
+    eye, target = frames.point(hand[:3]), chain.measurement.targets(hand)
+    numbers = np.asarray(chain.measurement.ids)
+    balls = np.array([recording.balls[int(i)] for i in numbers])
+    hidden = hidden_by_others(eye, target, balls[:, :3], balls[:, 3], chain.measurement.index)
+    if link_radius > 0:
+        inward = chain.to_root(values, chain.evaluate(values, {}), np.zeros((3, recording.n)))[0]
+        eye_root = _into_root(base, eye)
+        hidden |= view_clearance(robot, variables, eye_root, inward, link_radius) < link_radius
+    return hidden
+
+
+def _into_root(base, points):
+    from workbench.core.rigid import rotation_matrix
+
+    return rotation_matrix(base[3:]).T @ (points - base[:3, None])
+
+
+def write_poses(chosen: Chosen, folder: Path) -> Path:
+    """`poses.csv` in an existing folder: the chosen rows with joint readings and, where there is one, the ball."""
+    from workbench.runs import replace_file
+
+    rows = np.isin(chosen.recording.sample_ids, chosen.samples)
+    joints = joint_columns(chosen.recording.columns)
+    named = [k for k in ("sample", "ball", "reflector", "point") if k in chosen.recording.columns]
+    columns = {k: chosen.recording.columns[k][rows] for k in (*named, *joints)}
+    lines = [",".join(columns)] + [",".join(f"{v:.10g}" for v in row) for row in zip(*columns.values())]
+    path = Path(folder) / "poses.csv"
+    replace_file(path, "\n".join(lines) + "\n")
+    return path
