@@ -67,7 +67,7 @@ def test_compensated_readings_are_as_good_as_the_calibration(run, made):
     after = np.sqrt(((true_points(done.readings) - wanted) ** 2).sum(1).mean())
     assert done.reached.all() and done.left_mm.max() < 1e-4
     assert before > 0.5 and after <= 1.1 * arm.held_out_mm
-    assert np.sqrt((done.before_mm**2).mean()) == pytest.approx(before, rel=0.3)
+    assert np.sqrt((done.correction_mm**2).mean()) == pytest.approx(before, rel=0.3)
     assert 0 < done.sigma_mm.max() < arm.held_out_mm
 
 

@@ -30,21 +30,23 @@ _OF_THE_ARM = ("joint", "geometry", "frame", "gravity", "mass")
 class Compensated:
     """Corrected targets.
 
-    `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange that were asked for; `before_mm` (n,)
-    how far the real flange would have been off, by the model; `left_mm` (n,) what is left of it;
+    `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange that were asked for; `correction_mm` (n,)
+    how far the flange is moved, in the root frame, by the correction; `left_mm` (n,) what is left of it;
     `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters' uncertainty makes; `reached` (n,)
     False where no reading within limits gets there.
     """
 
     readings: np.ndarray
     poses: np.ndarray
-    before_mm: np.ndarray
+    correction_mm: np.ndarray
     left_mm: np.ndarray
     sigma_mm: np.ndarray
     reached: np.ndarray
 
 
-def compensate(arm: CalibratedArm, readings: np.ndarray, poses: np.ndarray | None = None, covariates=None) -> Compensated:
+def compensate(
+    arm: CalibratedArm, readings: np.ndarray, poses: np.ndarray | None = None, covariates=None
+) -> Compensated:
     """Readings with which the calibrated arm puts its flange where the nominal arm would have put it.
 
     readings (n, R): rad, mm, as programmed, or where to start looking when `poses` (n, 4, 4),
@@ -149,7 +151,9 @@ def _reach(robot):
 
 def _within(robot, readings):
     low, high = robot.limits.T
-    return ((readings >= np.where(np.isnan(low), -np.inf, low)) & (readings <= np.where(np.isnan(high), np.inf, high))).all(1)
+    return (
+        (readings >= np.where(np.isnan(low), -np.inf, low)) & (readings <= np.where(np.isnan(high), np.inf, high))
+    ).all(1)
 
 
 def _sigma(model, arm) -> np.ndarray:
@@ -181,7 +185,7 @@ def checked(arm: CalibratedArm, path, force: bool) -> CalibratedArm:
     """The arm, where it may be used; InputError where it may not and nobody forces it."""
     if arm.trusted or force:
         return arm
-    raise InputError(f"{path}: expected a calibration that converged and helps on unseen samples, found that {arm.why}; "
-                     "calibrate again, or add --force")
-
-
+    raise InputError(
+        f"{path}: expected a calibration that converged and helps on unseen samples, found that {arm.why}; "
+        "calibrate again, or add --force"
+    )

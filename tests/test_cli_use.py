@@ -1,0 +1,102 @@
+"""Using a calibration from the command line: poses to measure, targets corrected, exports; and what is refused."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenes import ABB, scene
+from workbench.calibrate import calibrate, save
+
+WORKBENCH = Path(sys.executable).with_name("workbench")
+
+
+def run(*words, folder):
+    return subprocess.run([WORKBENCH, *map(str, words)], capture_output=True, text=True, cwd=folder)
+
+
+@pytest.fixture(scope="module")
+def solution(tmp_path_factory):
+    """A run folder of a calibrated arm."""
+    folder = tmp_path_factory.mktemp("solution")
+    made = scene("external-point", n=80, arm=ABB, reflectors={1: (30.0, -40.0, 100.0)})
+    columns = dict(made.recording.columns)
+    columns["q3_deg"] = columns["q3_deg"] + 0.3
+    save(calibrate(type(made.recording)("external-point", columns, ABB, sigma_mm=0.02, name="scene"), folds=4), folder)
+    return folder
+
+
+def write_targets(folder, text="q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg,time_s\n0,10,10,0,30,0,1,0\n20,-10,15,10,40,5,1,0\n"):
+    path = folder / "targets.csv"
+    path.write_text(text)
+    return path
+
+
+def test_targets_are_corrected(solution, tmp_path):
+    done = run("compensate", solution, write_targets(tmp_path), "--json", "answer.json", "--out", "run", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert answer["reached"] == 2 and answer["left_rms_mm"] < 1e-3
+    table = np.genfromtxt(tmp_path / "run" / "corrected.csv", delimiter=",", names=True)
+    # the third joint's readings are 0.3 deg too large, so the correction makes them so
+    np.testing.assert_allclose(table["q3_deg"] - [10, 15], 0.3, atol=0.02)
+    assert done.stdout.strip().splitlines()[-1].endswith("run")
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("q1_deg,q2_deg\n1,2\n", "6 joint columns"),
+    ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,500,0,0,0,0\n", "row 2, column q2_deg: expected -110 to 110"),
+    ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,nan,0,0,0,0\n", "column q2_deg: expected a finite number"),
+    ("x_mm,y_mm,z_mm\n1,2,3\n", "column qw"),
+    ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n300,0,300,1,1,0,0\n", "quaternion of length 1"),
+    ("a,b,c\n1,2,3\n", "joint columns q1_deg"),
+    ("", "expected"),
+])  # fmt: skip
+def test_bad_targets_are_one_sentence(solution, tmp_path, text, words):
+    done = run("compensate", solution, write_targets(tmp_path, text), "--out", "run", folder=tmp_path)
+    assert done.returncode == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_calibration_that_failed_is_refused_unless_forced(solution, tmp_path):
+    keys = json.loads((solution / "solution.json").read_text()) | {"converged": False}
+    (tmp_path / "bad.json").write_text(json.dumps(keys))
+    targets = write_targets(tmp_path)
+    refused = run("compensate", "bad.json", targets, folder=tmp_path)
+    assert refused.returncode == 2 and "add --force" in refused.stderr
+    assert run("export", "bad.json", "--to", "urdf", "--out", "a.urdf", folder=tmp_path).returncode == 2
+    assert not (tmp_path / "a.urdf").exists()
+    assert run("compensate", "bad.json", targets, "--force", folder=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize("name", ["urdf", "mdh-json", "mdh-csv"])
+def test_arms_are_exported(solution, tmp_path, name):
+    done = run("export", solution, "--to", name, "--out", "arm.out", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "joint" in (tmp_path / "arm.out").read_text()
+
+
+def test_cameras_are_exported(tmp_path):
+    import tomli_w
+
+    from sensors.camera import Camera, camera_keys
+
+    camera = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.05), (1280, 1024))
+    (tmp_path / "camera.toml").write_text(tomli_w.dumps(camera_keys(camera)))
+    assert run("export", "camera.toml", "--to", "ros", "--out", "camera.yaml", folder=tmp_path).returncode == 0
+    assert "plumb_bob" in (tmp_path / "camera.yaml").read_text()
+    wrong = run("export", "camera.toml", "--to", "kalibr", "--out", "chain.yaml", folder=tmp_path)
+    assert wrong.returncode == 2 and "radtan" in wrong.stderr
+
+
+def test_poses_are_chosen(tmp_path):
+    done = run("poses", "elastic-arm", "-n", "12", "--json", "-", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert answer["poses"] == 12 and answer["gain_over_random"] > 1
+    assert len(Path(tmp_path, answer["file"]).read_text().splitlines()) == 1 + len(answer["samples"])
+    wrong = run("poses", "elastic-arm", "-n", "100000", folder=tmp_path)
+    assert wrong.returncode == 2 and len(wrong.stderr.strip().splitlines()) == 1

@@ -1,0 +1,64 @@
+"""`workbench poses`: which poses to measure."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench import runs
+from workbench.commands import answer, tables
+
+Tasks = Annotated[str | None, typer.Option("--tasks", metavar="RECORDING", help="Poses whose error shall be small.")]
+
+
+def command(
+    candidates: Annotated[str, typer.Argument(help="A recording, a known name, or a scene (TOML) to draw poses from.")],
+    count: Annotated[int, typer.Option("--count", "-n", help="How many poses to choose.")] = 40,
+    criterion: Annotated[str, typer.Option("--criterion", help="D, O1 ... O5, or task.")] = "D",
+    tasks: Tasks = None,
+    effects: Annotated[bool, typer.Option("--effects", help="Determine transmission and compliance too.")] = False,
+    link_radius: Annotated[float, typer.Option("--link-radius", min=0, help="Half the links' thickness, mm.")] = 50.0,
+    seed: Annotated[int, typer.Option("--seed", help="Of the random sets that it is compared with.")] = 0,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Choose the poses from which most is learnt, and say what even they leave open."""
+    answer.check_target(json)
+    with answer.progress(f"reading {candidates}") as say:
+        from workbench.poses import choose_poses, write_poses
+
+        found = _read(candidates)
+        wanted = None if tasks is None else _read(tasks)
+        say("choosing")
+        chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed)
+        with runs.opened("poses", candidates, out) as run:
+            write_poses(chosen, run.partial)
+            result = {**chosen.as_json(), "run": run.path, "file": run.path / "poses.csv"}
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    _show(answer.console(json), result)
+
+
+def _read(name: str):
+    """A recording, or what the scene of a TOML file simulates."""
+    if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
+        from workbench.simulate import simulate
+
+        return simulate(Path(name))
+    import datasets
+
+    return datasets.read(name)
+
+
+def _show(console, result) -> None:
+    rows = [[result["criterion"], result["poses"], result["candidates"], result["value"], result["random_median"],
+             result["gain_over_random"]]]  # fmt: skip
+    head = ["criterion", "chosen", "of candidates", "value", "random sets", "times better"]
+    tables.grid(console, f"Poses from {result['recording']}", head, rows)
+    left = [f"{count} {why}" for why, count in result["left_out"].items() if count]
+    if left:
+        console.print(f"No candidates: {', '.join(left)}.")
+    console.print("Not determined even then:" if result["undetermined"] else "Everything is determined.")
+    for sentence in result["undetermined"]:
+        console.print(f"  - {sentence}", markup=False)
+    console.print(str(result["run"]), soft_wrap=True, markup=False)
