@@ -12,6 +12,7 @@ import numpy as np
 from datasets.columns import (
     AXES,
     FIXED_TO,
+    FLANGE,
     INTEGERS,
     KINDS,
     LENGTHS,
@@ -74,13 +75,33 @@ def joints_are_named(table: Table, context: Context) -> None:
         if (near := meant(name)) and near.startswith("q"):
             raise complaint(f"{table.called}, column {name}", f"a joint reading called {near}", name,
                             f"convert it to degrees and rename it to {near}")
-    if context.kind.joints and not names:
-        raise complaint(f"{table.called}, column q1_deg", "joint readings q1_deg … qN_deg", "none", "add them")
+    if context.kind.joints and not names and not set(FLANGE) & set(table.columns):
+        raise complaint(f"{table.called}, column q1_deg", "joint readings q1_deg … qN_deg, or flange poses", "none",
+                        "add them")
     numbers = [joint_number(name) for name in names]
     if numbers != list(range(1, len(numbers) + 1)):
         missing = next((k for k, n in enumerate(numbers, 1) if n != k), len(numbers))
         raise complaint(f"{table.called}, column q{missing}_deg", "joints numbered 1, 2, … once each",
                         ", ".join(names), "add the missing joint or rename the columns")
+
+
+def flange_is_whole(table: Table, context: Context) -> None:
+    """All seven columns of a flange pose are there, or none, and its place is in mm.
+
+    No flange stays within 10 mm of the base of its arm: such numbers are metres.
+    """
+    near = [name for name in table.columns if name in FLANGE or (meant(name) or "").startswith("flange")]
+    missing = [name for name in FLANGE if name not in table.columns]
+    if near and missing:
+        other = next((name for name in near if meant(name) == missing[0]), None)
+        do = f"convert {other} and rename it to {missing[0]}" if other else f"add it beside {near[0]}"
+        raise complaint(f"{table.called}, column {missing[0]}", "flange poses " + " ".join(FLANGE),
+                        f"the column {other}" if other else "no such column", do)
+    if near and not context.small_range:
+        far = np.abs([table.columns[name] for name in FLANGE[:3]]).max()
+        if far < 10:
+            raise complaint(f"{table.called}, columns flange_x_mm, flange_y_mm, flange_z_mm", "places in mm",
+                            f"a flange within {far:.3g} of the base, as if in metres", "multiply them by 1000")
 
 
 def joints_match_robot(table: Table, context: Context) -> None:
@@ -163,7 +184,7 @@ def fixed_to_is_known(table: Table, context: Context) -> None:
 
 def directions_are_unit(table: Table, context: Context) -> None:
     """Quaternions and axes have length one, within what rounding to three digits leaves."""
-    for group in (QUATERNION, *AXES):
+    for group in (QUATERNION, FLANGE[3:], *AXES):
         if set(group) <= set(table.columns):
             norm = np.linalg.norm([table.columns[name] for name in group], axis=0)
             row = first(np.abs(norm - 1) > 2e-3)
@@ -201,9 +222,9 @@ def some_row_moves(table: Table, context: Context) -> None:
         raise complaint(f"{table.called}, column fixed_to", "rows of the tool", "none", "add the rows of the tool")
 
 
-RULES = (has_columns, joints_are_named, joints_match_robot, numbers_are_finite, integers_are_whole, samples_are_unique,
-         lengths_are_positive, approach_is_a_sign, fixed_to_is_known, directions_are_unit, balls_are_known,
-         groups_constrain, some_row_moves)
+RULES = (has_columns, joints_are_named, joints_match_robot, numbers_are_finite, flange_is_whole, integers_are_whole,
+         samples_are_unique, lengths_are_positive, approach_is_a_sign, fixed_to_is_known, directions_are_unit,
+         balls_are_known, groups_constrain, some_row_moves)
 """Every rule, in the order in which a user should hear of it."""
 
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 POINT = ("x_mm", "y_mm", "z_mm")
 QUATERNION = ("qw", "qx", "qy", "qz")
+FLANGE = ("flange_x_mm", "flange_y_mm", "flange_z_mm", "flange_qw", "flange_qx", "flange_qy", "flange_qz")
+"""T_base_flange of an arm whose controller gave poses instead of joint readings."""
 AXES = (("nx", "ny", "nz"), ("ox", "oy", "oz"))
 
 
@@ -48,13 +50,14 @@ LENGTHS = ("sigma_mm", "length_mm")
 """Columns whose every cell must be above zero."""
 
 MEASURED = {*POINT, *QUATERNION, *AXES[0], *AXES[1], "length_mm"}
-BOOKKEEPING = {*INTEGERS, *TEXT, "sigma_mm", "set"}
+BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", "set"}
 
 _JOINT = re.compile(r"q(\d+)_(deg|mm)")
 _WRONG_UNIT = {
     "x": "x_mm", "y": "y_mm", "z": "z_mm", "q": "q1_deg",
     "x_m": "x_mm", "y_m": "y_mm", "z_m": "z_mm", "x_cm": "x_mm", "y_cm": "y_mm", "z_cm": "z_mm",
     "sigma": "sigma_mm", "sigma_m": "sigma_mm", "length": "length_mm", "length_m": "length_mm",
+    **{f"flange_{axis}{unit}": f"flange_{axis}_mm" for axis in "xyz" for unit in ("", "_m", "_cm")},
 }
 
 

@@ -64,6 +64,10 @@ LENGTH = Key(is_number, "a number in mm", True)
 ANGLE = Key(is_number, "a number in degrees", True)
 WORDS = ", ".join(KINDS)
 UNITS = ("_mm", "_deg", "_kg")
+DICTIONARIES = (
+    *(f"DICT_{k}X{k}_{n}" for k in (4, 5, 6, 7) for n in (50, 100, 250, 1000)), "DICT_ARUCO_ORIGINAL",
+    "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11", "DICT_ARUCO_MIP_36h12",
+)
 
 RECORDING = {
     "format": Key(_one_of("recording/1"), '"recording/1"', True),
@@ -80,7 +84,12 @@ SECTIONS = {
     "board": {"kind": Key(_one_of("chessboard", "charuco", "circles"), "one of chessboard, charuco, circles", True),
               "columns": Key(_is_count, "a number of columns, 1 or more", True),
               "rows": Key(_is_count, "a number of rows, 1 or more", True),
-              "square_mm": Key(_above_zero, "a length above 0 in mm", True)},
+              "square_mm": Key(_above_zero, "a length above 0 in mm", True),
+              "asymmetric": Key(lambda v: isinstance(v, bool), "true or false"),
+              "legacy": Key(lambda v: isinstance(v, bool), "true or false"),
+              "marker_mm": Key(_above_zero, "a length above 0 in mm"),
+              "dictionary": Key(_one_of(*DICTIONARIES), "one of OpenCV's, such as DICT_5X5_250"),
+              "fixed_to": Key(_one_of("tool", "base", "floor"), "one of tool, base, floor")},
     "robot": {"file": TEXT, "builtin": TEXT, "tip": TEXT, "mimic": TABLE,
               "joints": Key(lambda v: isinstance(v, list) and all(map(_is_text, v)), "a list of joint names")},
     "guess": {},

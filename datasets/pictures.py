@@ -1,7 +1,7 @@
 """images.csv and the pictures that it names: there, whole, and of a kind that can be read."""
 
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from datasets.errors import complaint
 from datasets.files import check_file, inside, label
@@ -10,6 +10,10 @@ from datasets.formats.table import Table, read_table
 ROLES = ("board", "board-laser", "scan")
 NEEDS = {"board": "placement", "board-laser": "placement", "scan": "scan"}
 TEXT = ("image", "role", "placement", "scan", "note")
+INTEGERS = ("step", "sample")
+UNITS = {"mirror": "mirror_deg", "mirror_rad": "mirror_deg", "time": "time_s", "temperature": "temperature_c",
+         "mirror_speed": "mirror_speed_deg_s"}  # fmt: skip
+"""Columns without their unit, or in another one, and what they were probably meant to be."""
 MARKS = {
     "PNG": (b"\x89PNG", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"IEND\xaeB`\x82"),
     "JPEG": (b"\xff\xd8", b"\xff\xd8\xff", b"\xff\xd9"),
@@ -21,24 +25,36 @@ are left to OpenCV's own look at the header."""
 def read_images(folder: Path, name: str, called: str, samples) -> tuple[Mapping, ...]:
     """Rows of images.csv as mappings, every picture checked to exist and to be complete.
 
+    A row holds text for image, role, placement, scan and note, whole numbers for step and sample,
+    and floats for all else; an empty cell of a column of numbers is left out of its row.
     samples: sample numbers of the recording. Raises InputError.
     """
     path = inside(folder, name, "key images.file", called)
-    table = read_table(path, label(path), TEXT)
-    for column in ("image", "role"):
-        if column not in table.columns:
-            raise complaint(f"{table.called}, column {column}", "this column", "no such column", "add it")
+    table = read_table(path, label(path), TEXT, blanks=True)
+    _check_columns(table)
     rows = tuple(_row(table, k) for k in range(len(table.rows)))
     for k, row in enumerate(rows):
         _check_row(table, k, row, samples)
         picture = inside(folder, row["image"], f"row {table.rows[k]}, column image", table.called)
         check_picture(picture, f"{table.where(k, 'image')}, {row['image']}")
-    return rows
+    _check_together(table, rows)
+    return tuple({k: int(v) if k in INTEGERS else v for k, v in row.items()} for row in rows)
+
+
+def _check_columns(table: Table) -> None:
+    for column in ("image", "role"):
+        if column not in table.columns:
+            raise complaint(f"{table.called}, column {column}", "this column", "no such column", "add it")
+    for column in table.columns:
+        if column in UNITS:
+            raise complaint(f"{table.called}, column {column}", f"the column {UNITS[column]}", column,
+                            f"convert it and rename it to {UNITS[column]}")
 
 
 def _row(table: Table, k: int) -> dict:
     cells = {name: values[k] for name, values in table.columns.items()}
-    return {name: str(v) if isinstance(v, str) else float(v) for name, v in cells.items()}
+    cells = {name: str(v) if isinstance(v, str) else float(v) for name, v in cells.items()}
+    return {name: v for name, v in cells.items() if v == v}  # an empty cell is nan
 
 
 def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
@@ -48,8 +64,39 @@ def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
     need = NEEDS[row["role"]]
     if row["role"] != "board" and not row.get(need):
         raise complaint(table.where(k, need), f"which {need} the picture is of", "nothing", f"add a {need} number")
-    if "sample" in row and row["role"] == "scan" and len(samples) and row["sample"] not in samples:
-        raise complaint(table.where(k, "sample"), "a sample of samples.csv", f"{row['sample']:g}", "correct the number")
+    for name in INTEGERS:
+        if row.get(name, 0) != int(row.get(name, 0)):
+            raise complaint(table.where(k, name), "a whole number", f"{row[name]:g}", "number them 0, 1, 2 …")
+    if row.get("sweep", 0) not in (-1, 0, 1):
+        raise complaint(table.where(k, "sweep"), "-1, 0 or 1", f"{row['sweep']:g}",
+                        "write only the direction in which the mirror turned")
+    if "sample" in row and row["sample"] not in samples:
+        raise complaint(table.where(k, "sample"), "a sample of samples.csv", f"{row['sample']:g}",
+                        "correct the number" if len(samples) else "add [samples] with that row")
+
+
+def _check_together(table: Table, rows: tuple[Mapping, ...]) -> None:
+    """Every picture and every step of a scan once, and a board picture at every placement of the laser."""
+    images, steps = {}, {}
+    boards = {row.get("placement") for row in rows if row["role"] == "board"}
+    for k, row in enumerate(rows):
+        first = images.setdefault(str(PurePosixPath(row["image"])), k)
+        if first != k:
+            raise complaint(table.where(k, "image"), "every picture once",
+                            f"{row['image']} again (first in row {table.rows[first]})",
+                            "delete the copy or name the picture that was meant")
+        place = row.get("scan") if row["role"] == "scan" else row.get("placement")
+        first = k if row["role"] == "board" else steps.setdefault(_step(row, place), k)
+        if first != k:
+            raise complaint(table.where(k, "step"), f"every step of a {NEEDS[row['role']]} once",
+                            f"the step of row {table.rows[first]} again", "number the steps")
+        if row["role"] == "board-laser" and place not in boards:
+            raise complaint(table.where(k, "placement"), "a placement with a picture of role board",
+                            f"none at {place!r}", "add that picture or delete the row")
+
+
+def _step(row: Mapping, place: str | None) -> tuple:
+    return row["role"], place, row.get("step"), row.get("sweep")
 
 
 def check_picture(path: Path, called: str) -> None:

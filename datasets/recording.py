@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import BOOKKEEPING, MEASURED, joint_columns
+from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, joint_columns
 from datasets.errors import complaint
+from workbench.core.rigid import transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,7 @@ class Recording:
     images: tuple[Mapping, ...] = ()
     """Rows of images.csv; "image" is relative to `folder`."""
     board: Mapping | None = None
+    """Keys of [board]; `fixed_to` is "tool" where the arm holds the board and the camera stands."""
     guess: Mapping = field(default_factory=dict)
     name: str = ""
     folder: Path | None = None
@@ -52,6 +54,17 @@ class Recording:
         names = joint_columns(self.columns)
         scaled = [self.columns[c] * (1.0 if c.endswith("_mm") else np.pi / 180) for c in names]
         return np.stack(scaled, axis=1) if scaled else np.empty((self.n, 0))
+
+    @property
+    def flange(self) -> np.ndarray | None:
+        """(n, 4, 4) T_base_flange as recorded, mm; None where the recording holds joint readings or no arm."""
+        if FLANGE[0] not in self.columns:
+            return None
+        from scipy.spatial.transform import Rotation
+
+        x, y, z, qw, qx, qy, qz = (self.columns[c] for c in FLANGE)
+        turn = Rotation.from_quat(np.stack([qx, qy, qz, qw], axis=1)).as_matrix()
+        return transform(turn, np.stack([x, y, z], axis=1))
 
     @property
     def points(self) -> np.ndarray:
@@ -96,9 +109,12 @@ class Recording:
         repeats of one pose; so do rows whose joint readings agree.
         """
         # readings that agree to 1e-4 rad (1e-4 mm) are one commanded pose, whatever the columns say
-        posture = np.unique(self.joints.round(4), axis=0, return_inverse=True)[1].ravel()
+        readings = self.joints
+        if FLANGE[0] in self.columns and not readings.size:
+            readings = np.stack([self.columns[c] for c in FLANGE], axis=1)
+        posture = np.unique(readings.round(4), axis=0, return_inverse=True)[1].ravel()
         links = [self.columns[c] for c in ("pose", "repeat") if c in self.columns]
-        return _linked([posture if self.joints.size else np.arange(self.n), *links])
+        return _linked([posture if readings.size else np.arange(self.n), *links])
 
     @property
     def covariates(self) -> dict[str, np.ndarray]:

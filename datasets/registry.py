@@ -24,30 +24,39 @@ TIMEOUT_S = 30
 
 @dataclass(frozen=True)
 class RemoteFile:
-    """One file of a set: its place in the set's folder, in the public repository, and its checksum."""
+    """One file of a set: its place in the set's folder, its checksum, and its place in the public repository.
+
+    remote: "" where the file as it is used here cannot be fetched alone; the set's `by_hand` says how it is made.
+    """
 
     path: str
-    remote: str
     sha256: str
+    remote: str = ""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A real recording by its source. `variants` are what `name:variant` may be; "" is the name alone."""
+    """A real recording by its source. `variants` are what `name:variant` may be; "" is the name alone.
+
+    repository and commit on GitHub, or else the `page` that tells of the source; `by_hand`: how files
+    without a place in a repository are made from what is published.
+    """
 
     name: str
     title: str
     measures: str
-    repository: str
-    commit: str
     licence: str
     variants: tuple[str, ...]
     files: tuple[RemoteFile, ...]
+    repository: str = ""
+    commit: str = ""
+    page: str = ""
+    by_hand: str = ""
 
     @property
     def url(self) -> str:
         """Web page of the source at the commit that the checksums belong to."""
-        return f"https://github.com/{self.repository}/tree/{self.commit}"
+        return self.page or f"https://github.com/{self.repository}/tree/{self.commit}"
 
     def url_of(self, file: RemoteFile) -> str:
         """Where the bytes of one file are."""
@@ -120,6 +129,9 @@ def get(name: str, folder: str | Path | None = None) -> Path:
     target = (Path(folder) if folder else cache_folder()) / wanted.name
     for file in wanted.files:
         if not _is_whole(target / file.path, file):
+            if not file.remote:
+                raise complaint(f"{wanted.name}/{file.path}", f"this file in {target} or where {SETTING} says",
+                                f"none, and it cannot be fetched alone from {wanted.url}", wanted.by_hand)
             _download(wanted, file, target / file.path)
     return target
 

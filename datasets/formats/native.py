@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets import registry
+from datasets.columns import FLANGE
 from datasets.errors import complaint
 from datasets.recording import Recording
 
@@ -59,6 +60,24 @@ def recording(robot: Mapping, joints_deg: np.ndarray, points_mm: np.ndarray, mor
     columns |= dict(zip(POINT, points_mm.T))
     columns |= {k: v if v.dtype.kind == "U" else v.astype(float) for k, v in more.items()}
     return Recording("external-point", columns, robot, title=title, sigma_mm=sigma_mm, sha256=digest(paths))
+
+
+def pictures(measures: str, rows: Sequence[Mapping], board: Mapping, paths: Sequence[Path], title: str,
+             columns: Mapping[str, np.ndarray] | None = None, guess: Mapping | None = None) -> Recording:
+    """A recording of pictures that stay where they lie.
+
+    rows: as in images.csv; columns: of samples, where there are any; guess: as in recording.toml.
+    """
+    return Recording(measures, dict(columns or {}), {}, title=title, images=tuple(rows), board=dict(board),
+                     guess=dict(guess or {}), sha256=digest(paths))
+
+
+def flange_columns(places_mm: np.ndarray, turns_deg: np.ndarray) -> dict[str, np.ndarray]:
+    """flange_x_mm … flange_qz from places (n, 3) and angles (n, 3) about the fixed axes x, then y, then z."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_euler("xyz", turns_deg, degrees=True).as_quat(canonical=True).T
+    return dict(zip(FLANGE, (*places_mm.T, w, x, y, z)))
 
 
 def dh_robot(name: str, source: str, rows: Sequence[tuple], **more: Sequence) -> dict:

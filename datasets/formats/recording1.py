@@ -8,7 +8,7 @@ import numpy as np
 
 from datasets.arms import read_robot
 from datasets.checks import Context, check_samples
-from datasets.columns import KINDS, TEXT
+from datasets.columns import KINDS, TEXT, joint_columns
 from datasets.errors import complaint
 from datasets.files import inside, label, read_toml
 from datasets.formats.table import Table, read_table
@@ -31,6 +31,8 @@ def read_recording(folder: Path) -> Recording:
     robot = read_robot(folder, keys["robot"], called) if "robot" in keys else {}
     balls = _read_artefact(folder, keys, called)
     columns = _read_samples(folder, keys, called, robot, balls)
+    if KINDS[keys["measures"]].joints and joint_columns(columns):
+        _has_section(keys, "robot", "robot.toml", called)
     images = ()
     if "images" in keys:
         images = read_images(folder, keys["images"]["file"], called, columns.get("sample", ()))
@@ -49,11 +51,32 @@ def _check_recording(keys: Mapping, called: str) -> None:
             check_keys(keys[section], wanted, f"{called}, [{section}]")
     kind = KINDS[keys["measures"]]
     needed = {"artefact": kind.artefact, "images": kind.images, "board": kind.images,
-              "robot": kind.joints, "samples": kind.joints}
+              "samples": kind.joints}
     for section, wanted in needed.items():
-        if wanted and section not in keys:
-            raise complaint(f"{called}, key [{section}]", f"this section in a {keys['measures']} recording", "none",
-                            f"add [{section}]" + (f' with file = "{section}.csv"' if section != "board" else ""))
+        if wanted:
+            _has_section(keys, section, "" if section == "board" else f"{section}.csv", called)
+    if "board" in keys:
+        _check_board(keys["board"], f"{called}, [board]")
+
+
+def _has_section(keys: Mapping, section: str, file: str, called: str) -> None:
+    if section not in keys:
+        raise complaint(f"{called}, key [{section}]", f"this section in a {keys['measures']} recording", "none",
+                        f"add [{section}]" + (f' with file = "{file}"' if file else ""))
+
+
+def _check_board(board: Mapping, where: str) -> None:
+    """Keys that only go together."""
+    if board["kind"] == "charuco":
+        for name in ("marker_mm", "dictionary"):
+            if name not in board:
+                raise complaint(f"{where}, key {name}", "this key of a ChArUco board", "none",
+                                'add it, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"')
+        if board["marker_mm"] >= board["square_mm"]:
+            raise complaint(f"{where}, key marker_mm", f"a marker smaller than its square of {board['square_mm']:g} mm",
+                            f"{board['marker_mm']:g} mm", "measure both again")
+    if board.get("asymmetric") and board["kind"] != "circles":
+        raise complaint(f"{where}, key asymmetric", "this key with circles only", f"a {board['kind']}", "remove it")
 
 
 def _read_artefact(folder: Path, keys: Mapping, called: str) -> dict[int, tuple]:

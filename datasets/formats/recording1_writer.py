@@ -17,10 +17,13 @@ def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Pat
     """Write `recording` as a new folder in recording/1 and return the folder.
 
     samples: "csv" or "parquet". Everything is written beside it under a temporary name and then
-    moved, so that a broken-off write leaves nothing. Raises InputError where `folder` exists and
-    holds files.
+    moved, so that a broken-off write leaves nothing. Where `folder` is the recording's own and holds
+    its pictures but no recording.toml yet, the other files are put beside the pictures. Raises
+    InputError where `folder` exists and holds files otherwise.
     """
     folder = Path(folder)
+    if _holds_its_pictures(recording, folder):
+        return _write_beside(recording, folder, samples)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise complaint(str(folder), "a new or empty folder", "files in it", "name another folder or empty it")
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -32,7 +35,30 @@ def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Pat
     return folder
 
 
-def _write_files(recording: Recording, folder: Path, samples: str) -> None:
+def _holds_its_pictures(recording: Recording, folder: Path) -> bool:
+    own = recording.folder is not None and Path(recording.folder).resolve() == folder.resolve()
+    return own and bool(recording.images) and not (folder / "recording.toml").exists()
+
+
+def _write_beside(recording: Recording, folder: Path, samples: str) -> Path:
+    """All files but the pictures; recording.toml comes last, and without it a folder is no recording."""
+    for row in recording.images:
+        if not (folder / row["image"]).is_file():
+            raise complaint(f"{folder.name}/{row['image']}", "a picture that lies there", "no such file",
+                            "write the pictures first")
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
+        made = Path(parent)
+        _write_files(recording, made, samples, copy=False)
+        for file in sorted(made.iterdir(), key=lambda f: f.name == "recording.toml"):
+            if (folder / file.name).exists():
+                raise complaint(f"{folder.name}/{file.name}", "a folder with pictures only", "this file",
+                                "remove it or name another folder")
+        for file in sorted(made.iterdir(), key=lambda f: f.name == "recording.toml"):
+            file.replace(folder / file.name)
+    return folder
+
+
+def _write_files(recording: Recording, folder: Path, samples: str, copy: bool = True) -> None:
     keys = _header(recording)
     keys["robot"] = _write_robot(recording.robot, folder)
     if recording.columns:
@@ -45,7 +71,7 @@ def _write_files(recording: Recording, folder: Path, samples: str) -> None:
         write_csv(folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows)))
     if recording.images:
         keys["images"] = {"file": "images.csv"}
-        _write_images(recording, folder)
+        _write_images(recording, folder, copy)
     _write_toml(folder / "recording.toml", {k: v for k, v in keys.items() if v})
 
 
@@ -96,10 +122,13 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     pyarrow.parquet.write_table(pyarrow.table({k: np.asarray(v) for k, v in columns.items()}), path)
 
 
-def _write_images(recording: Recording, folder: Path) -> None:
-    names = recording.images[0].keys()
-    write_csv(folder / "images.csv", {k: np.array([row[k] for row in recording.images]) for k in names})
-    for row in recording.images:
+def _write_images(recording: Recording, folder: Path, copy: bool) -> None:
+    names = dict.fromkeys(name for row in recording.images for name in row)
+    rows = [[row.get(name, "") for name in names] for row in recording.images]
+    with (folder / "images.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerows([names, *rows])
+    for row in recording.images if copy else ():
         target = folder / row["image"]
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(recording.folder / row["image"], target)

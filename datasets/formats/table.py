@@ -28,14 +28,15 @@ class Table:
         return f"{self.called}, row {self.rows[index]}{named}, column {column}"
 
 
-def read_table(path: Path, called: str, text: tuple[str, ...] = ()) -> Table:
+def read_table(path: Path, called: str, text: tuple[str, ...] = (), blanks: bool = False) -> Table:
     """The table at `path`, CSV or Parquet by its suffix; columns named in `text` stay text.
 
-    Raises InputError, which names row and column, for everything that is no such table.
+    blanks: an empty cell of a CSV file is nan, and every other one a finite number. Raises
+    InputError, which names row and column, for everything that is no such table.
     """
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        table = _read_csv(path, called, text)
+        table = _read_csv(path, called, text, blanks)
     elif suffix in (".parquet", ".pq"):
         table = _read_parquet(path, called, text)
     else:
@@ -45,7 +46,7 @@ def read_table(path: Path, called: str, text: tuple[str, ...] = ()) -> Table:
     return table
 
 
-def _read_csv(path: Path, called: str, text: tuple[str, ...]) -> Table:
+def _read_csv(path: Path, called: str, text: tuple[str, ...], blanks: bool) -> Table:
     lines = enumerate(_lines(read_text(path, called), called), 1)
     kept = [(number, row) for number, row in lines if any(cell.strip() for cell in row)]
     if not kept:
@@ -56,7 +57,7 @@ def _read_csv(path: Path, called: str, text: tuple[str, ...]) -> Table:
         _check_width(row, header, number, called)
     rows = np.array([number for number, _ in body], int)
     cells = {name: [row[k].strip() for _, row in body] for k, name in enumerate(header)}
-    return Table(called, {k: _column(k, v, rows, called, k in text) for k, v in cells.items()}, rows)
+    return Table(called, {k: _column(k, v, rows, called, k in text, blanks) for k, v in cells.items()}, rows)
 
 
 def _lines(content: str, called: str) -> list[list[str]]:
@@ -95,9 +96,26 @@ def _check_width(row: list[str], header: list[str], number: int, called: str) ->
                     f"{len(header)} cells as in the header", f"{len(row)} cells", do)
 
 
-def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bool) -> np.ndarray:
+def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bool, blanks: bool) -> np.ndarray:
     if text:
         return np.array(cells, dtype=str)
+    if blanks:
+        return _with_blanks(name, cells, rows, called)
+    return _numbers(name, cells, rows, called)
+
+
+def _with_blanks(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
+    filled = np.array([bool(cell) for cell in cells], bool)
+    values = np.full(len(cells), np.nan)
+    values[filled] = _numbers(name, [cell for cell in cells if cell], rows[filled], called)
+    if (wrong := filled & ~(np.abs(values) < 1e12)).any():
+        k = int(np.argmax(wrong))
+        raise complaint(f"{called}, row {rows[k]}, column {name}", "a finite number or an empty cell", cells[k],
+                        "correct the cell")
+    return values
+
+
+def _numbers(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
     try:
         return np.array(cells, dtype=str).astype(float)
     except ValueError:

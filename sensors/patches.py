@@ -1,0 +1,252 @@
+"""Sub-pixel places of corners and discs: the grey values of many small patches fitted at once.
+
+Each patch is one least-squares fit of a blurred edge model to the pixels around a mark, so its
+residual tells the noise and its normal matrix the σ of the place: what the picture allows, and
+nothing about how well the board was printed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+STEPS = 40
+SETTLED = 2e-4
+"""px: a fit ends when no patch moves farther than this in a step."""
+REACH = 10.0
+"""px: corners use pixels up to this far; beyond it edges are no longer straight behind a real lens."""
+CLEAR = 4.0
+"""A mark counts where its contrast is this many times what the fit leaves of it."""
+FINEST = 1e-3
+"""px: no pixel is a point and no edge a Gaussian to better than this, however little noise there is."""
+CHUNK = 4_000_000
+"""Numbers in one Jacobian: patches are fitted in groups so that memory stays small."""
+
+Model = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """n fitted marks: `centre` (2, n) px, `sigma` (n,) px of one coordinate, `values` (n, P), `good` (n,) bool."""
+
+    centre: np.ndarray
+    sigma: np.ndarray
+    values: np.ndarray
+    good: np.ndarray
+
+
+def fit_saddles(picture: np.ndarray, centres: np.ndarray, along: np.ndarray, down: np.ndarray,
+                clear: float = 1.0) -> Fit:
+    """Corners where four squares meet, from starts (2, n) px within a fifth of a square.
+
+    along, down: (2, n) px, from a corner to its next one in the row and in the column. clear: share of a
+    square beside each edge that shows nothing else, such as the rim around a marker. `values` are
+    x, y, the two edges' angles (rad), log blur (px), grey level, half the contrast (negative where the
+    square between `along` and `down` is dark), and the slope of the light (a px, across and down).
+    """
+    reach = np.clip(0.45 * np.minimum(np.hypot(*along), np.hypot(*down)), 2.5, REACH)
+    spots, grey, weight = _patches(picture, centres, reach)
+    weight = weight * (np.hypot(*spots - centres[:, :, None]) <= reach[:, None])
+    weight = weight * _beside(spots - centres[:, :, None], along, down, clear) if clear < 0.5 else weight
+    middle, spread = _level(grey, weight)
+    start = np.stack([*centres, np.arctan2(along[1], along[0]), np.arctan2(down[1], down[0]),
+                      np.zeros_like(reach), middle, spread, 0 * reach, 0 * reach], 1)  # fmt: skip
+    start[:, 6] *= np.sign(_side(start, spots, grey, weight))
+    fit = _fit(_saddle, start, spots, grey, weight)
+    return _checked(fit, centres, reach, fit.values[:, 6])
+
+
+def _beside(away: np.ndarray, along: np.ndarray, down: np.ndarray, clear: float) -> np.ndarray:
+    """(n, m) bool: pixels less than a pixel's blur short of `clear` squares from one of the two edges."""
+    area = np.abs(along[0] * down[1] - along[1] * down[0])
+    near = np.zeros(away.shape[1:], bool)
+    for edge in (along, down):
+        distance = np.abs(edge[0][:, None] * away[1] - edge[1][:, None] * away[0]) / np.hypot(*edge)[:, None]
+        rim = clear * area / np.hypot(*edge)
+        near |= distance <= np.maximum(rim - 1, 1.5)[:, None]
+    return near
+
+
+def fit_discs(picture: np.ndarray, centres: np.ndarray, spread: np.ndarray, margin: np.ndarray) -> Fit:
+    """Ellipses of even grey from starts (2, n) px.
+
+    spread: (2, 2, n) px^2, second moments of each filled ellipse (a quarter of its squared half axes);
+    margin: (n,) px outside of the edge that belong to this disc alone. `values` are x, y, B11, B12,
+    B22 with |B (pixel - centre)| = 1 on the edge, log blur (px), grey level, half the contrast
+    (positive where the disc is dark), and the slope of the light.
+    """
+    axes, turn = np.linalg.eigh(np.moveaxis(spread, 2, 0))
+    half = 2 * np.sqrt(axes)
+    bend = np.einsum("nij,nj,nkj->nik", turn, 1 / half, turn)
+    width = np.clip(np.minimum(margin, 0.6 * half[:, 0]), 1.5, REACH)
+    spots, grey, weight = _patches(picture, centres, half[:, 1] + width, half[:, 0] - width)
+    u = spots - centres[:, :, None]
+    scaled = np.sqrt(np.square(np.einsum("nij,jnm->inm", bend, u)).sum(0))
+    weight = weight * (np.abs(scaled - 1) * np.sqrt(half.prod(1))[:, None] <= width[:, None])
+    middle, contrast = _level(grey, weight)
+    inner = (grey * weight * (scaled < 1)).sum(1) / np.maximum((weight * (scaled < 1)).sum(1), 1)
+    start = np.stack([*centres, bend[:, 0, 0], bend[:, 0, 1], bend[:, 1, 1], 0 * width, middle,
+                      np.where(inner < middle, contrast, -contrast), 0 * width, 0 * width], 1)  # fmt: skip
+    fit = _fit(_disc, start, spots, grey, weight)
+    return _checked(fit, centres, half[:, 0], fit.values[:, 7])
+
+
+def disc_area(fit: Fit) -> np.ndarray:
+    """(n,) px^2 of the ellipses that `fit_discs` found."""
+    b = fit.values[:, 2:5]
+    return np.pi / np.abs(b[:, 0] * b[:, 2] - b[:, 1] ** 2)
+
+
+def _checked(fit: Fit, start: np.ndarray, reach: np.ndarray, contrast: np.ndarray) -> Fit:
+    """`good` only where the place stayed near its start and the mark stands out of what is left."""
+    near = np.hypot(*(fit.centre - start)) < 0.5 * reach
+    rms = fit.values[:, -1]
+    clear = np.abs(contrast) > CLEAR * rms
+    known = np.isfinite(fit.sigma) & (fit.sigma < 0.5)
+    return Fit(fit.centre, fit.sigma, fit.values[:, :-1], near & clear & known)
+
+
+def _patches(picture, centres, reach, inside=None):
+    """Pixels (2, n, m) around each centre, their grey values (n, m), and 1 where they are used (n, m)."""
+    half = int(np.ceil(reach.max())) + 1
+    side = np.arange(-half, half + 1)
+    offsets = np.stack([a.ravel() for a in np.meshgrid(side, side)])
+    middle = np.rint(centres).astype(int)
+    away = np.hypot(*(offsets[:, None] + (middle - centres)[:, :, None]))
+    used = away <= reach[:, None] + 1
+    used &= True if inside is None else away >= inside[:, None] - 1
+    order = np.argsort(~used, axis=1, kind="stable")[:, : used.sum(1).max()]
+    spots = middle[:, :, None] + offsets[:, order]
+    height, width = picture.shape
+    held = (spots[0] >= 0) & (spots[0] < width) & (spots[1] >= 0) & (spots[1] < height)
+    weight = np.take_along_axis(used, order, 1) & held
+    grey = picture[np.clip(spots[1], 0, height - 1), np.clip(spots[0], 0, width - 1)]
+    return spots.astype(float), grey.astype(float), weight.astype(float)
+
+
+def _level(grey, weight):
+    """(n,) middle grey and half the contrast of each patch."""
+    masked = np.where(weight > 0, grey, np.nan)
+    with np.errstate(all="ignore"):
+        low, high = np.nanpercentile(masked, (10, 90), axis=1)
+    return np.nan_to_num((low + high) / 2), np.nan_to_num((high - low) / 2) + 1e-6
+
+
+def _side(start, spots, grey, weight):
+    """(n,) positive where the quarter between the two edges is bright."""
+    value = np.copy(start)
+    value[:, 5], value[:, 6] = 0, 1
+    pattern, _ = _saddle(value, spots)
+    return (pattern * weight * (grey - start[:, 5:6])).sum(1)
+
+
+def _saddle(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Grey (n, m) and derivative (P, n, m): a + b erf(d1 / s sqrt 2) erf(d2 / s sqrt 2) + slope.
+
+    d1, d2: distances from the two edges, positive between them; a corner blurred by a Gaussian of width s.
+    """
+    cx, cy, first, second, blur, level, half, right, below = p.T[:, :, None]
+    ux, uy, size = spots[0] - cx, spots[1] - cy, _size(blur)
+    (e1, slope1, d1), (e2, slope2, d2) = _edge(first, ux, uy, size, 1), _edge(second, ux, uy, size, -1)
+    by1, by2 = half * e2 * slope1, half * e1 * slope2
+    jacobian = np.stack([
+        by1 * np.sin(first) - by2 * np.sin(second) - right, by2 * np.cos(second) - by1 * np.cos(first) - below,
+        -by1 * (np.cos(first) * ux + np.sin(first) * uy), by2 * (np.cos(second) * ux + np.sin(second) * uy),
+        -by1 * d1 - by2 * d2, np.ones_like(ux), e1 * e2, ux, uy])  # fmt: skip
+    return level + half * e1 * e2 + right * ux + below * uy, jacobian
+
+
+def _size(blur):
+    """px, kept where squares of distances over it stay finite."""
+    return np.exp(np.clip(blur, -6, 6))
+
+
+def _edge(angle, ux, uy, size, sign):
+    from scipy.special import erf
+
+    d = sign * (np.cos(angle) * uy - np.sin(angle) * ux)
+    return erf(d / (np.sqrt(2) * size)), np.sqrt(2 / np.pi) / size * np.exp(-0.5 * (d / size) ** 2), d
+
+
+def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Grey (n, m) and derivative (P, n, m): a + b erf(d / s sqrt 2) + slope, d the distance outside of the ellipse.
+
+    d = (|B u| - 1) / |grad|: Sampson's first-order distance, exact on the edge, where alone it matters.
+    """
+    from scipy.special import erf
+
+    cx, cy, b11, b12, b22, blur, level, half, right, below = p.T[:, :, None]
+    ux, uy, size = spots[0] - cx, spots[1] - cy, _size(blur)
+    vx, vy = b11 * ux + b12 * uy, b12 * ux + b22 * uy
+    m = np.sqrt(vx * vx + vy * vy) + 1e-9
+    gx, gy = (b11 * vx + b12 * vy) / m, (b12 * vx + b22 * vy) / m
+    steep = np.sqrt(gx * gx + gy * gy) + 1e-12
+    d = (m - 1) / steep
+    edge = erf(d / (np.sqrt(2) * size))
+    by = half * np.sqrt(2 / np.pi) / size * np.exp(-0.5 * (d / size) ** 2)
+    by_m = by / steep
+    jacobian = np.stack([-by_m * gx - right, -by_m * gy - below, by_m * vx * ux / m, by_m * (vx * uy + vy * ux) / m,
+                         by_m * vy * uy / m, -by * d, np.ones_like(ux), edge, ux, uy])  # fmt: skip
+    return level + half * edge + right * ux + below * uy, jacobian
+
+
+def _fit(model: Model, start, spots, grey, weight) -> Fit:
+    """All patches, in groups of a size that memory bears; the last of `values` is the noise of a patch."""
+    at_once = max(1, CHUNK // (spots.shape[2] * start.shape[1]))
+    rows = [slice(k, k + at_once) for k in range(0, len(start), at_once)]
+    found = [_levenberg(model, start[r], spots[:, r], grey[r], weight[r]) for r in rows]
+    values, sigma = np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+    return Fit(values[:, :2].T, sigma, values, np.isfinite(sigma))
+
+
+def _levenberg(model, p, spots, grey, weight):
+    """Damped Gauss-Newton, one damping a patch: values (n, P + 1) and σ of the place (n,)."""
+    damping = np.full(len(p), 1e-3)
+    cost, normal, slope = _normal(model, p, spots, grey, weight)
+    for _ in range(STEPS):
+        damped = normal + damping[:, None, None] * _diagonal(normal)
+        step = np.linalg.solve(damped, slope[:, :, None])[:, :, 0]
+        new_cost, new_normal, new_slope = _normal(model, p + step, spots, grey, weight)
+        better = new_cost <= cost
+        p = np.where(better[:, None], p + step, p)
+        normal, slope = np.where(better[:, None, None], new_normal, normal), np.where(better[:, None], new_slope, slope)
+        settled = np.abs(step[:, :2]).max(1) < SETTLED
+        cost, damping = np.where(better, new_cost, cost), np.where(better, damping / 8, damping * 6)
+        if settled.all():
+            break
+    return _with_sigma(model, p, spots, grey, weight, normal, cost)
+
+
+def _normal(model, p, spots, grey, weight):
+    with np.errstate(all="ignore"):
+        value, jacobian = model(p, spots)
+        left = weight * (grey - value)
+        jacobian = np.moveaxis(jacobian * weight, 0, 2)
+        turned = jacobian.swapaxes(1, 2)
+        cost, normal, slope = (left**2).sum(1), turned @ jacobian, (turned @ left[:, :, None])[:, :, 0]
+    whole = np.isfinite(cost) & np.isfinite(normal).all((1, 2))
+    return (np.where(whole, cost, np.inf), np.where(whole[:, None, None], normal, np.eye(p.shape[1])),
+            np.where(whole[:, None], slope, 0))  # fmt: skip
+
+
+def _diagonal(normal):
+    size = normal.shape[1]
+    scale = np.einsum("nii->ni", normal)
+    return np.eye(size) * (scale + 1e-9 * scale.max(1, keepdims=True) + 1e-12)[:, :, None]
+
+
+def _with_sigma(model, p, spots, grey, weight, normal, cost):
+    """Noise of each patch from its residual, and what it makes of the place.
+
+    Neighbouring pixels of a compressed or interpolated picture err together: with a correlation r from
+    one pixel to the next, sums over a patch vary ((1 + r) / (1 - r))^2 times as much.
+    """
+    freedom = np.maximum(weight.sum(1) - p.shape[1], 1)
+    noise = np.sqrt(cost / freedom)
+    left = weight * (grey - model(p, spots)[0])
+    beside = (weight[:, 1:] * weight[:, :-1]) * (spots[1, :, 1:] == spots[1, :, :-1])
+    together = (left[:, 1:] * left[:, :-1] * beside).sum(1) / np.maximum(beside.sum(1), 1)
+    r = np.clip(together / np.maximum(noise**2, 1e-30), 0, 0.8)
+    place = np.linalg.inv(normal + 1e-9 * _diagonal(normal))[:, :2, :2]
+    sigma = noise * (1 + r) / (1 - r) * np.sqrt(np.abs(np.einsum("nii->n", place)) / 2)
+    return np.column_stack([p, noise]), np.where(np.isfinite(cost), np.hypot(sigma, FINEST), np.inf)

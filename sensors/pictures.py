@@ -1,0 +1,181 @@
+"""Pictures as grey arrays: read, judged before they are used, and handed on one or a few at a time."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from workbench.core.errors import InputError
+
+CHANNELS = ("grey", "blue", "green", "red")
+BLACK = 1 / 64
+"""Share of full scale that no pixel of a picture taken in the dark passes: 4 of 255 counts."""
+FULL = 0.5
+"""Share of pixels at full scale beyond which a picture shows its exposure and nothing else."""
+STANDS_OUT = 8.0
+"""Contrast over noise; the brightest and darkest thousandth of pure noise are 6.2 sigma apart."""
+ENDS = ((b"\xff\xd8", b"\xff\xd9", "JPEG"), (b"\x89PNG", b"IEND\xaeB`\x82", "PNG"))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """`grey` (H, W) uint8 or uint16; `full` is its largest count; `note` says what was converted, "" for nothing."""
+
+    grey: np.ndarray
+    full: int
+    note: str = ""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in px."""
+        return self.grey.shape[1], self.grey.shape[0]
+
+    @property
+    def saturated(self) -> float:
+        """Share of pixels at full scale."""
+        return float(np.mean(self.grey >= self.full))
+
+
+def read(path: str | Path, called: str = "", channel: str = "grey") -> Picture:
+    """The picture at `path`, 8 or 16 bits; colour becomes grey (or one `channel`), alpha is dropped.
+
+    called: how sentences name it, `path` where not given. Raises InputError for a file that is
+    missing, empty, broken off, or no picture.
+    """
+    import cv2
+
+    called = called or str(path)
+    content = _content(Path(path), called)
+    found = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if found is None or found.size == 0:
+        raise InputError(f"{called}: expected a picture that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
+                         "it cannot decode; save it as PNG")
+    if found.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{called}: expected 8 or 16 bits a pixel, found {found.dtype}; save it as 8- or 16-bit PNG")
+    grey, note = _one_channel(found, channel)
+    full = _full_scale(grey)
+    deep = f"{grey.dtype.itemsize * 8}-bit, full scale {full}" if grey.dtype == np.uint16 else ""
+    return Picture(grey, full, "; ".join(filter(None, (note, deep))))
+
+
+def read_grey(path: str | Path, called: str = "", channel: str = "grey") -> np.ndarray:
+    """(H, W) uint8 or uint16: what `read` gives, without the notes. Raises InputError."""
+    return read(path, called, channel).grey
+
+
+def flaw(picture: Picture | np.ndarray) -> str | None:
+    """Why nothing can be found in a picture: "all black", "saturated", "no contrast"; None where it can be used."""
+    picture = as_picture(picture)
+    low, high = np.percentile(picture.grey[:: _stride(picture), :: _stride(picture)], (0.1, 99.9))
+    if high <= BLACK * picture.full:
+        return f"all black: no pixel above {high:.0f} of {picture.full}"
+    if picture.saturated > FULL:
+        return f"saturated: {100 * picture.saturated:.0f} % of the pixels at full scale"
+    if high - low <= STANDS_OUT * noise(picture.grey) + 2:
+        return f"no contrast: grey values from {low:.0f} to {high:.0f} of {picture.full}"
+    return None
+
+
+def odd_sizes(sizes: Iterable[tuple[int, int]]) -> dict[int, str]:
+    """Position of every picture of another size than most, and the reason in words; sizes (width, height) px."""
+    sizes = list(sizes)
+    if len(set(sizes)) < 2:
+        return {}
+    usual = Counter(sizes).most_common(1)[0][0]
+    words = f"px among pictures of {usual[0]} x {usual[1]} px"
+    return {k: f"wrong size: {w} x {h} {words}" for k, (w, h) in enumerate(sizes) if (w, h) != usual}
+
+
+def stacks(paths: Iterable[str | Path], frames: int = 16, called: Callable[[str | Path], str] = str,
+           channel: str = "grey") -> Iterator[np.ndarray]:
+    """(F, H, W) arrays of at most `frames` pictures each, in order: never all of them in memory.
+
+    Raises InputError for a picture that cannot be read or is not as large as the first one.
+    """
+    held, shape = [], None
+    for path in paths:
+        grey = read_grey(path, called(path), channel)
+        shape = shape or grey.shape
+        if grey.shape != shape:
+            raise InputError(f"{called(path)}: expected {shape[1]} x {shape[0]} px as in the pictures before, found "
+                             f"{grey.shape[1]} x {grey.shape[0]} px; take it again with the same settings")
+        held.append(grey)
+        if len(held) == frames:
+            yield np.stack(held)
+            held = []
+    if held:
+        yield np.stack(held)
+
+
+def noise(grey: np.ndarray) -> float:
+    """1 sigma of one pixel, counts: from second differences, whose median edges and slopes hardly move."""
+    sample = grey[:, :: max(1, grey.shape[1] // 512)].astype(np.float32)
+    if sample.shape[0] < 3:
+        return 0.0
+    second = sample[:-2] - 2 * sample[1:-1] + sample[2:]
+    return float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6))
+
+
+def to_eight_bits(grey: np.ndarray) -> np.ndarray:
+    """(H, W) uint8 for finders that take nothing else: the darkest to the brightest 0.1 % over 0-255."""
+    low, high = np.percentile(grey[::4, ::4], (0.1, 99.9))
+    scaled = (grey.astype(np.float32) - low) * (255 / max(high - low, 1e-6))
+    return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
+
+
+def as_picture(picture: Picture | np.ndarray) -> Picture:
+    """An array (H, W) of 8 or 16 bits, or of floats in counts of 8 bits, as a `Picture`."""
+    if isinstance(picture, Picture):
+        return picture
+    return Picture(picture, 255 if picture.dtype.kind == "f" else _full_scale(picture))
+
+
+def _content(path: Path, called: str) -> bytes:
+    try:
+        content = path.read_bytes()
+    except OSError as problem:
+        raise InputError(f"{called}: expected a picture, found none to read ({problem.strerror}); put it there or "
+                         "correct its name") from None
+    if not content:
+        raise InputError(f"{called}: expected a picture, found an empty file; copy it again")
+    for start, end, kind in ENDS:
+        if content.startswith(start) and end not in content[-64:]:
+            raise InputError(f"{called}: expected a whole {kind} picture, found one that breaks off; copy it again")
+    if content[:2] == b"BM" and int.from_bytes(content[2:6], "little") > len(content):
+        raise InputError(f"{called}: expected a whole BMP picture, found one that breaks off; copy it again")
+    return content
+
+
+def _one_channel(found: np.ndarray, channel: str) -> tuple[np.ndarray, str]:
+    import cv2
+
+    if channel not in CHANNELS:
+        raise InputError(f"channel: expected one of {', '.join(CHANNELS)}, found {channel!r}; choose one of them")
+    if found.ndim == 2:
+        return found, ""
+    dropped = found.shape[2] in (2, 4)
+    said = "alpha dropped" if dropped else ""
+    colours = found[:, :, :3] if found.shape[2] >= 3 else found[:, :, :1]
+    if colours.shape[2] == 1:
+        return np.ascontiguousarray(colours[:, :, 0]), said
+    if (colours[..., 0] == colours[..., 1]).all() and (colours[..., 1] == colours[..., 2]).all():
+        return np.ascontiguousarray(colours[:, :, 0]), "; ".join(filter(None, ("three equal channels", said)))
+    if channel != "grey":
+        layer = np.ascontiguousarray(colours[:, :, CHANNELS.index(channel) - 1])
+        return layer, f"{channel} channel of a colour picture"
+    grey = cv2.cvtColor(np.ascontiguousarray(colours), cv2.COLOR_BGR2GRAY)
+    return grey, "; ".join(filter(None, ("colour converted to grey", said)))
+
+
+def _full_scale(grey: np.ndarray) -> int:
+    """255, or for 16 bits the end of the 10, 12, 14 or 16 bits that the counts fill."""
+    if grey.dtype == np.uint8:
+        return 255
+    largest = int(grey.max(initial=0))
+    return next(2**bits - 1 for bits in (10, 12, 14, 16) if largest <= 2**bits - 1)
+
+
+def _stride(picture: Picture) -> int:
+    return max(1, min(picture.grey.shape) // 512)

@@ -1,0 +1,243 @@
+"""Boards in pictures: found to a small part of a pixel with an honest σ, or rejected with the right reason."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from board_pictures import ASYMMETRIC, CHARUCO, CHESS, CIRCLES, SIZE, homography, project, render
+from datasets.recording import Recording
+from sensors import circles
+from sensors.boards import Board, Rejected, View, detect, detect_all, relabelled
+from workbench.core.errors import InputError
+
+BOARDS = pytest.mark.parametrize("board", [CHESS, CIRCLES, ASYMMETRIC, CHARUCO], ids=lambda b: b.kind)
+
+
+def truth(board, h, view):
+    """(2, k) px where the view's corners, or the centres of the ellipses of its discs, really are."""
+    if board.marks == "corners":
+        return project(h, board.points[:, view.index])
+    focal, width, height = 1.5 * view.size[0], *view.size
+    camera = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    frame = np.linalg.inv(camera) @ h
+    centres = frame @ np.vstack([board.points[:2, view.index], np.ones(len(view.index))])
+    u, v, w = camera @ (centres + circles.centre_shift(centres, np.cross(frame[:, 0], frame[:, 1]), view.radius_mm))
+    return np.stack([u, v]) / w
+
+
+@BOARDS
+@pytest.mark.parametrize(("blur", "noise"), [(0.7, 2.0), (0.9, 6.0)])
+def test_places_and_their_sigma(board, blur, noise):
+    """The error is what σ says, and a corner is three times better than OpenCV's 0.03 px at little noise."""
+    h = homography(board, tilt=(0.35, -0.3), turn=0.2)
+    view = detect(render(board, h, blur=blur, noise=noise), board)
+    assert isinstance(view, View) and len(view.index) == board.count
+    error = view.pixels - truth(board, h, view)
+    assert np.sqrt(np.mean(error**2)) < 0.006 * noise
+    assert 0.4 < np.sqrt(np.mean((error / view.sigma) ** 2)) < 1.5
+    assert view.size == SIZE
+
+
+@BOARDS
+def test_white_on_dark(board):
+    """All is found as well; of a chessboard in negative the dark first square is at the other end."""
+    h = homography(board)
+    view = detect(render(board, h, noise=2, invert=True), board)
+    if board.kind == "chessboard":
+        view = replace(view, index=board.count - 1 - view.index)
+    assert len(set(view.index)) == board.count
+    assert np.sqrt(np.mean((view.pixels - truth(board, h, view)) ** 2)) < 0.02
+
+
+@BOARDS
+@pytest.mark.parametrize("turn", [0.1, 1.7, 3.0, -1.4])
+def test_origin_is_the_same_from_every_side(board, turn):
+    """A board whose origin shows has one; another's x axis points to the right as far as it can."""
+    h = homography(board, turn=turn, fill=0.6)
+    view = detect(render(board, h, noise=1), board)
+    fits = [np.abs(relabelled(view, board, k).index - view.index).max() == 0 for k in range(board.turns)]
+    assert fits[0] and not any(fits[1:])
+    gaps = [np.abs(v.pixels - truth(board, h, v)).max() for v in (relabelled(view, board, k) for k in range(board.turns))]
+    assert min(gaps) < 0.1
+    if board.turns == 1:
+        return
+    grid = np.full((2, board.count), np.nan)
+    grid[:, view.index] = view.pixels
+    right = grid.reshape(2, board.rows, board.columns)[0]
+    assert np.nanmean(np.diff(right, axis=1)) > 0 or abs(np.sin(turn)) > 0.9
+
+
+@pytest.mark.parametrize("board", [CIRCLES, ASYMMETRIC], ids=lambda b: b.kind)
+def test_centre_of_a_disc_is_not_the_centre_of_its_ellipse(board):
+    """Seen at 45 degrees the shift is many σ; with it the centres fit as well as the picture is sampled (0.01 px)."""
+    h = homography(board, tilt=(0.2, 0.75), fill=0.7)
+    view = detect(render(board, h, noise=0.5), board)
+    plain = np.sqrt(np.mean((view.pixels - project(h, board.points[:, view.index])) ** 2))
+    shifted = np.sqrt(np.mean((view.pixels - truth(board, h, view)) ** 2))
+    assert plain > 2 * shifted and shifted < 0.01
+    assert view.radius_mm == pytest.approx(3.0, rel=0.02)
+
+
+def test_centre_shift_agrees_with_the_fitted_ellipse():
+    """The ellipse through 200 projected points of the rim has the centre that the formula says."""
+    normal = np.array([0.3, -0.5, -0.81])
+    normal /= np.linalg.norm(normal)
+    first = np.cross(normal, [0, 0, 1.0]) / np.linalg.norm(np.cross(normal, [0, 0, 1.0]))
+    centre, turn = np.array([[20.0], [-10.0], [150.0]]), np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    rim = centre + 8 * (np.outer(first, np.cos(turn)) + np.outer(np.cross(normal, first), np.sin(turn)))
+    fitted = cv2.fitEllipseDirect((1000 * rim[:2] / rim[2]).T.astype(np.float32))[0]
+    moved = centre + circles.centre_shift(centre, normal, 8.0)
+    np.testing.assert_allclose(1000 * (moved[:2] / moved[2])[:, 0], fitted, atol=2e-3)
+    assert np.hypot(*(1000 * (moved - centre)[:2, 0] / 150)) > 0.05
+
+
+def test_charuco_may_be_cut_and_covered():
+    h = homography(CHARUCO, shift=(90, 0))
+    picture = render(CHARUCO, h, noise=2)
+    picture[: SIZE[1] // 3, : SIZE[0] // 2] = 120
+    view = detect(picture, CHARUCO)
+    assert 8 <= len(view.index) < 28
+    assert np.abs(view.pixels - truth(CHARUCO, h, view)).max() < 0.1
+
+
+def test_older_finder_steps_in_where_the_first_one_fails(monkeypatch):
+    """Which of OpenCV's two finders met the corners moves where they are fitted by less than their σ."""
+    picture = render(CHESS, homography(CHESS), noise=2)
+    first = detect(picture, CHESS)
+    monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *a, **k: (False, None))
+    second = detect(picture, CHESS)
+    np.testing.assert_array_equal(first.index, second.index)
+    assert np.all(np.abs(first.pixels - second.pixels) < 0.5 * first.sigma)
+
+
+def without(board, *, columns=0, rows=0):
+    return replace(board, columns=board.columns + columns, rows=board.rows + rows)
+
+
+@pytest.mark.parametrize(("shown", "expected", "size"), [
+    (CHESS, without(CHESS, columns=-1), (9, 6)), (CHESS, without(CHESS, columns=1), (9, 6)), (CHESS, without(CHESS, rows=-1), (9, 6)),
+    (CHESS, without(CHESS, rows=1), (9, 6)), (CIRCLES, without(CIRCLES, columns=-1), (8, 6)), (CIRCLES, without(CIRCLES, rows=1), (8, 6)),
+    (ASYMMETRIC, without(ASYMMETRIC, rows=-1), (4, 11)), (ASYMMETRIC, without(ASYMMETRIC, columns=1), (4, 11)),
+    (ASYMMETRIC, replace(ASYMMETRIC, columns=11, rows=4), (4, 11)), (CHARUCO, replace(CHARUCO, columns=5, rows=7), (7, 5)),
+    (CHARUCO, without(CHARUCO, columns=1), (7, 5))], ids=lambda v: v.title if isinstance(v, Board) else "")
+def test_wrong_size_of_board_says_which_would_fit(shown, expected, size):
+    found = detect(render(shown, homography(shown), noise=2), expected, "a.png")
+    assert isinstance(found, Rejected) and found.found == size
+    assert f"{size[0]} x {size[1]} {shown.marks} found, {expected.columns} x {expected.rows} expected" in str(found)
+    assert f"if the board has {size[0]} x {size[1]}, correct columns and rows" in found.why
+
+
+@pytest.mark.parametrize(("board", "shift", "seen"), [(CHESS, (115, 0), "7 x 6 corners"), (CHESS, (0, 105), "9 x 4 corners"),
+                                                      (CIRCLES, (115, 0), "6 x 6 circles"), (CIRCLES, (0, 105), "8 x 5 circles")])
+def test_cut_board_is_said_to_be_cut(board, shift, seen):
+    found = detect(render(board, homography(board, shift=shift), noise=2), board)
+    assert isinstance(found, Rejected) and found.found is None
+    assert found.why.startswith(seen) and found.why.endswith("the board is cut by the picture's edge")
+
+
+def swapped_kind(board):
+    return replace(board, kind="circles" if board.kind != "circles" else "asymmetric-circles")
+
+
+@pytest.mark.parametrize(("shown", "expected", "why"), [
+    (CIRCLES, CHESS, "no chessboard found"), (CHESS, CIRCLES, "no grid of circles found"), (CHESS, CHARUCO, "no marker of DICT_5X5_250"),
+    (CHARUCO, replace(CHARUCO, legacy=True), "legacy = false"), (CHARUCO, replace(CHARUCO, dictionary="DICT_4X4_250"), "no marker of DICT_4X4_250"),
+    (ASYMMETRIC, swapped_kind(ASYMMETRIC), "an asymmetric grid of 4 x 11 circles found: correct asymmetric"),
+    (CIRCLES, swapped_kind(CIRCLES), "a symmetric grid of 8 x 6 circles found: correct asymmetric")])
+def test_another_kind_of_board_is_named(shown, expected, why):
+    found = detect(render(shown, homography(shown), noise=2), expected)
+    assert isinstance(found, Rejected) and why in found.why
+
+
+def test_stripe_without_a_board_and_flawed_pictures_are_rejected():
+    v, u = np.mgrid[: SIZE[1], : SIZE[0]]
+    stripe = (20 + 200 * np.exp(-0.5 * ((v - 140 - 0.05 * u) / 2) ** 2)).astype(np.uint8)
+    assert detect(stripe, CHESS).why == "no chessboard found"
+    assert "no grid of circles found" in detect(stripe, CIRCLES).why
+    assert detect(np.zeros(SIZE[::-1], np.uint8), CHESS).why.startswith("all black")
+    bright = render(CHESS, homography(CHESS, fill=0.4), low=250, high=520)
+    assert detect(bright, CHESS).why.startswith("saturated")
+
+
+def test_sixteen_bits_and_half_saturated_boards_are_found():
+    h = homography(CHESS)
+    deep = render(CHESS, h, noise=1).astype(np.uint16) * 16
+    view = detect(deep, CHESS)
+    assert np.abs(view.pixels - truth(CHESS, h, view)).max() < 0.03
+    view = detect(render(CHESS, h, noise=2, high=330, background=0.3), CHESS)
+    assert np.abs(view.pixels - truth(CHESS, h, view)).max() < 0.06
+
+
+@pytest.mark.parametrize(("keys", "words"), [
+    ({"kind": "checkers"}, "expected one of chessboard, charuco, circles"), ({"columns": 1}, "keys columns and rows"),
+    ({"columns": 2, "rows": 2}, "6 in all, found 2 and 2"), ({"kind": "charuco"}, "keys marker_mm and dictionary")])
+def test_impossible_board_gets_its_sentence(keys, words):
+    with pytest.raises(InputError, match=words):
+        Board.of({"kind": "chessboard", "columns": 9, "rows": 6, "square_mm": 5.0} | keys)
+
+
+def test_board_of_keys_and_its_points():
+    board = Board.of({"kind": "circles", "asymmetric": True, "columns": 4, "rows": 11, "square_mm": 20.0, "fixed_to": "tool"})
+    assert board.kind == "asymmetric-circles" and board.points.shape == (3, 44)
+    np.testing.assert_array_equal(board.points[:, [0, 1, 4, 43]].T, [[0, 0, 0], [40, 0, 0], [20, 20, 0], [120, 200, 0]])
+    assert CHESS.half_diagonal == pytest.approx(np.hypot(80, 50) / 2)
+    turns = [b.turns for b in (CHESS, replace(CHESS, columns=8), replace(CHESS, rows=9), replace(CHESS, columns=6), CIRCLES,
+                               replace(CIRCLES, rows=8), ASYMMETRIC, replace(ASYMMETRIC, rows=10), CHARUCO)]
+    assert turns == [1, 2, 2, 4, 2, 4, 1, 2, 1]
+
+
+def recording(folder, named, board=CHESS):
+    """A recording in memory of pictures by their names."""
+    for name, picture in named.items():
+        cv2.imwrite(str(folder / name), picture)
+    rows = tuple({"image": name, "role": "board", "placement": name[0], "time_s": 1.0} for name in named)
+    keys = {"kind": board.kind, "columns": board.columns, "rows": board.rows, "square_mm": board.square_mm}
+    return Recording("board-images", {}, {}, images=rows, board=keys, name="cell-4", folder=folder)
+
+
+def test_all_pictures_of_a_recording(tmp_path):
+    """Each is a view or has its reason; progress is told after every one."""
+    one, two = (render(CHESS, homography(CHESS, turn=turn), noise=2) for turn in (0.1, 0.3))
+    named = {"a.png": one, "b.png": two, "c.png": one, "d.png": 0 * one, "e.png": one.T.copy(), "f.png": np.dstack([two // 2] * 3)}
+    made, told = recording(tmp_path, named), []
+    made = replace(made, images=(*made.images, made.images[1], {"image": "x.png", "role": "scan", "scan": "1"}))
+    found = detect_all(made, lambda *done: told.append(done))
+    assert [v.image for v in found.views] == ["a.png", "b.png", "f.png"] and found.size == SIZE
+    assert {r.image: r.why.split(":")[0] for r in found.rejected} == {
+        "b.png": "listed twice", "c.png": "the same pixels as a.png", "d.png": "all black", "e.png": "wrong size"}
+    assert found.views[0].placement == "a" and found.views[0].row["time_s"] == 1.0 and found.views[2].note == "three equal channels"
+    assert told[-1] == (7, 7, "b.png") and [t[0] for t in told] == list(range(1, 8))
+
+
+def test_no_picture_with_the_board_gets_one_sentence(tmp_path):
+    made = recording(tmp_path, {"a.png": render(CHESS, homography(CHESS), noise=2)}, without(CHESS, columns=1))
+    with pytest.raises(InputError, match=r"cell-4/recording.toml, \[board\]: expected 10 x 6 chessboard.*found 9 x 6 in 1 of 1; correct columns and rows"):
+        detect_all(made)
+    with pytest.raises(InputError, match=r"found it in none of 1 \(a.png: no grid of circles found"):
+        detect_all(recording(tmp_path, {"a.png": render(CHESS, homography(CHESS), noise=2)}, CIRCLES))
+    with pytest.raises(InputError, match=r"key \[board\]: expected this section"):
+        detect_all(replace(made, board=None))
+    with pytest.raises(InputError, match="column role: expected pictures of a board, found none"):
+        detect_all(replace(made, images=()))
+    (tmp_path / "a.png").write_bytes(b"")
+    with pytest.raises(InputError, match="cell-4/a.png: expected a picture, found an empty file"):
+        detect_all(made)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "count", "limit"), [
+    ("opencv_stereo_chess:left", 13, 0.20), ("opencv_stereo_chess:right", 13, 0.20), ("linelaser_circlegrid_zhao", 12, 0.10),
+    ("handeye_open3dv:in-hand", 8, 0.03), ("handeye_open3dv:to-hand", 5, 0.04)])
+def test_real_pictures(real, name, count, limit):
+    """Every board is found, whole, and plain OpenCV fits a camera to its places within the limit (px, as OpenCV counts)."""
+    import datasets
+
+    real(name.partition(":")[0])
+    found = detect_all(datasets.read(name))
+    assert len(found.views) == count and not found.rejected
+    assert all(len(v.index) == found.board.count for v in found.views)
+    points = [found.board.points.T[v.index].astype(np.float32) for v in found.views]
+    rms = cv2.calibrateCamera(points, [v.pixels.T.astype(np.float32) for v in found.views], found.size, None, None)[0]
+    assert rms < limit
