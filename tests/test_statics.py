@@ -7,9 +7,9 @@ import pytest
 
 from plain_frames import frames_of
 from robot_model import load_robot
-from robot_model.effects.covariates import clock
 from robot_model.state import State
 from scenes import ARMS, differences
+from workbench.core.covariates import clock
 
 G = 9.80665
 EVERY_ARM = pytest.mark.parametrize("arm", [ARMS["abb"], ARMS["craig"], ARMS["sliding"], ARMS["sliding-craig"]],

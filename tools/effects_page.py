@@ -6,23 +6,37 @@
 import sys
 from pathlib import Path
 
-from robot_model.effects import CATALOGUE
+from robot_model.effects import CATALOGUE as ROBOT
+from sensors.effects import CATALOGUE as SENSOR
 
 PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
-HEAD = """# Effects that a robot's model may hold
+HEAD = """# Effects that a model may hold
 
-One class an effect, in `robot_model/effects/`; this page is made from them by `python tools/effects_page.py`.
-A plan or a scene names an effect by the first column. Where that is not the word of the vocabulary, the word
-stands in the second: it is a variant of that effect.
+One class an effect; this page is made from them by `python tools/effects_page.py`. A plan or a scene names an
+effect by the first column. Where that is not the word of the vocabulary, the word stands in the second: it is a
+variant of that effect.
 
-| name | effect | sits at | port | law | source | what it is |
+## The robot's, in `robot_model/effects/`
+
+"""
+SENSOR_HEAD = """
+## The scanner's, in `sensors/effects/`
+
+Used by the renderer, the calibration and the diagnosis alike.
+
+"""
+COLUMNS = """| name | effect | sits at | port | law | source | what it is |
 |---|---|---|---|---|---|---|
 """
 
 
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(_row(name, kind) for name, kind in CATALOGUE.items())
+    return HEAD + _table(ROBOT) + SENSOR_HEAD + _table(SENSOR)
+
+
+def _table(catalogue) -> str:
+    return COLUMNS + "".join(_row(name, kind) for name, kind in catalogue.items())
 
 
 def _row(name, kind) -> str:

@@ -14,6 +14,7 @@ from workbench.core.solution import Stage
 from workbench.core.solve import LOSSES
 
 FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
+PLAN_FILES = Path(__file__).parent / "plan_files"
 # a joint that hardly moves shows no wave of its gear, and one that hardly is loaded no torsion
 _MOVES_RAD, _LOADED_NM = 0.35, 0.02
 
@@ -85,17 +86,26 @@ def _drift(chain):
     return Stage("drift", "base or instrument wander in the course of the recording", (("base-drift", "base", span),))
 
 
+def plan_names() -> list[str]:
+    """Plans that come with the workbench."""
+    return sorted(path.stem for path in PLAN_FILES.glob("*.toml"))
+
+
 def read_plan(path: Path) -> tuple[Stage, ...]:
-    """Stages of a TOML file.
+    """Stages of a TOML file, or of a plan that comes with the workbench, by its name.
 
     `[[stage]]` with `name`, `why`, and optionally `effects` (list of tables with `effect`, `where`
     and the effect's options), `free` (shell patterns of keys), `loss`, `canonical`, `earn`, `steps`.
     Raises InputError for a file that is no such plan.
     """
+    path = PLAN_FILES / f"{path}.toml" if str(path) in plan_names() else Path(path)
     try:
-        rows = tomllib.loads(Path(path).read_text(encoding="utf-8")).get("stage", [])
+        rows = tomllib.loads(path.read_text(encoding="utf-8")).get("stage", [])
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"plan {path} cannot be read ({problem}); write it as TOML with [[stage]] tables") from None
+        raise InputError(
+            f"plan {path} cannot be read ({problem}); write it as TOML with [[stage]] tables, or name one "
+            f"of {', '.join(plan_names())}"
+        ) from None
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"plan {path}, key stage: expected [[stage]] tables, found {rows!r}; write double brackets")
     if not rows:

@@ -7,6 +7,8 @@ import numpy as np
 
 from workbench.core.rigid import nearest_rotation
 
+SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+
 
 @dataclass(frozen=True)
 class Closure:
@@ -63,6 +65,11 @@ def flange_matrices(frames) -> np.ndarray:
 
 
 def position_sigma(recording) -> np.ndarray:
-    """(3, n) 1 sigma of a measured coordinate in mm, 1 where the recording does not say."""
+    """(3, n) 1 sigma of a measured coordinate in mm, 1 where the recording does not say.
+
+    Columns sigma_x_mm, sigma_y_mm and sigma_z_mm, where all are there, say it of each coordinate.
+    """
+    if all(name in recording.columns for name in SIGMAS):
+        return np.stack([recording.columns[name] for name in SIGMAS])
     sigma = np.ones(recording.n) if recording.sigma is None else recording.sigma
     return np.tile(sigma, (3, 1))

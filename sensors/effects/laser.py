@@ -1,0 +1,131 @@
+"""Effects on the light: the shape of the sheet, and the mirror that turns it."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from sensors.effects.covariates import known
+from sensors.state import stripe_direction
+from workbench.core.effect import Effect
+
+
+class PlaneBow(Effect):
+    """The light sheet is no plane: it bends along the stripe.
+
+    Without `apex_mm` by one curvature everywhere. With it, the place in the camera frame that the
+    light fans out from, the sheet is a shallow cone whose curvature falls with the distance from
+    there; the parameter is then the angle by which the cone misses the plane.
+    """
+
+    effect = "plane-bow"
+    port = "plane"
+    places = ("laser",)
+    components = (4,)
+    equation = "f = n.X + b + k s^2, or k = a / (2 |X - apex|); s = place along the stripe"
+    source = "second order of a cone about its tangent plane"
+
+    def __init__(
+        self, where: str, apex_mm: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    ):
+        super().__init__(where)
+        self.apex_mm = apex_mm
+        self.apex = None if apex_mm is None else np.array(apex_mm, float)[:, None]
+
+    def table(self, chain):
+        if self.apex is None:
+            return (self.parameter("curvature", "1/mm", 5e-5, "the light sheet's curvature"),)
+        return (self.parameter("angle", "rad", 0.01, "the light cone's angle"),)
+
+    def basis(self, state):
+        if self.apex is None:
+            return np.ones((1, 1, state.n))
+        return known(0.5 / np.linalg.norm(state.points - self.apex, axis=0))[None, None]
+
+
+class MirrorWobble(Effect):
+    """The mirror's axis nutates and runs out, once and twice a turn.
+
+    The tilt turns the light plane's normal along the stripe (about the place where the stripe
+    crosses the optical axis' plane), the run-out shifts the plane along its normal.
+    """
+
+    effect = "mirror-wobble"
+    port = "plane"
+    places = ("mirror",)
+    components = (0, 1, 2, 3)
+    equation = "dn = (A cos k phi + B sin k phi) e_stripe, db = C cos k phi + D sin k phi, k = 1, 2"
+    source = "tilt and radial error motion of an axis of rotation: ISO 230-7"
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(f"{name}_{wave}{k}", unit, size, f"the mirror's {name}, {wave} of {k} turns")
+            for k in (1, 2)
+            for wave in ("cos", "sin")
+            for name, unit, size in (("tilt", "rad", 1e-4), ("shift", "mm", 0.01))
+        )
+
+    def basis(self, state):
+        along = known(stripe_direction(state.planes))
+        none, one = np.zeros(state.n), (~np.isnan(state.planes[3])).astype(float)
+        moves = np.stack([np.stack([*along, none]), np.stack([none, none, none, one])])
+        waves = known(np.stack([wave(k * state.mirror) for k in (1, 2) for wave in (np.cos, np.sin)]))
+        return (waves[:, None, None] * moves).reshape(8, 4, state.n)
+
+
+class MirrorEncoderHarmonic(Effect):
+    """The mirror's encoder errs periodically with its angle."""
+
+    effect = "mirror-encoder-harmonic"
+    port = "mirror"
+    places = ("mirror",)
+    equation = "dphi = A cos(n phi) + B sin(n phi)"
+    source = "Fourier series of an encoder's error, as of a joint: Ye et al., Sensors 24, 2559 (2024), eq. 16-17"
+
+    def __init__(self, where: str, order: Annotated[int, Field(ge=1)] = 1):
+        super().__init__(where)
+        self.order = order
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(f"{wave}{self.order}", "rad", 1e-4, f"the mirror encoder's {wave}ine of order {self.order}")
+            for wave in ("cos", "sin")
+        )
+
+    def basis(self, state):
+        phase = self.order * state.mirror
+        return known(np.stack([np.cos(phase), np.sin(phase)]))[:, None]
+
+
+class MirrorHysteresis(Effect):
+    """The mirror lags behind its command by an angle whose sign is that of the sweep."""
+
+    effect = "mirror-hysteresis"
+    port = "mirror"
+    places = ("mirror",)
+    needs = ("sweep",)
+    equation = "dphi = h * sweep direction"
+    source = "half-gap model of a reversal error: ISO 230-2"
+
+    def table(self, chain):
+        return (self.parameter("half_gap", "rad", 1e-4, "the mirror's hysteresis"),)
+
+    def basis(self, state):
+        return state.covariate("sweep")[None, None]
+
+
+class FrameSync(Effect):
+    """The pictures were taken a moment after the mirror's angle was read."""
+
+    effect = "frame-sync"
+    port = "mirror"
+    places = ("time",)
+    needs = ("mirror_speed_deg_s",)
+    equation = "dphi = omega * dt"
+    source = "first-order clock offset"
+
+    def table(self, chain):
+        return (self.parameter("delay", "s", 1e-3, "the delay of the pictures"),)
+
+    def basis(self, state):
+        return np.deg2rad(state.covariate("mirror_speed_deg_s"))[None, None]

@@ -1,0 +1,133 @@
+"""Effects on the way from the surface to the pixel: lens, heat, and a window before the camera."""
+
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from sensors.effects.covariates import heat, heat_sizes, known
+from workbench.core.effect import Effect
+
+
+class LensResidual(Effect):
+    """The lens distorts in ways that Brown's coefficients do not hold.
+
+    Every polynomial (du, dv) of the place in the picture up to `degree`, less those that focal
+    lengths, principal point, k1, p1, p2 and the board's pose make: with w = du + i dv and
+    z = x + i y, the powers z^a conj(z)^b carry the angular orders a - b, and on the unit circle
+    those of different order are orthogonal; of one order, the lower powers are subtracted.
+    A parameter is the largest displacement on that circle or, where powers are subtracted, nearly.
+    """
+
+    effect = "lens-residual"
+    port = "pixel"
+    places = ("camera",)
+    equation = "du + i dv = sum_ab c_ab z^a conj(z)^b, without what k1 k2 p1 p2 k3 and a pose make"
+    source = (
+        "orthogonal circle polynomials in complex form: Born & Wolf, Principles of Optics, 7th ed., sec. 9.2; "
+        "z = field angle over half the picture's diagonal"
+    )
+
+    def __init__(self, where: str, degree: Annotated[int, Field(ge=1, le=4)] = 3):
+        super().__init__(where)
+        self.degree = degree
+
+    @cached_property
+    def terms(self) -> tuple[tuple[int, int, bool], ...]:
+        """(a, b, turned by a right angle) of each parameter."""
+        powers = [(d - b, b) for d in range(1, self.degree + 1) for b in range(d + 1)]
+        return tuple((a, b, turned) for a, b in powers for turned in (False, True) if (a, b, turned) not in _TAKEN)
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(f"z{a}c{b}{'i' if turned else 'r'}", "px", 0.05, f"the lens residual z^{a} conj(z)^{b}")
+            for a, b, turned in self.terms
+        )
+
+    def basis(self, state):
+        x, y = state.field
+        z, r2 = x + 1j * y, x * x + y * y
+        waves = np.stack([_circle(z, r2, a, b) * (1j if turned else 1) for a, b, turned in self.terms])
+        return known(np.stack([waves.real, waves.imag], axis=1))
+
+
+# degrees 1 and 2: scale, turn and aspect; decentring (p1, p2) and the board's tilt. Degree 3: k1.
+_TAKEN = {(1, 0, False), (1, 0, True), (0, 1, False), (2, 0, False), (2, 0, True), (1, 1, False), (1, 1, True),
+          (2, 1, False)}  # fmt: skip
+# what makes z^a conj(z)^b orthogonal on the unit circle to the lower powers of its angular order:
+# replaces the first r^2 of the pair, by (angular order, number of pairs)
+_RADIAL = {(1, 1): (1.0, -2 / 3), (0, 2): (1.0, -1.0, 1 / 6), (2, 1): (1.0, -3 / 4)}
+
+
+def _circle(z, r2, a, b):
+    """Complex polynomial of leading power z^a conj(z)^b."""
+    order, pairs = a - b, min(a, b)
+    angular = z**order if order >= 0 else np.conj(z) ** -order
+    return angular * np.polyval(_RADIAL.get((abs(order), pairs), (1.0,) + (0.0,) * pairs), r2)
+
+
+class CameraThermalDrift(Effect):
+    """Focal length and principal point move with temperature, or with time where none was recorded."""
+
+    effect = "camera-thermal-drift"
+    port = "pixel"
+    places = ("camera",)
+    equation = "du = (c (u - cx) + d) (T - T0), dv likewise"
+    source = "first-order warm-up drift of the intrinsics: Handel, ACCV (2007)"
+
+    def table(self, chain):
+        unit, size, prior = heat_sizes(chain.state, 1e-5, self.column)
+        shift, wide = 1e3 * size, prior and 1e3 * prior
+        return (
+            self.parameter("focal", f"1/{unit}", size, "the focal length's growth", prior),
+            self.parameter("x", f"px/{unit}", shift, "the principal point's drift in x", wide),
+            self.parameter("y", f"px/{unit}", shift, "the principal point's drift in y", wide),
+        )
+
+    def basis(self, state):
+        camera = state.camera
+        away = known(state.pixels - np.array([[camera.cx], [camera.cy]]))
+        aside = np.broadcast_to(np.eye(2)[:, :, None], (2, *away.shape))
+        return np.concatenate([away[None], aside]) * heat(state, self.column)
+
+    column = "temperature_camera_c"
+
+
+class WindowRefraction(Effect):
+    """A plane window stands before the lens, across the optical axis but for `tilt_deg`.
+
+    It moves every ray sideways, parallel to itself, by what grows with the angle; the ray's change
+    of direction that reaches the same point is that shift over the range. Linear in the thickness,
+    and nothing without it: the index (of air to glass) and the tilt about x and y show only through
+    the thickness, so they are options and no parameters. The leading term is a camera
+    that stands (1 - 1/N) t further back; only what goes with the cube of the angle can be seen.
+    """
+
+    effect = "window-refraction"
+    port = "ray"
+    places = ("camera",)
+    equation = "dray = -t (tan a - tan a') e / range, sin a = N sin a'"
+    source = "plane-parallel plate: Born & Wolf, Principles of Optics, 7th ed., sec. 4.6; Snell's law"
+
+    def __init__(
+        self,
+        where: str,
+        index: Annotated[float, Field(gt=1, le=4)] = 1.5,
+        tilt_deg: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.0, 0.0],  # noqa: B006
+    ):
+        super().__init__(where)
+        self.index, self.tilt_deg, self.tilt = index, tilt_deg, np.deg2rad(tilt_deg)
+
+    def table(self, chain):
+        return (self.parameter("thickness", "mm", 1.0, "the window's thickness"),)
+
+    def basis(self, state):
+        normal = np.array([np.tan(self.tilt[1]), -np.tan(self.tilt[0]), 1.0])
+        normal /= np.linalg.norm(normal)
+        rays = state.rays
+        cosine = normal @ rays
+        aside = rays - normal[:, None] * cosine
+        inside = np.sqrt(self.index**2 - 1 + cosine**2)  # N cos a'
+        shift = -aside * (1 / cosine - 1 / inside)
+        return known(shift / np.linalg.norm(state.points, axis=0))[None]

@@ -1,0 +1,203 @@
+"""The mirror: one laser sheet, turned by a rotating face into all the light planes of a scan."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.parameters import Parameter, Parameters
+from workbench.core.rigid import left_jacobian, rotation_matrix
+
+# What may be changed about a mirror. The first seven, with the angles known, make every family of
+# planes that a face through its own axis makes: the sheet, turned about a line. The rest shows
+# hardly or not at all, see `mirror_parameters`.
+_TABLE = (
+    ("tilt_face", "rad", 0.01, "the mirror axis' tilt about the face's normal"),
+    ("tilt_across", "rad", 0.01, "the mirror axis' tilt across it"),
+    ("shift_face", "mm", 1.0, "the mirror axis' place along the face's normal"),
+    ("shift_across", "mm", 1.0, "the mirror axis' place across it"),
+    ("beam_cone", "rad", 0.01, "the beam's tilt out of the mirror axis"),
+    ("beam_turn", "rad", 0.01, "the beam's turn about the mirror axis"),
+    ("beam_shift", "mm", 1.0, "the beam's distance from the mirror axis"),
+    ("gain", "1", 0.01, "the mirror's turn per commanded turn"),
+    ("face_offset", "mm", 1.0, "the face's distance from the mirror axis"),
+    ("face_zero", "rad", 0.01, "the face's turn at angle zero"),
+)
+NAMES = tuple(row[0] for row in _TABLE)
+GAIN = NAMES.index("gain")
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A rotating mirror in the camera frame (mm, rad).
+
+    The face turns about the line through `point` (3,) along the unit vector `axis` (3,); at angle 0
+    its unit normal is `face` (3,), across the axis; it stands `offset` from the axis. The laser's
+    sheet before the mirror is the plane `beam` (4,): unit normal and offset, n.X + b = 0.
+    """
+
+    axis: np.ndarray
+    point: np.ndarray
+    face: np.ndarray
+    offset: float
+    beam: np.ndarray
+
+    @property
+    def across(self) -> np.ndarray:
+        """(3,) unit vector to which the face's normal turns first."""
+        return np.cross(self.axis, self.face)
+
+    def normals(self, angles: np.ndarray) -> np.ndarray:
+        """(3, n) unit normal of the face at angles (n,) rad."""
+        return np.outer(self.face, np.cos(angles)) + np.outer(self.across, np.sin(angles))
+
+    def planes(self, angles: np.ndarray) -> np.ndarray:
+        """(4, n) light planes at mirror angles (n,) rad: unit normals, offsets in mm.
+
+        Reflection of a plane: n' = n - 2 (n.m) m and b' = b + 2 (n.m) (m.a + e), with m the normal
+        of the face, a a point of the axis and e the face's offset from it. The plane turns by
+        twice the mirror's angle.
+        """
+        normals = self.normals(angles)
+        share = 2 * (self.beam[:3] @ normals)
+        made = np.empty((4, normals.shape[1]))
+        made[:3] = self.beam[:3, None] - share * normals
+        made[3] = self.beam[3] + share * (self.point @ normals + self.offset)
+        return made
+
+    def by_normal(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """(..., 4, n) change of the planes for a change `turn` (..., 3, n) of the face's normals."""
+        normals, beam = self.normals(angles), self.beam[:3, None]
+        share, reach = (beam * normals).sum(0), self.point @ normals + self.offset
+        tilt = (beam * turn).sum(-2)
+        made = np.empty((*turn.shape[:-2], 4, len(angles)))
+        made[..., :3, :] = -2 * (tilt[..., None, :] * normals + share * turn)
+        made[..., 3, :] = 2 * (tilt * reach + share * (self.point[:, None] * turn).sum(-2))
+        return made
+
+    def by_angle(self, angles: np.ndarray) -> np.ndarray:
+        """(4, n) derivative of `planes` with respect to the angle."""
+        return self.by_normal(angles, np.cross(self.axis, self.normals(angles).T).T)
+
+    def by_beam(self, angles: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+        """(4, n) change of the planes for a change `tilt` (3,) of the beam's normal, its offset kept."""
+        normals = self.normals(angles)
+        share = 2 * (tilt @ normals)
+        reach = self.point @ normals + self.offset
+        return np.concatenate([tilt[:, None] - share * normals, [share * reach]])
+
+
+def mirror_parameters(by_step: bool = False) -> Parameters:
+    """Keys `mirror.<name>`, changes from a start mirror, all 0 there but the gain, which is 1 there.
+
+    With the angles known seven are determined by light planes: the axis (4) and the sheet (3). The
+    turn of the face at angle zero cannot be told from the beam's turn about the axis where the face
+    holds the axis, and hardly elsewhere; the face's distance from the axis makes what is left of
+    cos(angle) after 1, cos(2 angle) and sin(2 angle): over a few degrees nearly nothing.
+    by_step: angles are numbers of steps, and the gain, rad a step, is unknown.
+    """
+    table = [Parameter(f"mirror.{name}", unit, 0.0, size, label) for name, unit, size, label in _TABLE]
+    label = "the mirror's turn a step, over that of the start" if by_step else table[GAIN].label
+    table[GAIN] = Parameter("mirror.gain", "1", 1.0, 0.01, label)
+    return Parameters.of(table)
+
+
+@dataclass(frozen=True)
+class MovedMirror:
+    """A mirror after changes (10,) in the order of `NAMES`, and the derivative of its planes by them."""
+
+    start: Mirror
+    change: np.ndarray
+
+    @property
+    def _turn(self):
+        """(3,) rotation vector of axis and face; columns (3, 3) are the start's face, across, axis."""
+        columns = np.stack([self.start.face, self.start.across, self.start.axis], 1)
+        return columns @ self.change[[0, 1, 9]], columns
+
+    @property
+    def gain(self) -> float:
+        return float(self.change[GAIN])
+
+    @property
+    def mirror(self) -> Mirror:
+        """The mirror itself. The beam's offset is kept at its distance from the start's axis."""
+        start, (vector, columns) = self.start, self._turn
+        rotation = rotation_matrix(vector)
+        point = start.point + columns[:, :2] @ self.change[2:4]
+        normal, _ = self._beam_normal()
+        distance = start.beam[:3] @ start.point + start.beam[3] + self.change[6]
+        beam = np.append(normal, distance - normal @ start.point)
+        return Mirror(rotation @ start.axis, point, rotation @ start.face, start.offset + self.change[8], beam)
+
+    def _beam_normal(self):
+        """(3,) unit normal of the beam and (2, 3) its derivative by cone and turn."""
+        normal, axis = self.start.beam[:3], self.start.axis
+        cone = axis - (axis @ normal) * normal
+        cone = cone / np.linalg.norm(cone)
+        directions = np.stack([cone, np.cross(axis, normal)])
+        tilted = normal + self.change[4:6] @ directions
+        length = np.linalg.norm(tilted)
+        unit = tilted / length
+        return unit, (directions - np.outer(directions @ unit, unit)) / length
+
+    def angles(self, commanded: np.ndarray, extra: np.ndarray | float = 0.0) -> np.ndarray:
+        """(n,) rad: the gain times commanded angles (n,), and what else turns the mirror."""
+        return self.gain * commanded + extra
+
+    def planes(self, commanded: np.ndarray, extra: np.ndarray | float = 0.0) -> np.ndarray:
+        """(4, n) light planes at commanded angles (n,)."""
+        return self.mirror.planes(self.angles(commanded, extra))
+
+    def rows(self, commanded: np.ndarray, extra: np.ndarray | float = 0.0) -> np.ndarray:
+        """(10, 4, n) derivative of the planes with respect to the changes."""
+        mirror, angles = self.mirror, self.angles(commanded, extra)
+        vector, columns = self._turn
+        normals = mirror.normals(angles)
+        rows = np.zeros((10, 4, len(angles)))
+        turning = (left_jacobian(vector) @ columns).T  # (3, 3): rotation per unit of tilts and zero
+        rows[[0, 1, 9]] = mirror.by_normal(angles, np.cross(turning[:, None], normals.T).transpose(0, 2, 1))
+        share = 2 * (mirror.beam[:3] @ normals)
+        rows[2:4, 3] = share * (columns[:, :2].T @ normals)
+        _, tilts = self._beam_normal()
+        for k, tilt in enumerate(tilts):
+            rows[4 + k] = mirror.by_beam(angles, tilt)
+            rows[4 + k, 3] -= tilt @ self.start.point
+        rows[6, 3] = 1
+        rows[GAIN] = mirror.by_angle(angles) * commanded
+        rows[8, 3] = share
+        return rows
+
+
+def start_mirror(planes: np.ndarray, commanded: np.ndarray, by_step: bool = False, incidence: float = np.pi / 4):
+    """A mirror that makes planes (4, S), S >= 3, at commanded angles (S,), face through the axis; and the gain.
+
+    Axis: the direction that all normals hold one angle with, the shortest singular vector of their
+    differences. Turn about it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The
+    face's turn at angle zero is not seen; it is set so that the sheet meets the face at `incidence`
+    (rad) in mid-sweep. Gain: turn of the mirror per commanded one; its sign is that of the axis.
+    """
+    normals = planes[:3]
+    axis = np.linalg.svd(normals - normals.mean(1)[:, None])[0][:, 2]
+    middle = normals.mean(1) - (axis @ normals.mean(1)) * axis
+    first = middle / np.linalg.norm(middle)
+    turns = np.arctan2(np.cross(axis, first) @ normals, first @ normals)
+    slope, at_zero = np.polyfit(commanded, turns, 1)
+    if slope < 0:
+        axis, slope, at_zero = -axis, -slope, -at_zero
+    second = np.cross(axis, first)
+    gain = slope / 2
+    shape = np.stack([-(first @ normals), -(second @ normals), np.ones(len(turns))], 1)
+    x, y, distance = np.linalg.lstsq(shape, planes[3], rcond=None)[0]
+    point = x * first + y * second
+    scale = gain if by_step else 1.0
+    turn = at_zero + incidence + scale * commanded.mean() - np.pi
+    beam_turn = turn + scale * commanded.mean() + incidence
+    return _assemble(axis, first, second, point, turn, beam_turn, axis @ normals.mean(1), distance), gain
+
+
+def _assemble(axis, first, second, point, face_turn, beam_turn, along, distance):
+    """A mirror whose face and beam stand at these turns about the axis; along: the beam's part along it."""
+    face = np.cos(face_turn) * first + np.sin(face_turn) * second
+    flat = np.sqrt(max(1 - along**2, 0.0))
+    beam = flat * (np.cos(beam_turn) * first + np.sin(beam_turn) * second) + along * axis
+    return Mirror(axis, point, face, 0.0, np.append(beam, distance - beam @ point))

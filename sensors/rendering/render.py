@@ -1,0 +1,176 @@
+"""Pictures of boards under the lamp, and of stripes on boards, balls and meshes."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sensors.rendering import formation, sight
+from sensors.rendering.instrument import Instrument
+from sensors.rendering.ports import Moment
+from sensors.rendering.stripes import Canvas, Stripe, set_stage, stripe
+from sensors.rendering.surfaces import Surface
+
+STILL = Moment()
+
+
+def render_board(instrument: Instrument, surfaces: Sequence[Surface], moment: Moment = STILL, seed: int = 0,
+                 parts: int = 4) -> np.ndarray:  # fmt: skip
+    """(H, W) picture, uint8 or uint16, of surfaces under the lamp, laser off."""
+    return formation.develop(
+        lamp_light(instrument, surfaces, instrument.lamp.board, moment, parts),
+        instrument.chip,
+        formation.generator(seed),
+    )
+
+
+def render_scan(instrument: Instrument, surfaces: Sequence[Surface], moments: Sequence[Moment] | None = None,
+                seed: int = 0, parts: int = 2) -> Iterator[np.ndarray]:  # fmt: skip
+    """Pictures (H, W), uint8 or uint16, one a step of the instrument, of the stripe on the surfaces.
+
+    `moments` one a step; what acts on the lens, and the surfaces, are those of the first: during
+    one scan nothing but the mirror moves.
+    """
+    moments = [STILL] * len(instrument.steps) if moments is None else moments
+    lamp = lamp_light(instrument, surfaces, instrument.lamp.laser, moments[0], parts)
+    canvas = _canvas(instrument, surfaces, moments[0])
+    stage = set_stage(instrument, surfaces, moments, canvas, parts)
+    for index, moment in enumerate(moments):
+        random = formation.generator(seed, index)
+        found = stripe(instrument, surfaces, stage, index, moment)
+        light, spread = _with_stripe(instrument, lamp, found, canvas, random)
+        yield formation.develop(light, instrument.chip, random, spread)
+
+
+def laser_light(instrument: Instrument, surfaces: Sequence[Surface], moments: Sequence[Moment] | None = None,
+                parts: int = 2) -> Iterator[np.ndarray]:  # fmt: skip
+    """(H, W) float32 electrons of the stripe of each step alone: blurred, without speckle, lamp or noise."""
+    moments = [STILL] * len(instrument.steps) if moments is None else moments
+    canvas = _canvas(instrument, surfaces, moments[0])
+    stage = set_stage(instrument, surfaces, moments, canvas, parts)
+    for index, moment in enumerate(moments):
+        found = stripe(instrument, surfaces, stage, index, moment)
+        yield _full(_spread_stripe(instrument, found, canvas), canvas).cpu().numpy()
+
+
+def lamp_light(instrument: Instrument, surfaces: Sequence[Surface], level: float, moment: Moment = STILL,
+               parts: int = 4):  # fmt: skip
+    """(H, W) tensor, electrons that the lamp's light gives, blurred; `level` the share of the full well from white.
+
+    A lamp at the camera: Lambert's cosine of the angle of view. Pixels whose four corners agree are
+    even; the others are averaged over parts x parts rays of their own.
+    """
+    import torch
+
+    canvas = _canvas(instrument, surfaces, moment)
+    corners, seen = _corners(instrument, surfaces, canvas, moment)
+    even, value = _even(corners, seen.surface.reshape(corners.shape), np.max(np.nan_to_num(corners), initial=0))
+    flat = np.flatnonzero(~even)
+    inner = sight.look(instrument, surfaces, canvas.pixels(flat, parts), moment)
+    value.ravel()[flat] = _lamp(instrument, surfaces, inner, parts).reshape(len(flat), parts**2).mean(1)
+    depth = seen.points[2].reshape(corners.shape)[:-1, :-1]
+    known = np.nan_to_num(depth, nan=instrument.optics.focus_mm)
+    sigma = torch.as_tensor(instrument.optics.sigma(known), dtype=torch.float32, device=formation.device())
+    light = torch.as_tensor(value, dtype=torch.float32, device=formation.device())
+    light = light * (level * instrument.chip.full_well_e)
+    return canvas.crop(formation.defocus(light, sigma)).contiguous()
+
+
+def _corners(instrument, surfaces, canvas, moment):
+    """Lamp light (H + 1, W + 1) at the corners of the canvas's pixels, and what is seen there."""
+    height, width = canvas.shape
+    down, across = np.meshgrid(np.arange(height + 1.0), np.arange(width + 1.0), indexing="ij")
+    places = np.stack([across.ravel(), down.ravel()]) - 0.5 - canvas.margin
+    seen = sight.look(instrument, surfaces, places, moment)
+    return _lamp(instrument, surfaces, seen, 16).reshape(height + 1, width + 1), seen
+
+
+def _lamp(instrument, surfaces, seen, parts):
+    """(n,) reflectance times the cosine of the angle of view; the background's where nothing is seen."""
+    rays = seen.points / np.sqrt((seen.points**2).sum(0))
+    cosine = -(rays * sight.normals(surfaces, seen)).sum(0)
+    light = sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * parts)) * np.maximum(cosine, 0)
+    return np.where(seen.surface >= 0, light, instrument.lamp.background)
+
+
+def _even(corners, surface, top):
+    """(H, W) bool where a pixel's corners see one surface in nearly one light, and their mean."""
+    four = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]])
+    which = np.stack([surface[:-1, :-1], surface[:-1, 1:], surface[1:, :-1], surface[1:, 1:]])
+    even = (np.ptp(four, axis=0) < 0.01 * top) & (which == which[0]).all(0)
+    return even, four.mean(0)
+
+
+def _canvas(instrument, surfaces, moment) -> Canvas:
+    """With the margin that blur needs at the depths of this scene."""
+    width, height = instrument.camera.size
+    across, down = np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33))
+    depth = sight.look(instrument, surfaces, np.stack([across.ravel(), down.ravel()]), moment).points[2]
+    return Canvas(width, height, formation.margin(instrument.optics, depth) + 1)
+
+
+def _spread_stripe(instrument, found: Stripe, canvas):
+    """The blurred stripe in electrons and the factor on the noise, in a box at (top, left) of the canvas.
+
+    None where there is no stripe. A thin stripe is spread by the lens on the grid of the pixels'
+    parts before the pixels gather it; else the order makes no difference.
+    """
+    if not len(found.flat):
+        return None
+    rows, columns = np.divmod(found.flat, canvas.shape[1])
+    reach = canvas.margin
+    top, left = max(rows.min() - reach, 0), max(columns.min() - reach, 0)
+    bottom, right = min(rows.max() + reach + 1, canvas.shape[0]), min(columns.max() + reach + 1, canvas.shape[1])
+    shape = (bottom - top, right - left)
+    place = (rows - top) * shape[1] + columns - left
+    sigma = instrument.optics.sigma(found.depth)
+    scale = instrument.laser.peak * instrument.chip.full_well_e
+    spread = None if found.spread is None else _placed(found.spread, place, shape, 1.0)
+    if not found.thin:
+        light = _placed(found.light.mean(1) * scale, place, shape)
+        return formation.defocus(light, _placed(sigma, place, shape)), spread, top, left
+    parts = round(found.light.shape[1] ** 0.5)
+    fine, inner = (shape[0] * parts, shape[1] * parts), np.arange(parts)
+    corner = parts * ((rows - top) * fine[1] + columns - left)
+    place = corner[:, None] + np.add.outer(inner * fine[1], inner).ravel()
+    light = formation.defocus(_placed(found.light * scale, place, fine),
+                              _placed(np.repeat(parts * sigma, parts**2), place, fine))  # fmt: skip
+    return formation.gathered(light, parts), spread, top, left
+
+
+def _placed(values, place, shape, otherwise=0.0):
+    """Tensor (H, W) with values at flat places, `otherwise` elsewhere."""
+    import torch
+
+    made = torch.full((shape[0] * shape[1],), otherwise, device=formation.device())
+    made[torch.as_tensor(place.ravel(), device=made.device)] = torch.as_tensor(
+        values.ravel(), dtype=torch.float32, device=made.device
+    )
+    return made.reshape(shape)
+
+
+def _full(box, canvas):
+    """The box's light on the whole picture."""
+    import torch
+
+    whole = torch.zeros(canvas.shape, device=formation.device())
+    if box is not None:
+        light, _, top, left = box
+        whole[top : top + light.shape[0], left : left + light.shape[1]] = light
+    return canvas.crop(whole)
+
+
+def _with_stripe(instrument, lamp, found, canvas, random):
+    """Lamp and speckled stripe (H, W) together, and the factor on the noise, None where it is 1."""
+    import torch
+
+    box = _spread_stripe(instrument, found, canvas)
+    if box is None:
+        return lamp, None
+    light, spread, top, left = box
+    light = formation.speckle(light, instrument.laser.contrast, instrument.laser.grain_px, random)
+    total = lamp + _full((light, None, top, left), canvas)
+    if spread is None:
+        return total, None
+    noise = torch.ones(canvas.shape, device=formation.device())
+    noise[top : top + light.shape[0], left : left + light.shape[1]] = spread
+    return total, canvas.crop(noise)

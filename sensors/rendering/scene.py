@@ -1,0 +1,298 @@
+"""Scene files of `workbench render`: the instrument, what stands before it and what is wrong with it, checked."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from sensors.boards import Board
+from sensors.camera import Camera
+from sensors.rendering.instrument import Chip, Instrument, Lamp, Laser, Optics, sweeping_mirror
+from sensors.rendering.patterns import Pattern
+from sensors.rendering.ports import Causes, make_causes
+from workbench.core.errors import InputError
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Above = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError("expected the lower one first")
+    return pair
+
+
+def _ball(ball: list[float]) -> list[float]:
+    if not ball[3] > 0.1:
+        raise ValueError("expected [x, y, z, radius] in mm with a radius above 0.1")
+    return ball
+
+
+Span = Annotated[tuple[Above, Above], AfterValidator(_rising)]
+Ball = Annotated[list[float], Field(min_length=4, max_length=4), AfterValidator(_ball)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class CameraKeys(_Table):
+    """As in scanner.toml: px, OpenCV's order of k1 k2 p1 p2 k3 (k4 k5 k6)."""
+
+    width_px: int = Field(ge=16, le=20_000)
+    height_px: int = Field(ge=16, le=20_000)
+    fx_px: Above
+    fy_px: Above
+    cx_px: float
+    cy_px: float
+    distortion: Annotated[list[float], Field(min_length=5, max_length=8)] = [0.0] * 5
+
+
+class LensKeys(_Table):
+    """Blur, 1 sigma: `Optics`."""
+
+    blur_px: float = Field(0.6, gt=0)
+    focus_mm: Above = 125.0
+    defocus_px: float = Field(8.0, ge=0)
+
+
+class ChipKeys(_Table):
+    """From electrons to numbers: `Chip`."""
+
+    full_well_e: Above = 10_000.0
+    read_noise_e: float = Field(12.0, ge=0)
+    black: float = Field(0.01, ge=0, lt=1)
+    bits: Literal[8, 10, 12, 16] = 8
+
+
+class LampKeys(_Table):
+    """Shares of the full well from a white surface: `Lamp`."""
+
+    board: float = Field(0.7, ge=0)
+    laser: float = Field(0.01, ge=0)
+    background: Share = 0.05
+
+
+class LaserKeys(_Table):
+    """`source_mm` where the light of a fixed sheet comes from, camera frame; a mirror has its own."""
+
+    width_mm: Above = 0.06
+    peak: Above = 0.7
+    speckle_contrast: float = Field(0.1, ge=0, le=1)
+    speckle_grain_px: float = Field(0.8, ge=0)
+    source_mm: Vector | None = None
+
+
+class MirrorKeys(_Table):
+    """A mirror `baseline_mm` beside the camera that throws the sheet to z = `aim_mm` on the optical axis.
+
+    Its face stands `offset_mm` from its axis, which leans by `tilt_deg` about x and z; the laser is
+    `laser_mm` away. `steps` pictures from `first_deg` to `last_deg`, mirror angles: light turns twice as far.
+    Scans go both ways in turn where `both_ways`, at a speed at random within `speed_deg_s`.
+    """
+
+    baseline_mm: Above = 69.0
+    aim_mm: Above = 125.0
+    offset_mm: float = 2.0
+    laser_mm: Above = 60.0
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    steps: int = Field(120, ge=1, le=10_000)
+    first_deg: float = -5.0
+    last_deg: float = 5.0
+    both_ways: bool = False
+    speed_deg_s: Span = (2.0, 2.0)
+
+
+class PlaneKeys(_Table):
+    """A fixed light plane n.X + b = 0, camera frame."""
+
+    normal: Vector
+    offset_mm: float
+
+
+class BoardKeys(_Table):
+    """[board] as recording.toml has it, and how it is printed; `margin` and `radius` in steps of the grid."""
+
+    kind: Literal["chessboard", "charuco", "circles"] = "chessboard"
+    columns: int = Field(11, ge=2)
+    rows: int = Field(8, ge=2)
+    square_mm: Above = 3.0
+    asymmetric: bool = False
+    marker_mm: float | None = Field(None, gt=0)
+    dictionary: str | None = None
+    legacy: bool = False
+    white: Share = 0.85
+    dark: Share = 0.12
+    margin: float = Field(1.0, ge=0)
+    negative: bool = False
+    radius: float = Field(0.3, gt=0, lt=0.5)
+
+    @property
+    def recorded(self) -> dict:
+        """What recording.toml says."""
+        keys = {"kind": self.kind, "columns": self.columns, "rows": self.rows, "square_mm": self.square_mm}
+        more = {name: getattr(self, name) for name in ("asymmetric", "marker_mm", "dictionary", "legacy")}
+        return keys | {name: value for name, value in more.items() if value}
+
+    @property
+    def pattern(self) -> Pattern:
+        """What is printed."""
+        return Pattern(Board.of(self.recorded), self.white, self.dark, self.margin, self.negative, self.radius)
+
+
+class Place(_Table):
+    """Board or artefact in the camera frame: mm, then roll, pitch, yaw about fixed x, y, z in degrees."""
+
+    xyz_mm: Vector
+    rpy_deg: Vector = [0.0, 0.0, 0.0]
+
+
+class Views(_Table):
+    """`count` places at random: the middle at `range_mm`, up to `aside` of the field beside its middle, turned
+    by up to `roll_deg` in the picture and tilted by up to `tilt_deg`; or the `places` themselves. Of a board: at
+    the first `laser` of them (all where not given) the stripe is taken too, at every step."""
+
+    count: int = Field(0, ge=0, le=100_000)
+    range_mm: Span = (115.0, 135.0)
+    aside: Share = 0.5
+    tilt_deg: float = Field(30.0, ge=0, lt=85)
+    roll_deg: float = Field(15.0, ge=0, le=180)
+    places: list[Place] = []
+    laser: int | None = Field(None, ge=0)
+
+
+class MeshKeys(_Table):
+    """A file that Open3D reads, mm, in the artefact's frame."""
+
+    file: str
+    white: Share = 0.7
+
+
+class Cause(BaseModel):
+    """An effect, its place, its options (any further key) and its parameters, by the last part of their key."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+    effect: str
+    where: str
+    values: dict[str, float]
+
+
+class Scene(_Table):
+    """One file. `parts`: samples a pixel's side of board and stripe pictures.
+
+    `balls`: [x, y, z, radius] of the certificate, artefact frame, mm. `temperature_c` [first, last]: a ramp over
+    the recording, constant while the mirror sweeps. `arm`: a scene of `workbench simulate`, a file beside this one,
+    that says where the sensor stands in each scan and gives the readings; then `scans` is left out.
+    """
+
+    title: str = "rendered"
+    seed: int = Field(0, ge=0)
+    camera: CameraKeys
+    lens: LensKeys = LensKeys()
+    chip: ChipKeys = ChipKeys()
+    lamp: LampKeys = LampKeys()
+    laser: LaserKeys = LaserKeys()
+    mirror: MirrorKeys | None = None
+    plane: list[PlaneKeys] = []
+    board: BoardKeys = BoardKeys()
+    placements: Views = Views(count=20, laser=10)
+    balls: list[Ball] = []
+    ball_white: Share = 0.8
+    mesh: MeshKeys | None = None
+    scans: Views = Views()
+    arm: str | None = None
+    temperature_c: tuple[float, float] | None = None
+    parts: tuple[Annotated[int, Field(ge=1, le=16)], Annotated[int, Field(ge=1, le=16)]] = (4, 2)
+    effect: list[Cause] = []
+
+    @model_validator(mode="after")
+    def _whole(self):
+        if self.mirror is not None and self.plane:
+            raise ValueError("expected either [mirror] or [[plane]], found both")
+        if self.scans.count + len(self.scans.places) and not (self.balls or self.mesh):
+            raise ValueError("scans need balls or a mesh, found none")
+        return self
+
+    @property
+    def sees(self) -> Camera:
+        """The true camera."""
+        keys = self.camera
+        values = [keys.fx_px, keys.fy_px, keys.cx_px, keys.cy_px, *keys.distortion]
+        return Camera.of(values, (keys.width_px, keys.height_px))
+
+    @property
+    def instrument(self) -> Instrument:
+        """The true instrument."""
+        mirror = angles = planes = None
+        laser = self.laser.model_dump(exclude={"source_mm", "speckle_contrast", "speckle_grain_px"})
+        laser |= {"contrast": self.laser.speckle_contrast, "grain_px": self.laser.speckle_grain_px}
+        source = None if self.laser.source_mm is None else np.array(self.laser.source_mm)
+        steps = np.arange(len(self.plane))
+        if self.mirror is not None:
+            keys = self.mirror
+            mirror, source = sweeping_mirror(
+                keys.baseline_mm, keys.aim_mm, keys.offset_mm, keys.laser_mm, keys.tilt_deg
+            )
+            steps = np.arange(keys.steps)
+            angles = np.deg2rad(np.linspace(keys.first_deg, keys.last_deg, keys.steps))
+            laser["reach_mm"] = keys.laser_mm + float(np.hypot(keys.baseline_mm, keys.aim_mm))
+        elif self.plane:
+            planes = np.array([[*plane.normal, plane.offset_mm] for plane in self.plane]).T
+            planes = planes / np.linalg.norm(planes[:3], axis=0)
+            if source is not None:
+                laser["reach_mm"] = float(np.linalg.norm(source - [0, 0, self.lens.focus_mm]))
+        return Instrument(
+            self.sees, steps, angles, mirror, planes, Optics(**self.lens.model_dump()),
+            Chip(**self.chip.model_dump()), Laser(**laser, source=source), Lamp(**self.lamp.model_dump()),
+        )  # fmt: skip
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Covariates that images.csv will hold."""
+        warm = ("temperature_c",) if self.temperature_c else ()
+        return ("time_s", *warm, *(("sweep", "mirror_speed_deg_s") if self.mirror else ()))
+
+    @property
+    def causes(self) -> Causes:
+        """The effects that are switched on; InputError where one is unknown or lacks its column."""
+        rows = [(c.effect, c.where, dict(c.model_extra or {}), c.values) for c in self.effect]
+        return make_causes(rows, self.sees, self.columns, len(self.balls))
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene of a TOML file; InputError with the file, the key and what was expected.
+
+    Files that it names are looked for beside it.
+    """
+    try:
+        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise InputError(f"scene {path} cannot be read ({problem}); write it as TOML") from None
+    try:
+        scene = Scene(**keys)
+        _ = scene.board.pattern, scene.causes  # which check what pydantic cannot
+    except ValidationError as problem:
+        raise InputError(_sentence(path, problem.errors()[0])) from None
+    except InputError as problem:
+        raise InputError(f"scene {path}: {problem}") from None
+    beside = Path(path).parent
+    if scene.mesh and not (beside / scene.mesh.file).is_file():
+        raise InputError(f"scene {path}, key mesh.file: expected a file beside the scene, found no {scene.mesh.file}; "
+                         "correct the name")  # fmt: skip
+    if scene.mesh:
+        scene.mesh.file = str(beside / scene.mesh.file)
+    if scene.arm:
+        scene.arm = str(beside / scene.arm)
+    return scene
+
+
+def _sentence(path, first) -> str:
+    key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in first["loc"])
+    what = first["msg"].removeprefix("Value error, ")
+    what = what[0].lower() + what[1:]
+    if not key:  # of the file as a whole
+        return f"scene {path}: {what}; correct the scene"
+    return f"scene {path}, key {key}: {what}, found {first['input']!r}; correct or remove it"

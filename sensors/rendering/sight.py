@@ -1,0 +1,86 @@
+"""Where each part of each pixel looks: through the true lens, to the nearest surface."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.rendering.instrument import Instrument
+from sensors.rendering.ports import Moment
+from sensors.rendering.surfaces import Surface
+
+_BLOCK = 1 << 18  # samples at a time: what stays in the processor's cache
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What n places of the picture see: `points` (3, n) mm, `surface` (n,) its number in the list, -1 nothing."""
+
+    points: np.ndarray
+    surface: np.ndarray
+
+
+def look(instrument: Instrument, surfaces: Sequence[Surface], pixels: np.ndarray, moment: Moment) -> Seen:
+    """What pixels (2, n), as observed, see at this moment.
+
+    Observed pixel -> ideal pixel (port `pixel`) -> ray (port `ray`) -> nearest surface. What bends the ray
+    may ask how far away the surface is, which the unbent ray says first.
+    """
+    starts = range(0, max(pixels.shape[1], 1), _BLOCK)
+    parts = [_look(instrument, surfaces, pixels[:, k : k + _BLOCK], moment) for k in starts]
+    return Seen(np.concatenate([p.points for p in parts], 1), np.concatenate([p.surface for p in parts]))
+
+
+def _look(instrument, surfaces, pixels, moment):
+    camera, causes, n = instrument.camera, moment.causes, pixels.shape[1]
+    if causes.on("pixel"):
+        ideal = pixels - causes.delta("pixel", moment.state(camera, n, pixels=pixels))
+    else:
+        ideal = pixels
+    rays = camera.rays(ideal)
+    seen = _nearest(surfaces, rays)
+    if not causes.on("ray"):
+        return seen
+    bent = rays + causes.delta("ray", moment.state(camera, n, pixels=pixels, points=seen.points))
+    return _nearest(surfaces, bent / np.sqrt((bent**2).sum(0)))
+
+
+def _nearest(surfaces, rays):
+    best, which = np.full(rays.shape[1], np.inf), np.full(rays.shape[1], -1, np.int16)
+    for number, surface in enumerate(surfaces):
+        distance = surface.meet(rays)
+        nearer = distance < best  # nan, where there is nothing, is not
+        best, which = np.where(nearer, distance, best), np.where(nearer, number, which)
+    return Seen(rays * np.where(which >= 0, best, np.nan), which)
+
+
+def parts_of_pixels(flat: np.ndarray, width: int, parts: int) -> np.ndarray:
+    """(2, n parts^2) places of the middles of parts x parts squares in pixels `flat` (n,), pixel by pixel."""
+    row, column = np.divmod(flat, width)
+    inner = (np.arange(parts) + 0.5) / parts - 0.5
+    down, across = np.meshgrid(inner, inner, indexing="ij")
+    places = np.stack([column[:, None] + across.ravel(), row[:, None] + down.ravel()])
+    return places.reshape(2, -1)
+
+
+def normals(surfaces: Sequence[Surface], seen: Seen) -> np.ndarray:
+    """(3, n) unit normals of what is seen, nan where nothing is."""
+    return _each(surfaces, seen, np.full(seen.points.shape, np.nan), lambda s, points: s.normals(points))
+
+
+def albedo(surfaces: Sequence[Surface], seen: Seen, spread: float) -> np.ndarray:
+    """(n,) reflectance of what is seen, 0 where nothing is; `spread` rad, the angle between samples."""
+    return _each(surfaces, seen, np.zeros(len(seen.surface)), lambda s, points: s.albedo(points, spread * points[2]))
+
+
+def ball(surfaces: Sequence[Surface], seen: Seen) -> np.ndarray:
+    """(n,) number of the ball that is seen, 0 for none."""
+    return np.array([surface.number for surface in surfaces] + [0])[seen.surface]
+
+
+def _each(surfaces, seen, out, ask):
+    for number, surface in enumerate(surfaces):
+        mine = np.flatnonzero(seen.surface == number)
+        if mine.size:
+            out[..., mine] = ask(surface, seen.points[:, mine])
+    return out

@@ -1,0 +1,203 @@
+"""The laser's stripe on whatever stands there: geometry once, then the light of every mirror step."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.rendering import sight
+from sensors.rendering.instrument import Instrument
+from sensors.rendering.ports import Moment
+from sensors.rendering.surfaces import Surface
+from sensors.state import SensorState, stripe_direction
+
+_REACH = 4.5  # sigmas of the sheet beyond which there is no light
+_NARROW = 0.7  # px: pixels gather a Gaussian of this sigma to within 2e-5 px of where it is
+_PROBES = 400  # places at which is seen how far effects move the stripe
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """The picture with a margin around it: pixel (0, 0) of the picture is (margin, margin) here."""
+
+    width: int
+    height: int
+    margin: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.height + 2 * self.margin, self.width + 2 * self.margin
+
+    def pixels(self, flat: np.ndarray, parts: int = 1) -> np.ndarray:
+        """(2, n parts^2) places in the picture of the canvas's pixels `flat` (n,), or of their parts."""
+        return sight.parts_of_pixels(flat, self.shape[1], parts) - self.margin
+
+    def crop(self, light):
+        """The picture itself."""
+        return light[self.margin : self.margin + self.height, self.margin : self.margin + self.width]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What N pixels see in k parts each, for one standstill of everything but the mirror.
+
+    `flat` (N,) their numbers on the canvas; `points` (3, N, k) mm; `normals` (3, N, k); `albedo`
+    (N, k); `ball` (N, k); `chosen` one (M,) a step, the rows of these arrays that its stripe may reach.
+    """
+
+    canvas: Canvas
+    flat: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    albedo: np.ndarray
+    ball: np.ndarray
+    chosen: tuple[np.ndarray, ...]
+    parts: int
+
+
+def set_stage(instrument: Instrument, surfaces: Sequence[Surface], moments: Sequence[Moment], canvas: Canvas,
+              parts: int = 2) -> Stage:  # fmt: skip
+    """Look through every pixel that a stripe may reach; `moments` one a step."""
+    middle = _middles(instrument, surfaces, moments[0], canvas)
+    rough = middle.astype(np.float32)
+    probes = middle[:, :: max(1, middle.shape[1] // _PROBES)]
+    probes = probes[:, ~np.isnan(probes[0])]
+    reached = [_reached(instrument, rough, probes, k, moments[k]) for k in range(len(moments))]
+    used = np.zeros(middle.shape[1], bool)
+    for rows in reached:
+        used[rows] = True
+    flat = np.flatnonzero(used)
+    order = np.cumsum(used) - 1
+    seen = sight.look(instrument, surfaces, canvas.pixels(flat, parts), moments[0])
+    shape = (len(flat), parts**2)
+    return Stage(
+        canvas, flat, seen.points.reshape(3, *shape),
+        sight.normals(surfaces, seen).reshape(3, *shape),
+        sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * parts)).reshape(shape),
+        sight.ball(surfaces, seen).reshape(shape), tuple(order[rows] for rows in reached), parts,
+    )  # fmt: skip
+
+
+def _middles(instrument, surfaces, moment, canvas) -> np.ndarray:
+    """(3, H W) what the middle of every pixel sees; of a pixel that just misses, what its neighbour sees."""
+    points = sight.look(instrument, surfaces, canvas.pixels(np.arange(np.prod(canvas.shape))), moment).points
+    points = points.reshape(3, *canvas.shape)
+    filled = points.copy()
+    for axis, shift in ((1, 1), (1, -1), (2, 1), (2, -1)):
+        near = np.roll(points, shift, axis)
+        filled = np.where(np.isnan(filled), near, filled)
+    return filled.reshape(3, -1)
+
+
+def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
+    """Pixels of the canvas within reach of one step's sheet, wherever the effects move it.
+
+    Single precision is enough to choose, not to render.
+    """
+    nominal = instrument.nominal_planes()[:, index]
+    if not probes.size:
+        return np.empty(0, int)
+    moved = _sheet(instrument, index, probes, moment, {}) - (nominal[:3] @ probes + nominal[3])
+    pixel = np.nanmax(probes[2]) / instrument.camera.fx
+    low, high = min(moved.min(), 0), max(moved.max(), 0)
+    limit = _REACH * instrument.laser.width_mm + pixel + 0.2 * (high - low)
+    distance = nominal[:3].astype(np.float32) @ rough + np.float32(nominal[3])
+    with np.errstate(invalid="ignore"):
+        return np.flatnonzero((distance > -limit - high) & (distance < limit - low))
+
+
+def _sheet(instrument, index, points, moment, known) -> np.ndarray:
+    """(n,) mm from the sheet of a step, with everything that acts, of surface points (3, n)."""
+    n, causes = points.shape[1], moment.causes
+    nominal = instrument.nominal_planes()[:, index]
+    if not any(causes.on(port) for port in ("mirror", "plane", "point")):
+        return nominal[:3] @ points + nominal[3]
+    state = _state(instrument, index, points, moment, np.tile(nominal[:, None], n), known)
+    sheet = instrument.sheets(state, moment)
+    if causes.on("point"):
+        points = points + causes.delta("point", state)
+    along = (stripe_direction(sheet[:4]) * points).sum(0)
+    return (sheet[:3] * points).sum(0) + sheet[3] + sheet[4] * along**2
+
+
+def _state(instrument, index, points, moment, planes, known) -> SensorState:
+    mirror = np.full(points.shape[1], instrument.commanded[index])
+    return moment.state(instrument.camera, points.shape[1], points=points, planes=planes, mirror=mirror, **known)
+
+
+@dataclass(frozen=True)
+class Stripe:
+    """Light of one step on M pixels: `flat` (M,) on the canvas, `light` (M, k) in each pixel's parts, share of
+    what a white surface square to the light gives, `depth` (M,) mm, `spread` (M,) factor on the noise or None;
+    `thin` where it is so narrow that the lens must spread it before pixels gather it."""
+
+    flat: np.ndarray
+    light: np.ndarray
+    depth: np.ndarray
+    spread: np.ndarray | None
+    thin: bool
+
+
+def stripe(instrument: Instrument, surfaces: Sequence[Surface], stage: Stage, index: int, moment: Moment) -> Stripe:
+    """The stripe of step `index` in the parts of each pixel that it reaches.
+
+    Gaussian across the sheet; Lambert's cosine of the light's incidence; falls with the distance
+    from where the sheet fans out; dark where the light is on the other side or something is before it.
+    """
+    rows = stage.chosen[index]
+    points = stage.points[:, rows].reshape(3, -1)
+    normals = stage.normals[:, rows].reshape(3, -1)
+    known = {"pixels": stage.canvas.pixels(stage.flat[rows], stage.parts) if moment.causes.pairs else None,
+             "normals": normals, "ball": stage.ball[rows].ravel()}  # fmt: skip
+    if known["pixels"] is None:
+        del known["pixels"]
+    distance = _sheet(instrument, index, points, moment, known)
+    bright = _profile(distance, instrument.laser.width_mm) * stage.albedo[rows].ravel()
+    lit = np.flatnonzero(bright > 1e-6)
+    bright[lit] *= _arriving(instrument, surfaces, index, points[:, lit], normals[:, lit])
+    light = np.zeros(len(rows) * stage.parts**2)
+    light[lit] = bright[lit]
+    depth = np.nan_to_num(stage.points[2, rows, 0], nan=instrument.optics.focus_mm)
+    shape = (len(rows), stage.parts**2)
+    thin = _thin(distance.reshape(shape), light.reshape(shape), stage.parts, instrument.laser.width_mm)
+    spread = _noise(instrument, stage, index, rows, moment)
+    return Stripe(stage.flat[rows], light.reshape(shape), depth, spread, thin)
+
+
+def _thin(distance, light, parts, width) -> bool:
+    """Whether the sheet's 1 sigma is under `_NARROW` px somewhere where it is bright."""
+    if parts == 1 or not light.any():
+        return False
+    bright = distance[light.max(1) > 0.1 * light.max()]
+    across, down = (parts * np.abs(bright[:, k] - bright[:, 0]) for k in (1, parts))
+    return bool(np.nanmax(np.hypot(across, down), initial=0) * _NARROW > width)
+
+
+def _profile(distance, width):
+    """(n,) of Gaussian light across the sheet; 0 where nothing is seen."""
+    return np.nan_to_num(np.exp(-0.5 * (distance / width) ** 2))
+
+
+def _arriving(instrument, surfaces, index, points, normals):
+    """(n,) what of the light arrives at points (3, n): incidence, distance and shadow."""
+    source = instrument.light(index)
+    if source is None:
+        return np.ones(points.shape[1])
+    towards = source[:, None] - points
+    length = np.sqrt((towards**2).sum(0))
+    towards /= length
+    arriving = np.maximum((towards * normals).sum(0), 0) * instrument.laser.reach_mm / length
+    for surface in surfaces:
+        arriving[surface.blocks(points, towards)] = 0
+    return arriving
+
+
+def _noise(instrument, stage, index, rows, moment):
+    if not moment.causes.on("noise"):
+        return None
+    points = stage.points[:, rows, 0]
+    known = {"pixels": stage.canvas.pixels(stage.flat[rows]), "normals": stage.normals[:, rows, 0],
+             "ball": stage.ball[rows, 0]}  # fmt: skip
+    planes = np.broadcast_to(instrument.nominal_planes()[:, index, None], (4, len(rows)))
+    state = _state(instrument, index, points, moment, planes, known)
+    return np.exp(moment.causes.delta("noise", state)[0])

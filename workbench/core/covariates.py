@@ -1,0 +1,33 @@
+"""Covariates as effects use them: a clock, and how warm it is against the mean of the recording."""
+
+import numpy as np
+
+
+def clock(state) -> np.ndarray:
+    """(n,) time in s where it was recorded, else the row number."""
+    return state.covariates.get("time_s", state.covariates.get("row", np.arange(state.n, dtype=float)))
+
+
+def warmth(state, *names: str) -> np.ndarray:
+    """(n,) temperature above `REFERENCE_C` from the first column that is there, in K; else hours.
+
+    A fixed reference, and not the recording's mean, so that a held-out part of it means the same.
+    """
+    for name in (*names, "temperature_c"):
+        if name in state.covariates:
+            return state.covariates[name] - REFERENCE_C
+    return clock(state) / 3600
+
+
+def warmth_sizes(state, kelvin: float, *names: str) -> tuple[str, float, float | None]:
+    """Unit of `warmth`, and typical size and prior of what grows with it by about `kelvin` a kelvin.
+
+    An arm that works warms by up to ten kelvins in its first hour, so an hour's worth is larger.
+    """
+    if any(name in state.covariates for name in (*names, "temperature_c")):
+        return "K", kelvin, None
+    return "h", 5 * kelvin, 30 * kelvin
+
+
+REFERENCE_C = 20.0
+"""ISO 1: the standard reference temperature for dimensions, in degrees Celsius."""
