@@ -1,0 +1,284 @@
+"""The least squares behind ball and circle: geometric distances, robust weights, covariance and bias.
+
+In d dimensions (3: a ball, 2: a circle) the parameters are the d coordinates of the centre and the
+radius. A residual is positive outside the ball; `rows` (d + 1, n) say by how much it falls when the
+centre or the radius grows by one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+# Tukey's and Huber's constants for 95 % efficiency on normal residuals.
+_TUKEY, _HUBER = 4.685, 1.345
+# median of |z| of a standard normal, and of one cut off at three sigma
+_MEDIAN, _MEDIAN_CUT = 0.67449, 0.67221
+_ROUNDS, _STEPS, _SUBSET = 8, 40, 5000
+# Points of which a spread or a cap is taken: it is then good to half a per cent.
+_ENOUGH = 20_000
+# Below this cosine a line of error only grazes the ball: where it meets it is no smooth function any more.
+_GRAZING = 0.1
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Points (d, n) and how each of them errs.
+
+    `sigma` (n,) 1-sigma of the distance from the surface or, with `direction` (d, n), unit vectors,
+    of the error along that line; `covariance` (d, d, n) of each point instead of both. `free`: whether
+    the radius is fitted.
+    """
+
+    points: np.ndarray
+    sigma: np.ndarray
+    covariance: np.ndarray | None = None
+    direction: np.ndarray | None = None
+    free: bool = True
+
+    @property
+    def size(self) -> int:
+        """Parameters that are fitted."""
+        return len(self.points) + self.free
+
+    def some(self, chosen: np.ndarray | slice) -> "Problem":
+        """The same of the chosen points."""
+        pick = (None if part is None else part[..., chosen]
+                for part in (self.points, self.sigma, self.covariance, self.direction))
+        return Problem(*pick, self.free)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A problem at one place: residual, sigma (n,), rows (d + 1, n) and outward unit normals (d, n)."""
+
+    residual: np.ndarray
+    sigma: np.ndarray
+    rows: np.ndarray
+    normal: np.ndarray
+
+
+def linearise(problem: Problem, values: np.ndarray) -> Linear:
+    """Residuals of the centre and radius `values` (d + 1,) and their derivative."""
+    away = problem.points - values[:-1, None]
+    if problem.direction is not None:
+        return _along_lines(problem, away, values[-1])
+    distance = np.sqrt(np.einsum("dn,dn->n", away, away))
+    rows = np.empty((len(values), len(distance)))
+    normal = np.divide(away, np.maximum(distance, 1e-300), out=rows[:-1])
+    rows[-1] = 1
+    sigma = problem.sigma
+    if problem.covariance is not None:
+        sigma = np.sqrt(np.einsum("dn,den,en->n", normal, problem.covariance, normal))
+    return Linear(distance - values[-1], sigma, rows, normal)
+
+
+def _along_lines(problem, away, radius) -> Linear:
+    """Residuals along the lines of error.
+
+    The line does not depend on the error, so neither do the rows: unlike the distance from the
+    surface, weighted by the cosine, this leaves no bias of the order of sigma^2 / radius.
+    """
+    along = np.einsum("dn,dn->n", away, problem.direction)
+    side = np.where(along < 0, -1.0, 1.0)
+    inside = radius**2 - np.einsum("dn,dn->n", away, away) + along**2
+    cosine = np.sqrt(np.maximum(inside, 0)) / radius
+    hit = cosine > _GRAZING
+    back = along - side * radius * cosine
+    normal = (away - back * problem.direction) / radius
+    rows = np.concatenate([normal, np.ones((1, len(along)))]) / np.where(hit, cosine, 1)
+    return Linear(np.where(hit, side * back, np.inf), problem.sigma, rows, normal)
+
+
+def huber(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weight psi(z) / z and slope psi'(z) of Huber's loss (Ann. Math. Stat. 35, 1964)."""
+    size = np.abs(z)
+    return np.minimum(1, _HUBER / np.maximum(size, 1e-300)), (size < _HUBER).astype(float)
+
+
+def tukey(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weight and slope of Tukey's biweight (Beaton & Tukey, Technometrics 16, 1974)."""
+    rest = 1 - np.minimum(np.abs(z) / _TUKEY, 1) ** 2
+    return rest**2, np.where(rest > 0, rest * (5 * rest - 4), 0)
+
+
+def linear(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weight and slope of least squares."""
+    return np.isfinite(z).astype(float), np.isfinite(z).astype(float)
+
+
+LOSSES = {"linear": linear, "huber": huber, "tukey": tukey}
+Loss = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def spread(white: np.ndarray, size: int) -> float:
+    """Sigma of whitened residuals (n,) that may hold up to half outliers, from medians about 0.
+
+    The median of all of them, then that of those within three such sigmas, until it stays.
+    """
+    size_of = np.abs(white[:: len(white) // _ENOUGH + 1])
+    size_of = size_of[np.isfinite(size_of)]
+    if not len(size_of):
+        return np.nan
+    scale = np.median(size_of) / _MEDIAN
+    for _ in range(20):
+        near = size_of[size_of <= 3 * scale]
+        smaller = np.median(near) / _MEDIAN_CUT if len(near) > size else scale
+        if smaller >= 0.999 * scale:
+            break
+        scale = smaller
+    return float(scale * np.sqrt(len(size_of) / max(len(size_of) - size, 1)))
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Centre and radius `values` (d + 1,), `spread` (nan where nothing is left), `keep` (n,), the problem there, and
+    the points' own whitened errors `white` (n,)."""
+
+    values: np.ndarray
+    spread: float
+    keep: np.ndarray
+    at: Linear
+    white: np.ndarray
+
+
+def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "Solved":
+    """Centre and radius, the spread of the whitened residuals, and which points were not trimmed.
+
+    trim(values, normal (d, n), slice) -> (n,) True for the points to keep. Reweighted Gauss-Newton;
+    what is trimmed and the spread are settled between rounds. A sparse part of a large cloud comes first.
+    """
+    n = problem.points.shape[1]
+    if n > 4 * _SUBSET:
+        part = slice(None, None, n // _SUBSET)
+        values = _rounds(problem.some(part), values, loss, lambda v, normal: trim(v, normal, part)).values
+    return _rounds(problem, values, loss, lambda v, normal: trim(v, normal, slice(None)))
+
+
+def _rounds(problem, values, loss, trim):
+    """Spread and trimming, then a descent, until neither changes by more than the descent would notice."""
+    at, scale, keep = linearise(problem, values), np.nan, np.zeros(problem.points.shape[1], bool)
+    for _ in range(_ROUNDS):
+        kept = trim(values, at.normal)
+        if kept.sum() < problem.size:
+            return Solved(values, np.nan, kept, at, at.residual)
+        now = spread((at.residual / at.sigma)[kept], problem.size)
+        if abs(now - scale) <= 0.01 * scale and (kept != keep).sum() <= 1e-3 * len(keep):
+            break
+        scale, keep = now, kept
+        values, at = _descend(problem, values, at, loss, scale, keep)
+        if not np.isfinite(values).all():
+            return Solved(values, np.nan, keep, at, at.residual)
+    return Solved(values, scale, keep, at, at.residual / at.sigma)
+
+
+def _descend(problem, values, at, loss, scale, keep):
+    """Gauss-Newton steps at one spread: the values reached, and the problem there.
+
+    The matrix of reweighting, sum of psi / z, is brought to the size of the true one, of psi', by one
+    factor: the steps are then neither short nor, where psi' is negative, astray.
+    """
+    floor = max(scale, 1e-12 * values[-1])
+    for _ in range(_STEPS):
+        weight, slope = loss(at.residual / (at.sigma * floor))
+        weight = keep * weight
+        factor = np.clip((keep * slope).sum() / max(weight.sum(), 1e-300), 0.5, 1)
+        rows = at.rows[: problem.size]
+        weight /= at.sigma**2
+        weighted = rows * weight
+        normal = weighted @ rows.T * factor
+        move = np.linalg.lstsq(normal, weighted @ np.where(weight > 0, at.residual, 0), rcond=1e-14)[0]
+        length = float(np.sqrt(move @ normal @ move)) / max(scale, 1e-300)
+        values = values.copy()
+        values[: problem.size] += move * min(1, 0.5 * values[-1] / max(np.abs(move).max(), 1e-300))
+        at = linearise(problem, values)
+        if length < 3e-3 or np.abs(move).max() < 1e-12 * values[-1] or not np.isfinite(length):
+            break
+    return values, at
+
+
+@dataclass(frozen=True)
+class Used:
+    """The points that count, whitened: rows (size, m), residuals, scores psi and slopes psi' (m,), normal matrix."""
+
+    rows: np.ndarray
+    score: np.ndarray
+    slope: np.ndarray
+    normal: np.ndarray
+
+
+def used_part(problem: Problem, solved: Solved, loss: Loss, used: np.ndarray) -> Used:
+    """What the covariances of an M-estimate are made of."""
+    rows, white = solved.at.rows[: problem.size, used] / solved.at.sigma[used], solved.white[used]
+    weight, slope = loss(white / solved.spread)
+    return Used(rows, weight * white, slope, rows @ rows.T)
+
+
+def covariance(part: Used, groups: np.ndarray | None = None) -> np.ndarray:
+    """(size, size) covariance of what was fitted.
+
+    Of an M-estimate, with the spread that the residuals show (Huber, Robust Statistics, 1981,
+    eq. 7.6.6). With `groups` (m,) int the errors within a group may depend on one another: see `_grouped`.
+    """
+    if groups is not None:
+        return _grouped(part.rows, part.score, part.slope, groups)
+    size, count = part.rows.shape
+    spread = part.score @ part.score / max(count - size, 1) / part.slope.mean() ** 2
+    return np.linalg.pinv(part.normal, hermitian=True) * spread
+
+
+def _grouped(rows, score, slope, groups):
+    """(size, size) covariance from leaving out one group after the other.
+
+    The jackknife form of the cluster-robust covariance (MacKinnon & White, J. Econometrics 29, 1985;
+    Bell & McCaffrey, Survey Methodology 28, 2002), which few groups of much leverage do not make too small.
+    """
+    label = np.unique(groups, return_inverse=True)[1]
+    size, count = len(rows), label.max() + 1
+    sums = np.stack([np.bincount(label, row * score) for row in rows], axis=1)
+    own = np.array([[np.bincount(label, one * other * slope) for other in rows] for one in rows]).transpose(2, 0, 1)
+    rest = own.sum(0) - own
+    if count <= size:
+        return np.full((size, size), np.inf)
+    moved = np.linalg.solve(rest, sums[..., None])[..., 0]
+    return moved.T @ moved * (count - 1) / count
+
+
+def memory(white: np.ndarray) -> float:
+    """How many times larger the variance of a mean is than that of independent residuals, (n,) in their order.
+
+    1 + 2 times the sum of the autocorrelations up to the first that is not positive
+    (Geyer, Statistical Science 7, 1992).
+    """
+    n = len(white)
+    if n < 4:
+        return 1.0
+    power = np.abs(np.fft.rfft(white - white.mean(), 2 * n)) ** 2
+    correlation = np.fft.irfft(power)[:n]
+    correlation = correlation / max(correlation[0], 1e-300)
+    end = np.argmax(correlation <= 0) or n
+    return float(max(1.0, 1 + 2 * correlation[1:end].sum()))
+
+
+def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float, used: np.ndarray) -> np.ndarray:
+    """(size,) bias of second order in the noise, mm: take it off the estimate.
+
+    Noise across the normal lengthens the distance from the centre by (tr S - u'Su) / 2r, S the
+    covariance of a point and u its normal: (d - 1) sigma^2 / 2R in the radius of a whole ball. Where S
+    is not isotropic, the normal also turns with the same error, which moves the centre. Errors along
+    known lines leave none (expansion as in Kanatani, Statistical Optimization, 1996, ch. 9).
+    """
+    made = np.zeros(problem.size)
+    if problem.direction is not None:
+        return made
+    u, sigma = at.normal[:, used], at.sigma[used]
+    if problem.covariance is None:
+        pull = part.rows @ sigma * (len(u) - 1) / 2
+    else:
+        turned = np.einsum("den,en->dn", problem.covariance[..., used], u)
+        across = turned - u * sigma**2
+        total = np.einsum("ddn->n", problem.covariance[..., used])
+        bent = (total - sigma**2) / 2 - 2 * (turned * across).sum(0) / sigma**2
+        pull = part.rows @ (bent / sigma)
+        pull[: len(u)] += across @ sigma**-2
+    return np.linalg.lstsq(part.normal, pull / radius, rcond=1e-14)[0] * scale**2

@@ -1,0 +1,100 @@
+"""The acceptance report: values as defined, what is unknown said so, and no verdict without a limit."""
+
+import numpy as np
+import pytest
+
+from ball_scenes import cap
+from sensors.acceptance import BEYOND, NOT_JUDGED, UNDECIDED, UNKNOWN, WITHIN, Probed, acceptance, judged, probing_form
+from sensors.ball import fit_ball
+from workbench.core.errors import InputError
+
+RADIUS, SIGMA = 12.7, 0.01
+CENTRES = np.array([[0, 0, 300], [100, 0, 300], [0, 80, 310.0]]).T
+
+
+@pytest.fixture(scope="module")
+def balls():
+    """Three balls; the second measured 0.05 mm too far off, the third 0.02 mm too large."""
+    random, made = np.random.default_rng(0), []
+    for k, size in enumerate((RADIUS, RADIUS, RADIUS + 0.02)):
+        points = cap(20_000, np.pi / 3, size) + CENTRES[:, k, None] + [[0.05 * (k == 1)], [0], [0]]
+        points += random.normal(0, SIGMA, points.shape)
+        made.append(Probed(k + 1, points, fit_ball(points, view=[0, 0, 1], incidence=np.deg2rad(55)), RADIUS, 1e-4))
+    return made
+
+
+@pytest.fixture(scope="module")
+def plane():
+    random = np.random.default_rng(1)
+    return np.vstack([random.uniform(-50, 50, (2, 10_000)), 300 + random.normal(0, SIGMA, 10_000)])
+
+
+def named(lines):
+    return {one.name: one for one in lines}
+
+
+def test_values_are_those_of_the_definitions(balls, plane):
+    """Normal noise: 95 % within 3.92 sigma, 99.7 % within 5.94."""
+    found = named(acceptance(balls, CENTRES, plane, [19.5, 20.5, 21.0]))
+    assert all(one.determined and one.definition and one.n > 0 for one in found.values())
+    assert found["probing_form"].value == pytest.approx(3.92 * SIGMA, rel=0.03)
+    assert found["probing_range"].value == pytest.approx(5.94 * SIGMA, rel=0.05)
+    assert found["probing_rms"].value == pytest.approx(SIGMA, rel=0.02)
+    assert found["flat_form"].value == pytest.approx(3.92 * SIGMA, rel=0.03)
+    assert found["flat_range"].value == pytest.approx(5.94 * SIGMA, rel=0.06)
+    assert found["probing_size"].value == pytest.approx(0.04, abs=4 * found["probing_size"].std)
+    assert abs(found["probing_size"].parts["ball-1"]) < 0.005
+    spacing = found["sphere_spacing"]
+    assert spacing.value == pytest.approx(0.05, abs=0.002) and spacing.n == 3 and spacing.std < 0.001
+    assert abs(spacing.parts["ball-1 to ball-3"]) < 0.003
+    trimmed = np.mean(np.concatenate([one.fit.reason for one in balls]) > 0)
+    assert found["rejected"].value == pytest.approx(trimmed) and found["rejected"].parts["incidence"] > 0.1
+    assert found["temperature"].value == pytest.approx(20.333, abs=0.001) and found["temperature"].parts["range"] == 1.5
+
+
+def test_symbols_are_those_of_the_standards(balls, plane):
+    found = named(acceptance(balls, CENTRES, plane))
+    assert found["probing_form"].symbol.startswith("P_Form.Sph.D95%:")
+    assert found["probing_size"].symbol.startswith("P_Size.Sph.All:") and found["probing_size"].vdi == "PS"
+    assert found["sphere_spacing"].vdi == "SD" and found["flat_range"].vdi == "F" and found["probing_range"].vdi == "PF"
+
+
+def test_outliers_count_in_the_form_but_not_in_the_rms(balls):
+    """Two points of a hundred far off: the shell of 95 % hardly widens, the range does not forgive them."""
+    points = balls[0].points.copy()
+    points[2, ::50] -= 0.5
+    one = Probed(1, points, fit_ball(points))
+    found = named(acceptance([one]))
+    assert found["probing_range"].value > 0.4 and found["probing_rms"].value < 1.1 * SIGMA
+    assert probing_form([one]).value < 0.1 and found["rejected"].parts["outlier"] == pytest.approx(0.02, abs=0.001)
+
+
+def test_what_cannot_be_determined_says_why(balls):
+    nothing = acceptance()
+    assert not any(one.determined for one in nothing) and all(one.why for one in nothing)
+    found = named(acceptance([Probed(1, balls[0].points, balls[0].fit)], CENTRES))
+    assert found["probing_size"].why == "no calibrated radius was given"
+    assert found["sphere_spacing"].why == "fewer than two balls were measured"
+    assert found["temperature"].why == "no temperature was recorded"
+    failed = fit_ball(np.zeros((3, 2)))
+    assert "was fitted" in named(acceptance([Probed(1, np.zeros((3, 2)), failed)]))["probing_form"].why
+
+
+def test_nothing_passes_without_a_limit(balls, plane):
+    assert all(one.verdict == NOT_JUDGED and one.limit is None for one in acceptance(balls, CENTRES, plane, 20.0))
+
+
+def test_a_limit_is_judged_with_the_uncertainty(balls):
+    found = named(acceptance(balls, CENTRES, limits={"sphere_spacing": 0.02, "probing_form": 0.1, "flat_form": 0.1}))
+    assert found["sphere_spacing"].verdict == BEYOND and found["probing_form"].verdict == WITHIN
+    assert found["flat_form"].verdict == UNKNOWN and found["probing_size"].verdict == NOT_JUDGED
+    spacing = found["sphere_spacing"]
+    assert judged(spacing, abs(spacing.value) + spacing.std).verdict == UNDECIDED
+    assert judged(spacing, abs(spacing.value) + 3 * spacing.std).verdict == WITHIN
+
+
+def test_a_limit_or_a_ball_of_no_such_name_is_named(balls):
+    with pytest.raises(InputError, match="limits: expected names among .* found 'roundness'"):
+        acceptance(balls, limits={"roundness": 0.1})
+    with pytest.raises(InputError, match="ball 3: expected one of the 2 balls"):
+        acceptance(balls, CENTRES[:, :2])
