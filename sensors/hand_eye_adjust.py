@@ -1,0 +1,286 @@
+"""Adjustment of a hand-eye chain in which the robot's poses are measured with error as well.
+
+Every pose has an error of its own, normal with one sigma a group (position, rotation): variance
+components, estimated beside the sensor's noise by restricted maximum likelihood, so that the
+stated sigmas hold for a robot that is a hundred times worse than the camera, or as good as it.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from workbench.core.bundle import Family, solve_bundle
+from workbench.core.bundle_blocks import tiles_of
+from workbench.core.identifiability import Identifiability, identifiability
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+
+POSE = "pose"
+_ROUNDS, _INNER = 6, 100
+_STILL = 0.01  # of a sigma: far below what a few poses know a sigma to
+_LEVEL = 1e-3  # how often a set without a blunder has a pose called one (Baarda's choice): poses are dear
+_MOST = 1e3  # typical sizes of a pose's error: beyond it the poses are nonsense, and no number says more
+_FAR = 10.0  # typical sizes that a step without a pose may move
+_ROUNDING = 1e-13  # of a sum of squares that is a difference of large ones
+_FLOOR = 1e-4  # squared, of a typical size: keeps what is undetermined where it is
+
+
+@dataclass(frozen=True)
+class Variances:
+    """Sigma of the sensor's `noise` (px or mm) and of each group of the pose error, `spread` (C,)."""
+
+    noise: float
+    spread: np.ndarray
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The linear model at its best: change of the shared (F,), pose errors (P, L) with their
+    covariances (P, L, L), `normal` (F, F) what the data know of the shared with the pose errors
+    free, `covariance` (F, F), squares that are left and degrees of freedom."""
+
+    change: np.ndarray
+    errors: np.ndarray
+    blocks: np.ndarray
+    normal: np.ndarray
+    covariance: np.ndarray
+    squares: float
+    degrees: float
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """A chain at its best: shared `parameters`, pose `errors` (P, L), variances, knowledge, outcome."""
+
+    chain: object
+    parameters: Parameters
+    errors: np.ndarray
+    variances: Variances
+    linear: Linear
+    outcome: str
+    history: tuple[float, ...]
+    converged: bool
+    equal: bool
+
+    @cached_property
+    def known(self) -> Identifiability:
+        return identifiability(self.linear.normal, self.parameters)
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(m, n) with every pose moved by its error: what the sensor alone has left."""
+        return self.chain.with_families({POSE: self.errors}).evaluate(self.parameters.values).residual
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One pose, seen from the others: shared `values` (A,) without it, `squared` distance of what it
+    says from what they predict, in sigmas, with `numbers` degrees, and `chance` of more than that."""
+
+    values: np.ndarray
+    squared: float
+    numbers: int
+    chance: float
+
+
+def adjust(chain, parameters: Parameters, variances: Variances, equal: bool = False) -> Adjusted:
+    """Best shared parameters and pose errors, with variances by restricted maximum likelihood, from a start.
+
+    Harville, J. Am. Stat. Assoc. 72 (1977): with u the errors of one group, C their posterior
+    covariance and s^2 its variance, s^2 = u'u / (count - tr C / s^2), to a fixed point on the
+    linear model; then the chain is solved again with these variances, until they stay. equal: the
+    shared parameters are those of plain least squares, every sample with the same weight, and only
+    their covariance is that of the variances (`solve_equal`).
+    """
+    for _ in range(_ROUNDS):
+        fit = _solved(chain, parameters, variances, equal)
+        parameters, before = fit.parameters, variances
+        errors = fit.values.get(POSE, np.zeros_like(chain.errors))
+        made = grams(chain.with_families({POSE: errors}), parameters)
+        variances = restricted_likelihood(chain, made, parameters, variances)
+        moved = np.abs(np.log([variances.noise / before.noise, *(variances.spread / before.spread)])).max()
+        if moved < _STILL or equal:
+            break
+    linear = _linear(chain, made, parameters, variances, equal)
+    errors = linear.errors if equal else errors
+    return Adjusted(chain, parameters, errors, variances, linear, fit.outcome, fit.history, fit.converged, equal)
+
+
+def _solved(chain, parameters, variances, equal):
+    size = np.concatenate([np.full(g.slots.stop - g.slots.start, g.typical) for g in chain.groups])
+    if equal:  # noise as large as what one sample is wrong by, so that priors are not drowned
+        whole = float(np.hypot(variances.noise, np.sqrt((variances.spread**2).sum())))
+        return solve_bundle([Model(replace(chain, noise=whole))], parameters, eliminate=None)
+    family = Family(POSE, np.zeros_like(chain.errors), size, _each(chain, variances.spread))
+    return solve_bundle([Model(replace(chain, noise=variances.noise))], parameters, {POSE: family}, POSE)
+
+
+def _linear(chain, made, parameters, variances, equal):
+    solve = solve_equal if equal else solve_linear
+    return solve(made, parameters, variances.noise, _each(chain, variances.spread))
+
+
+def _each(chain, spread):
+    """(L,) sigma of each number of a pose's error."""
+    return np.concatenate([np.full(g.slots.stop - g.slots.start, s) for g, s in zip(chain.groups, spread)])
+
+
+def grams(chain, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """(P, K, K) products of the rows [shared free, pose, residual at no pose error], and numbers (P,) measured."""
+    made = chain.evaluate(parameters.values)
+    plain = made.residual - np.einsum("lmn,nl->mn", made.pose, chain.errors[chain.pose])
+    rows = np.concatenate([made.shared[parameters.mask], made.pose, plain[None]]) / chain.relative
+    tiles = tiles_of({POSE: chain.pose}, len(chain.pose))
+    rows = (rows[..., tiles.index] * tiles.live).reshape(*rows.shape[:2], -1, tiles.length)
+    product = sum(rows[:, j].transpose(1, 0, 2) @ rows[:, j].transpose(1, 2, 0) for j in range(rows.shape[1]))
+    total = np.zeros((len(chain.flange), *product.shape[1:]))
+    total[tiles.groups[POSE]] = np.add.reduceat(product, tiles.start)
+    return total, np.bincount(chain.pose, minlength=len(total)) * len(plain)
+
+
+def restricted_likelihood(chain, made, parameters: Parameters, start: Variances) -> Variances:
+    """Variances at their fixed point on the linear model with Gram matrices `made`."""
+    noise, spread = start.noise, np.array(start.spread)
+    for _ in range(_INNER):
+        linear = solve_linear(made, parameters, noise, _each(chain, spread))
+        before = np.array([noise, *spread])
+        noise = np.clip(np.sqrt(linear.squares / linear.degrees), noise / 3, 3 * noise)
+        spread = np.array([_component(linear, group, s) for group, s in zip(chain.groups, spread)])
+        if np.abs(np.log(np.array([noise, *spread]) / before)).max() < _STILL / 10:
+            break
+    return Variances(float(noise), spread)
+
+
+def _component(linear, group, sigma):
+    """The next sigma of a group: Harville's step, no further than a factor of three.
+
+    Of errors that the data say nothing of, both sums are rounding: then the plain step of
+    expectation and maximisation (Dempster et al. 1977), which keeps the sigma.
+    """
+    square = (linear.errors[:, group.slots] ** 2).sum()
+    own = np.trace(linear.blocks[:, group.slots, group.slots], axis1=1, axis2=2).sum()
+    count = linear.errors[:, group.slots].size
+    known = count - own / sigma**2
+    after = square / known if known > 1e-3 * count else (square + own) / count
+    return float(np.clip(np.sqrt(after), max(sigma / 3, group.least), min(3 * sigma, _MOST * group.typical)))
+
+
+def solve_linear(made, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
+    """Best shared change and pose errors of the linear model with Gram matrices `made`, sigma (L,)."""
+    gram, measured = made[0] / noise**2, made[1].sum()
+    free = parameters.mask
+    size, typical = int(free.sum()), parameters.typical[free]
+    own, last = slice(size, size + len(sigma)), -1
+    inverse = np.linalg.inv(gram[:, own, own] + np.diag(sigma**-2))
+    mix = inverse @ np.concatenate([gram[:, own, :size], gram[:, own, last:]], -1)
+    normal = (gram[:, :size, :size] - gram[:, :size, own] @ mix[..., :-1]).sum(0)
+    held = parameters.precision[free] + _FLOOR / typical**2
+    pull = (gram[:, :size, last] - (gram[:, :size, own] @ mix[..., -1:])[..., 0]).sum(0)
+    pull = pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free])
+    covariance = np.linalg.inv((normal + np.diag(held)) * np.outer(typical, typical)) * np.outer(typical, typical)
+    change = -covariance @ pull
+    errors = -(mix[..., -1] + mix[..., :-1] @ change)
+    blocks = inverse + mix[..., :-1] @ covariance @ mix[..., :-1].transpose(0, 2, 1)
+    whole = np.concatenate([np.tile(change, (len(gram), 1)), errors, np.ones((len(gram), 1))], 1)
+    large = (np.einsum("pi,pii->p", whole**2, made[0])).sum()
+    squares = max(np.einsum("pi,pij,pj->", whole, made[0], whole), _ROUNDING * large)
+    spent = size - np.diag(covariance) @ held + (len(sigma) - (np.diagonal(blocks, 0, 1, 2) / sigma**2).sum(1)).sum()
+    return Linear(change, errors, blocks, normal, covariance, float(squares), max(measured - float(spent), 1.0))
+
+
+def solve_equal(made, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
+    """Plain least squares of the linear model, its covariance that of the variances.
+
+    With M the normal matrix of equal weights 1/v and V the covariance of what it is solved for,
+    M^-1 V M^-1. v, which only weighs the data against priors, makes M know as much as maximum
+    likelihood would.
+    """
+    best = solve_linear(made, parameters, noise, sigma)
+    gram, free = made[0], parameters.mask
+    size, typical = int(free.sum()), parameters.typical[free]
+    plain, cross = gram[:, :size, :size], gram[:, :size, size:-1]
+    total = plain.sum(0)
+    worth = max(float(np.diag(best.normal) @ typical**2), 1e-300) / max(float(np.diag(total) @ typical**2), 1e-300)
+    held = np.diag(parameters.precision[free] + _FLOOR / typical**2)
+    inverse = np.linalg.inv((total * worth + held) * np.outer(typical, typical)) * np.outer(typical, typical)
+    pull = worth * gram[:, :size, -1].sum(0)
+    change = -inverse @ (pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free]))
+    middle = worth**2 * (noise**2 * total + ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)) + held
+    own = gram[:, size:-1] / noise**2
+    said = own[:, :, -1] + own[:, :, :size] @ change
+    errors = -np.linalg.solve(own[:, :, size:-1] + np.diag(sigma**-2), said[..., None])[..., 0]
+    return replace(best, change=change, covariance=inverse @ middle @ inverse, errors=errors)
+
+
+def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
+    """The same adjustment without one pose, variances and all, and how that pose then looks.
+
+    full: `grams` at the adjustment, where the first Gauss-Newton step starts; a second is taken
+    from what the first reached.
+    """
+    chain, parameters, variances = adjusted.chain, adjusted.parameters, adjusted.variances
+    made = full
+    for _ in range(2):
+        others = _without(made, pose)
+        variances = restricted_likelihood(chain, others, parameters, variances)
+        linear = _linear(chain, others, parameters, variances, adjusted.equal)
+        far = np.abs(linear.change / parameters.typical[parameters.mask]).max()
+        parameters = parameters.unpack(parameters.pack() + linear.change * min(1, _FAR / max(far, 1e-300)))
+        made = grams(chain.with_families({POSE: linear.errors}), parameters)
+    return LeftOut(parameters.values, *_distance(chain, made, pose, linear, variances))
+
+
+def _without(made, pose):
+    keep = np.arange(len(made[0])) != pose
+    return made[0] * keep[:, None, None], made[1] * keep
+
+
+def _distance(chain, made, pose, linear, variances):
+    """Squared distance of one pose from its prediction, its degrees, and the chance of a larger one.
+
+    What the pose says of its own error, h = D'y, has covariance noise^2 D'D + D'D S D'D + D'A C A'D
+    with S the robot's variances and C those of the shared parameters; F-distributed for few poses.
+    """
+    from scipy.stats import f
+
+    size = len(linear.change)
+    gram = made[0][pose]
+    own, cross, said = gram[size:-1, size:-1], gram[size:-1, :size], gram[size:-1, -1]
+    spread = np.diag(_each(chain, variances.spread) ** 2)
+    covariance = variances.noise**2 * own + own @ spread @ own + cross @ linear.covariance @ cross.T
+    scale = 1 / np.sqrt(np.maximum(np.diag(covariance), 1e-18 * np.abs(covariance).max()))
+    values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
+    seen = values > 1e-9 * values[-1]
+    squared = float((((said * scale) @ vectors[:, seen]) ** 2 / values[seen]).sum())
+    numbers = int(seen.sum())
+    others = int((made[1] > 0).sum()) - 1
+    rest = max(numbers * others - size, 1)
+    return squared, numbers, float(f.sf(squared / numbers, numbers, rest))
+
+
+def find_blunders(chain, parameters: Parameters, variances: Variances, most: int, equal: bool = False):
+    """Adjustment without blunders, every pose left out once, and the poses left out for good.
+
+    One pose at a time, that which the others find least likely, while that is less likely than
+    one in a thousand among as many poses (Baarda's data snooping, 1968, with the variances unknown).
+    Returns Adjusted, {pose: LeftOut} of every pose, (pose, ...).
+    """
+    gone: dict[int, LeftOut] = {}
+    while True:
+        kept = chain.at(np.flatnonzero(~np.isin(chain.pose, list(gone))))
+        adjusted = adjust(kept, parameters, variances, equal)
+        full = grams(kept.with_families({POSE: adjusted.errors}), adjusted.parameters)
+        seen = {k: leave_out(adjusted, k, full) for k in np.unique(kept.pose).tolist()}
+        worst = min(seen, key=lambda k: seen[k].chance)
+        if seen[worst].chance > _LEVEL / len(seen) or len(gone) >= most:
+            return adjusted, {**seen, **_again(chain, adjusted, gone)}, tuple(sorted(gone))
+        gone[worst] = seen[worst]
+        parameters = replace(parameters, values=seen[worst].values)
+
+
+def _again(chain, adjusted, gone):
+    """The poses left out for good, seen from the final adjustment."""
+    made = grams(chain, adjusted.parameters) if gone else None
+    return {k: LeftOut(adjusted.parameters.values,
+                       *_distance(chain, made, k, adjusted.linear, adjusted.variances)) for k in gone}  # fmt: skip

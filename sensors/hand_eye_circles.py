@@ -1,0 +1,162 @@
+"""Circles in the profiles of a ball: which points lie on the ball, where the circle is, how noisy it is.
+
+Everything here sees one profile at a time and knows nothing of the robot: what is trimmed, is
+trimmed for what the profiler did. All profiles are fitted together, as sums by label.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.errors import InputError
+
+_TRIPLES = 1500  # at 40 % of points on the ball 6 % of triples are good: some 90 of them
+_STEPS = 30
+_BINS = 24  # of the circle's angle, for the noise along it
+_SIGMAS = 3.5  # beyond it lies 1 point in 2000 of a normal distribution
+_NOISY = 2.0  # an end that is this much noisier than the middle is glancing incidence or an edge
+_FEWEST = 10
+
+
+@dataclass(frozen=True)
+class Circles:
+    """One circle a profile: `centre` (2, P) x and z mm, `radius` (P,) mm, `rms` (P,) mm of its
+    points' distances; `used` (n,) True where a point lies on the ball; `why` sentences on what was
+    left out."""
+
+    centre: np.ndarray
+    radius: np.ndarray
+    rms: np.ndarray
+    used: np.ndarray
+    why: tuple[str, ...]
+
+
+def find_circles(flat: np.ndarray, label: np.ndarray, count: int, largest: float | None = None) -> Circles:
+    """Circles of profiles `flat` (2, n) mm with profile numbers `label` (n,) in 0..count-1.
+
+    largest: radius of the ball, where known; no section is larger. Consensus of three points
+    (Fischler & Bolles, CACM 24 (1981)) at a width taken from the point-to-point noise, then the
+    geometric fit, trimmed at 3.5 sigma and at ends that are twice as noisy as the middle.
+    InputError where a profile holds fewer than ten points on a circle.
+    """
+    noise = _noise(flat, label, count)
+    used = np.concatenate([_consensus(flat[:, label == k], noise, largest, k) for k in range(count)])
+    order = np.argsort(label, kind="stable")
+    used = used[np.argsort(order, kind="stable")]
+    for _ in range(_STEPS):
+        centre, radius = fit_circles(flat, label, used, count)
+        gap = _gaps(flat, label, centre, radius)
+        kept = _within(gap, label, used, count) & ~_ragged_ends(flat, label, used, centre, gap, count)
+        if (kept == used).all():
+            break
+        used = kept
+    square = np.bincount(label[used], gap[used] ** 2, count)
+    number = np.bincount(label[used], minlength=count)
+    return Circles(centre, radius, np.sqrt(square / np.maximum(number - 3, 1)), used, _words(label, used, count))
+
+
+def fit_circles(flat, label, used, count) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (2, count) and radii (count,) that minimise the sum of squared distances, by Gauss-Newton.
+
+    Started from Kasa's algebraic fit (IEEE Trans. Instrum. Meas. 25 (1976)).
+    """
+    x, z, k = *flat[:, used], label[used]
+    if np.bincount(k, minlength=count).min() < _FEWEST:
+        few = int(np.argmin(np.bincount(k, minlength=count)))
+        raise InputError(f"profile {few}: expected at least {_FEWEST} points on one circle, found "
+                         f"{np.bincount(k, minlength=count)[few]}; take the profile out or aim at the ball")
+    number = np.bincount(k, minlength=count)
+    middle = np.stack([np.bincount(k, v, count) / number for v in (x, z)])
+    dx, dz = x - middle[0, k], z - middle[1, k]
+    a, b, c = _solved([dx, dz, np.ones_like(dx)], (dx**2 + dz**2) / 2, k, count).T
+    centre, radius = middle + np.stack([a, b]), np.sqrt(2 * c + a**2 + b**2)
+    for _ in range(_STEPS):
+        dx, dz = x - centre[0, k], z - centre[1, k]
+        length = np.hypot(dx, dz)
+        step = _solved([dx / length, dz / length, np.ones_like(dx)], length - radius[k], k, count).T
+        centre, radius = centre + step[:2], radius + step[2]
+        if np.abs(step).max() < 1e-10:
+            break
+    return centre, radius
+
+
+def _solved(rows, target, k, count):
+    """(count, 3) least-squares solutions, one a label."""
+    normal = np.array([[np.bincount(k, p * q, count) for q in rows] for p in rows])
+    right = np.stack([np.bincount(k, p * target, count) for p in rows], -1)
+    return np.linalg.solve(np.moveaxis(normal, -1, 0), right[..., None])[..., 0]
+
+
+def _gaps(flat, label, centre, radius):
+    return np.hypot(*(flat - centre[:, label])) - radius[label]
+
+
+def _noise(flat, label, count):
+    """mm, from second differences of neighbours: the shape is smooth, the noise is not.
+
+    The median over profiles: a profile full of clutter does not set it.
+    """
+    inside = (label[2:] == label[:-2])
+    bend = (flat[1, 2:] - 2 * flat[1, 1:-1] + flat[1, :-2])[inside] / np.sqrt(6)
+    spreads = [1.4826 * np.median(np.abs(bend[label[2:][inside] == k])) for k in range(count)
+               if (label[2:][inside] == k).any()]
+    return max(float(np.median(spreads)), 1e-4) if spreads else 1e-4
+
+
+def _consensus(flat, noise, largest, k):
+    """(n,) True for the points of one profile within 6 noises of the circle that has most of them."""
+    if flat.shape[1] < _FEWEST:
+        raise InputError(f"profile {k}: expected at least {_FEWEST} points, found {flat.shape[1]}; "
+                         "take the profile out or aim at the ball")
+    draw = np.random.default_rng(0).integers(flat.shape[1], size=(3, _TRIPLES))
+    centre, radius = _through(*(flat[:, d] for d in draw))
+    biggest = 3 * np.ptp(flat, axis=1).max() if largest is None else largest * 1.02 + 4 * noise
+    fair = np.isfinite(radius) & (radius < biggest)
+    if not fair.any():
+        raise InputError(f"profile {k}: expected an arc of a ball, found no circle smaller than {biggest:.4g} mm; "
+                         "check the radius or take the profile out")
+    centre, radius = centre[:, fair], radius[fair]
+    thin = flat[:, :: max(flat.shape[1] // 400, 1)]  # enough to rank circles by
+    gap = np.hypot(thin[0, :, None] - centre[0], thin[1, :, None] - centre[1]) - radius
+    best = int(np.argmin(np.minimum((gap / (4 * noise)) ** 2, 1).sum(0)))
+    near = np.abs(np.hypot(*(flat - centre[:, best, None])) - radius[best])
+    return near < 6 * noise
+
+
+def _through(a, b, c):
+    """Centres (2, m) and radii (m,) of circles through three points each; inf where they are in line."""
+    b, c = b - a, c - a
+    with np.errstate(divide="ignore", invalid="ignore"):
+        twice = 2 * (b[0] * c[1] - b[1] * c[0])
+        bb, cc = (b**2).sum(0), (c**2).sum(0)
+        out = np.stack([c[1] * bb - b[1] * cc, b[0] * cc - c[0] * bb]) / twice
+    return a + out, np.hypot(*out)
+
+
+def _within(gap, label, used, count):
+    """(n,) True within 3.5 sigma of each profile's own robust spread."""
+    spread = np.array([1.4826 * np.median(np.abs(gap[used & (label == k)])) for k in range(count)])
+    return np.abs(gap) < _SIGMAS * spread[label]
+
+
+def _ragged_ends(flat, label, used, centre, gap, count):
+    """(n,) True at the ends of arcs where the noise is twice that of the middle."""
+    angle = np.arctan2(*(flat - centre[:, label])[::-1])
+    middle = np.arctan2(*(np.bincount(label[used], f[used], count) for f in (np.sin(angle), np.cos(angle))))
+    turn = np.angle(np.exp(1j * (angle - middle[label])))
+    cell = np.clip(((turn / np.pi + 1) / 2 * 4 * _BINS).astype(int), 0, 4 * _BINS - 1) + 4 * _BINS * label
+    number = np.bincount(cell[used], minlength=4 * _BINS * count)
+    power = np.bincount(cell[used], gap[used] ** 2, 4 * _BINS * count)
+    rms = np.sqrt(power / np.maximum(number, 1)).reshape(count, -1)
+    filled = (number >= 4).reshape(count, -1)
+    usual = np.array([np.median(r[f]) if f.any() else np.inf for r, f in zip(rms, filled)])
+    calm = filled & (rms < _NOISY * usual[:, None])
+    first, last = calm.argmax(1), calm.shape[1] - 1 - calm[:, ::-1].argmax(1)
+    own = cell - 4 * _BINS * label
+    return (own < first[label]) | (own > last[label])
+
+
+def _words(label, used, count):
+    total, kept = np.bincount(label, minlength=count), np.bincount(label[used], minlength=count)
+    return tuple(f"profile {k}: {t - u} of {t} points left out, off the circle or at its ragged ends"
+                 for k, (t, u) in enumerate(zip(total.tolist(), kept.tolist())) if t - u > 0.02 * t)

@@ -1,0 +1,121 @@
+"""A hand-eye of a profiler without a guess: from circles of one ball at several flange poses.
+
+A circle says how far the light plane is from the ball's centre, not on which side. That and the
+unknown turn make many valleys; they are all tried: for each of a fixed set of turns the rest is
+linear, and the best of them go down into their valley by least squares.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from workbench.core.rigid import left_jacobian, rotation_matrix, rotation_vector, skew
+
+_BEST = 24
+
+
+@dataclass(frozen=True)
+class Start:
+    """`values` (10,): hand-eye, ball, radius; `rms` mm a circle's number; `second` the rms of the next valley."""
+
+    values: np.ndarray
+    rms: float
+    second: float
+
+
+@lru_cache
+def turns() -> np.ndarray:
+    """(480, 3, 3) rotations, no rotation further than about 20 degrees from one of them."""
+    twist = Rotation.from_rotvec(np.concatenate([np.zeros((1, 3)), 0.45 * np.array(
+        [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [1.2, 0, 0], [0, 1.2, 0], [0, 0, 1.2]])]))
+    icosahedral = Rotation.create_group("I")
+    return np.concatenate([(icosahedral * one).as_matrix() for one in twist])
+
+
+def find_start(circles: np.ndarray, flange: np.ndarray, radius: float | None, best: int = _BEST, steps=200) -> Start:
+    """The deepest of the `best` most promising valleys, of `steps` evaluations each.
+
+    circles (3, P): x, z of the centre and radius, mm; flange (P, 4, 4) T_base_flange; radius of the
+    ball, mm, None where unknown.
+    """
+    known = radius if radius is not None else 1.02 * circles[2].max()
+    values = _linear(circles, flange, known)
+    cost = (_residual(values, circles, flange, known if radius is None else radius) ** 2).sum((1, 2))
+    found = [_descend(values[k], circles, flange, radius, steps) for k in np.argsort(cost, kind="stable")[:best]]
+    found.sort(key=lambda pair: pair[1])
+    top = found[0]
+    other = [cost for x, cost in found if _elsewhere(x, top[0])]
+    count = circles.size
+    return Start(top[0], float(np.sqrt(top[1] / count)), float(np.sqrt(min(other, default=np.inf) / count)))
+
+
+def _linear(circles, flange, radius):
+    """(S, 10) for every turn the place of profiler and ball that fit the centres in the plane best.
+
+    With the turn X: x = X_x . (R'(c - p) - t) and the same for z: linear in c and t.
+    """
+    back = np.swapaxes(flange[:, :3, :3], 1, 2)
+    home = (back @ flange[:, :3, 3, None])[..., 0]  # R' p
+    axes = turns()[:, :, [0, 2]].transpose(0, 2, 1)  # (S, 2, 3) the plane's axes in the flange
+    rows = np.concatenate([np.broadcast_to(-axes[:, None], (len(axes), len(flange), 2, 3)),
+                           np.einsum("saj,pjk->spak", axes, back)], -1)  # fmt: skip
+    right = circles[:2].T + np.einsum("saj,pj->spa", axes, home)
+    rows, right = rows.reshape(len(axes), -1, 6), right.reshape(len(axes), -1, 1)
+    size = np.sqrt((rows**2).sum(1, keepdims=True).max(0))  # what poses that never turn leave open stays small
+    normal = (rows / size).transpose(0, 2, 1) @ (rows / size) + 1e-9 * np.eye(6)
+    solved = np.linalg.solve(normal, (rows / size).transpose(0, 2, 1) @ right)[..., 0] / size[:, 0]
+    vectors = rotation_vector(turns())
+    return np.concatenate([solved[:, :3], vectors, solved[:, 3:], np.full((len(axes), 1), radius)], 1)
+
+
+def _residual(values, circles, flange, radius):
+    """(S, 3, P) mm at values (S, 10): place of the circle in the plane, and distance from the ball's surface."""
+    back = np.swapaxes(flange[:, :3, :3], 1, 2)
+    away = values[:, None, 6:9] - flange[:, :3, 3]
+    local = np.einsum("pij,spj->spi", back, away) - values[:, None, :3]
+    centre = np.einsum("spi,sij->spj", local, rotation_matrix(values[:, 3:6]))
+    size = values[:, 9:] if radius is None else radius
+    over = (centre[..., 1] ** 2 + circles[2] ** 2 - size**2) / (2 * size)
+    return np.stack([centre[..., 0] - circles[0], centre[..., 2] - circles[1], over], 1)
+
+
+def _descend(values, circles, flange, radius, steps):
+    """Values (10,) at the bottom of the valley, and the sum of squares there."""
+    from scipy.optimize import least_squares
+
+    free = 9 + (radius is None)
+    scale = np.array([100.0] * 3 + [0.3] * 3 + [100.0] * 3 + [1.0])[:free]
+
+    def whole(x):
+        return np.concatenate([x * scale, values[free:]])
+
+    def cost(x):
+        return _residual(whole(x)[None], circles, flange, radius).ravel()
+
+    def slope(x):
+        return _slope(whole(x), circles, flange, radius).reshape(-1, 10)[:, :free] * scale
+
+    found = least_squares(cost, values[:free] / scale, slope, method="lm", max_nfev=steps)
+    return whole(found.x), 2 * found.cost
+
+
+def _slope(values, circles, flange, radius):
+    """(3, P, 10) derivative of `_residual` at values (10,)."""
+    turn, back = rotation_matrix(values[3:6]), np.swapaxes(flange[:, :3, :3], 1, 2)
+    local = (back @ (values[6:9] - flange[:, :3, 3])[..., None])[..., 0] - values[:3]
+    centre = local @ turn
+    made = np.zeros((len(flange), 3, 10))
+    made[:, :, :3], made[:, :, 6:9] = -turn.T, turn.T @ back
+    made[:, :, 3:6] = skew(centre) @ left_jacobian(-values[3:6])
+    size = values[9] if radius is None else radius
+    made[:, 1] *= (centre[:, 1] / size)[:, None]
+    made[:, 1, 9] = -(centre[:, 1] ** 2 + circles[2] ** 2 + size**2) / (2 * size**2)
+    return made[:, [0, 2, 1]].transpose(1, 0, 2)
+
+
+def _elsewhere(values, top):
+    """Whether this is another hand-eye and not the same valley: another turn by more than a degree."""
+    between = rotation_matrix(values[3:6]).T @ rotation_matrix(top[3:6])
+    return np.linalg.norm(rotation_vector(between)) > 0.02
