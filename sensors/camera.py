@@ -5,14 +5,16 @@ OpenCV. Distortion: Brown's k1 k2 p1 p2 k3, with k4 k5 k6 the rational model, in
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from sensors.undistort import BLOCK, Inverse, Workspace, fit_inverse, iterate
 from workbench.core.errors import InputError
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 BROWN, RATIONAL = 9, 12
-_STEPS = 30
+_MANY = 2 * BLOCK  # pixels, from which the fitted start of the inverse pays
 
 
 @dataclass(frozen=True)
@@ -52,15 +54,14 @@ class Camera:
         flat = points[:2] / points[2]
         bent, slope, by_coefficient = self.distort_rows(flat)
         focal = np.array([[self.fx], [self.fy]])
-        pixels = focal * bent + np.array([[self.cx], [self.cy]])
-        slope = focal * slope  # (2, 2, n): [by x or y, u or v]
         by_point = np.empty((3, 2, points.shape[1]))
-        by_point[:2] = slope / points[2]
-        by_point[2] = -(slope[0] * flat[0] + slope[1] * flat[1]) / points[2]
-        by_value = np.zeros((len(self.values), 2, points.shape[1]))
+        np.multiply(slope, focal / points[2], out=by_point[:2])  # [by x or y, u or v]
+        np.negative(by_point[0] * flat[0] + by_point[1] * flat[1], out=by_point[2])
+        by_value = np.empty((len(self.values), 2, points.shape[1]))
+        by_value[:4] = 0
         by_value[0, 0], by_value[1, 1], by_value[2, 0], by_value[3, 1] = bent[0], bent[1], 1, 1
-        by_value[4:] = focal * by_coefficient
-        return pixels, by_point, by_value
+        np.multiply(focal, by_coefficient, out=by_value[4:])
+        return focal * bent + np.array([[self.cx], [self.cy]]), by_point, by_value
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """(3, n) unit directions in the camera frame of pixels (2, n)."""
@@ -73,18 +74,24 @@ class Camera:
 
         nan where a pixel lies beyond what the distortion can reach.
         """
-        seen = np.stack([(pixels[0] - self.cx) / self.fx, (pixels[1] - self.cy) / self.fy])
-        flat = seen.copy()
-        for _ in range(_STEPS):
-            bent, slope, _ = self.distort_rows(flat)
-            gap = bent - seen
-            determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
-            step = np.stack([slope[1, 1] * gap[0] - slope[1, 0] * gap[1],
-                             slope[0, 0] * gap[1] - slope[0, 1] * gap[0]]) / determinant  # fmt: skip
-            flat = flat - step
-            if np.nanmax(np.abs(step), initial=0) < 1e-14:
-                break
-        return np.where(np.abs(step).max(0) < 1e-9, flat, np.nan)
+        if pixels.shape[1] < _MANY:
+            return iterate(self, self.seen(pixels))
+        flat, workspace = np.empty(pixels.shape), self.workspace()
+        for first in range(0, pixels.shape[1], BLOCK):
+            workspace.normalised(pixels[:, first : first + BLOCK], flat[:, first : first + BLOCK])
+        return flat
+
+    def seen(self, pixels: np.ndarray) -> np.ndarray:
+        """(2, n) distorted normalised image points of pixels (2, n)."""
+        return np.stack([(pixels[0] - self.cx) / self.fx, (pixels[1] - self.cy) / self.fy])
+
+    def workspace(self) -> Workspace:
+        """For the exact inverse, a block at a time; the fitted start is made once a camera."""
+        return Workspace(self._inverse)
+
+    @cached_property
+    def _inverse(self) -> Inverse:
+        return fit_inverse(self)
 
     def distort(self, flat: np.ndarray) -> np.ndarray:
         """(2, n) where the lens puts the ideal normalised image points (2, n)."""
@@ -97,23 +104,31 @@ class Camera:
         """
         x, y = flat
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
-        r2 = x * x + y * y
-        top, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial = top / below
-        steep = 2 * ((k1 + r2 * (2 * k2 + 3 * r2 * k3)) - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
-        bent = np.stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                         y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y])  # fmt: skip
-        cross = steep * x * y + 2 * (p1 * x + p2 * y)
-        slope = np.stack([np.stack([radial + steep * x * x + 2 * p1 * y + 6 * p2 * x, cross]),
-                          np.stack([cross, radial + steep * y * y + 6 * p1 * y + 2 * p2 * x])])  # fmt: skip
-        return bent, slope, self._by_coefficient(flat, r2, radial, below)
+        x2, y2, xy = x * x, y * y, x * y
+        r2 = x2 + y2
+        radial, steep, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + 3 * r2 * k3), None
+        if len(self.distortion) > 5:
+            below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+            radial /= below
+            steep = (steep - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+        along, slope = 2 * (p1 * y + p2 * x), np.empty((2, *flat.shape))
+        slope[0, 1] = slope[1, 0] = 2 * (steep * xy + p1 * x + p2 * y)
+        slope[0, 0] = radial + 2 * steep * x2 + along + 4 * p2 * x
+        slope[1, 1] = radial + 2 * steep * y2 + along + 4 * p1 * y
+        bent = (radial + along) * flat
+        bent += np.array([[p2], [p1]]) * r2
+        return bent, slope, self._by_coefficient(flat, r2, radial, below, xy)
 
-    def _by_coefficient(self, flat, r2, radial, below):
-        x, y = flat
-        tangential = [np.stack([2 * x * y, r2 + 2 * y * y]), np.stack([r2 + 2 * x * x, 2 * x * y])]
-        powers = [r2 / below * flat, r2**2 / below * flat, r2**3 / below * flat]
-        rows = [powers[0], powers[1], *tangential, powers[2], *(-radial * power for power in powers)]
-        return np.stack(rows[: len(self.distortion)])
+    def _by_coefficient(self, flat, r2, radial, below, xy):
+        rows = np.empty((len(self.distortion), *flat.shape))
+        np.multiply(flat, r2 if below is None else r2 / below, out=rows[0])
+        np.multiply(rows[0], r2, out=rows[1])
+        np.multiply(rows[1], r2, out=rows[4])
+        rows[2, 0] = rows[3, 1] = 2 * xy
+        rows[2, 1], rows[3, 0] = r2 + 2 * flat[1] ** 2, r2 + 2 * flat[0] ** 2
+        for k, power in zip(range(5, len(rows)), (0, 1, 4)):
+            np.multiply(rows[power], -radial, out=rows[k])
+        return rows
 
 
 def camera_from_keys(keys: dict, called: str) -> Camera:

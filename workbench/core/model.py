@@ -77,9 +77,15 @@ class Model:
         """The same model with more effects."""
         return replace(self, effects=self.effects + effects, _bases={})
 
+    def with_chain(self, chain: Chain) -> "Model":
+        """The same effects on `chain`: the same samples with the same state, other values of what they own."""
+        made = replace(self, chain=chain)
+        made.__dict__.update({name: getattr(self, name) for name in ("parameters", "spans", "_slots_by_port")})
+        return made
+
     def residual(self, parameters: Parameters) -> np.ndarray:
         """(m, n) predicted minus measured, in the units of the measurement (mm, rad)."""
-        return self._evaluate(parameters).residual
+        return self.evaluate(parameters).residual
 
     def sigma(self, parameters: Parameters) -> np.ndarray:
         """(m, n) 1 sigma of each component, with the effects that act on the noise."""
@@ -88,9 +94,13 @@ class Model:
 
     def linearise(self, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
         """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
-        evaluation, values = self._evaluate(parameters), parameters.values
-        own = len(self.chain.parameters)
+        evaluation = self.evaluate(parameters)
         rows = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
+        return evaluation.residual, self.fill_rows(evaluation, parameters, rows)
+
+    def fill_rows(self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray) -> np.ndarray:
+        """Into `rows` (F, m, n) the derivative of the residual of `evaluation`, made at `parameters`."""
+        own, values = len(self.chain.parameters), parameters.values
         filled = parameters.mask[:own].sum()
         rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))
         evaluation = _Once(evaluation, self._slots_by_port)
@@ -100,7 +110,7 @@ class Model:
                 end = filled + free.sum()
                 self._effect_rows(effect, span, values, evaluation, free, rows[filled:end])
                 filled = end
-        return evaluation.residual, rows
+        return rows
 
     @cached_property
     def _slots_by_port(self) -> dict[str, np.ndarray]:
@@ -149,7 +159,8 @@ class Model:
 
         return numeric_derivative(moved, values[span], 1e-3 * self.parameters.typical[span])
 
-    def _evaluate(self, parameters):
+    def evaluate(self, parameters: Parameters) -> Evaluation:
+        """The chain at these parameters, its ports moved by the effects."""
         values = parameters.values
         return self.chain.evaluate(values[: len(self.chain.parameters)], self._deltas(values))
 

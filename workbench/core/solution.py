@@ -19,7 +19,8 @@ class Stage:
 
     `effects` are (name, where, options) rows; `free` shell patterns of parameter keys;
     `canonical` True leaves out of the solve what earlier parameters already make; `earn` True:
-    the stage stays in the result only where it lowers the held-out error.
+    the stage stays in the result only where it lowers the held-out error. `hold`: (pattern, value)
+    of parameters that the whole plan takes as known, such as a base that is the instrument's frame.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Stage:
     canonical: bool = True
     earn: bool = True
     steps: int = 50
+    hold: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)

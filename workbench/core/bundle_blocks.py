@@ -1,0 +1,273 @@
+"""Normal equations of a bundle, group by group: samples sorted into tiles, one small Gram matrix a tile.
+
+A tile is a run of samples of one group of every family. All tiles have one length, padded with
+samples of weight 0, so that one batched product makes every Gram matrix.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.core.model import Model
+from workbench.core.parameters import Parameter, Parameters
+
+_A_TILE = 24  # samples that would cost as much as one more tile does
+
+
+@dataclass(frozen=True)
+class Family:
+    """Unknowns that each of G groups of samples has of its own: `values` (G, L) to start from.
+
+    `typical` (L,) sizes as of a Parameter; `prior` (L,) 1 sigma about the start, None: nothing known;
+    `names` and `units` (L,) as the tables of kept families call them.
+    """
+
+    name: str
+    values: np.ndarray
+    typical: np.ndarray
+    prior: np.ndarray | None = None
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+    @property
+    def length(self) -> int:
+        return self.values.shape[1]
+
+    @property
+    def precision(self) -> np.ndarray:
+        """(L,) 1 / prior^2, 0 where there is none."""
+        return np.zeros(self.length) if self.prior is None else np.asarray(self.prior, float) ** -2
+
+    def table(self) -> list[Parameter]:
+        """One free parameter a number, keys `<family>-<group>.<name>`, groups from 0."""
+        names = self.names or tuple(str(k) for k in range(self.length))
+        units = self.units or ("",) * self.length
+        priors = [None] * self.length if self.prior is None else [float(p) for p in self.prior]
+        label = f"{{}} of {self.name} {{}}"
+        return [
+            Parameter(f"{self.name}-{group}.{name}", unit, float(start), float(size), label.format(name, group), p)
+            for group, row in enumerate(self.values)
+            for name, unit, start, size, p in zip(names, units, row, self.typical, priors)
+        ]
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """n samples in tiles of `length`: `index` (N,) which sample stands where, `live` (N,) False for
+    padding, `place` (n,) where each sample stands, `start` first tile of each combination of groups
+    and `groups` the (C,) group of each combination, by family.
+    """
+
+    index: np.ndarray
+    live: np.ndarray
+    place: np.ndarray
+    length: int
+    start: np.ndarray
+    groups: Mapping[str, np.ndarray]
+
+
+def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
+    """Sort n samples by their groups, labels (n,) int of each family, the first family slowest."""
+    if not labels:
+        labels = {"": np.zeros(n, int)}
+    sizes = [int(label.max(initial=0)) + 1 for label in labels.values()]
+    code = np.ravel_multi_index(list(labels.values()), sizes) if len(labels) != 1 else next(iter(labels.values()))
+    every = np.arange(n)
+    order = every if (code[1:] >= code[:-1]).all() else np.argsort(code, kind="stable")
+    ordered = code if order is every else code[order]
+    new = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    counts, codes = np.diff(new, append=n), ordered[new]
+    groups = dict(zip(labels, np.unravel_index(codes, sizes)))
+    length = _tile_length(counts)
+    tiles = -(-counts // length)
+    start = np.cumsum(tiles) - tiles
+    if order is every and (counts == length).all():
+        return Tiles(every, np.ones(n, bool), every, length, start, groups)
+    position = every + np.repeat(start * length - new, counts)
+    index, live, place = np.repeat(order[new], tiles * length), np.zeros(tiles.sum() * length, bool), np.empty(n, int)
+    index[position], live[position], place[order] = order, True, position
+    return Tiles(index, live, place, length, start, groups)
+
+
+def _tile_length(counts):
+    """The length for which padding and the number of tiles cost least together."""
+    if not len(counts):
+        return 1
+    lengths = np.unique(np.concatenate([np.quantile(counts, np.linspace(0, 1, 9), method="nearest"), [32, 64, 128]]))
+    lengths = lengths[lengths > 0].astype(int)
+    tiles = [(-(-counts // length)).sum() for length in lengths]
+    return int(lengths[np.argmin([t * (length + _A_TILE) for t, length in zip(tiles, lengths)])])
+
+
+@dataclass
+class Blocks:
+    """Normal matrix of a bundle with D dense unknowns and G groups of L that are eliminated.
+
+    `dense` (D, D), `cross` (G, L, D), `own` (G, L, L) and the gradients (D,) and (G, L).
+    """
+
+    dense: np.ndarray
+    cross: np.ndarray
+    own: np.ndarray
+    gradient: np.ndarray
+    own_gradient: np.ndarray
+
+    @classmethod
+    def empty(cls, dense: int, groups: int, length: int) -> "Blocks":
+        shapes = (dense, dense), (groups, length, dense), (groups, length, length), (dense,), (groups, length)
+        return cls(*(np.zeros(shape) for shape in shapes))
+
+    def scaled(self, dense: np.ndarray, own: np.ndarray) -> "Blocks":
+        """The same for unknowns in units of `dense` (D,) and `own` (L,)."""
+        return Blocks(
+            self.dense * np.outer(dense, dense), self.cross * np.outer(own, dense), self.own * np.outer(own, own),
+            self.gradient * dense, self.own_gradient * own,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where unknowns stand: `shared` free parameters first, then the groups of each kept family.
+
+    `offset` of each kept family among the dense unknowns, `length` L of every family.
+    """
+
+    shared: int
+    eliminate: str | None
+    offset: Mapping[str, int]
+    length: Mapping[str, int]
+
+
+class Part:
+    """One model of a bundle, its samples in tiles, and where its parameters stand in the shared table."""
+
+    def __init__(self, model: Model, parameters: Parameters, layout: Layout):
+        chain = model.chain
+        labels = {name: np.asarray(chain.labels[name]) for name in layout.length if name in chain.labels}
+        self.tiles = tiles_of(labels, chain.sigma.shape[1] if chain.sigma.shape[1] > 1 else _samples(labels, model))
+        self.families, self.layout = tuple(labels), layout
+        still = np.array_equal(self.tiles.index, np.arange(len(self.tiles.place)))
+        self.model = model if still else model.at(self.tiles.index)
+        self._rows: np.ndarray | None = None
+        table = self.model.parameters
+        missing = [key for key in table.keys if key not in parameters.index]
+        if missing:
+            raise InputError(f"bundle: expected a parameter {missing[0]} in the shared table, found none; add it")
+        self.table, self.places = table, np.array([parameters.index[key] for key in table.keys], int)
+        self.columns = (np.cumsum(parameters.mask) - 1)[self.places][parameters.mask[self.places]]
+
+    def at(self, parameters: Parameters, values: Mapping[str, np.ndarray]) -> tuple[Model, Parameters]:
+        """The model and its own table at shared parameters and family values."""
+        own = replace(self.table, values=parameters.values[self.places], mask=parameters.mask[self.places])
+        chain = self.model.chain.with_families({name: values[name] for name in self.families})
+        return self.model.with_chain(chain), own
+
+    def inverse_sigma(self, parameters: Parameters) -> np.ndarray:
+        """(m, N) or (m, 1) one over sigma, with the effects on the noise."""
+        own = replace(self.table, values=parameters.values[self.places])
+        return 1 / self.model.sigma(own)
+
+    def residual(self, parameters: Parameters, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(m, N) residual of the tiles, padding included."""
+        model, own = self.at(parameters, values)
+        return model.residual(own)
+
+    def linearise(self, parameters, values) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (m, N) and rows (K + 1, m, N): free parameters, each family's, and room for the residual.
+
+        The rows are the same memory at every call: fresh pages would cost more than what is written there.
+        """
+        model, own = self.at(parameters, values)
+        evaluation = model.evaluate(own)
+        free = len(self.columns)
+        count = free + sum(self.layout.length[name] for name in self.families)
+        if self._rows is None:
+            self._rows = np.empty((count + 1, *evaluation.residual.shape))
+        rows = self._rows
+        model.fill_rows(evaluation, own, rows[:free])
+        for name in self.families:
+            free, start = free + self.layout.length[name], free
+            rows[start:free] = evaluation.family_rows(name)
+        return evaluation.residual, rows
+
+    def add_to(self, blocks: Blocks, rows: np.ndarray, residual: np.ndarray, root: np.ndarray) -> None:
+        """Add what these samples know to the normal equations; root (m, N) 1/sigma times root of weight."""
+        rows[-1] = residual
+        rows *= root
+        free = len(self.columns)
+        flat = rows.reshape(len(rows), -1)
+        gram = flat[:free] @ flat[:free].T
+        blocks.dense[np.ix_(self.columns, self.columns)] += gram
+        blocks.gradient[self.columns] += flat[:free] @ flat[-1]
+        if self.families:
+            self._add_families(blocks, self._grams(rows, free), free)
+
+    def _grams(self, rows, free):
+        """(C, families' lengths, K + 1) Gram matrix of each combination of groups."""
+        shaped = rows.reshape(*rows.shape[:2], -1, self.tiles.length)
+        made = sum(
+            shaped[free:-1, j].transpose(1, 0, 2) @ shaped[:, j].transpose(1, 2, 0) for j in range(rows.shape[1])
+        )
+        return made if len(self.tiles.start) == len(made) else np.add.reduceat(made, self.tiles.start)
+
+    def _add_families(self, blocks, grams, free):
+        spans, start = {}, free
+        for name in self.families:
+            spans[name] = slice(start, start + self.layout.length[name])
+            start = spans[name].stop
+        for name, span in spans.items():
+            mine = grams[:, span.start - free : span.stop - free]
+            place = _Place(blocks, self.layout, name, self.tiles.groups[name])
+            place.add_shared(self.columns, mine[:, :, :free], mine[:, :, -1])
+            for other, where in spans.items():
+                place.add_family(other, self.tiles.groups[other], mine[:, :, where])
+
+
+class _Place:
+    """Adds the Gram matrices of one family's groups where they belong."""
+
+    def __init__(self, blocks, layout, name, groups):
+        self.blocks, self.layout, self.name, self.groups = blocks, layout, name, groups
+        self.gone = name == layout.eliminate
+
+    def columns(self, name, groups):
+        """(C, L) places among the dense unknowns."""
+        length = self.layout.length[name]
+        return self.layout.offset[name] + groups[:, None] * length + np.arange(length)
+
+    def add_shared(self, columns, gram, gradient):
+        if self.gone:
+            _add_groups(self.blocks.own_gradient, self.groups, gradient)
+            whole = np.zeros((*gram.shape[:2], self.blocks.cross.shape[2]))
+            whole[:, :, columns] = gram
+            _add_groups(self.blocks.cross, self.groups, whole)
+            return
+        rows = self.columns(self.name, self.groups)
+        np.add.at(self.blocks.gradient, rows, gradient)
+        np.add.at(self.blocks.dense, (rows[:, :, None], columns), gram)
+        np.add.at(self.blocks.dense, (columns[:, None], rows[:, None, :]), gram.transpose(0, 2, 1))
+
+    def add_family(self, other, groups, gram):
+        if self.gone and other == self.name:
+            _add_groups(self.blocks.own, self.groups, gram)
+        elif self.gone:
+            rows = np.arange(gram.shape[1])[:, None]
+            np.add.at(self.blocks.cross, (self.groups[:, None, None], rows, self.columns(other, groups)[:, None]), gram)
+        elif other != self.layout.eliminate:
+            rows, columns = self.columns(self.name, self.groups), self.columns(other, groups)
+            np.add.at(self.blocks.dense, (rows[:, :, None], columns[:, None]), gram)
+
+
+def _add_groups(total, groups, parts):
+    """Add parts (C, ...) to total (G, ...) at groups (C,), sorted."""
+    new = np.flatnonzero(np.diff(groups, prepend=-1))
+    total[groups[new]] += parts if len(new) == len(groups) else np.add.reduceat(parts, new)
+
+
+def _samples(labels, model):
+    """How many samples a model has."""
+    if labels:
+        return len(next(iter(labels.values())))
+    return model.residual(model.parameters).shape[1]
