@@ -102,7 +102,14 @@ def _time(seconds: float) -> str:
 
 
 def _versions() -> str:
-    names = ("pybotics", "pin", "figaroh", "scipy")
-    libraries = [f"{name} {importlib.metadata.version(name)}" for name in names]
+    names = ("pybotics", "pin", "figaroh", "scipy", "opencv-contrib-python-headless")
+    libraries = [f"{name} {_version(name)}" for name in names]
     ours = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
     return ", ".join([*ours, *libraries, "one thread", "processor time"])
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,130 @@
+"""Whether one mirror makes all light planes: fitted beside the free planes, tested, and the better one chosen."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fdtrc
+
+from sensors.mirror import NAMES, Mirror, start_mirror
+from sensors.planes import plane_variance
+from sensors.scanner_adjustment import Adjustment, fresh_start, solve_once
+from sensors.scanner_errors import laid_over
+from workbench.core.effect import Effect
+from workbench.core.identifiability import independent
+
+FEWEST = 5
+"""Steps: 15 numbers of free planes against the mirror's seven."""
+_LEAST = 1e-3
+"""Probability below which the mirror is refused."""
+_FIRST = ("tilt_face", "tilt_across", "shift_face", "shift_across", "beam_cone", "beam_turn", "beam_shift")
+# `independent` keeps what is known to ten typical sizes; here to one, and the face's distance is not guessed at.
+_STRICT = 10.0
+
+
+@dataclass(frozen=True)
+class MirrorCheck:
+    """The mirror beside the free planes.
+
+    `fitted` names of the parameters that the stripes determine, with `std` in their units (rad, mm);
+    `gain` turn of the mirror per commanded turn, or rad a step where angles were not commanded;
+    `excess` of chi-square over that of the free planes, on `degrees` of freedom, and its
+    probability where the mirror is true; `difference_mm` RMS distance of the two kinds of planes
+    over the working volume and `expected_mm`, what it should be by their sigmas. `sentences` says
+    what cannot be told apart. `supported`: whether it goes into the scanner.
+    """
+
+    mirror: Mirror
+    angles: np.ndarray
+    fitted: tuple[str, ...]
+    std: dict[str, float]
+    gain: float
+    excess: float
+    degrees: int
+    probability: float
+    difference_mm: float
+    expected_mm: float
+    difference_of_step_mm: np.ndarray
+    supported: bool
+    sentences: tuple[str, ...]
+
+
+def try_mirror(
+    free: Adjustment,
+    commanded: np.ndarray,
+    by_step: bool,
+    volume: tuple[float, float],
+    effects: Sequence[Effect],
+    progress: Callable[[str], None] = lambda text: None,
+) -> tuple[Adjustment, MirrorCheck]:
+    """The adjustment with a mirror instead of free planes, weighted alike, and how it compares.
+
+    commanded: (S,) rad, or numbers of the steps where by_step; at least `FEWEST`. effects: also those of the mirror.
+    """
+    start, gain = start_mirror(free.sheets.planes, commanded, by_step)
+    said = _odd_gain(gain, by_step)
+    if said:  # what was commanded is no angle of the mirror: only its steps count
+        by_step, (start, gain) = True, start_mirror(free.sheets.planes, commanded, True)
+    angles = commanded * gain if by_step else commanded
+    sheets = fresh_start(free, start.planes(angles), start, angles)
+    names = (*_FIRST, "gain") if by_step else _FIRST
+    progress("one mirror for all planes")
+    made = solve_once(free.corners, sheets, effects, free.parameters, names)
+    names, tied = _determined(made, by_step)
+    if len(names) > len(made.free):
+        made = solve_once(free.corners, made.sheets, effects, made.parameters, names)
+    if by_step:
+        gain = gain * made.sheets.angles[-1] / angles[-1] if angles[-1] else gain
+    return made, _compared(free, made, gain, volume, (*said, *tied))
+
+
+def _determined(made: Adjustment, by_step):
+    """Names of the parameters that the data determine better than was known before, and sentences on the others."""
+    every = tuple(name for name in NAMES if by_step or name != "gain")
+    whole = solve_once(made.corners, made.sheets, made.effects, made.parameters, every)
+    _, tied = independent(whole.fit.normal, whole.fit.table, _STRICT * whole.fit.sigma_scale)
+    left_out = {key.removeprefix("mirror.") for key in tied if key.startswith("mirror.")} | {"face_zero"}
+    labels = {p.key: p.label for p in whole.fit.table.table}
+    said = [
+        f"{labels[f'mirror.{name}']} cannot be told from the others here: it is kept where it started"
+        for name in every if name in left_out
+    ]  # fmt: skip
+    kept = tuple(name for name in every if name in made.free or name not in left_out)
+    return kept, said
+
+
+def _odd_gain(gain, by_step):
+    if by_step or abs(gain - 1) < 0.05:
+        return []
+    also = ", as if mirror_deg were the angle of the light and not of the mirror" if abs(gain - 0.5) < 0.03 else ""
+    return [
+        f"the free planes turn by {2 * gain:.3g} of the commanded angle, expected 2{also}; correct mirror_deg; "
+        "here the mirror's turn per commanded turn was fitted instead"
+    ]
+
+
+def _compared(free, made, gain, volume, said):
+    more = len(made.fit.parameters.pack()) - len(free.fit.parameters.pack())  # the mirror's and its effects'
+    degrees = max(3 * free.sheets.planes.shape[1] - more, 1)
+    excess = max(made.chi2 - free.chi2, 0.0)
+    probability = float(fdtrc(degrees, free.fit.degrees, excess / degrees / free.fit.sigma_scale**2))
+    each, whole, expected = plane_differences(free, made, volume)
+    std = {name: free_std for name in made.free if (free_std := made.fit.std.get(f"mirror.{name}")) is not None}
+    return MirrorCheck(
+        made.sheets.mirror, made.sheets.angles, made.free, std, float(gain), float(excess), degrees, probability,
+        whole, expected, each, probability > _LEAST, tuple(said),
+    )  # fmt: skip
+
+
+def plane_differences(free: Adjustment, made: Adjustment, volume: tuple[float, float]):
+    """RMS distance (mm) between the planes of two nested adjustments, a step (S,) and in all, and that expected.
+
+    One laid over the other, see `scanner_errors.laid_over`. The covariance of the difference is the
+    difference of the covariances (Hausman, Econometrica 46 (1978)).
+    """
+    planes = free.sheets.planes
+    points, step, distance, _ = laid_over(free.camera, planes, made.camera, made.sheets.planes, volume)
+    count = np.maximum(np.bincount(step, minlength=planes.shape[1]), 1)
+    each = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)
+    variance = plane_variance(planes, points, step, free.apart(volume).planes - made.apart(volume).planes)
+    return each, float(np.sqrt((distance**2).mean())), float(np.sqrt(max(variance.mean(), 0.0)))

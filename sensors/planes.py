@@ -1,0 +1,80 @@
+"""Light planes as numbers that a solve may change: two tilts and an offset each, and a plane through points."""
+
+import numpy as np
+
+from sensors.state import stripe_direction
+from workbench.core.bundle import Family
+
+TILTS = ("tilt_across", "tilt_along", "offset")
+UNITS = ("rad", "rad", "mm")
+_TYPICAL = np.array([0.01, 0.01, 1.0])
+
+
+def tilt_directions(planes: np.ndarray) -> np.ndarray:
+    """(2, 3, S) unit vectors along which the normals of planes (4, S) tilt: the stripe, and across it."""
+    along = stripe_direction(planes)
+    return np.stack([along, np.cross(planes[:3], along, axis=0)])
+
+
+def moved(planes: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """(4, S) planes after change (S, 3): normal n + a e1 + c e2 made a unit again, offset b + db (mm).
+
+    e1, e2 are those of `tilt_directions`; the tilts (rad) turn the normal, not about a point of the
+    plane but with the offset from the camera kept.
+    """
+    tilted = planes[:3] + np.einsum("kis,sk->is", tilt_directions(planes), change[:, :2])
+    made = np.empty_like(planes)
+    made[:3] = tilted / np.linalg.norm(tilted, axis=0)
+    made[3] = planes[3] + change[:, 2]
+    return made
+
+
+def moved_rows(planes: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """(3, 4, S) derivative of `moved` with respect to the change."""
+    directions = tilt_directions(planes)
+    tilted = planes[:3] + np.einsum("kis,sk->is", directions, change[:, :2])
+    length = np.linalg.norm(tilted, axis=0)
+    normal = tilted / length
+    rows = np.zeros((3, *planes.shape))
+    rows[:2, :3] = (directions - normal * (directions * normal).sum(1)[:, None]) / length
+    rows[2, 3] = 1
+    return rows
+
+
+def in_tilts(planes: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(P, 3, S) derivatives rows (P, 4, S) of planes (4, S), as tilts and offset."""
+    tilts = np.einsum("kis,pis->pks", tilt_directions(planes), rows[:, :3])
+    return np.concatenate([tilts, rows[:, 3:]], 1)
+
+
+def steps_family(planes: np.ndarray) -> Family:
+    """The family `step` of free light planes (4, S): changes (S, 3) from where they start."""
+    return Family("step", np.zeros((planes.shape[1], 3)), _TYPICAL, None, TILTS, UNITS)
+
+
+def plane_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(4,) plane nearest to points (3, n) mm, its offset positive, and (3,) their spreads, largest first.
+
+    Robust: points farther than three robust sigmas (median of the absolute distances) are left
+    out, three times over. Shortest singular vector: Pearson, Phil. Mag. 2 (1901).
+    """
+    kept = np.ones(points.shape[1], bool)
+    for _ in range(4):
+        middle = points[:, kept].mean(1)
+        _, spread, directions = np.linalg.svd((points[:, kept] - middle[:, None]).T, full_matrices=False)
+        distance = np.abs(directions[2] @ (points - middle[:, None]))
+        kept = distance <= max(3 * 1.4826 * np.median(distance), 1e-12)
+    plane = np.append(directions[2], -directions[2] @ middle)
+    return plane * (1.0 if plane[3] >= 0 else -1.0), spread / np.sqrt(kept.sum())
+
+
+def plane_variance(planes: np.ndarray, points: np.ndarray, step: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(n,) mm^2, of the distance of points (3, n) from their planes, column `step` (n,) of planes (4, S).
+
+    covariance: (3 S, 3 S) of the planes' tilts and offsets.
+    """
+    every = np.arange(planes.shape[1])
+    blocks = covariance.reshape(len(every), 3, len(every), 3)[every, :, every]
+    tilts = np.einsum("kin,in->kn", tilt_directions(planes)[:, :, step], points)
+    rows = np.concatenate([tilts, np.ones((1, len(step)))])
+    return np.einsum("in,nij,jn->n", rows, blocks[step], rows)
