@@ -1,0 +1,141 @@
+"""The Gaussian profile of a laser line: its bounds, its noise, and the linear fit of it made ready as tables.
+
+A row of pixels is d(x) = b + A exp(-(x - c)^2 / (2 w^2)) + noise. Around a start (c0, w0) this is
+linear in four numbers, d = b + A g + B g u + C g u^2 with u = (x - c0) / w0 and g = exp(-u^2 / 2):
+c = c0 + w0 B / A, w = w0 (1 + C / A). One linear step from a near start is the Gauss-Newton step
+of the maximum-likelihood fit of all four unknowns, and so reaches the Cramer-Rao bound.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+PHASES = 8
+"""Starts a pixel for which the fit is tabulated."""
+NARROWEST, WIDEST = 0.45, 40.0
+"""px, the Gaussian widths that are fitted."""
+_FINE, _COARSE = 0.015, 0.06
+"""ln: steps of the tabulated widths below one pixel, where pixels are too large to leave room, and above."""
+_FINEST = int(np.ceil(-np.log(NARROWEST) / _FINE))
+RATIOS = (0.0, 1.0, 3.0, 9.0, 27.0, 81.0)
+"""Photon variance at the peak over the variance beside the line, for which weights are tabulated."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Variance of a pixel of level L: read^2 + gain L, both in grey values (photon transfer curve).
+
+    `read` (grey values, 1 sigma) holds everything that does not depend on the light, quantisation
+    too; `gain` is grey values an electron, so that gain L is the photons' (Poisson) variance.
+    """
+
+    read: float
+    gain: float = 0.0
+
+    def variance(self, level):
+        """Grey values squared, at any level."""
+        if self.gain == 0:
+            return np.full(np.shape(level), self.read**2, np.float32)
+        return self.read**2 + self.gain * np.maximum(level, 0)
+
+
+def centre_bound(width, amplitude, noise: Noise, background: float = 0.0, phase: float = 0.0) -> float:
+    """Cramer-Rao bound, px (1 sigma), of one row's centre; amplitude, background, centre and width unknown.
+
+    Fisher information J' V^-1 J of the four unknowns over the pixels within 6 widths, V the
+    diagonal of `noise` (normal approximation; what the variance itself tells is left aside).
+    Beside pure read noise sigma it is sigma / amplitude * sqrt(2 width / sqrt(pi)): centre and width
+    do not correlate, so that knowing the width does not improve it.
+    """
+    half = int(np.ceil(6 * width)) + 1
+    u = (np.arange(-half, half + 1) - phase) / width
+    g = np.exp(-u * u / 2)
+    rows = np.stack([np.ones_like(u), g, amplitude * g * u / width, amplitude * g * u * u / width])
+    information = rows / noise.variance(background + amplitude * g) @ rows.T
+    return float(np.sqrt(np.linalg.inv(information)[2, 2]))
+
+
+def speckle_floor(width: np.ndarray, contrast: float, grain: float | None = None) -> np.ndarray:
+    """(n,) px, 1 sigma that speckle adds to centres of lines of Gaussian `width` (n,) px.
+
+    Speckle is taken as a multiplicative field of standard deviation `contrast` and correlation
+    exp(-x^2 / (4 grain^2)), x in px. Propagated through the least-squares centre:
+    sigma = contrast w sqrt(2 k) / (1 + 2 k)^(3/4), k = w^2 / (4 grain^2). `grain` None: as large
+    as the line, which is a line as sharp as the aperture allows, sigma = 0.52 contrast w; this is
+    the limit of Dorsch, Haeusler and Herrmann, Appl. Opt. 33 (1994) 1306, eq. 14,
+    contrast lambda / (2 pi sin u), for a Gaussian instead of a round aperture.
+    """
+    k = 0.25 if grain is None else np.asarray(width) ** 2 / (4 * grain**2)
+    return contrast * np.asarray(width) * np.sqrt(2 * k) / (1 + 2 * k) ** 0.75
+
+
+@dataclass(frozen=True)
+class Bank:
+    """The four-number fit for starts at `PHASES` + 1 places across a pixel, as tables.
+
+    `width` px; `half` px, pixels each side; `ratio` as in `RATIOS`; `q` (pixels, 4 starts)
+    whitened orthonormal basis; `back` (16, starts) upper triangle from those to (b, A, B, C);
+    `weight` (pixels, starts) of a pixel; `spread`, each (starts,): variance of B ("across") and C
+    ("wide") for variance 1 beside the line, what a variance g adds ("across_lit", "wide_lit"), and
+    1 sigma of the second whitened number, the line's matched filter, where there is no line
+    ("detect"); `leverage` (starts, pixels).
+    """
+
+    width: float
+    ratio: float
+    half: int
+    q: np.ndarray
+    back: np.ndarray
+    weight: np.ndarray
+    spread: dict[str, np.ndarray]
+    leverage: np.ndarray
+
+    @property
+    def even(self) -> bool:
+        """Whether the line is sampled so finely that only `q` depends on the start."""
+        return self.width > 1.2
+
+    def at(self, name: str, start: np.ndarray):
+        """(n,) or one number: `spread` under its name for starts (n,)."""
+        return self.spread[name][PHASES // 2] if self.even else self.spread[name].take(start)
+
+
+def width_bin(log_width: np.ndarray) -> np.ndarray:
+    """(n,) int, which of the tabulated widths is the nearest one to exp(log_width)."""
+    log = np.clip(log_width, np.log(NARROWEST), np.log(WIDEST))
+    return np.rint(np.where(log < 0, log / _FINE, log / _COARSE)).astype(np.intp) + _FINEST
+
+
+def binned_width(width: int) -> float:
+    """px, the width of a bin."""
+    return float(np.exp((width - _FINEST) * (_FINE if width < _FINEST else _COARSE)))
+
+
+def ratio_bin(ratio: np.ndarray) -> np.ndarray:
+    """(n,) int, which of `RATIOS` is the nearest one."""
+    return np.searchsorted(np.sqrt([0.12, 3.0, 27.0, 243.0, 2187.0]), ratio)
+
+
+@lru_cache(maxsize=512)
+def bank(width: int, ratio: int) -> Bank:
+    """The tables of one width and one ratio, by their numbers."""
+    w = binned_width(width)
+    half = int(np.ceil(3 * w)) + 1
+    phases = np.arange(PHASES + 1) / PHASES - 0.5
+    u = (np.arange(-half, half + 1) - phases[:, None]) / w
+    g = np.exp(-u * u / 2)
+    weight = 1 / (1 + RATIOS[ratio] * g)
+    basis = np.stack([np.ones_like(g), g, g * u, g * u * u], -1)
+    root = np.sqrt(weight)
+    q, r = np.linalg.qr(root[..., None] * basis)
+    sign = np.sign(np.einsum("pii->pi", r))
+    q, back = q * sign[:, None], np.linalg.inv(r) * sign[:, None]
+    solution = np.einsum("pij,pwj,pw->ipw", back, q, root)[1:]
+    spread = {"detect": np.sqrt((q[..., 1] ** 2 * weight).sum(1))}
+    for name, row in (("across", solution[1]), ("wide", solution[2])):
+        spread[name], spread[name + "_lit"] = (row**2).sum(-1), (row**2 * g).sum(-1)
+    table = (q * root[..., None]).transpose(1, 0, 2).reshape(2 * half + 1, -1)
+    single = [np.ascontiguousarray(a.astype(np.float32)) for a in (table, back.reshape(-1, 16).T, weight.T)]
+    spread = {name: values.astype(np.float32) for name, values in spread.items()}
+    return Bank(w, RATIOS[ratio], half, *single, spread, (q**2).sum(-1))
