@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks import camera, reconstruct
+from benchmarks import ball, camera, reconstruct, stripe
 from benchmarks.peers import Pybotics, pinocchio_forward, pinocchio_model
 from benchmarks.problem import NOISE, POINT, Problem, rms
 from benchmarks.table import Disagreement, Row, agree, compare, median
@@ -25,7 +25,7 @@ IN_PYBOTICS_ORDER = [6 + 4 * joint + k for joint in range(6) for k in (3, 2, 0, 
 def comparisons() -> list:
     """Functions that return a Row, in the order of the table."""
     fits = [fit_pybotics, fit_pybotics_vectors, fit_figaroh, sixty_few, sixty_many]
-    sensor = [*camera.comparisons(), *reconstruct.comparisons()]
+    sensor = [row for part in (camera, reconstruct, stripe, ball) for row in part.comparisons()]
     return [forward_pybotics, forward_pinocchio, jacobian_pybotics, *fits, *sensor]
 
 

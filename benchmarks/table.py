@@ -102,7 +102,7 @@ def _time(seconds: float) -> str:
 
 
 def _versions() -> str:
-    names = ("pybotics", "pin", "figaroh", "scipy", "opencv-contrib-python-headless")
+    names = ("pybotics", "pin", "figaroh", "scipy", "opencv-contrib-python-headless", "scikit-image", "pyransac3d")
     libraries = [f"{name} {_version(name)}" for name in names]
     ours = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
     return ", ".join([*ours, *libraries, "one thread", "processor time"])

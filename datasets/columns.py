@@ -46,11 +46,13 @@ KINDS = {
 INTEGERS = ("sample", "ball", "point", "sphere", "pair", "plane", "pose", "repeat", "reflector")
 TEXT = ("fixed_to", "note")
 FIXED_TO = ("tool", "base", "floor")
-LENGTHS = ("sigma_mm", "length_mm")
+SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+"""1 sigma of each coordinate of a point, where they differ."""
+LENGTHS = ("sigma_mm", *SIGMAS, "length_mm")
 """Columns whose every cell must be above zero."""
 
 MEASURED = {*POINT, *QUATERNION, *AXES[0], *AXES[1], "length_mm"}
-BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", "set"}
+BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", *SIGMAS, "set"}
 
 _JOINT = re.compile(r"q(\d+)_(deg|mm)")
 _WRONG_UNIT = {

@@ -27,7 +27,8 @@ from workbench.crossvalidation import (
     in_space,
     repeat_summary,
 )
-from workbench.plans import FRAMES, default_plan, frames_of, read_plan
+from workbench.gauge import lengths_beside, resized, size_of
+from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
 from workbench.suspicion import suspicion
@@ -118,7 +119,7 @@ def calibrate(
     chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
-    nominal = _first(Model(chain), split)
+    nominal = _first(Model(chain), split, stages)
     warnings = _doubts(robot, moving.select(split.fit), nominal)
     step, results = _run(nominal, stages, split, progress)
     for _ in range(_ROUNDS):
@@ -127,7 +128,7 @@ def calibrate(
             break
         progress(f"{int((everyone.fit & ~clean.fit).sum())} samples far off are left out and named; once more")
         split = clean
-        nominal = _first(Model(chain), split)
+        nominal = _first(Model(chain), split, stages)
         step, results = _run(nominal, stages, split, progress)
     return _calibration(moving, robot, nominal, step, results, split, warnings)
 
@@ -177,9 +178,9 @@ def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
     return Split(everyone.fit & ~off, np.where(off, -1, everyone.fold), everyone.test)
 
 
-def _first(model: Model, split: Split) -> _Step:
-    start = model.parameters
-    free = start.only(start.matching(*frames_of(start)))
+def _first(model: Model, split: Split, stages: Sequence[Stage]) -> _Step:
+    start = held(model.parameters, stages)
+    free = start.only(start.mask & start.matching(*frames_of(start)))
     fit = solve(model.at(split.fit), free)
     return _Step(
         model, fit.parameters, fit, _held_out(model, fit, split, "linear", 50), {}, len(fit.normal), len(fit.normal)
@@ -222,7 +223,7 @@ def _merged(stages, nominal: _Step) -> Stage:
     model = nominal.model.with_effects(*make_effects(CATALOGUE, effects))
     mask = np.zeros(len(model.parameters), bool)
     for stage in stages:
-        mask |= _stage_mask(model.parameters, stage, make_effects(CATALOGUE, stage.effects), model.chain)
+        mask |= stage_mask(model.parameters, stage, make_effects(CATALOGUE, stage.effects), model.chain)
     free = tuple(key for key, wanted in zip(model.parameters.keys, mask) if wanted)
     first, last = stages[0], stages[-1]
     return replace(last, name="result", effects=effects, free=free, canonical=first.canonical and last.canonical)
@@ -237,7 +238,9 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     effects = make_effects(CATALOGUE, stage.effects)
     model = step.model.with_effects(*effects)
     start = model.parameters.take_over(step.parameters)
-    wanted = start.only(start.mask | _stage_mask(start, stage, effects, model.chain))
+    wanted = start.only(start.mask | stage_mask(start, stage, effects, model.chain))
+    size = size_of(model.chain, wanted) if stage.canonical else None
+    asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
     trial, residual = None, step.fit
     for _ in range(2):
         model = replace(model, chain=_honest_sigma(model.chain, residual, split), _bases={})
@@ -245,18 +248,12 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
     free, tied = _canonical(model.at(split.fit), trial, wanted) if stage.canonical else (wanted, {})
     fit = solve(model.at(split.fit), free, stage.loss, stage.steps)
+    if size is not None:
+        fit = solve(model.at(split.fit), resized(fit.parameters, size), stage.loss, stage.steps)
+        tied = tied | {size: lengths_beside(wanted, size)}
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps)
-    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, int(wanted.mask.sum()), known.rank, stage.loss)
-
-
-def _stage_mask(parameters, stage, effects, chain):
-    """What a stage frees: its patterns, or with "*" all that its effects bring."""
-    if stage.free != ("*",):
-        present = [p for p in stage.free if p not in FRAMES or p in frames_of(parameters)]
-        return parameters.matching(*present)
-    own = [p.key for effect in effects for p in effect.parameters(chain)]
-    return np.isin(parameters.keys, own)
+    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, asked, known.rank, stage.loss)
 
 
 def _canonical(model, trial: Fit, wanted: Parameters):

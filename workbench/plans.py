@@ -1,6 +1,8 @@
 """Plans: which stages a calibration goes through; the default one, and plans read from TOML."""
 
 import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from robot_model.robot import Robot
 from robot_model.system import RobotChain, geometry_free
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
 from workbench.core.solve import LOSSES
 
@@ -28,6 +31,24 @@ def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
 def frames_of(parameters) -> tuple[str, ...]:
     """Those of `FRAMES` that a model has: base, and tool or hand-eye, and points that nobody measured."""
     return tuple(p for p in FRAMES if any(key.startswith(p[:-1]) for key in parameters.keys))
+
+
+def held(parameters: Parameters, stages: Sequence[Stage]) -> Parameters:
+    """The parameters with what a plan takes as known set and fixed, all others free; InputError for no such key."""
+    parameters = parameters.only(np.ones(len(parameters), bool))
+    for pattern, value in (pair for stage in stages for pair in stage.hold):
+        chosen = parameters.matching(pattern)
+        parameters = replace(parameters, values=np.where(chosen, value, parameters.values)).fix(pattern)
+    return parameters
+
+
+def stage_mask(parameters: Parameters, stage: Stage, effects, chain) -> np.ndarray:
+    """(P,) True for what a stage frees: its patterns, or with "*" all that its effects bring."""
+    if stage.free != ("*",):
+        present = [p for p in stage.free if p not in FRAMES or p in frames_of(parameters)]
+        return parameters.matching(*present)
+    own = [p.key for effect in effects for p in effect.parameters(chain)]
+    return np.isin(parameters.keys, own)
 
 
 def geometry(robot: Robot) -> Stage:
@@ -95,7 +116,8 @@ def read_plan(path: Path) -> tuple[Stage, ...]:
     """Stages of a TOML file, or of a plan that comes with the workbench, by its name.
 
     `[[stage]]` with `name`, `why`, and optionally `effects` (list of tables with `effect`, `where`
-    and the effect's options), `free` (shell patterns of keys), `loss`, `canonical`, `earn`, `steps`.
+    and the effect's options), `free` (shell patterns of keys), `loss`, `canonical`, `earn`, `steps`,
+    `hold` (table of shell pattern = value: known beforehand, and never free in this plan).
     Raises InputError for a file that is no such plan.
     """
     path = PLAN_FILES / f"{path}.toml" if str(path) in plan_names() else Path(path)
@@ -122,6 +144,7 @@ _KEYS = {
     "canonical": bool,
     "earn": bool,
     "steps": int,
+    "hold": dict,
 }
 
 
@@ -138,6 +161,9 @@ def _stage(path, number, row) -> Stage:
         raise InputError(
             f"{where}, key loss: expected one of {', '.join(LOSSES)}, found '{row['loss']}'; choose one of them"
         )
+    row["hold"] = tuple(row.get("hold", {}).items())
+    if not all(type(value) in (int, float) for _, value in row["hold"]):
+        raise InputError(f"{where}, key hold: expected numbers, found {dict(row['hold'])}; write pattern = number")
     row["effects"] = tuple(_effect(where, e) for e in row.get("effects", []))
     row["free"] = tuple(row.get("free", ("*",)))
     if not all(isinstance(pattern, str) for pattern in row["free"]):

@@ -1,5 +1,7 @@
 """Recordings of Ye et al.'s robot (Sensors 2024, 24, 2559), realised with MuJoCo statics.
 
+`python -m datasets.makers.ye OUT [--experiment 1|2] [--samples N] [--noise MM] [--seed N]`.
+
 What the paper identified (Tables 3, 4 and 6, 7) is taken as the truth; the
 nominal robot.toml has the data-sheet values. The law of the paper is linear in
 torques, and MuJoCo gets masses and springs that make those torques:
@@ -21,6 +23,7 @@ joint 6 is negative as printed. Base at the height of joint 2: d1 = 0.
 """
 from __future__ import annotations
 
+import argparse
 from typing import NamedTuple
 
 import numpy as np
@@ -137,23 +140,26 @@ def _flange(table: Table, joints_deg: np.ndarray) -> np.ndarray:
     return rest(true_arm(table), readings, drive_errors(readings, harmonics(table))).flange
 
 
-def ye_first_experiment(n: int = 200, seed: int = 1, noise_mm: float = 0.02) -> folder.Made:
+def ye_first_experiment(n: int = 200, seed: int = 1, noise_mm: float = 0.02, table: Table = FIRST,
+                        tilt_deg: float = 50.0, roll_deg: float = 180.0) -> folder.Made:  # fmt: skip
     """Ball centres in the sensor frame: n views of the four balls from above (sec. 5.2).
 
-    noise_mm: 1 sigma of each coordinate.
+    noise_mm: 1 sigma of each coordinate. tilt_deg, roll_deg: how far views are off the vertical and how
+    far the sensor is turned about it, each way; the paper shows its poses in a picture only.
     """
-    rng, table = np.random.default_rng(seed), FIRST
+    rng = np.random.default_rng(seed)
     artefact_base, hand_eye = pose(*table.user), pose(*table.tool)
     balls = np.array([BALLS[k][:3] for k in sorted(BALLS)])
     in_base = (balls - artefact_base[:3, 3]) @ artefact_base[:3, :3]
     nominal = arm_from_robot(robot(table)).geometry
-    joints, ball = poses.scanning(rng, nominal, np.deg2rad(_LIMITS), in_base, hand_eye, n, _START)
+    joints, ball = poses.scanning(rng, nominal, np.deg2rad(_LIMITS), in_base, hand_eye, n, _START,
+                                 np.deg2rad(roll_deg), np.deg2rad(tilt_deg))  # fmt: skip
     joints_deg = np.round(np.rad2deg(joints), 4)
     points = ball_points(_flange(table, joints_deg), balls[ball], artefact_base, hand_eye)
     return _made("ball-centre", "ball centres", table, joints_deg, points, rng, noise_mm, BALLS, {"ball": ball + 1})
 
 
-def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02) -> folder.Made:
+def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02, table: Table = SECOND) -> folder.Made:
     """One reflector seen by a tracker: seven attitudes on a grid of 10 x 10 x 10 places (sec. 5.3).
 
     n below 7000 draws that many of the 7000 without repeats; the order is
@@ -162,7 +168,7 @@ def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02) -
     """
     if n > 7000:
         raise ValueError(f"the grid has 7000 configurations, {n} were asked for")
-    rng, table = np.random.default_rng(seed), SECOND
+    rng = np.random.default_rng(seed)
     joints_deg = np.round(np.rad2deg(_on_grid(table, rng.permutation(7000)[:n])), 4)
     points = reflector_points(_flange(table, joints_deg), table.tool[0], pose(*table.user))
     return _made("external-point", "laser tracker", table, joints_deg, points, rng, noise_mm, {}, {})
@@ -204,3 +210,22 @@ def _made(measures, how, table, joints_deg, points, rng, noise_mm, balls, extra)
         source="MuJoCo statics with the values of Ye et al., Sensors 2024, 24, 2559",
         truth={"table": table, "arm": true_arm(table), "harmonics": harmonics(table)},
     )
+
+
+def main() -> None:
+    """Write a folder."""
+    import datasets
+
+    parser = argparse.ArgumentParser(description="Make a recording of one of Ye et al.'s two experiments.")
+    parser.add_argument("out")
+    parser.add_argument("--experiment", type=int, choices=(1, 2), default=1)
+    parser.add_argument("--samples", type=int, help="200 and 7000 where not given")
+    parser.add_argument("--noise", type=float, default=0.02, metavar="MM")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    make, whole = {1: (ye_first_experiment, 200), 2: (ye_second_experiment, 7000)}[args.experiment]
+    datasets.write(make(args.samples or whole, args.seed, args.noise).recording(), args.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,14 +1,21 @@
 """`workbench identifiability`: what a recording determines, before anything is solved."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from workbench.commands import answer, tables
 
+Plan = Annotated[
+    Path | None,
+    typer.Option("--plan", metavar="NAME|FILE", help="Look at the stages of this plan, not of the default one."),
+]
+
 
 def command(
     recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    plan: Plan = None,
     json: answer.JsonTarget = None,
 ) -> None:
     """Say which parameters a recording determines, and what cannot be told apart, in words."""
@@ -19,6 +26,6 @@ def command(
 
         found = datasets.read(recording)
         say("looking at the poses")
-        result = {"command": "identifiability", "recording": recording, **identifiability(found)}
+        result = {"command": "identifiability", "recording": recording, **identifiability(found, plan)}
     answer.deliver(result, json)
     tables.identifiability(answer.console(json), result)

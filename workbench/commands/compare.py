@@ -1,0 +1,55 @@
+"""`workbench compare`: several plans on one recording, and which of them predicts best."""
+
+from typing import Annotated
+
+import typer
+
+from workbench import runs
+from workbench.commands import answer, samples, tables
+from workbench.commands.calibrate import FitSamples, Folds, TestSamples
+
+Plans = Annotated[
+    list[str], typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file; 'default'. Once for each.")
+]
+
+
+def command(
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    plan: Plans,
+    fit_samples: FitSamples = None,
+    test_samples: TestSamples = None,
+    folds: Folds = 10,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Calibrate by several plans on the same splits; the others are compared with the first."""
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        import datasets
+        from workbench.compare import compare, save
+
+        found = datasets.read(recording)
+        known = frozenset(found.sample_ids.tolist())
+        fit = samples.read_list(fit_samples, known, "--fit-samples")
+        test = samples.read_list(test_samples, known, "--test-samples")
+        samples.check_apart(fit, test, test_samples)
+        with runs.opened("compare", recording, out) as run:
+            comparison = compare(found, plan, fit, test, folds, say)
+            save(comparison, run.partial)
+            result = {**comparison.as_json(), "run": run.path}
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    _show(answer.console(json), result)
+
+
+def _show(console, result) -> None:
+    head = ["plan", "free", "identifiable", "fit RMS", "held-out RMS", "mean", "max", "ratio", "p"]
+    errors = ["fit_rms_mm", "held_out_rms_mm", "held_out_mean_mm", "held_out_max_mm"]
+    keys = ["free", "identifiable", *errors, "ratio", "p"]
+    rows = [[row["plan"], *(row[key] for key in keys)] for row in result["plans"]]
+    title = f"{result['recording']}: {result['held_out_samples']} samples held out by {result['held_out_by']}, in mm"
+    tables.grid(console, title, head, rows)
+    for row in result["plans"]:
+        if row["p"] is None and row["test"].startswith("not printed"):
+            console.print(f"p of {row['plan']} {row['test']}", markup=False)
+    console.print(f"{result['run']}", soft_wrap=True, markup=False)

@@ -1,0 +1,205 @@
+"""Several plans on one recording, same splits: what each costs in parameters and reaches on unseen samples."""
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import t as student
+
+from workbench.calibrate import Calibration, calibrate
+from workbench.core.errors import InputError
+from workbench.crossvalidation import blocks, error_summary
+from workbench.plans import read_plan
+
+DEFAULT = "default"
+_BLOCKS, _LEAST_BLOCKS = 10, 5
+CHOSEN = "not printed: a plan chose its stages on these very folds; name --test-samples"
+SAME_FIRST = "the plan that the others are compared with"
+FEW = f"not printed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
+SAME = "not printed: both predict the same"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """`names` of the plans and their calibrations, first the one that the others are compared with.
+
+    `block` (n,) is the fold, or with test samples the block of consecutive test poses, of each moving
+    row that every plan predicted without having fitted it; -1 elsewhere. All held-out figures are of these rows.
+    `choosing` says which plans leave out stages by what the folds of the fit samples say.
+    """
+
+    recording: object
+    names: tuple[str, ...]
+    calibrations: tuple[Calibration, ...]
+    block: np.ndarray
+    tested_apart: bool
+    choosing: tuple[bool, ...]
+
+    @property
+    def distances(self) -> np.ndarray:
+        """(plans, held out) mm, 3-D distances of the held-out rows."""
+        residual = np.stack([c.held_out_residual for c in self.calibrations])
+        return np.sqrt((residual[:, :, self.block >= 0] ** 2).sum(1))
+
+    def rows(self) -> list[dict]:
+        """One row a plan: parameters, errors in mm, the ratio to the first plan and the paired test."""
+        held_out = [error_summary(c.held_out_residual[:, self.block >= 0]) for c in self.calibrations]
+        return [
+            {
+                "plan": name, **_parameters(calibration),
+                "stages": [stage.name for stage in calibration.stages if stage.earned],
+                "fit_rms_mm": calibration.fit["rms_mm"], **{f"held_out_{k}": v for k, v in own.items()},
+                "ratio": own["rms_mm"] / held_out[0]["rms_mm"], **self._paired(k),
+                "converged": calibration.solution.converged,
+            }
+            for k, (name, calibration, own) in enumerate(zip(self.names, self.calibrations, held_out))
+        ]  # fmt: skip
+
+    def _paired(self, k: int) -> dict:
+        """`p` that plan k and the first err alike, two-sided, over folds or blocks; and why there is none.
+
+        Differences of the mean square are compared with their scatter (Student's t). Folds share most of
+        what they were fitted on, so their variance is enlarged by 1 + J/(J-1) (Nadeau & Bengio, Machine
+        Learning 52, 2003); blocks of test samples, predicted by one fit, are not, and the test is then of
+        these two fits on poses like these.
+        """
+        if k == 0:
+            return {"p": None, "test": SAME_FIRST}
+        falls = self.falls(k)
+        if len(falls) < _LEAST_BLOCKS:
+            return {"p": None, "test": FEW}
+        if not self.tested_apart and (self.choosing[0] or self.choosing[k]):
+            return {"p": None, "test": CHOSEN}
+        if not falls.any():
+            return {"p": None, "test": SAME}
+        over = "blocks of test poses" if self.tested_apart else "folds"
+        return {"p": self._p(falls), "test": f"valid over {len(falls)} {over}"}
+
+    def _p(self, falls) -> float:
+        count = len(falls)
+        enlarged = 1 / count + (0 if self.tested_apart else 1 / (count - 1))
+        t = falls.mean() / max(falls.std(ddof=1) * np.sqrt(enlarged), 1e-300)
+        return float(2 * student.sf(abs(t), count - 1))
+
+    def falls(self, k: int) -> np.ndarray:
+        """(blocks,) mm^2 by which the mean square of plan k lies below that of the first."""
+        squares = self.distances**2
+        block = self.block[self.block >= 0]
+        return np.array([(squares[0] - squares[k])[block == b].mean() for b in np.unique(block)])
+
+    def as_json(self) -> dict:
+        """The answer of `workbench compare`."""
+        first = self.calibrations[0]
+        return {
+            "command": "compare", "recording": self.recording.name, "measures": self.recording.measures,
+            "samples": first.recording.n, "held_out_samples": int((self.block >= 0).sum()),
+            "held_out_by": "test samples" if self.tested_apart else "folds of the fit samples",
+            "blocks": len(np.unique(self.block[self.block >= 0])), "nominal": first.nominal, "plans": self.rows(),
+        }  # fmt: skip
+
+
+def compare(
+    recording,
+    plans: Sequence[str],
+    fit_samples: Sequence[int] | None = None,
+    test_samples: Sequence[int] | None = None,
+    folds: int = 10,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Comparison:
+    """Calibrate a recording by each of several plans, all on the same splits.
+
+    plans: names or files of plans, "default" for the default one, each once. The rest as of
+    `workbench.calibrate.calibrate`. Raises InputError.
+    """
+    _check(plans)
+    found = []
+    for name in plans:
+        progress(f"plan {name}")
+        plan = None if name == DEFAULT else Path(name)
+        found.append(calibrate(recording, plan, fit_samples, test_samples, folds, progress))
+    block = np.where(np.all([c.fold >= 0 for c in found], 0), found[0].fold, -1)
+    apart = bool(len(np.unique(block[block >= 0])) == 1 and not (test_samples is None and fit_samples is None))
+    if apart:
+        block[block >= 0] = blocks(found[0].recording.poses[block >= 0], _BLOCKS)
+    names, choosing = tuple(Path(name).stem for name in plans), tuple(_chooses(name) for name in plans)
+    return Comparison(recording, names, tuple(found), block, apart, choosing)
+
+
+def _check(plans):
+    if not plans:
+        raise InputError("--plan names no plan, where at least one is expected; name several, or 'default'.")
+    twice = sorted({name for name in plans if list(plans).count(name) > 1})
+    if twice:
+        raise InputError(f"--plan names {twice[0]} twice, where each plan is expected once; take one of them out.")
+
+
+def _parameters(calibration) -> dict:
+    """What a plan frees, and how much of it these data determine, of the stages that stayed."""
+    kept = [stage for stage in calibration.stages if stage.earned] or list(calibration.stages)
+    return {"free": kept[-1].free, "identifiable": calibration.solution.known.rank}
+
+
+def _chooses(name: str) -> bool:
+    """Whether a plan leaves the choice of its stages to the folds, as the default one does."""
+    return name == DEFAULT or any(stage.earn for stage in read_plan(Path(name)))
+
+
+def save(comparison: Comparison, folder: Path) -> None:
+    """Write table.csv, held-out.csv (mm, one column a plan) and comparison.png."""
+    rows = [{k: "; ".join(v) if isinstance(v, list) else v for k, v in row.items()} for row in comparison.rows()]
+    (folder / "table.csv").write_text(_csv(list(rows[0]), [row.values() for row in rows]), encoding="utf-8")
+    ids = comparison.calibrations[0].recording.sample_ids[comparison.block >= 0]
+    lines = [[int(i), *(f"{d:.6g}" for d in row)] for i, row in zip(ids, comparison.distances.T)]
+    (folder / "held-out.csv").write_text(_csv(["sample", *comparison.names], lines), encoding="utf-8")
+    picture(comparison).savefig(folder / "comparison.png", dpi=130)
+
+
+def _csv(head, rows) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+def picture(comparison: Comparison):
+    """A matplotlib figure: fitted and held-out RMS of every plan, and the share of samples that err by less."""
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=(11, 4.2), facecolor="white", layout="constrained")
+    bars, shares = made.subplots(1, 2, width_ratios=(1, 1.15))
+    colours = [_COLOURS[k % len(_COLOURS)] for k in range(len(comparison.names))]
+    _bars(bars, comparison, colours)
+    for name, distance, colour in zip(comparison.names, comparison.distances, colours):
+        shares.ecdf(distance, label=name, color=colour, lw=1.8)
+    shares.set(xlabel="3-D distance, held out (mm)", title="share of samples that err by less", xlim=(0, None))
+    shares.yaxis.set_major_formatter("{x:.0%}")
+    shares.legend(frameon=False, loc="lower right")
+    for axes in (bars, shares):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(alpha=0.25)
+        axes.title.set_size(10.5)
+    made.suptitle(comparison.recording.title or comparison.recording.name, size=11.5)
+    return made
+
+
+_COLOURS = ("#8c8c8c", "#1f83c4", "#12957a", "#b8649f", "#d9730d", "#5b5bd6", "#806000")
+
+
+def _bars(axes, comparison, colours):
+    rows, place = comparison.rows(), np.arange(len(comparison.names))
+    values = [row["held_out_rms_mm"] for row in rows]
+    axes.barh(place, values, color=colours, height=0.62)
+    fitted = [row["fit_rms_mm"] for row in rows]
+    axes.scatter(fitted, place, marker="|", s=220, color="#222222", label="fitted", zorder=3)
+    for row, at in zip(rows, place):
+        text = f"{row['held_out_rms_mm']:.4f}  ({row['ratio']:.2f})"
+        axes.annotate(text, (row["held_out_rms_mm"], at), (5, 0), textcoords="offset points", va="center", size=9)
+    names = [f"{row['plan']}\n{row['identifiable']} identifiable" for row in rows]
+    axes.set(yticks=place, yticklabels=names, xlim=(0, 1.3 * max(values)))
+    axes.set(xlabel="RMS of the 3-D distance (mm)", title="held out, and its ratio to the first plan's")
+    axes.invert_yaxis()
+    axes.legend(frameon=False, loc="lower right")

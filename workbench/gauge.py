@@ -1,0 +1,48 @@
+"""Where a recording measures no length, the arm's size comes from all its nominal lengths together.
+
+Touches of a fixed point, or beams through one, are met as well by an arm grown as a whole. A length
+left free would not stay where the data leave it: the squared gaps themselves fall as the arm
+shrinks, and the solve follows them (Gubankov & Yukhimets, Sensors 2022, 22, 3376, section 4). So one
+length is held while all else is solved, and then the whole is brought to the size that the priors of
+all lengths want most: what one nominal length is wrong by must not scale the arm.
+"""
+
+import numpy as np
+
+from robot_model.system import RobotChain
+from workbench.core.parameters import Parameters
+
+
+def size_of(chain: RobotChain, wanted: Parameters) -> str | None:
+    """Key of the free length that is to give the arm its size; None where a length is measured or held.
+
+    It is the longest nominal length between the first joint and the last, whose own lengths only
+    shift the base or lengthen the tool.
+    """
+    if not chain.measurement.grounded or chain.measurement.measured.any():
+        return None
+    inner = [f"joint-{k}.{name}{k}" for k in range(2, chain.robot.joints) for name in "ad"]
+    longest = max(inner, key=lambda key: abs(wanted.nulls[wanted.index[key]]), default=None)
+    return longest if longest is not None and wanted.mask[wanted.index[longest]] else None
+
+
+def lengths_beside(parameters: Parameters, size: str) -> list[str]:
+    """Keys of the free link lengths that are not negligible beside `size`."""
+    nulls = np.abs(parameters.nulls)
+    long = (nulls > 0.05 * nulls[parameters.index[size]]) & parameters.mask & (parameters.precision > 0)
+    return [p.key for p, chosen in zip(parameters.table, long) if chosen and p.unit == "mm" and p.key != size]
+
+
+def resized(parameters: Parameters, size: str) -> Parameters:
+    """Every free length, and `size`, times the one factor with which their priors are satisfied best.
+
+    What the data say is not changed by it, but for lengths held for other reasons, which are gauges
+    of their own: to be solved once more from there, which takes a step or two.
+    """
+    mask = parameters.mask & np.array([p.unit == "mm" for p in parameters.table])
+    mask[parameters.index[size]] = True
+    values, precision = parameters.values[mask], parameters.precision[mask]
+    factor = (precision * parameters.nulls[mask]) @ values / (precision @ values**2)
+    new = parameters.values.copy()
+    new[mask] *= factor
+    return Parameters(parameters.table, new, parameters.mask)
