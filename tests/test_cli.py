@@ -16,7 +16,7 @@ from workbench.commands import answer, samples, tables
 from workbench.core.errors import InputError
 
 HEAVY = ("torch", "open3d", "vtk", "vtkmodules", "scipy.optimize", "pyvista", "cv2", "kornia", "mujoco", "numpy")
-COMMANDS = ("calibrate", "simulate", "identifiability", "datasets", "doctor", "demo")
+COMMANDS = ("calibrate", "camera", "scanner", "scan", "handeye", "render", "simulate", "identifiability", "datasets", "doctor", "demo")
 
 
 def imported(*words) -> set[str]:
@@ -314,7 +314,7 @@ def test_what_a_bundled_recording_determines_is_said(workbench):
 
 
 def test_the_demo_says_which_recording_it_takes(workbench, tmp_path):
-    done = workbench("demo", "--bundled", "--out", "out", "--json", "demo.json")
+    done = workbench("demo", "--bundled", "--no-pictures", "--out", "out", "--json", "demo.json")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Recording: elastic-arm, bundled")
     assert done.stdout.rstrip().endswith(str(tmp_path / "out" / "report.html"))

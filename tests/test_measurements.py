@@ -173,8 +173,8 @@ def test_sample_numbers_are_those_of_the_file():
 
 def test_a_kind_that_moves_no_chain_is_a_sentence():
     made = scene("external-point", n=12)
-    with pytest.raises(InputError, match="'laser-spot' cannot be calibrated; expected one of ball-centre"):
-        measurement_of(replace(made.recording, measures="laser-spot"))
+    with pytest.raises(InputError, match="'distance' cannot be calibrated; expected one of ball-centre"):
+        measurement_of(replace(made.recording, measures="distance"))
 
 
 def test_arrows_and_points_stand_in_the_root_frame():

@@ -17,7 +17,24 @@ from typing import Annotated
 import typer
 
 from workbench._version import VERSION
-from workbench.commands import calibrate, datasets, demo, doctor, identifiability, simulate
+from workbench.commands import (
+    calibrate,
+    camera,
+    compare,
+    compensate,
+    datasets,
+    demo,
+    doctor,
+    export,
+    handeye,
+    identifiability,
+    poses,
+    render,
+    scan,
+    scanner,
+    significance,
+    simulate,
+)
 from workbench.core.errors import InputError
 
 BUG = 70
@@ -34,8 +51,18 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("calibrate", short_help="A recording in, held-out errors in mm out.")(calibrate.command)
+app.command("compare", short_help="Several plans on one recording, same splits.")(compare.command)
+app.command("camera", short_help="Pictures of a board in, a camera out.")(camera.command)
+app.command("scanner", short_help="Boards under the laser in, a scanner out.")(scanner.command)
+app.command("scan", short_help="Pictures of scans in, clouds and balls out.")(scan.command)
+app.command("handeye", short_help="Where the sensor sits on the flange.")(handeye.command)
+app.command("render", short_help="A scene in, rendered pictures out.")(render.command)
 app.command("simulate", short_help="A scene in, a recording out.")(simulate.command)
+app.command("poses", short_help="Which poses to measure.")(poses.command)
+app.command("compensate", short_help="Targets in, corrected targets out.")(compensate.command)
+app.command("export", short_help="URDF, MDH tables, camera files of other programs.")(export.command)
 app.command("identifiability", short_help="What a recording determines, in words.")(identifiability.command)
+app.command("significance", short_help="Which parameters move the end of an arm.")(significance.command)
 app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
 app.command("doctor", short_help="What this machine lacks, and what to type.")(doctor.command)
 app.command("demo", short_help="The main job on a recording that is at hand.")(demo.command)

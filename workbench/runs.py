@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -20,10 +20,14 @@ RUNS = Path("runs")
 
 @dataclass(frozen=True)
 class Run:
-    """One run: `partial` is written to while it lasts, `path` is where it stands afterwards."""
+    """One run: `partial` is written to while it lasts, `path` is where it stands afterwards.
+
+    `made`: folders above it that were not there before, innermost first.
+    """
 
     path: Path
     partial: Path
+    made: tuple[Path, ...] = ()
 
 
 @contextmanager
@@ -40,6 +44,9 @@ def opened(command: str, subject: str | Path, out: Path | None = None) -> Iterat
         _move_into_place(run)
     finally:
         shutil.rmtree(run.partial, ignore_errors=True)
+        for folder in run.made:
+            with suppress(OSError):  # it holds something, as it should after a run that ended well
+                folder.rmdir()
 
 
 def slug(subject: str | Path) -> str:
@@ -80,8 +87,7 @@ def _named(out: Path) -> Run:
     if partial.exists():
         raise InputError(f"{partial} is there already, from a run that still writes {out} or was "
                          "cut off; wait for that run or remove this folder.")
-    _make(partial)
-    return Run(path, partial)
+    return Run(path, partial, _make(partial))
 
 
 def _numbered(name: str) -> Run:
@@ -91,16 +97,17 @@ def _numbered(name: str) -> Run:
         partial = path.with_name(f".partial-{path.name}")
         if partial.exists() or path.exists():
             continue
-        _make(partial)
-        return Run(path, partial)
+        return Run(path, partial, _make(partial))
     raise InputError(f"{RUNS.resolve()} holds a thousand runs named {name}; name one with --out.")
 
 
-def _make(partial: Path) -> None:
+def _make(partial: Path) -> tuple[Path, ...]:
+    missing = tuple(folder for folder in partial.parents if not folder.exists())
     try:
         partial.mkdir(parents=True)
     except OSError as error:
         raise InputError(_refused(partial.parent, error)) from error
+    return missing
 
 
 def _move_into_place(run: Run) -> None:

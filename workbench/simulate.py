@@ -1,6 +1,6 @@
 """From a scene to a recording: the model that calibrates, run forwards with noise."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +18,31 @@ from robot_model.system import bind
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
+from workbench.core.parameters import Parameters
 from workbench.scene import Pose, Scene, read_scene
 
 
 def simulate(path: Path) -> Recording:
     """The recording that the scene file `path` describes; raises InputError for a scene that cannot be."""
+    truth = truth_of(path)
+    residual, sigma = truth.model.residual(truth.parameters), truth.model.sigma(truth.parameters)
+    noisy = residual + truth.rng.normal(size=residual.shape) * sigma
+    return replace(truth.shown, columns=truth.shown.columns | truth.model.chain.measurement.columns(noisy))
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is behind a simulated recording: `shown` without noise and effects, the true model, its parameters, and
+    random numbers that go on from there."""
+
+    shown: Recording
+    model: Model
+    parameters: Parameters
+    rng: np.random.Generator
+
+
+def truth_of(path: Path) -> Truth:
+    """Everything of a scene but the noise; raises InputError for a scene that cannot be."""
     scene = read_scene(path)
     keys = _robot_keys(scene, Path(path))
     robot = load_robot(keys, f"scene {path}, key robot")
@@ -33,11 +53,10 @@ def simulate(path: Path) -> Recording:
     shown, start, geometry = _without_effects(scene, robot, blank, rng)
     try:
         model, parameters = _truth(scene, bind(robot, shown, start), geometry)
-        residual, sigma = model.residual(parameters), model.sigma(parameters)
+        model.residual(parameters)
     except InputError as problem:
         raise InputError(f"scene {path}, key effect: {problem}") from None
-    noisy = residual + rng.normal(size=residual.shape) * sigma
-    return replace(shown, columns=shown.columns | model.chain.measurement.columns(noisy))
+    return Truth(shown, model, parameters, rng)
 
 
 def _robot_keys(scene: Scene, path: Path) -> dict:

@@ -26,6 +26,14 @@ OutFolder = Annotated[
     typer.Option("--out", metavar="DIR", help="Write here instead of a new folder under runs/."),
 ]
 
+NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page.")]
+ScannerFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--scanner", metavar="FILE", help="Use this calibrated scanner (scanner.toml of `workbench scanner`)."
+    ),
+]
+
 
 def console(target: str | None):
     """The rich console for people: standard output, unless JSON has it."""
@@ -43,14 +51,15 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
         yield status.update
 
 
-def check_target(target: str | None) -> None:
-    """Raise InputError now, and not after a long solve, where `--json FILE` cannot be written."""
+def check_target(target: str | None, option: str = "--json") -> None:
+    """Raise InputError now, and not after a long solve, where the file of `option` cannot be written."""
     if target in (None, "-"):
         return
     path = Path(target)
     if not path.parent.is_dir() or path.is_dir():
-        raise InputError(f"--json {target} expects a file in a folder that exists; make "
-                         f"{path.parent} first or name another file.")
+        raise InputError(
+            f"{option} {target} expects a file in a folder that exists; make {path.parent} first or name another file."
+        )
 
 
 def as_text(answer: Mapping[str, Any]) -> str:
@@ -65,6 +74,12 @@ def deliver(answer: Mapping[str, Any], target: str | None) -> None:
         sys.stdout.flush()
     elif target is not None:
         replace_file(Path(target), as_text(answer))
+
+
+def last_line(console, folder: Path) -> None:
+    """Name what was written, as the last line: the page, or the folder where there is none."""
+    page = folder / "report.html"
+    console.print(str(page if page.exists() else folder), soft_wrap=True, markup=False)
 
 
 def _plain(value: Any) -> Any:

@@ -7,6 +7,7 @@ import typer
 
 from workbench import runs
 from workbench.commands import answer, samples, tables
+from workbench.core.errors import InputError
 
 Plan = Annotated[
     Path | None, typer.Option("--plan", metavar="FILE", help="Stages to solve (TOML).")
@@ -30,11 +31,16 @@ def command(
     fit_samples: FitSamples = None,
     test_samples: TestSamples = None,
     folds: Folds = 10,
+    scanner: answer.ScannerFile = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
-    no_report: Annotated[bool, typer.Option("--no-report", help="Write no page.")] = False,
+    no_report: answer.NoReport = False,
 ) -> None:
-    """Calibrate the robot of a recording and say how large the held-out errors are, in mm."""
+    """Calibrate the robot of a recording and say how large the held-out errors are, in mm.
+
+    Of a recording with pictures of scans the scanner is calibrated first, where none is named, then
+    the clouds and the balls in them.
+    """
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         import datasets
@@ -45,28 +51,62 @@ def command(
         test = samples.read_list(test_samples, known, "--test-samples")
         samples.check_apart(fit, test, test_samples)
         options = dict(plan=plan, fit_samples=fit, test_samples=test, folds=folds)
-        result, run = solve(found, recording, options, say, out, report=not no_report)
+        check_scanner(found, scanner)
+        result, run = solve(found, recording, options, say, out, report=not no_report, scanner=scanner)
     deliver(result, run, json)
 
 
-def solve(found, name: str, options: dict, say, out: Path | None, report: bool):
+def check_scanner(found, scanner: Path | None) -> None:
+    """Raise InputError where a scanner is named for a recording without pictures of scans."""
+    if scanner is not None and found.measures != "scan-images":
+        raise InputError(f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
+                         "leave the option out.")
+
+
+def solve(found, name: str, options: dict, say, out: Path | None, report: bool, scanner: Path | None = None):
     """Calibrate, save and report into a run folder; the answer and where it stands.
 
-    found: a `datasets.recording.Recording`; options: keyword arguments of
-    `workbench.calibrate.calibrate`. Raises InputError.
+    found: a `datasets.recording.Recording`; options: keyword arguments of `workbench.calibrate.calibrate`;
+    scanner: file for a recording of scans, None calibrates one. Raises InputError.
     """
+    with runs.opened("calibrate", name, out) as run:
+        result = solve_into(run.partial, run.path, found, name, options, say, report, scanner)
+    return result, run
+
+
+def solve_into(folder: Path, path: Path, found, name: str, options: dict, say, report: bool,
+               scanner: Path | None = None) -> dict:
+    """The same into a folder that exists and will stand at `path`; the answer. Raises InputError."""
     from workbench.calibrate import calibrate, save
 
-    with runs.opened("calibrate", name, out) as run:
-        say(f"calibrating {name}")
-        calibration = calibrate(found, progress=say, **options)
-        result = {**calibration.as_json(), "run": run.path}
-        save(calibration, run.partial)
-        if report:
-            say("writing the report")
-            _report(calibration, run.partial)
-        runs.replace_file(run.partial / "answer.json", answer.as_text(result))
-    return result, run
+    scans, told = None, {}
+    if found.measures == "scan-images":
+        scans, told, found, options = _centres(found, scanner, folder, path, options, say)
+    say(f"calibrating {name}")
+    calibration = calibrate(found, progress=say, **options)
+    result = {**calibration.as_json(), **told, "run": path}
+    save(calibration, folder)
+    if report:
+        say("writing the report")
+        _report(calibration, scans, folder)
+    runs.replace_file(folder / "answer.json", answer.as_text(result))
+    return result
+
+
+def _centres(found, scanner, folder, path, options, say):
+    """From pictures to ball centres: the scans, their part of the answer, the recording of centres and its options."""
+    from workbench import centres, scan
+
+    scans = scan.scan(found, scanner, folder, say)
+    centres.save(scans, folder)
+    made = centres.required(scans)
+    told = {"sensor": centres.as_json(scans, path)}
+    if scans.calibration is not None:
+        from workbench.scanner import as_json
+
+        told["sensor"]["calibration"] = as_json(scans.calibration)
+    lists = {key: centres.renumbered(scans, made, options.get(key)) for key in ("fit_samples", "test_samples")}
+    return scans, told, made, {**options, **lists}
 
 
 def deliver(result: dict, run: runs.Run, json: str | None) -> None:
@@ -74,11 +114,15 @@ def deliver(result: dict, run: runs.Run, json: str | None) -> None:
     answer.deliver(result, json)
     console = answer.console(json)
     tables.calibration(console, result)
-    page = run.path / "report.html"
-    console.print(str(page if page.exists() else run.path), soft_wrap=True, markup=False)
+    answer.last_line(console, run.path)
 
 
-def _report(calibration, folder: Path) -> None:
+def _report(calibration, scans, folder: Path) -> None:
     from workbench.report import write_report
 
-    write_report(calibration, folder)
+    more = ()
+    if scans is not None:
+        from workbench.report.sensor.scan import chain
+
+        more = chain(scans)
+    write_report(calibration, folder, more)

@@ -54,10 +54,12 @@
   }
 
   plots.forEach(draw);
-  const entries = read(document.getElementById("against"));
-  const menu = document.getElementById("menu");
-  menu.addEventListener("change", () => choose(entries[Number(menu.value)]));
-  document.getElementById("unfold").addEventListener("click", unfoldAll);
+  const menu = document.getElementById("menu"), unfold = document.getElementById("unfold");
+  if (menu) {
+    const entries = read(document.getElementById("against"));
+    menu.addEventListener("change", () => choose(entries[Number(menu.value)]));
+  }
+  if (unfold) { unfold.addEventListener("click", unfoldAll); }
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
   window.matchMedia("print").addEventListener("change", recolour);
   window.addEventListener("beforeprint", unfoldAll);

@@ -1,29 +1,42 @@
 """Puts the sections together into one HTML file that asks for nothing from the network."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from workbench.report import errors as spread
 from workbench.report import headline, history, parameters, provenance, residuals, scene, stages
 from workbench.report.picture import write_picture
+from workbench.report.sections import Page, Section
 from workbench.runs import replace_file
 
 PAGE, PICTURE = "report.html", "summary.png"
 
 
-def write_report(calibration, folder: Path) -> Path:
+def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Path:
     """Write `report.html`, and `summary.png` where it can be drawn, into an existing folder.
 
-    calibration: a `workbench.calibrate.Calibration`. Returns the path of the page.
-    Raises InputError where the folder cannot be written.
+    calibration: a `workbench.calibrate.Calibration`; more: further sections, before the provenance.
+    Returns the path of the page. Raises InputError where the folder cannot be written.
     """
     path = Path(folder) / PAGE
-    replace_file(path, page(calibration))
+    replace_file(path, page(calibration, more))
     write_picture(calibration, spread.errors_of(calibration), path.with_name(PICTURE))
     return path
 
 
-def page(calibration) -> str:
+def write_sheet(made: Page, folder: Path) -> Path:
+    """Write `made` as `report.html` into an existing folder; InputError where that cannot be."""
+    path = Path(folder) / PAGE
+    replace_file(path, _rendered("sheet.html.j2", page=made))
+    return path
+
+
+def page(calibration, more: Sequence[Section] = ()) -> str:
     """The HTML text of the report."""
+    return _rendered("page.html.j2", more=more, **sections(calibration))
+
+
+def _rendered(template: str, **values) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
@@ -31,7 +44,7 @@ def page(calibration) -> str:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    return environment.get_template("page.html.j2").render(plotly=get_plotlyjs(), **sections(calibration))
+    return environment.get_template(template).render(plotly=get_plotlyjs(), **values)
 
 
 def sections(calibration) -> dict[str, dict]:

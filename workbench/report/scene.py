@@ -70,7 +70,12 @@ def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
 def arrow_scale(places: np.ndarray, residual: np.ndarray) -> float:
     """Enlargement 1, 2 or 5 times a power of ten that keeps 95 % of the arrows readable."""
     length = max(float(np.percentile(np.linalg.norm(residual, axis=0), 95)), 1e-12)
-    wanted = max(_ARROW_SHARE * _diagonal(places) / length, 1.0)
+    return arrow_step(_ARROW_SHARE * _diagonal(places) / length)
+
+
+def arrow_step(wanted: float) -> float:
+    """The largest of 1, 2 or 5 times a power of ten up to `wanted`, and no less than 1."""
+    wanted = max(wanted, 1.0)
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
 
@@ -84,7 +89,7 @@ def figure(scene: Scene, errors: Errors) -> go.Figure:
             template="none",
             height=660,
             margin=dict(l=0, r=0, t=8, b=0),
-            scene=_axes(),
+            scene=axes(),
             legend=dict(orientation="h", x=0, y=0, yanchor="top"),
         )
     )
@@ -156,7 +161,8 @@ def _add_arm(made, scene):
     )
 
 
-def _axes():
+def axes() -> dict:
+    """Equal axes in mm, and where the eye stands."""
     axis = dict(showbackground=False, showspikes=False)
     return dict(
         aspectmode="data",

@@ -1,0 +1,201 @@
+"""What comes out of scans: the JSON contract, acceptance figures, and the recording of ball centres for `calibrate`."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import datasets
+from datasets.recording import Recording
+from sensors.acceptance import Characteristic, Probed, acceptance
+from workbench.core.errors import InputError
+from workbench.flange import rows_of_samples
+from workbench.provenance import provenance
+from workbench.scan import Ball, Scan, Scans
+
+FOLDER = "ball-centres"
+
+
+def as_json(made: Scans, folder: Path) -> dict:
+    """The answer of `workbench scan`; folder: where the run will stand."""
+    centres = centres_of(made)
+    return {
+        "scans": [scan_json(one, folder) for one in made.scans],
+        "scanner": None if made.calibration is None else str(folder / "scanner.toml"),
+        "ball_centres": None if centres is None else {"folder": str(folder / FOLDER), "samples": centres.n},
+        "acceptance": [characteristic_json(one) for one in characteristics(made)],
+        "provenance": provenance(made.recording),
+    }
+
+
+def scan_json(one: Scan, folder: Path) -> dict:
+    """One scan of the contract."""
+    return {
+        "scan": one.name,
+        "sample": one.row.get("sample"),
+        "points": one.points,
+        "cloud": str(folder / one.cloud),
+        "dropped": dict(one.dropped),
+        "balls": [ball_json(ball) for ball in one.balls],
+        "outcome": one.outcome,
+    }
+
+
+def ball_json(ball: Ball) -> dict:
+    """A ball of the contract, sensor frame: `radius_mm` is that of the fit, certified where it is known."""
+    fit, free = ball.fit, ball.free
+    return {
+        "ball": ball.number,
+        **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
+        "radius_mm": fit.radius,
+        "radius_known": ball.radius is not None,
+        "rms_mm": fit.rms,
+        "std_mm": fit.std[:3].tolist(),
+        "covariance_mm2": fit.covariance[:3, :3].tolist(),
+        "free_radius_mm": free.radius,
+        "free_radius_std_mm": float(free.std[-1]),
+        "d95_mm": fit.d95,
+        "peak_to_valley_mm": fit.peak_to_valley,
+        "used": int(fit.inliers.sum()),
+        "rejected": fit.rejected,
+        "cap_deg": float(np.rad2deg(fit.cap)),
+        "cut_by_field": bool(fit.cut),
+        "beyond_calibrated_depths": ball.beyond,
+        "outcome": fit.outcome,
+    }
+
+
+def characteristics(made: Scans) -> tuple[Characteristic, ...]:
+    """Acceptance figures over all scans: the largest of all scans is the result.
+
+    Balls that are cut by the field, hidden in part or beyond the calibrated depths do not count."""
+    known = made.recording.balls
+    numbers = {number: k + 1 for k, number in enumerate(known)}
+    table = np.array([ball[:3] for ball in known.values()]).T if known else None
+    each = []
+    for one in made.scans:
+        balls = [ball for ball in one.balls if ball.whole]
+        told = table if all(ball.number is not None for ball in balls) else None
+        probed = [
+            Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius) for k, ball in enumerate(balls)
+        ]
+        temperature = one.row.get("temperature_c")
+        each.append((one.name, acceptance(probed, told, temperature=temperature)))
+    if not each:
+        return acceptance()
+    return tuple(_combined([(name, row[k]) for name, row in each]) for k in range(len(each[0][1])))
+
+
+def _combined(named: Sequence[tuple[str, Characteristic]]) -> Characteristic:
+    """One characteristic of all scans: the largest of those determined; of shares and temperatures the mean."""
+    there = [(name, one) for name, one in named if one.determined]
+    if not there:
+        return named[0][1]
+    parts = {f"scan {name}, {part}": value for name, one in there for part, value in one.parts.items()}
+    if there[0][1].name in ("rejected", "temperature"):
+        weights = np.array([one.n for _, one in there], float)
+        value = float(np.average([one.value for _, one in there], weights=weights))
+        return replace(there[0][1], value=value, n=int(weights.sum()), parts=parts)
+    worst = max((one for _, one in there), key=lambda one: abs(one.value))
+    return replace(worst, n=sum(one.n for _, one in there), parts=parts)
+
+
+def characteristic_json(one: Characteristic) -> dict:
+    """A line of the acceptance report."""
+    return {"name": one.name, "symbol": one.symbol, "vdi": one.vdi, "value": one.value if one.determined else None,
+            "unit": one.unit, "std": one.std, "n": one.n, "why": one.why, "parts": dict(one.parts),
+            "definition": one.definition, "verdict": one.verdict}  # fmt: skip
+
+
+def centres_of(made: Scans) -> Recording | None:
+    """The recording of kind ball-centre that these scans make; None where no ball is named or no sample is told.
+
+    One row a ball and scan, with all columns of the sample that the scan belongs to, sigmas of each
+    coordinate from the covariance of the fit, and where in the sensor's field the ball was seen.
+    """
+    rows = list(_rows(made))
+    recording = made.recording
+    if not rows or not recording.robot or not recording.columns:
+        return None
+    place = rows_of_samples(recording, [row["sample"] for row, _ in rows])
+    columns = {name: values[place] for name, values in recording.columns.items()}
+    if len(set(place.tolist())) < len(place):
+        columns["pose"] = columns.get("pose", columns["sample"])
+        columns["sample"] = np.arange(1.0, len(place) + 1)
+    told = [_told(made, ball) for _, ball in rows]
+    columns |= {name: np.array([one[name] for one in told], float) for name in told[0]}
+    return Recording(
+        "ball-centre", columns, recording.robot, title=recording.title, balls=recording.balls, guess=recording.guess,
+        name=recording.name, source=recording.source, licence=recording.licence, sha256=recording.sha256,
+    )  # fmt: skip
+
+
+def required(made: Scans) -> Recording:
+    """The recording of ball centres; InputError where these scans make none."""
+    found = centres_of(made)
+    if found is not None:
+        return found
+    name, fitted = made.recording.name, sum(bool(ball.fit) for one in made.scans for ball in one.balls)
+    if not made.recording.columns or not made.recording.robot:
+        raise InputError(
+            f"{name}/recording.toml: expected [robot] and [samples] to calibrate an arm from scans, found none; "
+            "add them, or use `workbench scan` for the balls alone"
+        )
+    if not any("sample" in one.row for one in made.scans):
+        raise InputError(
+            f"{name}, images.csv, column sample: expected the row of samples.csv that each scan belongs to, found "
+            "none; add the column"
+        )
+    why = next((one.outcome for one in made.scans if one.outcome), "no ball was found")
+    raise InputError(
+        f"{name}: expected balls that are known by their number in artefact.csv, found {fitted} balls and none "
+        f"of them named ({why}); add a column ball to samples.csv"
+    )
+
+
+def renumbered(made: Scans, centres: Recording, samples: Sequence[int] | None) -> tuple[int, ...] | None:
+    """Samples of `centres` that come from these samples of the pictures' recording; None for None."""
+    if samples is None:
+        return None
+    wanted = np.isin([int(row["sample"]) for row, _ in _rows(made)], list(samples))
+    return tuple(int(number) for number in centres.sample_ids[wanted])
+
+
+def _rows(made: Scans) -> Iterator[tuple[dict, Ball]]:
+    """Row of images.csv and ball, of every named ball in a scan of a sample, at depths that are calibrated."""
+    for one in made.scans:
+        for ball in one.balls:
+            if ball.number is not None and ball.fit and not ball.beyond and "sample" in one.row:
+                yield one.row, ball
+
+
+def _told(made: Scans, ball: Ball) -> dict[str, float]:
+    """Columns of one ball centre, in file units."""
+    fit = ball.fit
+    std = fit.std[:3]
+    away = ball.points[:, fit.inliers] - fit.centre[:, None]
+    back = -ball.points[:, fit.inliers]
+    cosine = (away * back).sum(0) / (np.linalg.norm(away, axis=0) * np.linalg.norm(back, axis=0))
+    u, v = made.scanner.camera.project(fit.centre[:, None])[:, 0]
+    return {
+        "ball": ball.number,
+        **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
+        "sigma_mm": float(np.sqrt((std**2).mean())),
+        **dict(zip(("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"), std.tolist())),
+        "range_mm": float(np.linalg.norm(fit.centre)),
+        "u_px": float(u),
+        "v_px": float(v),
+        "incidence_deg": float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1)).mean())),
+    }
+
+
+def save(made: Scans, folder: Path) -> None:
+    """Write the recording of ball centres, and the scanner where it was calibrated here, into `folder`."""
+    if made.calibration is not None:
+        from workbench import scanner
+
+        scanner.save(made.calibration, folder)
+    centres = centres_of(made)
+    if centres is not None:
+        datasets.write(centres, folder / FOLDER)

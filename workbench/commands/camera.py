@@ -1,0 +1,51 @@
+"""`workbench camera`: pictures of a board in, a calibrated camera with its uncertainty and a report page out."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from workbench.commands import answer, flow, sensor_tables
+
+
+class Lens(StrEnum):
+    """Which distortion is fitted."""
+
+    BROWN = "brown"
+    RATIONAL = "rational"
+
+
+Recording = Annotated[str, typer.Argument(help="Folder of a recording with pictures of a board, or a known name.")]
+Model = Annotated[
+    Lens, typer.Option("--model", help="Distortion: brown has k1 k2 p1 p2 k3, rational k4 k5 k6 besides.")
+]
+
+
+def command(
+    recording: Recording,
+    model: Model = Lens.BROWN,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Calibrate the camera of a recording from its pictures of a board, and say how sure each number is."""
+
+    def work(run, say) -> dict:
+        import datasets
+        from workbench import camera
+
+        made = camera.calibrate(datasets.read(recording), model.value, say)
+        camera.save(made, run.partial)
+        if not no_report:
+            say("writing the report")
+            _report(made, run.partial)
+        return {"recording": recording, **camera.as_json(made), "camera_file": run.path / camera.FILE}
+
+    flow.run("camera", recording, out, json, work, sensor_tables.camera)
+
+
+def _report(made, folder) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.sensor.camera import page
+
+    write_sheet(page(made), folder)

@@ -1,0 +1,25 @@
+"""The course of the sensor's commands: work into a run folder, the answer, a table, the place written."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from workbench import runs
+from workbench.commands import answer
+
+Work = Callable[[runs.Run, Callable[[str], None]], Mapping]
+
+
+def run(command: str, subject: str, out: Path | None, json: str | None, work: Work, show: Callable) -> None:
+    """Do `work(run, say)` in a new run folder; its answer goes to the folder, to `--json` and to `show`.
+
+    command, subject: name the run folder; out: that folder instead. show: takes console and answer.
+    Raises InputError; nothing is left behind then.
+    """
+    answer.check_target(json)
+    with answer.progress(f"reading {subject}") as say, runs.opened(command, subject, out) as folder:
+        result = {"command": command, **work(folder, say), "run": folder.path}
+        runs.replace_file(folder.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    console = answer.console(json)
+    show(console, result)
+    answer.last_line(console, folder.path)

@@ -1,0 +1,39 @@
+"""`workbench scan`: pictures of scans in; clouds, ball centres with their uncertainty and acceptance figures out."""
+
+from typing import Annotated
+
+import typer
+
+from workbench.commands import answer, flow, sensor_tables
+
+Recording = Annotated[str, typer.Argument(help="Folder of a recording with pictures of scans, or a known name.")]
+
+
+def command(
+    recording: Recording,
+    scanner: answer.ScannerFile = None,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Turn the scans of a recording into clouds and ball centres; without --scanner it is calibrated first."""
+
+    def work(run, say) -> dict:
+        import datasets
+        from workbench import centres, scan
+
+        made = scan.scan(datasets.read(recording), scanner, run.partial, say)
+        centres.save(made, run.partial)
+        if not no_report:
+            say("writing the report")
+            _report(made, run.partial)
+        return {"recording": recording, **centres.as_json(made, run.path)}
+
+    flow.run("scan", recording, out, json, work, sensor_tables.scan)
+
+
+def _report(made, folder) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.sensor.scan import page
+
+    write_sheet(page(made), folder)

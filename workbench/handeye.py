@@ -1,0 +1,206 @@
+"""From pictures of a board, or profiles of a ball, at flange poses to the hand-eye transform: contract and file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.boards import Board, Rejected, View, detect_all
+from sensors.camera import Camera, camera_from_keys
+from sensors.camera_calibration import CameraCalibration, calibrate_camera
+from sensors.hand_eye_result import HandEye
+from workbench import camera as cameras
+from workbench.core.errors import InputError
+from workbench.core.rigid import rotation_vector
+from workbench.flange import flange_poses, rows_of_samples
+from workbench.pace import paced
+from workbench.pictures import by_role
+from workbench.provenance import provenance
+
+FILE = "hand-eye.toml"
+IN_HAND, TO_HAND = "in-hand", "to-hand"
+
+
+@dataclass(frozen=True)
+class HandEyeRun:
+    """A recording's hand-eye: `made`, and `flange` (P, 4, 4) T_base_flange of its poses, called `names` (P).
+
+    Of pictures: the `board`, its `views`, those `rejected`, and the `camera` calibration where it was made here.
+    """
+
+    recording: Recording
+    made: HandEye
+    flange: np.ndarray
+    names: tuple[str, ...]
+    camera: Camera | None = None
+    calibration: CameraCalibration | None = None
+    board: Board | None = None
+    views: tuple[View, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
+    source: str = ""
+
+
+def calibrate(
+    recording: Recording, sensor: Path | None, kind: str | None, progress: Callable[[str], None]
+) -> HandEyeRun:
+    """The hand-eye of a recording with flange poses or joint readings.
+
+    sensor: a camera.toml or scanner.toml, None calibrates the camera from the same pictures; kind:
+    "in-hand" or "to-hand", None as the recording's [board] says. Raises InputError.
+    """
+    if recording.measures == "ball-surface":
+        return _from_profiles(recording, kind, progress)
+    by_role(recording, "board")
+    kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
+    flange = flange_poses(recording)
+    tick = paced(progress, "board in picture")
+    found = detect_all(recording, lambda done, total, name: tick(done, total))
+    views = tuple(view for view in found.views if "sample" in view.row)
+    if not views:
+        raise InputError(
+            f"{recording.name}, images.csv, column sample: expected the row of samples.csv that each board "
+            "picture was taken at, found none; add the column"
+        )
+    camera, source = _camera(recording, sensor, found, progress)
+    progress(f"hand-eye from {len(views)} pictures")
+    from sensors.hand_eye import hand_eye_from_views
+
+    poses = flange[rows_of_samples(recording, [view.row["sample"] for view in views])]
+    made = hand_eye_from_views(views, found.board, camera, poses, kind)
+    calibration = camera if isinstance(camera, CameraCalibration) else None
+    return HandEyeRun(
+        recording,
+        made,
+        poses,
+        tuple(view.image for view in views),
+        made.camera,
+        calibration,
+        found.board,
+        views,
+        found.rejected,
+        source,
+    )
+
+
+def _camera(recording, sensor, found, progress):
+    """The camera, and where it comes from: the file named, the recording's own guess, or the same pictures."""
+    if sensor is not None:
+        return cameras.read(sensor), f"read from {sensor}"
+    guess = recording.guess.get("camera")
+    try:
+        return (
+            calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress),
+            "calibrated from the same pictures",
+        )
+    except InputError:
+        if guess is None:
+            raise
+    keys = {"width_px": found.size[0], "height_px": found.size[1], **guess}
+    return camera_from_keys(keys, f"{recording.name}, guess.camera"), "the recording's own guess, held"
+
+
+def _from_profiles(recording, kind, progress) -> HandEyeRun:
+    from sensors.hand_eye_profiles import hand_eye_from_profiles
+
+    if kind == TO_HAND:
+        raise InputError(
+            f"{recording.name}: expected a profiler on the flange for profiles of a ball, found --kind to-hand; "
+            "leave the option out"
+        )
+    balls = np.unique(recording.ball)
+    if len(balls) > 1:
+        raise InputError(
+            f"{recording.name}, samples.csv, column ball: expected profiles of one ball, found {len(balls)}; "
+            "split the recording, one ball each"
+        )
+    labels, first, pose = np.unique(recording.poses, return_index=True, return_inverse=True)
+    progress(f"hand-eye from {len(labels)} profiles of a ball")
+    ball = recording.balls.get(int(balls[0]))
+    flange = flange_poses(recording)[first]
+    made = hand_eye_from_profiles(recording.points.T, pose, flange, None if ball is None else ball[3])
+    named = recording.columns.get("pose", labels)
+    names = tuple(f"pose {named[row]:g}" for row in first)
+    return HandEyeRun(recording, made, flange, names)
+
+
+def as_json(run: HandEyeRun) -> dict:
+    """The answer of `workbench handeye`."""
+    made = run.made
+    return {
+        "kind": made.kind,
+        "transform": "T_base_sensor" if made.kind == TO_HAND else "T_flange_sensor",
+        "poses": len(run.flange),
+        "hand_eye": placed_json(made.sensor, made.covariance),
+        "target": target_json(made),
+        "noise": made.noise,
+        "noise_unit": made.unit,
+        "robot_sigma": dict(made.robot_sigma),
+        "fit": dict(made.fit),
+        "held_out": dict(made.held_out),
+        "errors": [
+            {
+                "name": name,
+                "residual": row.residual,
+                "held_out": row.held_out,
+                "unit": made.unit,
+                "moved_mm": row.moved_mm,
+                "turned_deg": row.turned_deg,
+                "outlier": row.outlier,
+                "why": row.why,
+            }
+            for name, row in zip(run.names, made.poses)
+        ],
+        "radius_mm": made.radius,
+        "radius_std_mm": made.std.get("target.radius"),
+        "camera": None if run.camera is None else {**cameras.camera_json(run.camera, made.std), "source": run.source},
+        "rejected": [{"image": one.image, "why": one.why} for one in run.rejected],
+        "undetermined": list(made.undetermined),
+        "suspicions": list(made.suspicions),
+        "notes": list(made.notes),
+        "outcome": made.outcome,
+        "converged": made.converged,
+        "provenance": provenance(run.recording),
+    }
+
+
+def placed_json(matrix: np.ndarray, covariance: np.ndarray) -> dict:
+    """A transform as place and rotation vector with 1 sigma each, and as a matrix."""
+    std = np.sqrt(np.diag(covariance))
+    return {
+        "xyz_mm": matrix[:3, 3].tolist(),
+        "rotvec_deg": np.rad2deg(rotation_vector(matrix[:3, :3])).tolist(),
+        "std_mm": std[:3].tolist(),
+        "std_deg": np.rad2deg(std[3:]).tolist(),
+        "matrix": matrix.tolist(),
+    }
+
+
+def target_json(made: HandEye) -> dict:
+    """Where the board or the ball stands."""
+    if made.radius is None:
+        return {
+            "transform": "T_flange_board" if made.kind == TO_HAND else "T_base_board",
+            **placed_json(made.target, made.target_covariance),
+        }
+    return {
+        "transform": "centre of the ball in the base",
+        "xyz_mm": made.centre.tolist(),
+        "std_mm": np.sqrt(np.diag(made.target_covariance)).tolist(),
+    }
+
+
+def save(run: HandEyeRun, folder: Path) -> None:
+    """Write hand-eye.toml into `folder`: the transform with its sigma, and where it comes from."""
+    import tomli_w
+
+    told = as_json(run)
+    text = {
+        "format": "hand-eye/1",
+        "kind": told["kind"],
+        "transform": told["transform"],
+        **told["hand_eye"],
+        "provenance": {key: value for key, value in told["provenance"].items() if value},
+    }
+    (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")

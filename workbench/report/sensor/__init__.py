@@ -1,0 +1,1 @@
+"""Pages of the sensor's commands: camera, scanner, scans and hand-eye."""

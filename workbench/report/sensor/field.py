@@ -1,0 +1,134 @@
+"""Figures over the field of a picture: where corners lie, residual arrows, and maps of what is left."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.report import style
+from workbench.report.scene import arrow_step
+from workbench.report.text import rounded
+
+_ARROW_SHARE = 0.04
+_LEAST_IN_CELL = 3
+
+
+def field(size: tuple[int, int], width: int = 400) -> go.Figure:
+    """An empty picture of `size` (width, height) px, its row 0 at the top, to be drawn about `width` px wide."""
+    columns, rows = size
+    made = style.figure(int(width * rows / columns) + 90, "u (px)", "v (px)")
+    made.update_xaxes(range=[-0.5, columns - 0.5], constrain="domain", nticks=7, zeroline=False)
+    return made.update_yaxes(range=[rows - 0.5, -0.5], scaleanchor="x", constrain="domain", nticks=6, zeroline=False)
+
+
+def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.Figure:
+    """Every corner (2, n) px, coloured by the number (n,) of its picture."""
+    made, drawn = field(size), style.thinned(pixels.shape[1])
+    u, v = np.round(pixels[:, drawn], 2)
+    made.add_scatter(
+        x=u,
+        y=v,
+        mode="markers",
+        customdata=view[drawn] + 1,
+        marker=dict(size=3.5, color=view[drawn], colorscale="Viridis", opacity=0.8),
+        hovertemplate="picture %{customdata}: (%{x:.1f}, %{y:.1f}) px<extra></extra>",
+        showlegend=False,
+    )
+    return made
+
+
+def arrows(pixels: np.ndarray, residual: np.ndarray, size: tuple[int, int]) -> tuple[go.Figure, float]:
+    """Residuals (2, n) px as enlarged strokes from their pixels (2, n), and how often enlarged."""
+    made, scale = field(size), enlargement(residual, size)
+    drawn = style.thinned(pixels.shape[1])
+    foot, tip = pixels[:, drawn], pixels[:, drawn] + scale * residual[:, drawn]
+    path = np.stack([foot, tip, np.full_like(foot, np.nan)], axis=2).reshape(2, -1)
+    made.add_scatter(
+        x=np.round(path[0], 2),
+        y=np.round(path[1], 2),
+        mode="lines",
+        hoverinfo="skip",
+        line=dict(color=style.ORANGE, width=1.2),
+        showlegend=False,
+    )
+    made.add_scatter(
+        x=np.round(foot[0], 2),
+        y=np.round(foot[1], 2),
+        mode="markers",
+        showlegend=False,
+        customdata=np.linalg.norm(residual[:, drawn], axis=0),
+        marker=dict(size=2, color=style.BLUE),
+        hovertemplate="residual %{customdata:.3f} px<extra></extra>",
+    )
+    return made, scale
+
+
+def enlargement(residual: np.ndarray, size: tuple[int, int]) -> float:
+    """1, 2 or 5 times a power of ten that keeps 95 % of the arrows (2, n) px readable."""
+    length = float(np.percentile(np.linalg.norm(residual, axis=0), 95)) if residual.size else 1.0
+    return arrow_step(_ARROW_SHARE * np.hypot(*size) / max(length, 1e-12))
+
+
+def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], across: int = 16):
+    """Mean of values (n,) in cells of the field: centres u, centres v, (rows, across) with nan where it is empty."""
+    down = max(2, round(across * size[1] / size[0]))
+    column = np.clip(((pixels[0] + 0.5) / size[0] * across).astype(int), 0, across - 1)
+    row = np.clip(((pixels[1] + 0.5) / size[1] * down).astype(int), 0, down - 1)
+    place, cells = row * across + column, across * down
+    count = np.bincount(place, minlength=cells)
+    mean = np.bincount(place, values, cells) / np.maximum(count, 1)
+    mean = np.where(count >= _LEAST_IN_CELL, mean, np.nan).reshape(down, across)
+    return (np.arange(across) + 0.5) * size[0] / across - 0.5, (np.arange(down) + 0.5) * size[1] / down - 0.5, mean
+
+
+def residual_map(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], called: str, unit="px") -> go.Figure:
+    """Mean residual (n,) by cell of the field, on a scale that is the same to both sides of 0."""
+    u, v, mean = cells(pixels, values, size)
+    known = np.abs(mean[np.isfinite(mean)])
+    top = float(known.max()) if known.size else 1.0
+    return heat(u, v, mean, size, called, "RdBu", (-top, top), unit)
+
+
+def heat(u, v, values, size, called, scale="Viridis", limits=None, unit="px") -> go.Figure:
+    """A map of values (rows, columns) at cell centres u and v (px)."""
+    made = field(size)
+    made.add_heatmap(
+        x=np.round(u, 2),
+        y=np.round(v, 2),
+        z=values,
+        colorscale=scale,
+        zmin=None if limits is None else limits[0],
+        zmax=None if limits is None else limits[1],
+        hoverongaps=False,
+        colorbar=dict(title=dict(text=f"{called} ({unit})", side="right"), thickness=12, tickformat=".3~g"),
+        hovertemplate="(%{x:.0f}, %{y:.0f}) px: %{z:.3g} " + unit + "<extra></extra>",
+    )
+    return made
+
+
+def bars(
+    names: list[str],
+    values: np.ndarray,
+    what: str,
+    faulty: np.ndarray | None = None,
+    across: str = "picture, in the order of images.csv",
+) -> go.Figure:
+    """One bar a picture, in the order taken; `faulty` (n,) ones in another colour; the median as a line."""
+    made = style.figure(340, across, what)
+    off = np.zeros(len(names), bool) if faulty is None else faulty
+    made.add_bar(
+        x=np.arange(1, len(names) + 1),
+        y=values,
+        customdata=names,
+        showlegend=False,
+        marker=dict(color=np.where(off, style.ORANGE, style.BLUE), line_width=0),
+        hovertemplate="%{customdata}: %{y:.3f}<extra></extra>",
+    )
+    middle = float(np.median(values)) if len(values) else 0.0
+    made.add_scatter(
+        x=[0.4, len(names) + 0.6],
+        y=[middle, middle],
+        mode="lines",
+        name=f"median {rounded(middle)}",
+        line=dict(color=style.GREY, dash="dot", width=2),
+        hoverinfo="skip",
+    )
+    return made.update_layout(bargap=0.25).update_xaxes(range=[0.4, len(names) + 0.6], dtick=max(1, len(names) // 15))

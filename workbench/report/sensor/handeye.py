@@ -1,0 +1,211 @@
+"""The page of a hand-eye calibration: errors pose by pose, how much the board seems to move, and all of it in space."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.handeye import TO_HAND, HandEyeRun
+from workbench.report import style
+from workbench.report.provenance import flat
+from workbench.report.sections import Page, Section, facts, figure, note, table, thumbnails, words
+from workbench.report.sensor import space
+from workbench.report.text import counted, decimals_of, fixed, rounded, sentence
+
+_WORDS = {
+    "rms_px": "corners, RMS distance (px)",
+    "rms_mm": "points from the ball, RMS (mm)",
+    "sensor_rms_px": "corners, with every pose free of the robot’s error (px)",
+    "pose_rms_mm": "poses, RMS of their RMS (mm)",
+    "origin_mm": "board’s origin, RMS distance from its mean (mm)",
+    "centre_mm": "board’s middle, RMS distance from its mean (mm)",
+    "turn_deg": "board’s turn, RMS from its mean (deg)",
+    "mean_origin_mm": "board’s origin, mean distance from its mean (mm)",
+    "mean_centre_mm": "board’s middle, mean distance from its mean (mm)",
+    "mean_turn_deg": "board’s turn, mean from its mean (deg)",
+}
+
+
+def page(run: HandEyeRun) -> Page:
+    """The whole page of `workbench handeye`."""
+    made = run.made
+    where = {
+        "in-hand": "camera on the flange",
+        "to-hand": "camera beside the arm",
+        "profiles": "profiler on the flange",
+    }
+    sections = (
+        Section("poses", "Pose by pose", tuple(_poses(run))),
+        Section("errors", "How well it predicts", tuple(_errors(run))),
+        Section("space", "In space", tuple(_space(run))),
+        Section("transform", "The transform", tuple(_transform(run))),
+        Section(
+            "provenance",
+            "Provenance",
+            (facts([("recording", run.recording.name), ("camera", run.source), *_provenance(run.recording)]),),
+        ),
+    )
+    return Page(
+        f"Hand-eye calibration · {where[made.kind]}",
+        run.recording.title or run.recording.name,
+        tuple(_numbers(made)),
+        tuple(lead(run)),
+        sections,
+        warning="" if made.converged else sentence(made.outcome),
+        files=("hand-eye.toml",),
+    )
+
+
+def _numbers(made):
+    if "origin_mm" in made.held_out:
+        yield "board scatter, held out", rounded(made.held_out["origin_mm"]), "mm"
+        yield "its turn, held out", rounded(made.held_out["turn_deg"]), "deg"
+        yield "board scatter, fit", rounded(made.fit["origin_mm"]), "mm"
+    else:
+        yield "points from the ball, held out", rounded(made.held_out["rms_mm"]), "mm"
+        yield "fit", rounded(made.fit["rms_mm"]), "mm"
+    yield "sensor’s noise", rounded(made.noise), made.unit
+
+
+def lead(run: HandEyeRun) -> list[str]:
+    """What the numbers mean."""
+    made, poses = run.made, counted(len(run.flange), "pose")
+    what = (
+        "the board, which never moved, seems to move from picture to picture"
+        if made.radius is None
+        else "points of a profile lie from the one ball"
+    )
+    spread = made.robot_sigma
+    robot = (
+        (
+            f"The flange poses themselves are taken as measured with error; these data say 1 σ = "
+            f"{rounded(spread['position_mm'])} mm and {rounded(spread['rotation_deg'])}°."
+        )
+        if "rotation_deg" in spread
+        else (
+            "The flange poses are taken as measured with error: "
+            f"{', '.join(f'{k} {rounded(v)}' for k, v in spread.items())}."
+        )
+    )
+    return [f"By how much {what}, over {poses}; held out, each pose is predicted from the others alone.", robot]
+
+
+def _poses(run):
+    made = run.made
+    yield figure(
+        "perpose",
+        _bars(run),
+        f"RMS of each pose’s residuals, robot held exact ({made.unit}); held out: predicted from "
+        "the other poses. Orange: left out as a blunder.",
+    )
+    rows = [
+        (name, rounded(row.residual), rounded(row.held_out), rounded(row.moved_mm), rounded(row.turned_deg))
+        for name, row in zip(run.names, made.poses)
+    ]
+    yield table(
+        ["pose", f"residual ({made.unit})", f"held out ({made.unit})", "robot off by (mm)", "turned by (deg)"], rows
+    )
+    outliers = [sentence(row.why) for row in made.poses if row.why]
+    if outliers:
+        yield note("Left out", outliers)
+    if run.rejected:
+        yield words(f"{counted(len(run.rejected), 'picture')} could not be used:")
+        yield thumbnails([(run.recording.folder / one.image, f"{one.image}: {one.why}") for one in run.rejected[:24]])
+
+
+def _bars(run) -> go.Figure:
+    rows, place = run.made.poses, np.arange(1, len(run.made.poses) + 1)
+    figure = style.figure(340, "pose, in the order of the recording", f"RMS ({run.made.unit})")
+    off = np.array([row.outlier for row in rows])
+    for name, values, colour in (
+        ("fit", [row.residual for row in rows], style.GREEN),
+        ("held out", [row.held_out for row in rows], style.BLUE),
+    ):
+        figure.add_bar(
+            x=place,
+            y=values,
+            name=name,
+            customdata=run.names,
+            marker_line_width=0,
+            marker_color=np.where(off, style.ORANGE, colour),
+            hovertemplate="%{customdata}: %{y:.3f}<extra>" + name + "</extra>",
+        )
+    return figure.update_layout(barmode="group", bargap=0.25).update_xaxes(dtick=max(1, len(rows) // 15))
+
+
+def _errors(run):
+    made = run.made
+    keys = [key for key in made.fit if key in _WORDS]
+    rows = [(_WORDS[key], rounded(made.fit[key]), rounded(made.held_out.get(key))) for key in keys]
+    yield table(["", "fit", "held out"], rows)
+    doubts = [sentence(line) for line in (*made.suspicions, *made.undetermined)]
+    if doubts:
+        yield note("Doubts, and what these poses do not determine", doubts)
+    for line in made.notes:
+        yield words(sentence(line), quiet=True)
+
+
+def _space(run):
+    yield words(
+        "Flange and sensor of every pose in the base of the arm, with the field of the camera as a pyramid."
+        if run.made.radius is None
+        else "Flange and profiler of every pose in the base of the arm, and the ball."
+    )
+    yield figure("space3d", scene(run), "Drag to turn, scroll to come closer.")
+
+
+def scene(run: HandEyeRun) -> go.Figure:
+    """Flanges, sensors and what they look at, in the base, mm."""
+    made, figure = run.made, space.space()
+    flange = run.flange
+    if made.kind == TO_HAND:
+        sensors, boards = made.sensor[None], flange @ made.target
+    else:
+        sensors, boards = flange @ made.sensor, made.target[None]
+    span = float(np.median(np.linalg.norm(sensors[:1, :3, 3] - boards[:, :3, 3], axis=1))) or 100.0
+    space.points(figure, flange[:, :3, 3].T, "flange", size=4, color=style.GREY)
+    if run.camera is not None:
+        shape = space.pyramid(run.camera, 0.25 * span)
+        space.lines(figure, space.moved(sensors, shape), "camera and its field", style.BLUE, 2)
+        board = run.board.points[:, [0, run.board.columns - 1, -1, -run.board.columns, 0]].T
+        space.lines(figure, space.moved(boards, board), "board", style.ORANGE, 4)
+    else:
+        space.points(figure, sensors[:, :3, 3].T, "profiler", size=4, color=style.BLUE)
+        space.ball(figure, made.centre, made.radius, "ball")
+    stalks = np.stack([flange[:, :3, 3], (sensors if made.kind != TO_HAND else boards)[:, :3, 3]], axis=1)
+    name = "flange to board" if made.kind == TO_HAND else "flange to sensor"
+    space.lines(figure, stalks, name, style.GREY, 3, ink=True)
+    return figure
+
+
+def _transform(run):
+    made = run.made
+    name = "the base" if made.kind == TO_HAND else "the flange"
+    yield words(
+        f"Place of the sensor in the frame of {name}; the turn is a rotation vector. σ is one standard deviation, from "
+        "the noise of the sensor and of the flange poses together."
+    )
+    from workbench.handeye import placed_json
+
+    told = placed_json(made.sensor, made.covariance)
+    rows = [(axis, *_valued(v, s), "mm") for axis, v, s in zip("xyz", told["xyz_mm"], told["std_mm"])]
+    rows += [(f"r{axis}", *_valued(v, s), "deg") for axis, v, s in zip("xyz", told["rotvec_deg"], told["std_deg"])]
+    yield table(["", "value", "σ", "unit"], rows)
+    if made.radius is not None:
+        std = made.std.get("target.radius")
+        told = (
+            f"{' ± '.join(_valued(made.radius, std))} mm, fitted"
+            if std
+            else f"{rounded(made.radius, 6)} mm, as certified"
+        )
+        yield words(f"Radius of the ball: {told}.")
+
+
+def _valued(value, std):
+    if not std or not np.isfinite(std):
+        return rounded(value, 5), "–"
+    return fixed(value, decimals_of(std)), fixed(std, decimals_of(std))
+
+
+def _provenance(recording):
+    from workbench.provenance import provenance
+
+    return [line for line in flat(provenance(recording)) if line[0] != "recording"]

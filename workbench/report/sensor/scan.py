@@ -1,0 +1,246 @@
+"""The page of scans: clouds in space, what the balls leave, and acceptance figures as metrologists name them."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.centres import centres_of, characteristics
+from workbench.report import style
+from workbench.report.sections import Page, Section, figure, note, pair, table, words
+from workbench.report.sensor import camera as cameras
+from workbench.report.sensor import scanner as scanners
+from workbench.report.sensor import space
+from workbench.report.text import counted, rounded, sentence
+from workbench.scan import Ball, Scan, Scans
+
+_CLOUDS = 6
+_MAPS = 4
+_ROWS = 60
+_DOUBTS = 12
+_MAP_POINTS = 4000
+
+
+def page(made: Scans) -> Page:
+    """The whole page of `workbench scan`."""
+    balls = [ball for _, ball in every(made) if ball.fit]
+    whole = [ball for ball in balls if ball.whole]
+    numbers = [
+        ("form of a ball, RMS", rounded(max((b.fit.rms for b in whole), default=None)), "mm"),
+        ("centre, largest 1 σ", rounded(max((b.fit.std[:3].max() for b in whole), default=None)), "mm"),
+        ("scans", str(len(made.scans)), ""),
+        ("balls found", str(len(balls)), ""),
+    ]
+    tail = [cameras.provenance(made.recording, made.calibration.camera if made.calibration else made)]
+    own = scanners.sections(made.calibration) if made.calibration else ()
+    return Page(
+        "Scans",
+        made.recording.title or made.recording.name,
+        tuple(numbers),
+        tuple(lead(made)),
+        (*sections(made), *own, *tail),
+    )
+
+
+def chain(made: Scans) -> tuple[Section, ...]:
+    """The sensor's part on the page of a calibration from pictures: scans, and the scanner where it was made here."""
+    own = scanners.sections(made.calibration) if made.calibration else ()
+    return (*sections(made), *own)
+
+
+def sections(made: Scans) -> tuple[Section, ...]:
+    """What the page shows of the scans."""
+    return (
+        Section("acceptance", "Acceptance figures", tuple(_acceptance(made))),
+        Section("balls", "Balls", tuple(_balls(made))),
+        Section("clouds", "Clouds", tuple(_clouds(made))),
+    )
+
+
+def every(made: Scans) -> Iterator[tuple[Scan, Ball]]:
+    """Each ball with its scan."""
+    for one in made.scans:
+        for ball in one.balls:
+            yield one, ball
+
+
+def lead(made: Scans) -> list[str]:
+    """What was measured, and what the numbers mean."""
+    points = sum(one.points for one in made.scans)
+    first = (
+        f"{counted(len(made.scans), 'scan')} with {points:,} points in all; the clouds lie beside this page as PLY. "
+        "Form: "
+        "distance of the points used from the fitted ball, the worst of all balls that are seen all round; the radius "
+        "is the certified one where "
+        "there is a certificate."
+    )
+    scanner = (
+        "The scanner was calibrated from the same recording; its part follows below."
+        if made.calibration
+        else "The scanner was read from a file."
+    )
+    centres = centres_of(made)
+    more = (
+        f" {counted(centres.n, 'ball centre')} stand in ball-centres, a recording that `workbench calibrate` takes."
+        if centres
+        else ""
+    )
+    return [first, scanner + more]
+
+
+def _acceptance(made: Scans):
+    yield words(
+        "Evaluated scan by scan, the largest counts; balls that are cut by the field or beyond the calibrated depths "
+        "do not. An acceptance test to the standard also needs its artefacts and "
+        "positions in the volume; without a limit nothing passes or fails."
+    )
+    rows, missing = [], []
+    for one in characteristics(made):
+        name = one.name.replace("_", " ")
+        if not one.determined:
+            missing.append(f"{name}: {one.why}")
+            continue
+        value, unit = (100 * one.value, "%") if one.unit == "1" else (one.value, one.unit.replace("deg C", "°C"))
+        rows.append(
+            (
+                name,
+                one.symbol or "–",
+                one.vdi or "–",
+                rounded(value),
+                "–" if one.std is None else rounded(one.std),
+                unit,
+                f"{one.n:,}",
+            )
+        )
+    yield table(["characteristic", "ISO 10360-13", "VDI/VDE 2634-2", "value", "σ", "unit", "from values"], rows, left=3)
+    if missing:
+        yield note("Not determined by these scans", [sentence(line) for line in missing])
+
+
+_HEAD = (
+    *("scan", "ball", "centre x, y, z (mm)", "σx (µm)", "σy (µm)", "σz (µm)", "RMS (µm)", "D95 (µm)"),
+    *("free radius − certified (µm)", "points used", "cap (deg)"),
+)
+
+
+def _balls(made: Scans):
+    shown = [(one, ball) for one, ball in every(made) if ball.fit]
+    if not shown:
+        yield words("No ball was found in any scan.")
+        return
+    yield table(_HEAD, [_row(one, ball) for one, ball in shown[:_ROWS]], left=3)
+    if len(shown) > _ROWS:
+        yield words(f"The JSON names the other {len(shown) - _ROWS} balls.", quiet=True)
+    if doubts := _doubts(made, shown):
+        more = [f"And {len(doubts) - _DOUBTS} more, which the JSON holds."] if len(doubts) > _DOUBTS else []
+        yield note("To be known", doubts[:_DOUBTS] + more)
+    residual = 1000 * np.concatenate([ball.fit.residual[ball.fit.inliers] for _, ball in shown])
+    told = "Distances of all points used from the surface of their ball."
+    yield figure("form", scanners.spread(residual, "µm"), told)
+    yield words(
+        "Where on the balls the distances are, as the scanner sees them. A pattern that all balls share belongs to the "
+        "light or the surface, one of a single ball to that ball."
+    )
+    maps = [
+        figure(f"ballmap{k}", ball_map(ball), f"{_called(*both)}: distance from the surface.")
+        for k, both in enumerate(shown[:_MAPS])
+        for ball in both[1:]
+    ]
+    yield pair(*maps)
+
+
+def _called(one: Scan, ball: Ball) -> str:
+    return f"Scan {one.name}, ball {ball.number or 'without a name'}"
+
+
+def _row(one: Scan, ball: Ball) -> tuple:
+    """A line of the table of balls."""
+    fit, free, size = ball.fit, ball.free, "–"
+    if ball.radius:
+        size = f"{1000 * (free.radius - ball.radius):+.1f} ± {1000 * free.std[-1]:.1f}".replace("-", "−")
+    centre = ", ".join(f"{v:.4f}".replace("-", "−") for v in fit.centre)
+    micrometres = [rounded(1000 * v, 2) for v in fit.std[:3]] + [rounded(1000 * v) for v in (fit.rms, fit.d95)]
+    return (
+        one.name,
+        ball.number or "–",
+        centre,
+        *micrometres,
+        size,
+        f"{fit.inliers.sum():,}",
+        f"{np.rad2deg(fit.cap):.0f}",
+    )
+
+
+def _doubts(made: Scans, shown) -> list[str]:
+    """What is not as it should be, scan by scan and ball by ball; what several scans share is said once."""
+    same: dict[str, list[str]] = {}
+    for one in made.scans:
+        for part in filter(None, one.outcome.split("; ")):
+            same.setdefault(part, []).append(one.name)
+    doubts = [f"{_scans(names)}: {sentence(part)}" for part, names in same.items()]
+    odd = [(one, ball) for one, ball in shown if not ball.whole and ";" in ball.fit.outcome]
+    return doubts + [f"{_called(one, ball)}: {sentence(ball.fit.outcome)}" for one, ball in odd]
+
+
+def _scans(names: list[str]) -> str:
+    return f"Scan {names[0]}" if len(names) == 1 else f"{len(names)} scans, {names[0]} among them"
+
+
+def ball_map(ball: Ball) -> go.Figure:
+    """Residuals (µm) over the ball as the sensor sees it: places across the view from the centre, mm."""
+    used = np.flatnonzero(ball.fit.inliers)
+    used = used[np.linspace(0, len(used) - 1, min(len(used), _MAP_POINTS)).astype(int)]
+    away = ball.points[:, used] - ball.fit.centre[:, None]
+    values = 1000 * ball.fit.residual[used]
+    top = max(float(np.percentile(np.abs(values), 98)), 1e-6)
+    made = style.figure(400, "across, x (mm)", "y (mm)")
+    made.add_scatter(
+        x=np.round(away[0], 3),
+        y=np.round(away[1], 3),
+        mode="markers",
+        showlegend=False,
+        marker=dict(
+            size=3,
+            color=np.round(values, 2),
+            colorscale="RdBu",
+            cmin=-top,
+            cmax=top,
+            showscale=True,
+            colorbar=dict(title=dict(text="distance (µm)", side="right"), thickness=12, tickformat=".3~g"),
+        ),
+        hovertemplate="(%{x:.2f}, %{y:.2f}) mm: %{marker.color:.1f} µm<extra></extra>",
+    )
+    made.update_xaxes(constrain="domain", zeroline=False)
+    return made.update_yaxes(autorange="reversed", scaleanchor="x", constrain="domain", zeroline=False)
+
+
+def _clouds(made: Scans):
+    shown = made.scans[:_CLOUDS]
+    if len(made.scans) > len(shown):
+        yield words(f"The first {len(shown)} of {len(made.scans)} scans, thinned; the PLY files hold every point.")
+    yield figure(
+        "clouds3d",
+        scene(shown),
+        "Points of the scans and the fitted balls in the frame of the camera, mm. Click on a name to hide it.",
+    )
+    rows = [
+        (one.name, f"{one.points:,}", f"{sum(one.dropped.values()):,}", len(one.balls), one.cloud)
+        for one in made.scans[:_ROWS]
+    ]
+    yield table(["scan", "points", "stripe centres dropped", "balls", "file"], rows)
+
+
+def scene(scans) -> go.Figure:
+    """Clouds coloured by depth, balls around them."""
+    made = space.space(eye=(0.5, -1.3, -1.2))
+    made.layout.scene.camera.up = dict(x=0, y=-1, z=0)
+    colours = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY, "#222222")
+    for k, one in enumerate(scans):
+        space.points(made, one.drawn, f"scan {one.name}", size=1.6, color=colours[k % len(colours)])
+        for ball in one.balls:
+            if ball.fit:
+                name = f"ball {ball.number}" if ball.number else "ball"
+                space.ball(
+                    made, ball.fit.centre, ball.fit.radius, f"{name} of scan {one.name}", colours[k % len(colours)]
+                )
+    return made

@@ -1,0 +1,306 @@
+"""The page of a calibrated scanner: its light planes and mirror in space, what the stripes leave, and its camera."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.report import style
+from workbench.report.sections import Page, Section, figure, note, pair, table, words
+from workbench.report.sensor import camera as cameras
+from workbench.report.sensor import field, space
+from workbench.report.text import counted, rounded, sentence
+from workbench.scanner import ScannerRun
+
+_MOST_ROWS = 24
+
+
+def page(made: ScannerRun) -> Page:
+    """The whole page of `workbench scanner`."""
+    calibration = made.calibration
+    good = ~calibration.wrong
+    numbers = [
+        ("stripes from their planes, RMS", rounded(_rms(calibration.residual_mm[good])), "mm"),
+        ("along the scan line", rounded(calibration.sigma_stripe_px), "px"),
+    ]
+    if calibration.left_out:
+        numbers.append(("placements left out", rounded(calibration.left_out.rms_mm), "mm"))
+    numbers.append(("corners, a coordinate", rounded(calibration.sigma_corner_px), "px"))
+    return Page(
+        "Scanner calibration",
+        made.recording.title or made.recording.name,
+        tuple(numbers),
+        tuple(lead(made)),
+        (*sections(made), cameras.provenance(made.recording, made.camera)),
+        files=("scanner.toml",),
+    )
+
+
+def sections(made: ScannerRun) -> tuple[Section, ...]:
+    """What the page shows: the light first, then the camera from its corners alone."""
+    calibration = made.calibration
+    return (
+        Section("planes", "Light planes", tuple(_planes(calibration))),
+        Section("stripes", "What the stripes leave", tuple(_stripes(calibration))),
+        Section("mirror", "One mirror for all planes", tuple(_mirror(calibration))),
+        Section("leftout", "Placements left out", tuple(_left_out(calibration))),
+        *cameras.sections(made.camera, "camera-"),
+    )
+
+
+def lead(made: ScannerRun) -> list[str]:
+    """What was adjusted together, on what, and what was left out."""
+    calibration = made.calibration
+    kind = (
+        "one mirror that makes all planes"
+        if calibration.scanner.mirror is not None
+        else "a light plane of its own for every step"
+        if len(calibration.scanner.steps) > 1
+        else "one light plane"
+    )
+    points, low, high = int((~calibration.wrong).sum()), *calibration.volume
+    first = (
+        f"Distance of {points:,} points of the laser’s line, seen on the board at "
+        f"{counted(len(np.unique(calibration.made.sheets.labels['placement'])), 'placement')}, from their light "
+        "planes. "
+        f"Camera, bow of the board, its poses and {kind} were adjusted together, every residual in pixels, between "
+        f"{low:.0f} and {high:.0f} mm from the camera."
+    )
+    return [first, *(sentence(calibration.left_out.sentence) for _ in (1,) if calibration.left_out)]
+
+
+def _rms(values) -> float:
+    return float(np.sqrt((values**2).mean())) if values.size else float("nan")
+
+
+def _planes(calibration):
+    scanner = calibration.scanner
+    yield figure(
+        "space3d",
+        scene(calibration),
+        "Camera, its field and the light planes between the nearest and the "
+        "farthest "
+        "board; drag to turn, scroll to come closer.",
+    )
+    chosen = np.unique(np.linspace(0, len(scanner.steps) - 1, min(len(scanner.steps), _MOST_ROWS)).astype(int))
+    if len(chosen) < len(scanner.steps):
+        yield words(
+            f"{len(chosen)} of {len(scanner.steps)} planes; scanner.toml and the JSON hold all of them.", quiet=True
+        )
+    head = ["step", "nx", "ny", "nz", "offset (mm)", "RMS (mm)", "RMS (px)", "1 σ (mm)"]
+    rows = [
+        (
+            str(scanner.steps[k]),
+            *(f"{n:.6f}".replace("-", "−") for n in scanner.planes[:3, k]),
+            f"{scanner.planes[3, k]:.4f}".replace("-", "−"),
+            rounded(calibration.rms_mm[k]),
+            rounded(calibration.rms_px[k]),
+            rounded(calibration.sigma_plane_mm[k]),
+        )
+        for k in chosen
+    ]
+    yield table(head, rows)
+    yield words(
+        "A plane is n·X + b = 0 in the frame of the camera. RMS: of its points’ distances. 1 σ: of the plane itself "
+        "over the working volume, in the frame that fits best.",
+        quiet=True,
+    )
+    if len(scanner.steps) > 1:
+        yield figure(
+            "persteps",
+            per_step(calibration),
+            "RMS distance of each step’s points from its plane, and how well the plane itself is known.",
+        )
+
+
+def scene(calibration) -> go.Figure:
+    """Camera, boards, sheets and the mirror's axis, camera frame, mm."""
+    scanner, made = calibration.scanner, space.space(eye=(0.4, -1.5, -1.3))
+    low, high = calibration.volume
+    scene = made.layout.scene
+    scene.camera.up = dict(x=0, y=-1, z=0)  # the camera's y points down
+    space.lines(made, space.pyramid(scanner.camera, high)[None], "camera and its field", style.BLUE, 2)
+    board = calibration.start.board
+    rim = board.points[:, [0, board.columns - 1, -1, -board.columns, 0]].T
+    space.lines(made, space.moved(_poses(calibration.poses), rim), "boards", style.GREY, 2)
+    space.sheets(made, space.patches(scanner.planes, scanner.camera, low, high), "light planes")
+    if scanner.mirror is not None:
+        axis = scanner.mirror.point[:, None] + np.outer(scanner.mirror.axis, [-0.25 * high, 0.25 * high])
+        space.lines(made, axis.T[None], "axis of the mirror", style.VIOLET, 6)
+    return made
+
+
+def _poses(values):
+    from workbench.core.rigid import rotation_matrix, transform
+
+    return transform(rotation_matrix(values[:, 3:]), values[:, :3])
+
+
+def per_step(calibration) -> go.Figure:
+    """RMS of the points and sigma of the plane over the step."""
+    made = style.figure(340, "mirror step", "mm")
+    for name, values, colour in (
+        ("RMS of its points", calibration.rms_mm, style.BLUE),
+        ("1 σ of the plane", calibration.sigma_plane_mm, style.ORANGE),
+    ):
+        made.add_scatter(
+            x=calibration.scanner.steps,
+            y=values,
+            mode="lines+markers",
+            name=name,
+            line=dict(color=colour, width=2),
+            marker_size=5,
+            hovertemplate="step %{x}: %{y:.5f} mm<extra>" + name + "</extra>",
+        )
+    return made.update_yaxes(rangemode="tozero")
+
+
+def _stripes(calibration):
+    good = ~calibration.wrong
+    pixels, size = calibration.stripes.pixels[:, good], calibration.camera.size
+    residual, step = calibration.residual_px[good], calibration.stripes.labels["step"][good]
+    yield words(
+        "Stripe minus light plane, along the scan line. A pattern over the picture points at a bowed sheet or at the "
+        "lens; a step that stands out, at the mirror."
+    )
+    steps = calibration.scanner.steps
+    figures = [
+        figure(
+            "stripemap", field.residual_map(pixels, residual, size, "mean residual"), "Mean residual over the picture."
+        )
+    ]
+    if len(steps) > 1:
+        figures.append(
+            figure(
+                "stripestep",
+                over_step(step, residual, steps),
+                "Residuals over the step: mean, and the band that holds two thirds of the points.",
+            )
+        )
+    figures.append(
+        figure(
+            "stripehist",
+            spread(residual),
+            "How the residuals are spread, beside a normal distribution of the same width.",
+        )
+    )
+    yield pair(*figures[:2])
+    yield from figures[2:]
+    if calibration.dropped:
+        rows = [(why, f"{number:,}") for why, number in calibration.dropped.items() if number]
+        if rows:
+            yield table(["points of stripes left out", "points"], rows)
+
+
+def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.Figure:
+    """Mean residual (px) of each step's points and the band from the 16 % to the 84 % point."""
+    order = np.argsort(step, kind="stable")
+    parts = np.split(residual[order], np.cumsum(np.bincount(step, minlength=len(steps)))[:-1])
+    low, mean, high = np.array(
+        [[*np.percentile(p, [16]), p.mean(), *np.percentile(p, [84])] if p.size else [np.nan] * 3 for p in parts]
+    ).T
+    made = style.figure(380, "mirror step", "residual (px)")
+    made.add_scatter(
+        x=np.concatenate([steps, steps[::-1]]),
+        y=np.concatenate([high, low[::-1]]),
+        fill="toself",
+        fillcolor="rgba(31,131,196,0.2)",
+        line_width=0,
+        name="two thirds of the points",
+        hoverinfo="skip",
+    )
+    made.add_scatter(
+        x=steps,
+        y=mean,
+        mode="lines+markers",
+        name="mean",
+        line=dict(color=style.BLUE, width=2),
+        marker_size=4,
+        hovertemplate="step %{x}: mean %{y:.4f} px<extra></extra>",
+    )
+    return made
+
+
+def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Figure:
+    """Histogram of residuals within 5 robust sigmas, and the normal curve of their RMS."""
+    sigma = _rms(residual)
+    counts, edges = np.histogram(residual, bins=np.linspace(-5, 5, 81) * sigma)
+    made, middle = style.figure(330, f"residual ({unit})", of), (edges[1:] + edges[:-1]) / 2
+    made.add_bar(
+        x=middle,
+        y=counts,
+        width=np.diff(edges),
+        marker=dict(color=style.BLUE, line_width=0),
+        showlegend=False,
+        hovertemplate="%{x:.4f} " + unit + ": %{y}<extra></extra>",
+    )
+    curve = np.exp(-((middle / sigma) ** 2) / 2) * residual.size * np.diff(edges) / (sigma * np.sqrt(2 * np.pi))
+    made.add_scatter(
+        x=middle,
+        y=curve,
+        mode="lines",
+        name=f"normal, σ = {rounded(sigma)} {unit}",
+        line=dict(color=style.ORANGE, width=2),
+        hoverinfo="skip",
+    )
+    return made
+
+
+def _mirror(calibration):
+    check = calibration.mirror
+    if check is None:
+        yield words("Too few steps for a mirror, or none was asked for: every plane stands by itself.")
+        return
+    verdict = "The mirror is used." if check.supported else "The mirror is refused, and the free planes are used."
+    yield words(
+        f"All planes come from one sheet of light and one turning mirror: {len(check.fitted)} numbers instead "
+        "of "
+        f"{3 * len(calibration.scanner.steps)}. The free planes are the check: they differ by "
+        f"{rounded(check.difference_mm)} mm RMS over the working volume, where their sigmas let expect "
+        f"{rounded(check.expected_mm)} mm; by chance alone the fit would get worse by as much with probability "
+        f"{rounded(check.probability, 2)}. {verdict}"
+    )
+    yield figure(
+        "mirrorcheck",
+        against_free(calibration),
+        "Distance between each free plane and the mirror’s, RMS over the working volume.",
+    )
+    mirror = check.mirror
+    vectors = {
+        "axis": mirror.axis,
+        "a point of it (mm)": mirror.point,
+        "normal of the face at angle 0": mirror.face,
+        "sheet before the mirror, normal": mirror.beam[:3],
+    }
+    rows = [(name, *(f"{v:.5f}".replace("-", "−") for v in vector)) for name, vector in vectors.items()]
+    yield table(["mirror, frame of the camera", "x", "y", "z"], rows)
+    if check.sentences:
+        yield note("What the stripes do not determine of the mirror", [sentence(line) for line in check.sentences])
+
+
+def against_free(calibration) -> go.Figure:
+    """Distance of the free plane from the mirror's at each step, mm."""
+    made = style.figure(320, "mirror step", "free plane from the mirror’s (mm)")
+    made.add_bar(
+        x=calibration.scanner.steps,
+        y=calibration.mirror.difference_of_step_mm,
+        marker=dict(color=style.BLUE, line_width=0),
+        showlegend=False,
+        hovertemplate="step %{x}: %{y:.5f} mm<extra></extra>",
+    )
+    return made.update_layout(bargap=0.15)
+
+
+def _left_out(calibration):
+    left = calibration.left_out
+    if left is None:
+        yield words("There are too few placements to leave any out.")
+        return
+    yield words(sentence(left.sentence) + " The pose of a placement that is left out comes from its corners alone.")
+    known = np.isfinite(left.placement_rms_mm)
+    names = [f"placement {name}" for name, there in zip(calibration.placements, known) if there]
+    yield figure(
+        "leftoutbars",
+        field.bars(
+            names, left.placement_rms_mm[known], "RMS of all its points (mm)", across="placement with laser pictures"
+        ),
+        "Each placement’s stripes, from planes that were made without them.",
+    )

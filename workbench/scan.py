@@ -1,0 +1,259 @@
+"""From pictures of scans to clouds and ball centres with their uncertainty."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.ball import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
+from sensors.find_balls import find_balls
+from sensors.pictures import stacks
+from sensors.point_errors import plane_error
+from sensors.scanner import Scanner
+from sensors.stripe import Stripes, find_stripes
+from sensors.stripe_bend import Bend, bend_on_ball
+from workbench import scanner as calibrated
+from workbench.ball_names import named
+from workbench.core.errors import InputError
+from workbench.pace import paced
+from workbench.pictures import by_role, path_of, streamed
+from workbench.runs import slug
+
+CLOUDS = "clouds"
+INCIDENCE_DEG = 60.0
+"""Points of a ball that are seen or lit more steeply are left out: there one pixel is a long way along the surface."""
+ALL_ROUND = 0.5
+"""Share of the way round that must be seen of a ball that counts for acceptance. The light comes from the side, so that
+up to a third of the way round stays dark on a ball that nothing hides."""
+_BORDER = 3  # px from the edge of the picture within which a stripe may be cut
+COVARIATES = ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
+_FRAMES = 16
+_DRAWN = 4000
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball found in a scan: `number` in artefact.csv (None: not known which), `fit` with the radius as
+    certified where there is one, `free` with a radius of its own; `points` (3, k) mm on it, `pixels` (2, k).
+
+    `beyond`: most of its points are at depths for which the light planes were not calibrated."""
+
+    number: int | None
+    radius: float | None
+    fit: BallFit
+    free: BallFit
+    points: np.ndarray
+    pixels: np.ndarray
+    beyond: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is seen well enough to be a measurement of the ball's form and size."""
+        return bool(self.fit) and not self.fit.cut and not self.beyond and self.fit.coverage >= ALL_ROUND
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One scan: its `row` of images.csv, number of `points` in `cloud` (a file of the run), `drawn` (3, k) mm some of
+    them, stripe centres `dropped` by reason, its balls, and what is to be said of them."""
+
+    name: str
+    row: Mapping
+    points: int
+    cloud: str
+    drawn: np.ndarray
+    dropped: Mapping[str, int]
+    balls: tuple[Ball, ...]
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Scans:
+    """All scans of a recording; `calibration` is the scanner's run, None where a file was given."""
+
+    recording: Recording
+    scanner: Scanner
+    calibration: object
+    scans: tuple[Scan, ...]
+
+
+def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress: Callable[[str], None]) -> Scans:
+    """Clouds and balls of every scan of a recording.
+
+    scanner_file: a calibrated scanner, None calibrates one from the recording's boards; folder: where
+    the clouds go, one PLY file a scan. Raises InputError.
+    """
+    groups = scans_of(recording)
+    made = None if scanner_file else calibrated.calibrate(recording, progress=progress)
+    scanner = made.scanner if made else calibrated.read(scanner_file)
+    (folder / CLOUDS).mkdir()
+    work = _Work(recording, scanner, folder)
+    return Scans(recording, scanner, made, tuple(streamed(list(groups.items()), work, paced(progress, "scan"))))
+
+
+def scans_of(recording: Recording) -> dict[str, list[Mapping]]:
+    """Rows of images.csv by scan, in the order of their steps. InputError where there is none, or a step twice."""
+    groups: dict[str, list[Mapping]] = {}
+    for row in by_role(recording, "scan"):
+        groups.setdefault(str(row["scan"]), []).append(row)
+    if not groups:
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of scans, found none; add rows "
+            "with role scan"
+        )
+    for name, rows in groups.items():
+        steps = [row.get("step", 0) for row in rows]
+        if len(set(steps)) < len(steps):
+            twice = next(step for step in steps if steps.count(step) > 1)
+            raise InputError(
+                f"{recording.name}, images.csv, scan {name}: expected every step once, found step {twice:g} "
+                f"{steps.count(twice)} times; give each picture its own step or scan"
+            )
+        rows.sort(key=lambda row: row.get("step", 0))
+    return groups
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What is done with one scan."""
+
+    recording: Recording
+    scanner: Scanner
+    folder: Path
+
+    def __call__(self, named: tuple[str, list[Mapping]]) -> Scan:
+        name, rows = named
+        known = [row for row in rows if int(row.get("step", 0)) in self.steps]
+        if not known:
+            raise InputError(
+                f"{self.recording.name}, images.csv, scan {name}: expected pictures at steps of the scanner "
+                f"({min(self.steps)} to {max(self.steps)}), found none; use the scanner of this recording"
+            )
+        pixels, steps, sigma, shape, covariates, dropped = self.stripes(known)
+        points = self.scanner.reconstruct(pixels, steps, covariates)
+        seen = np.isfinite(points).all(0)
+        points, pixels, steps, sigma, shape = points[:, seen], pixels[:, seen], steps[seen], sigma[seen], shape[:, seen]
+        cloud = f"{CLOUDS}/{slug(name)}.ply"
+        write_cloud(self.folder / cloud, points)
+        balls, outcome = self.balls(known[0], points, pixels, steps, sigma, shape)
+        without = len(rows) - len(known)
+        lost = f"{without} of {len(rows)} pictures are at steps that the scanner has no plane for" if without else ""
+        some = np.linspace(0, max(points.shape[1] - 1, 0), min(points.shape[1], _DRAWN)).astype(int)
+        outside = sum(ball.beyond for ball in balls)
+        far = f"{outside} balls beyond the depths of the boards, where the planes are not calibrated" if outside else ""
+        told = "; ".join(filter(None, (lost, outcome, far)))
+        return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told)
+
+    @cached_property
+    def steps(self) -> set[int]:
+        return set(self.scanner.steps.tolist())
+
+    def stripes(self, rows):
+        """Pixels (2, n), steps (n,), sigma (n,) px and covariates of a scan's stripe; counts of what was dropped."""
+        paths = [path_of(self.recording, row) for row in rows]
+        called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
+        parts, dropped, first = [], Counter(), 0
+        for stack in stacks(paths, _FRAMES, called.get):
+            found = find_stripes(stack, self.along)
+            parts.append((found.pixels, first + found.frame, found.sigma, _shape(found)))
+            dropped.update(found.dropped)
+            first += len(stack)
+        pixels, frame, sigma, shape = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
+        names = [name for name in COVARIATES if all(name in row for row in rows)]
+        covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
+        return pixels, np.array([int(row.get("step", 0)) for row in rows])[frame], sigma, shape, covariates, dict(dropped)
+
+    @property
+    def along(self) -> str:
+        """In which direction a centre is sought, as on the boards."""
+        return "rows" if abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1]) else "columns"
+
+    def balls(self, row, points, pixels, steps, sigma, shape):
+        """The balls among points (3, n) mm, named as far as they can be."""
+        radii = sorted({ball[3] for ball in self.recording.balls.values()}) or None
+        place = self.scanner.places(steps)
+        error = self.scanner.by_stripe(points, steps)  # for one px of the stripe's centre
+        length = np.linalg.norm(error, axis=0)
+        each = dict(
+            sigma=np.hypot(sigma, self.scanner.sigma_px) * length,
+            direction=error / length,
+            at_limit=self._at_limit(pixels, steps),
+        )
+        trimmed = np.deg2rad(INCIDENCE_DEG)
+        found = find_balls(points, radii, free=True, incidence=trimmed, **each) if points.shape[1] else []
+        numbers, outcome = named(self.recording, row, [fit.radius for fit in found], [fit.centre for fit in found])
+        made = []
+        for free, number in zip(found, numbers):
+            on = free.reason != ELSEWHERE
+            own = (
+                {key: value[..., on] for key, value in each.items()}
+                | {"incidence": trimmed}
+                | self._together(points, place, on)
+            )
+            radius = self._radius(number, free.radius, radii)
+            start = np.append(free.centre, free.radius if radius is None else radius)
+            bend = self._bend(start, pixels[:, on], place[on])
+            pull = np.nan_to_num(bend.pull(bend.sheet(shape[0, on]), *shape[:, on]))
+            straight = points[:, on] - error[:, on] * pull
+            fits = [_fitted(straight, bend.lit > np.cos(trimmed), r, start, own) for r in (radius, None)]
+            beyond = self._beyond(points[2, on])
+            made.append(Ball(number, radius, fits[0] or free, fits[1] or free, straight, pixels[:, on], beyond))
+        return tuple(made), outcome
+
+    def _together(self, points, place, on) -> dict:
+        """What the errors of points have in common: their light plane's, where its covariance is known."""
+        if self.scanner.covariance is None:
+            return {"groups": place[on]}
+        planes, covariance = self.scanner.planes, self.scanner.covariance
+        return {"shared": plane_error(points[:, on], planes, place[on], covariance), "ordered": True}
+
+    def _at_limit(self, pixels, steps):
+        """(n,) whether points lie at the edge of the picture, or in the first or last plane of the sweep."""
+        size = np.array(self.scanner.camera.size)[:, None]
+        edge = ((pixels < _BORDER) | (pixels > size - 1 - _BORDER)).any(0)
+        swept = len(self.scanner.steps) > 1
+        return edge | (swept & ((steps == self.scanner.steps.min()) | (steps == self.scanner.steps.max())))
+
+    def _beyond(self, depth) -> bool:
+        """Whether most of these depths are outside those of the boards."""
+        if self.scanner.volume is None:
+            return False
+        low, high = self.scanner.volume
+        return bool(np.median(np.clip(depth, low, high) == depth) < 1)
+
+    def _bend(self, ball, pixels, place) -> Bend:
+        """What a ball (4,) does to the stripes on it, by which their centres are found off."""
+        mirror = self.scanner.mirror
+        planes, light = self.scanner.planes[:, place], None if mirror is None else mirror.point
+        return bend_on_ball(self.scanner.camera, ball[:3], ball[3], pixels, planes, self.scanner.scan, light)
+
+    def _radius(self, number, found, radii):
+        if number is not None:
+            return self.recording.balls[number][3]
+        return None if radii is None else min(radii, key=lambda radius: abs(radius - found))
+
+
+def _fitted(points, lit, radius, start, own) -> BallFit:
+    """The ball through points (3, k), those left out that are not `lit` (k,): light that grazes the surface spreads over
+    many pixels, which speckle makes a ragged patch."""
+    own = own | {"sigma": np.where(lit, own["sigma"], np.nan)}
+    fit = fit_ball(points, radius=radius, view=points, start=start, **own)
+    return replace(fit, reason=np.where(~lit & (fit.reason == MISSING), INCIDENCE, fit.reason))
+
+
+def _shape(found: Stripes) -> np.ndarray:
+    """(2, n) width in px, and photon variance at the peak over that beside the line."""
+    noise = found.noise
+    return np.stack([found.width, noise.gain * found.peak / noise.variance(found.background)]).astype(float)
+
+
+def write_cloud(path: Path, points: np.ndarray) -> None:
+    """Points (3, n) mm as a PLY file (Open3D, binary)."""
+    import open3d
+
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.ascontiguousarray(points.T)))
+    open3d.io.write_point_cloud(str(path), cloud)

@@ -1,0 +1,235 @@
+"""From pictures of a board, without and with the laser, to a scanner: the recording's part, contract and file."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.board_stripes import BoardStripes, joined
+from sensors.boards import Board, View
+from sensors.pictures import read_grey, stacks
+from sensors.scanner import Scanner
+from sensors.scanner_calibration import ScannerCalibration, calibrate_scanner
+from sensors.stripe import find_stripes
+from workbench import camera as cameras
+from workbench.core.errors import InputError
+from workbench.pace import paced
+from workbench.pictures import by_role, path_of, streamed
+from workbench.provenance import provenance
+
+FILE = "scanner.toml"
+_FRAMES = 16
+_BEYOND = 1.5  # steps of the grid that a board may reach beyond its outermost corners
+_TRIED = 3  # placements from which the direction of the stripes is read
+
+
+@dataclass(frozen=True)
+class ScannerRun:
+    """A recording's scanner: the `camera` from its corners alone, and `calibration` of everything together.
+
+    `unusable`: placements with laser pictures whose stripes could not be used, and why.
+    """
+
+    recording: Recording
+    camera: cameras.CameraRun
+    calibration: ScannerCalibration
+    unusable: tuple[Mapping, ...]
+
+    @property
+    def scanner(self) -> Scanner:
+        return self.calibration.scanner
+
+
+def calibrate(
+    recording: Recording, model: str = "brown", progress: Callable[[str], None] = lambda text: None
+) -> ScannerRun:
+    """The scanner of a recording with pictures of a board, without and with the laser.
+
+    model: "brown" or "rational"; progress: called with one line a step. Raises InputError.
+    """
+    groups: dict[str, list[Mapping]] = {}
+    for row in by_role(recording, "board-laser"):
+        groups.setdefault(str(row["placement"]), []).append(row)
+    if not groups:
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser, found "
+            "none; add rows with role board-laser, or calibrate the camera alone with `workbench camera`"
+        )
+    camera = cameras.calibrate(recording, model, progress)
+    seen = {view.placement: view for view in camera.calibration.views}
+    usable = [(seen[name], rows) for name, rows in groups.items() if name in seen]
+    unusable = tuple(
+        {"placement": name, "images": len(rows), "why": _why(camera, name)}
+        for name, rows in groups.items()
+        if name not in seen
+    )
+    if not usable:
+        raise InputError(
+            f"{recording.name}, images.csv: expected the board to be found at a placement with laser pictures, "
+            f"found it at none of {len(groups)} ({unusable[0]['why']}); take the board pictures again"
+        )
+    stripes = _stripes(recording, usable, camera.calibration.board, progress)
+    calibration = calibrate_scanner(
+        camera.calibration.views, stripes, camera.calibration.board, camera.calibration.camera.size,
+        camera=camera.calibration, provenance={k: v for k, v in provenance(recording).items() if v}, progress=progress,
+    )  # fmt: skip
+    return ScannerRun(recording, camera, calibration, unusable)
+
+
+def _why(camera, placement):
+    reasons = [one.why for one in camera.rejected if one.placement == placement]
+    return reasons[0] if reasons else "no board picture at this placement"
+
+
+def _stripes(recording, usable, board: Board, progress) -> BoardStripes:
+    """The laser's line on every board."""
+    along = _direction(recording, usable[:_TRIED], board)
+    work = _Work(recording, board, along)
+    return joined(list(streamed(usable, work, paced(progress, "laser on placement"))))
+
+
+def _direction(recording, usable, board) -> str:
+    """Across which lines of the picture the stripes run: where more of them have one clear peak."""
+    found = {"rows": 0, "columns": 0}
+    for view, rows in usable:
+        middle = rows[len(rows) // 2 : len(rows) // 2 + 1]
+        for along in found:
+            found[along] += _Work(recording, board, along)((view, middle)).n
+    return max(found, key=found.get)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What is done with the laser pictures of one placement; `along` as in `find_stripes`."""
+
+    recording: Recording
+    board: Board
+    along: str
+
+    def __call__(self, placed: tuple[View, list[Mapping]]) -> BoardStripes:
+        view, rows = placed
+        paths = [path_of(self.recording, row) for row in rows]
+        called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
+        dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
+        region, first, parts = region_of(view, self.board), 0, []
+        for stack in stacks(paths, _FRAMES, called.get):
+            background = dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
+            if stack.shape[1:] != region.shape:
+                raise InputError(
+                    f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
+                    f"picture, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
+                )
+            found = find_stripes(stack, self.along, background=background, region=region)
+            parts.append(_told(found, rows[first : first + len(stack)], view.placement))
+            first += len(stack)
+        return joined(parts)
+
+
+def _told(found, rows, placement) -> BoardStripes:
+    """Stripes with what images.csv says of their pictures."""
+    names = [
+        name for name in ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s") if all(name in r for r in rows)
+    ]
+    angles = [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None
+    covariates = {name: [row[name] for row in rows] for name in names}
+    return BoardStripes.of(
+        found, [placement] * len(rows), [int(row.get("step", 0)) for row in rows], angles, covariates
+    )
+
+
+def region_of(view: View, board: Board) -> np.ndarray:
+    """(H, W) bool: the board's part of the picture, with a margin, where a laser's line is looked for."""
+    import cv2
+
+    width, height = view.size
+    middle = view.pixels.mean(1, keepdims=True)
+    wider = 1 + 2 * _BEYOND / (min(board.columns, board.rows) - 1)
+    hull = cv2.convexHull(np.ascontiguousarray((middle + wider * (view.pixels - middle)).T, np.float32))
+    mask = np.zeros((height, width), np.uint8)
+    cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 1)
+    return mask.astype(bool)
+
+
+def as_json(made: ScannerRun) -> dict:
+    """The scanner's part of the JSON contract."""
+    calibration, scanner = made.calibration, made.scanner
+    joint = cameras.camera_json(calibration.camera, calibration.std)
+    planes = [{"step": int(step), "normal": plane[:3].tolist(), "offset_mm": float(plane[3]), "rms_mm": float(rms),
+               "rms_px": float(px), "sigma_mm": float(sigma)}
+              for step, plane, rms, px, sigma in zip(scanner.steps, scanner.planes.T, calibration.rms_mm,
+                                                    calibration.rms_px, calibration.sigma_plane_mm)]  # fmt: skip
+    good = ~calibration.wrong
+    return {
+        "camera": {**cameras.as_json(made.camera), **joint},
+        "planes": planes,
+        "mirror": mirror_json(calibration),
+        "plane_rms_mm": float(np.sqrt((calibration.residual_mm[good] ** 2).mean())),
+        "plane_rms_px": calibration.sigma_stripe_px,
+        "corner_rms_coordinate_px": calibration.sigma_corner_px,
+        "stripe_points": int(good.sum()),
+        "left_out": left_out_json(calibration.left_out),
+        "dropped": dict(calibration.dropped),
+        "unusable_placements": list(made.unusable),
+        "volume_mm": list(calibration.volume),
+        "sentences": list(calibration.sentences),
+        "provenance": provenance(made.recording),
+    }
+
+
+def mirror_json(calibration: ScannerCalibration) -> dict | None:
+    """The axis and the angle law where the planes share one mirror; None where none was tried."""
+    check = calibration.mirror
+    if check is None:
+        return None
+    mirror, angles = check.mirror, np.rad2deg(check.angles)
+    return {
+        "supported": check.supported,
+        "axis": mirror.axis.tolist(),
+        "point_mm": mirror.point.tolist(),
+        "face": mirror.face.tolist(),
+        "offset_mm": mirror.offset,
+        "beam": mirror.beam.tolist(),
+        "angles_deg": angles.tolist(),
+        "angle_law": {
+            "first_deg": float(angles[0]),
+            "step_deg": float(np.mean(np.diff(angles))),
+            "gain": check.gain,
+            "plane_turns_per_mirror_turn": 2,
+        },
+        "fitted": list(check.fitted),
+        "std": check.std,
+        "difference_mm": check.difference_mm,
+        "expected_mm": check.expected_mm,
+        "probability": check.probability,
+        "sentences": list(check.sentences),
+    }
+
+
+def left_out_json(left) -> dict | None:
+    """Stripes of placements that were left out of the planes."""
+    if left is None:
+        return None
+    return {
+        "folds": left.folds,
+        "rms_mm": left.rms_mm,
+        "rms_px": left.rms_px,
+        "rms_all_mm": left.rms_all_mm,
+        "inlier_share": left.share,
+        "sentence": left.sentence,
+    }
+
+
+def save(made: ScannerRun, folder: Path) -> None:
+    """Write scanner.toml into `folder`: what `read` takes."""
+    from sensors.scanner_file import write_scanner
+
+    write_scanner(made.scanner, folder / FILE)
+
+
+def read(path: Path) -> Scanner:
+    """The scanner of a scanner.toml. Raises InputError."""
+    from sensors.scanner_file import read_scanner
+
+    return read_scanner(Path(path))
