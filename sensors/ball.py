@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sensors.ball_shared import solve_shared
-from sensors.ball_solve import LOSSES, Problem, Solved, bias, covariance, memory, solve, used_part
+from sensors.ball_form import UNLIKELY, Form, low_orders, plane_gain
+from sensors.ball_shared import Shared, solve_shared
+from sensors.ball_solve import LOSSES, Loss, Problem, Solved, bias, covariance, memory, solve, step_left, used_part
 from sensors.ball_start import start as find_start
 from workbench.core.errors import InputError
 
@@ -18,6 +19,13 @@ REASONS = {EDGE: "edge", INCIDENCE: "incidence", OUTLIER: "outlier", MISSING: "m
 _SECTORS = 24
 # At so many of its own sigmas a radius is not told from a plane's by a first-order covariance.
 _KNOWN = 5
+# A further step of the fit, in its own sigmas, up to which it has converged.
+_SETTLED = 0.1
+# Sigmas by which a free radius differs from a true one not once in a thousand times, with the tails of few stripes.
+_CHANCE = 4.0
+# Part of the radius by which a ball's form may be off, RMS.
+_FORM = 0.01
+_FLAT = "the cap is too small"
 # Points enough for the extent of a cap.
 _ENOUGH = 20_000
 
@@ -33,7 +41,10 @@ class BallFit:
     degrees of freedom; `residual` (n,) mm from the surface, positive outside;
     `reason` (n,) of `REASONS`, 0 where used; `cap` rad, half angle of the cone from the
     centre that holds the points; `coverage` share of the way round the view (or the cap's middle) that is seen.
-    `cut`: points used lie at the field's limit.
+    `cut`: points used lie at the field's limit. `step` that a further iteration would make, in sigmas;
+    `form` (mm, RMS) of orders two and three that the distances show beyond their noise, nan where the points are too
+    few; `free`, where the radius was known, the same ball with a radius of its own; `warnings` sentences on what the
+    covariance does not hold, in `outcome` too.
     """
 
     centre: np.ndarray
@@ -49,6 +60,10 @@ class BallFit:
     cut: bool
     ok: bool
     outcome: str
+    step: float = np.nan
+    form: float = np.nan
+    warnings: tuple[str, ...] = ()
+    free: "BallFit | None" = None
 
     def __bool__(self) -> bool:
         return self.ok
@@ -74,6 +89,16 @@ class BallFit:
         return shell(self.residual[self.inliers], 1.0) if self.ok else np.nan
 
     @property
+    def radius_gap(self) -> float:
+        """Sigmas by which a radius of its own differs from the stated one; nan where there is nothing to compare."""
+        return np.nan if self.free is None else float((self.free.radius - self.radius) / self.free.std[-1])
+
+    @property
+    def centre_moves(self) -> float:
+        """mm between the centre and that of the ball with a radius of its own; nan where there is none."""
+        return np.nan if self.free is None else float(np.linalg.norm(self.free.centre - self.centre))
+
+    @property
     def std(self) -> np.ndarray:
         """(d + 1,) mm, 1 sigma of centre and radius."""
         return np.sqrt(np.diag(self.covariance))
@@ -91,10 +116,13 @@ def fit_ball(points: np.ndarray, sigma=None, radius: float | None = None, **opti
     `incidence` rad, points of more are left out, and `edge` mm, points nearer to the silhouette; both need `view`;
     `loss` "tukey", "huber" or "linear";
     `groups` (n,) int: errors of points of one group may depend on one another (a stripe, a step);
-    `ordered`: the points follow one another along a stripe, and so may their errors;
+    `ordered`: the points follow one another along a stripe, and so may their errors; with `shared` they do unless
+    it is False;
     `shared` (`Shared`, see `plane_error`): errors of known covariance that groups share, estimated with the ball;
-    `at_limit` (n,) True for points at the limit of the field; `start` (4,) centre and radius;
-    `seed` of the start's random draws.
+    `at_limit` (n,) True for points at the limit of the field; `start` (4,) centre and radius, where no ball is
+    found from there, the fit begins anew; `seed` of that start's random draws;
+    `form` share of the radius by which a surface may regularly be off and still is a ball's;
+    `compare`: where the radius is known, the ball is fitted with a radius of its own too.
 
     Minimises geometric distances (Gander, Golub & Strebel, BIT 34, 1994), weighted by the variance
     across the surface. Raises InputError where the options are not usable.
@@ -108,7 +136,8 @@ def fit_circle(points: np.ndarray, sigma=None, radius: float | None = None, **op
 
 
 def _fit(points, sigma, radius, d, *, covariance=None, direction=None, view=None, incidence=None, edge=0.0,
-         loss="tukey", groups=None, ordered=False, shared=None, at_limit=None, start=None, seed=0):  # fmt: skip
+         loss="tukey", groups=None, ordered=None, shared=None, at_limit=None, start=None, seed=0,
+         form=_FORM, compare=True):  # fmt: skip
     points = np.asarray(points, float)
     whole = _problem(points, sigma, radius, d, covariance, direction)
     view = _units(view, points, "view")
@@ -119,23 +148,81 @@ def _fit(points, sigma, radius, d, *, covariance=None, direction=None, view=None
     failed = _Failure(points, present)
     if present.sum() < problem.size + (sigma is None):
         return failed(f"{present.sum()} points, fewer than the {problem.size + (sigma is None)} needed")
-    random = np.random.default_rng(seed)
-    values = find_start(problem.points, radius, random) if start is None else np.array(start, float)
+    shared = None if shared is None else shared.some(present)
+    task = _Task(problem, LOSSES[loss], trim, failed, present, _of(groups, present), _ordered(ordered, shared), shared,
+                 _of(at_limit, present), form, compare)  # fmt: skip
+    if start is not None and (fit := task.fit(np.array(start, float))):
+        return fit
+    values = find_start(problem.points, radius, np.random.default_rng(seed))
     if values is None:
         return failed("no ball found: the points lie on a line or a plane, or the cap is too small to curve")
-    solved = solve(problem, values, LOSSES[loss], trim)
-    if not np.isfinite(solved.spread):
-        return failed("no ball found: too few points are left within the limits of incidence and edge")
-    made = None
-    if shared is not None:
-        solved, made = solve_shared(problem, solved, LOSSES[loss], shared.some(present))
-    part = _Part(problem, solved, LOSSES[loss], trim)
-    made = part.covariance(_of(groups, present), ordered, made)
-    doubt = float(np.sqrt(made[-1, -1]))
-    if problem.free and not doubt * _KNOWN < solved.values[-1]:
-        return failed(f"the cap is too small: radius {solved.values[-1]:.4g} +- {doubt:.2g} mm; "
-                      "state the radius or scan more of the ball")
-    return part.result(made, present, _of(at_limit, present), points.shape[1])
+    return task.fit(values)
+
+
+def _ordered(ordered, shared) -> bool:
+    return shared is not None if ordered is None else ordered
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A problem with all that its fits need; from any start."""
+
+    problem: Problem
+    loss: Loss
+    trim: "_Trim"
+    failed: "_Failure"
+    present: np.ndarray
+    groups: np.ndarray | None
+    ordered: bool
+    shared: Shared | None
+    at_limit: np.ndarray | None
+    form: float
+    compare: bool
+
+    def fit(self, values) -> BallFit:
+        """From centre and radius `values` (d + 1,)."""
+        solved, made = solve(self.problem, values, self.loss, self.trim), None
+        if not np.isfinite(solved.spread):
+            return self.failed("no ball found: too few points are left within the limits of incidence and edge")
+        if self.shared is not None:
+            solved, made = solve_shared(self.problem, solved, self.loss, self.shared, self.ordered)
+        part = _Part(self.problem, solved, self.loss, self.trim)
+        made = part.covariance(self.groups, self.ordered, made)
+        lasting = memory(part.part.score) if self.ordered else 1.0
+        shape = part.form(lasting)
+        if why := self._refused(part, made, shape, lasting):
+            return self.failed(why)
+        fit = part.result(made, self.present, self.at_limit, shape)
+        if self.problem.free or not self.compare:
+            return fit
+        free = replace(self, problem=replace(self.problem, free=True)).fit(solved.values)
+        return _compared(fit, free) if free else fit
+
+    def _refused(self, part, made, shape, lasting) -> str:
+        """Why this is no ball, "" where it is one."""
+        radius, doubt = part.values[-1], float(np.sqrt(made[-1, -1]))
+        gain = part.plane_gain() / lasting
+        if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
+            return f"no ball found: a plane fits the points as well as any ball; {_FLAT}, or they lie on another surface"
+        if part.step > _SETTLED:
+            return (f"no ball found: the fit has not converged, a further step would move it by {part.step:.2g} sigma; "
+                    f"the points are no ball's, or {_FLAT}")  # fmt: skip
+        if self.problem.free and not doubt * _KNOWN < radius:
+            return f"{_FLAT}: radius {radius:.4g} +- {doubt:.2g} mm; state the radius or scan more of the ball"
+        if shape.probability < UNLIKELY and shape.rms > self.form * radius:
+            return (f"no ball found: the points are {shape.rms:.3g} mm RMS away from any ball in a regular form, more "
+                    f"than {100 * self.form:g} % of its radius; they lie on another surface")  # fmt: skip
+        return ""
+
+
+def _compared(fit: BallFit, free: BallFit) -> BallFit:
+    """A fit of known radius beside the `free` one."""
+    fit = replace(fit, free=free)
+    if not abs(fit.radius_gap) > _CHANCE:
+        return fit
+    told = (f"radius differs from the stated one by {abs(fit.radius_gap):.3g} sigma ({free.radius:.4f} instead of "
+            f"{fit.radius:.4f} mm); with its own the centre moves by {1000 * fit.centre_moves:.3g} um")  # fmt: skip
+    return replace(fit, warnings=(*fit.warnings, told), outcome=f"{fit.outcome}; {told}")
 
 
 def _problem(points, sigma, radius, d, covariance, direction) -> Problem:
@@ -223,6 +310,22 @@ class _Part:
         self.white = solved.white
         self.used = solved.keep & (loss(solved.white / solved.spread)[0] > 0)
         self.part = used_part(problem, solved, loss, self.used)
+        self.step = step_left(self.part, self.values[-1]) if solved.step is None else solved.step
+
+    def distance(self):
+        """(n,) mm from the surface."""
+        if self.problem.direction is None:
+            return self.at.residual
+        return np.linalg.norm(self.problem.points - self.values[:-1, None], axis=0) - self.values[-1]
+
+    def plane_gain(self) -> float:
+        """See `ball_form.plane_gain`."""
+        return plane_gain(self.problem.points[:, self.used], self.distance()[self.used], self.at.sigma[self.used])
+
+    def form(self, lasting: float) -> Form:
+        """See `ball_form.low_orders`; of the points' own errors."""
+        used, sigma = self.used, self.at.sigma[self.used]
+        return low_orders(self.at.normal[:, used], self.white[used] * sigma, sigma, self.at.rows[:, used], lasting)
 
     def covariance(self, groups, ordered, made):
         """(d + 1, d + 1), of the points' errors where none is given; rows of a known radius are 0."""
@@ -231,26 +334,31 @@ class _Part:
             made = made * memory(self.part.score) if ordered and groups is None else made
         return np.pad(made, (0, len(self.values) - len(made)))
 
-    def result(self, made, present, at_limit, n) -> BallFit:
-        """The fit, as statements about all n points."""
-        problem, used = self.problem, self.used
+    def result(self, made, present, at_limit, shape: Form) -> BallFit:
+        """The fit, as statements about all points, `present` (n,) or not."""
+        problem, used, n = self.problem, self.used, len(present)
         degrees = max(int(used.sum()) - problem.size, 1)
         sigma_scale = float(np.sqrt(np.square(self.white[used]).sum() / degrees))
         off = bias(problem, self.at, self.part, self.values[-1], sigma_scale, used)
         off = np.pad(off, (0, len(self.values) - len(off)))
-        distance = self.at.residual
-        if problem.direction is not None:
-            distance = np.linalg.norm(problem.points - self.values[:-1, None], axis=0) - self.values[-1]
+        distance = self.distance()
         residual, reason = np.full(n, np.nan), np.full(n, MISSING, np.uint8)
         codes = self.trim.codes(self.values, self.at.normal)
         codes[(codes == USED) & ~used] = OUTLIER
         residual[present], reason[present] = distance, codes
         cap, coverage = _seen(self.at.normal[:, used], self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
-        values = self.values - off
+        values, told = self.values - off, _misshapen(shape)
         return BallFit(values[:-1], float(values[-1]), made, off, sigma_scale,
                        float(np.sqrt(np.square(distance[used]).sum() / degrees)), residual, reason,
-                       cap, coverage, cut > 0, True, _outcome(reason, cap, coverage, cut))  # fmt: skip
+                       cap, coverage, cut > 0, True, _outcome(reason, cap, coverage, cut, told),
+                       self.step, shape.rms, told)  # fmt: skip
+
+
+def _misshapen(shape: Form) -> tuple[str, ...]:
+    if shape.probability >= UNLIKELY:
+        return ()
+    return (f"its points follow a form of {1000 * shape.rms:.2g} um RMS that is not noise, which the sigmas do not hold",)
 
 
 def _seen(normal, view):
@@ -268,14 +376,14 @@ def _seen(normal, view):
     return cap, float((reach > 0.7 * np.quantile(reach, 0.8)).mean())
 
 
-def _outcome(reason, cap, coverage, cut):
+def _outcome(reason, cap, coverage, cut, told):
     n, used = len(reason), int((reason == USED).sum())
     words = [f"converged on {used} of {n} points, a cap of {np.rad2deg(cap):.0f} deg half angle"]
     if cut:
         words.append(f"cut by the field: {cut} of its points lie at the field's limit, so its centre is less certain")
     elif coverage < 0.75:
         words.append(f"seen on {100 * coverage:.0f} % of the way round: cut by the field or something stands before it")
-    return "; ".join(words)
+    return "; ".join([*words, *told])
 
 
 def shell(residual: np.ndarray, share: float) -> float:

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.ball_solve import Linear, Loss, Problem, Solved, linearise, spread
+from sensors.ball_solve import Linear, Loss, Problem, Solved, linearise, memory, spread
 
-_STEPS = 12
+# Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
+_STEPS, _SETTLE = 40, 5
 
 
 @dataclass(frozen=True)
@@ -41,30 +42,39 @@ class _Normal:
     pull_groups: np.ndarray
 
 
-def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared) -> tuple[Solved, np.ndarray]:
+def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared,
+                 ordered: bool = False) -> tuple[Solved, np.ndarray]:  # fmt: skip
     """The fit with the groups' errors, and the covariance (size, size) of what was fitted.
 
     Generalised least squares: the errors are parameters with their covariance as prior (Henderson,
     Biometrics 31, 1975), so that no stripe counts for more than its plane is known. The spread and
-    the robust weights are those of the points' own errors.
+    the robust weights are those of the points' own errors. ordered: points follow one another along
+    stripes, and their own errors, grains of speckle, last for several: they count for fewer.
     """
     values, at, errors = solved.values, solved.at, np.zeros(len(shared.covariance))
-    by_error = _by_error(at, shared)
+    by_error, keep = _by_error(at, shared), solved.keep
     k = len(by_error)
-    for _ in range(_STEPS):
+    for turn in range(_STEPS):
         own = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
-        scale = max(spread(own[solved.keep], problem.size), 1e-12 * values[-1])
-        weight = solved.keep * loss(own / scale)[0] / scale**2
+        if turn < _SETTLE:
+            keep = solved.keep & np.isfinite(own)
+            scale = max(spread(own[keep], problem.size), 1e-12 * values[-1])
+        weight = loss(own / scale)[0]
+        if turn < _SETTLE:
+            lasting = memory(own[keep & (weight > 0)]) if ordered else 1.0
+        weight = keep * weight / (scale**2 * lasting)
         normal = _normal(at, problem.size, by_error, weight, shared.labels, k)
         move, errors = _move(normal, shared.covariance)
         values = values.copy()
         values[: problem.size] += move
         at = linearise(problem, values)
-        if move @ normal.ball @ move < 1e-5:
+        keep = keep & np.isfinite(at.residual)
+        step = float(np.sqrt(move @ normal.ball @ move))
+        if step < 3e-3 and turn > 0:
             break
     own = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
-    made = Solved(values, scale, solved.keep, at, own)
-    return made, _covariance(problem, made, by_error, loss, shared)
+    made = Solved(values, scale, keep, at, own, step)
+    return made, _covariance(problem, made, by_error, loss, shared, lasting)
 
 
 def _by_error(at: Linear, shared: Shared) -> np.ndarray:
@@ -107,17 +117,18 @@ def _move(normal, covariance):
     return move, inner @ (normal.pull_groups - normal.between.T @ move)
 
 
-def _covariance(problem, solved, by_error, loss, shared):
+def _covariance(problem, solved, by_error, loss, shared, lasting):
     """(size, size), from the spread that the points' own errors show, over the degrees of freedom left to them."""
     weight, slope = loss(solved.white / solved.spread)
     used = solved.keep & (weight > 0)
-    variance = np.square(weight[used] * solved.white[used]).mean() / slope[used].mean() ** 2
+    variance = lasting * np.square(weight[used] * solved.white[used]).mean() / slope[used].mean() ** 2
 
     def normal(variance):
         return _normal(solved.at, problem.size, by_error, used / variance, shared.labels, len(by_error))
 
     first = normal(variance)
     spent = np.trace(_inner(first, shared.covariance) @ first.groups)
-    last = normal(variance * used.sum() / max(used.sum() - problem.size - spent, 1))
+    independent = used.sum() / lasting
+    last = normal(variance * independent / max(independent - problem.size - spent, 1))
     schur = last.ball - last.between @ _inner(last, shared.covariance) @ last.between.T
     return np.linalg.pinv(schur, hermitian=True)

@@ -132,14 +132,15 @@ def spread(white: np.ndarray, size: int) -> float:
 
 @dataclass(frozen=True)
 class Solved:
-    """Centre and radius `values` (d + 1,), `spread` (nan where nothing is left), `keep` (n,), the problem there, and
-    the points' own whitened errors `white` (n,)."""
+    """Centre and radius `values` (d + 1,), `spread` (nan where nothing is left), `keep` (n,), the problem there, the
+    points' own whitened errors `white` (n,), and the last `step` in sigmas of what was fitted (None: see `step_left`)."""
 
     values: np.ndarray
     spread: float
     keep: np.ndarray
     at: Linear
     white: np.ndarray
+    step: float | None = None
 
 
 def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "Solved":
@@ -158,22 +159,26 @@ def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "
 def _rounds(problem, values, loss, trim):
     """Spread and trimming, then a descent, until neither changes by more than the descent would notice."""
     at, scale, keep = linearise(problem, values), np.nan, np.zeros(problem.points.shape[1], bool)
+    before = keep
     for _ in range(_ROUNDS):
         kept = trim(values, at.normal)
         if kept.sum() < problem.size:
             return Solved(values, np.nan, kept, at, at.residual)
         now = spread((at.residual / at.sigma)[kept], problem.size)
-        if abs(now - scale) <= 0.01 * scale and (kept != keep).sum() <= 1e-3 * len(keep):
+        if abs(now - scale) <= 0.01 * scale and (kept != before).sum() <= 1e-3 * len(keep):
             break
-        scale, keep = now, kept
-        values, at = _descend(problem, values, at, loss, scale, keep)
+        scale, before = now, kept
+        values, at, keep = _descend(problem, values, at, loss, scale, kept)
         if not np.isfinite(values).all():
             return Solved(values, np.nan, keep, at, at.residual)
     return Solved(values, scale, keep, at, at.residual / at.sigma)
 
 
 def _descend(problem, values, at, loss, scale, keep):
-    """Gauss-Newton steps at one spread: the values reached, and the problem there.
+    """Gauss-Newton steps at one spread: the values reached, the problem there, and what of `keep` still counts.
+
+    A point whose line of error comes to graze the ball is left out from there on: in and out, it
+    would have the fit go to and fro.
 
     The matrix of reweighting, sum of psi / z, is brought to the size of the true one, of psi', by one
     factor: the steps are then neither short nor, where psi' is negative, astray.
@@ -192,9 +197,10 @@ def _descend(problem, values, at, loss, scale, keep):
         values = values.copy()
         values[: problem.size] += move * min(1, 0.5 * values[-1] / max(np.abs(move).max(), 1e-300))
         at = linearise(problem, values)
+        keep = keep & np.isfinite(at.residual)
         if length < 3e-3 or np.abs(move).max() < 1e-12 * values[-1] or not np.isfinite(length):
             break
-    return values, at
+    return values, at, keep
 
 
 @dataclass(frozen=True)
@@ -212,6 +218,17 @@ def used_part(problem: Problem, solved: Solved, loss: Loss, used: np.ndarray) ->
     rows, white = solved.at.rows[: problem.size, used] / solved.at.sigma[used], solved.white[used]
     weight, slope = loss(white / solved.spread)
     return Used(rows, weight * white, slope, rows @ rows.T)
+
+
+def step_left(part: Used, radius: float) -> float:
+    """What a further Newton step would move, in sigmas of what is fitted: the score statistic of an M-estimate (Rao,
+    Proc. Cambridge Phil. Soc. 44, 1948). 0 where it is less than rounding of the radius."""
+    pull = part.rows @ part.score
+    move = np.linalg.lstsq(part.normal, pull, rcond=1e-14)[0]
+    power = part.score @ part.score / max(part.score.size - len(part.rows), 1)
+    if np.abs(move).max() < 1e-9 * radius:
+        return 0.0
+    return float(np.sqrt(max(pull @ move, 0.0) / max(power, 1e-300)))
 
 
 def covariance(part: Used, groups: np.ndarray | None = None) -> np.ndarray:

@@ -76,7 +76,23 @@ def _chessboard(picture: np.ndarray, board: "Board") -> Found:
     larger = _larger_chessboard(picture, grid)
     if larger != (board.columns, board.rows):
         return Found(why=_other(board, larger), size=larger)
+    if _second_chessboard(picture, grid):
+        return Found(why=_two(board))
     return Found(np.arange(board.count), grid.reshape(-1, 2).T)
+
+
+def _second_chessboard(picture: np.ndarray, grid: np.ndarray) -> bool:
+    """Whether there is another one of that size, once the first is painted over with a square around it."""
+    import cv2
+
+    rows, columns = grid.shape[:2]
+    small, scale = _shrunk(picture, SMALL)
+    corners = (grid.reshape(-1, 2) + 0.5) / scale - 0.5
+    middle, wider = corners.mean(0), 1 + 3 / (min(rows, columns) - 1)
+    hull = cv2.convexHull(np.rint(middle + wider * (corners - middle)).astype(np.int32))
+    rest = cv2.fillConvexPoly(small.copy(), hull, int(np.median(small)))
+    # the quick look answers no in a hundredth of the time that the search takes
+    return bool(cv2.checkChessboard(rest, (columns, rows)) and cv2.findChessboardCornersSB(rest, (columns, rows))[0])
 
 
 def _inner_corners(picture: np.ndarray, columns: int, rows: int) -> np.ndarray | None:
@@ -192,6 +208,11 @@ def _other(board: "Board", size: tuple[int, int], cut: bool = False) -> str:
     return f"{seen}: if the board has {size[0]} x {size[1]}, correct columns and rows, else show all of it"
 
 
+def _two(board: "Board") -> str:
+    """Which of them is meant, nothing says."""
+    return f"two boards of {board.columns} x {board.rows} {board.marks} found: show one, or cover the other"
+
+
 # Circles
 
 
@@ -207,6 +228,8 @@ def _circles(picture: np.ndarray, board: "Board") -> Found:
         larger = _larger_grid(discs, discs_in_order[:2].T.reshape(board.rows, board.columns, 2), asymmetric)
         if larger != (board.columns, board.rows):
             return Found(why=_other(board, larger), size=larger)
+        if circles.grid_among(np.delete(discs, chosen, 1), board.columns, board.rows, asymmetric) is not None:
+            return Found(why=_two(board))
         return Found(np.arange(board.count), discs_in_order[:2], discs=discs_in_order)
     return _another_grid(both, board, picture.shape)
 
@@ -266,16 +289,16 @@ def _charuco(picture: np.ndarray, board: "Board") -> Found:
     """Corners between markers that are seen: a board may be cut or partly covered, or printed white on dark."""
     for shown in (picture, 255 - picture):
         index, pixels, markers = _marked(shown, board.columns, board.rows, board)
-        if markers:
+        if len(markers):
             break
     if len(index) >= 6 and circles.is_flat(board.points[:2, index], pixels):
         return Found(index, pixels)
-    if markers:
+    if len(markers):
         return _another_charuco(shown, board, len(index), markers)
     return Found(why=f"no marker of {board.dictionary} found")
 
 
-def _another_charuco(picture: np.ndarray, board: "Board", corners: int, markers: int) -> Found:
+def _another_charuco(picture: np.ndarray, board: "Board", corners: int, markers: np.ndarray) -> Found:
     """Which other ChArUco board explains the markers: the one with most corners, of these the smallest."""
     wide, high, best = board.columns, board.rows, (max(5, 1.3 * corners), 0, None)
     around = {(wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)}
@@ -284,8 +307,10 @@ def _another_charuco(picture: np.ndarray, board: "Board", corners: int, markers:
         rank = (len(index), -columns * rows)
         if rank > best[:2] and circles.is_flat(np.array(np.divmod(index, columns)[::-1], float), pixels):
             best = (*rank, (columns, rows, legacy))
+    if best[2] is None and len(np.unique(markers)) < 0.7 * len(markers):  # on one board every marker stands once
+        return Found(why=_two(board))
     if best[2] is None:
-        seen = f"{markers} markers and {corners} corners between them found"
+        seen = f"{len(markers)} markers and {corners} corners between them found"
         return Found(why=f"{seen}, 6 corners needed: show more of the board")
     if best[2][:2] == (wide, high):
         return Found(why=f"the markers are those of a board with legacy = {str(best[2][2]).lower()}: correct it")
@@ -293,11 +318,11 @@ def _another_charuco(picture: np.ndarray, board: "Board", corners: int, markers:
 
 
 def _marked(picture, columns: int, rows: int, board: "Board", legacy: bool | None = None):
-    """Index (k,), pixels (2, k) and number of markers of a board of this size."""
+    """Index (k,), pixels (2, k) and numbers (m,) of the markers of a board of this size."""
     detector = _detector(columns, rows, board.square_mm, board.marker_mm, board.dictionary,
                          board.legacy if legacy is None else legacy)
     corners, ids, _, markers = detector.detectBoard(picture)
-    seen = 0 if markers is None else len(markers)
+    seen = np.ravel(() if markers is None else markers)
     if ids is None or len(ids) == 0:
         return np.zeros(0, int), np.zeros((2, 0)), seen
     order = np.argsort(ids.ravel())

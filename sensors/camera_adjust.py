@@ -8,7 +8,20 @@ import numpy as np
 
 from sensors.camera import Camera
 from sensors.camera_checks import fit_free, group_subset
-from sensors.camera_start import FEW, check_views, corner_chain, placement_groups, started, thinned
+from sensors.camera_doubts import FAR, blunders, from_behind, on_a_line, repeated, unsmooth
+from sensors.camera_start import (
+    FEW,
+    check_views,
+    corner_chain,
+    first_poses,
+    homographies,
+    placement_groups,
+    spread,
+    started,
+    thinned,
+    usual_focal,
+)
+from sensors.camera_turns import quarter_turned, tell_apart, turn
 from sensors.corners import Corners
 from workbench.core.bundle import CHI_SQUARE_MEDIAN, BundleFit
 from workbench.core.effect import Effect
@@ -23,13 +36,12 @@ FEWEST = 3
 """Placements: fewer do not determine a camera's focal lengths, principal point and distortion."""
 LEAST = 4
 """Corners, not on one line, that a placement's pose needs."""
-FAR = 6.0
-"""A corner is a blunder where it is more than this many times as far off as half of all corners are, about 7 sigmas."""
-# As long as the camera is not known, where no pose explains the corners to this share of the board's image: no lens
-# bends a board's image by as much.
+PARALLEL = np.deg2rad(10)
+"""Boards that are tilted against each other by less tell little of a focal length."""
+# As long as the camera is not known: corners that no pose and no smooth warp of the board explain to this share of
+# its image. A wide lens bends a board's image by more than a pinhole allows, but as a whole.
 _NO_PLANE = 0.15
-_FLAT = 1e-3  # of the board's extent along its corners: they lie on a line where across they extend less
-_WITHIN = 0.05
+_TURNINGS = 4
 _FIRST_STEPS = 2  # of a first fit, which only has to come near
 _STILL = 1.2  # costs' ratio from step to step above which it has not come near
 
@@ -53,13 +65,16 @@ def adjusted(views: Sequence["View"], board: "Board", size: tuple[int, int], mod
     _enough(views, (), board)
     check_views(views, board, size)
     usable, few = _usable(views, board)
+    usable, few = _once(usable, few)
     _enough(usable, few, board)
     chain, kept, wrong = _started(usable, few, board, size, model)
+    if tell_apart(board, effects):
+        chain, kept = _turned(chain, kept, board, model, effects, loss)
     rejected, left_out = [*few, *wrong], dict.fromkeys((view.image for view in kept), 0)
     while True:
         stated = chain.sigma
-        chain, fit = adjust(chain, effects, loss)
-        far = _far_off(chain, fit.residual[0])
+        chain, fit = _best(chain, effects, loss)
+        far = blunders(chain, fit.residual[0])
         if not far.any():
             return Adjusted(chain, fit, tuple(kept), tuple(rejected), {k: n for k, n in left_out.items() if n})
         counts = np.bincount(chain.labels["view"], far, len(kept))
@@ -91,10 +106,18 @@ def _rejected(view, why):
     return Rejected(view.image, why, view.placement)
 
 
+def _once(views, rejected):
+    """Views without those whose corners another has: counted twice, one picture would pass for two."""
+    of = repeated(views)
+    twice = [_rejected(view, f"the same corners as {views[k].image}, which would count twice")
+             for view, k in zip(views, of) if k is not None]  # fmt: skip
+    return [view for view, k in zip(views, of) if k is None], [*rejected, *twice]
+
+
 def _usable(views, board):
     """Views with corners enough for a pose, and those without."""
     kept, few = [], []
-    for view, flat in zip(views, _on_a_line(views, board)):
+    for view, flat in zip(views, on_a_line(views, board)):
         if len(view.index) < LEAST:
             few.append(_rejected(view, f"{len(view.index)} corners: a pose needs {LEAST} or more"))
         elif flat:
@@ -104,25 +127,16 @@ def _usable(views, board):
     return kept, few
 
 
-def _on_a_line(views, board):
-    """(V,) True for views whose corners lie on one line of the board."""
-    count = np.array([len(view.index) for view in views])
-    view = np.repeat(np.arange(len(views)), count)
-    places = board.points[:2, np.concatenate([view.index for view in views])]
-    middle = np.stack([np.bincount(view, row, len(views)) for row in places]) / np.maximum(count, 1)
-    x, y = places - middle[:, view]
-    xx, yy, xy = (np.bincount(view, row, len(views)) for row in (x * x, y * y, x * y))
-    # the product of the two variances along and across the corners, over the square of the first, which is the larger
-    return xx * yy - xy * xy < _FLAT**2 * (xx + yy) ** 2
-
-
 def _started(views, few, board, size, model):
     """The chain at its start, the views in it, and those whose corners are no picture of this board."""
     kept, rejected = list(views), []
     while True:
         chain = started(corner_chain(kept, board, size, model))
-        share, behind = _misfit(chain), _from_behind(chain.poses)
-        bad = share > max(_NO_PLANE, share.max() / 2)
+        share, behind = _misfit(chain), from_behind(chain.poses)
+        bad = share > _NO_PLANE
+        if bad.any():
+            share = np.minimum(share, unsmooth(chain))
+            bad = share > max(_NO_PLANE, share.max() / 2)
         if not (bad | behind).any():
             return chain, kept, rejected
         group = placement_groups(kept)[0]
@@ -145,16 +159,16 @@ def _misfit(chain):
     return np.sqrt(np.bincount(group, (residual**2).sum(0), few) / np.maximum(extent, 1e-300))
 
 
-def _from_behind(poses):
-    """(G,) True where the board shows another side than in most pictures: corners numbered in mirror image."""
-    away = (rotation_matrix(poses[:, 3:])[:, :, 2] * poses[:, :3]).sum(1) > 0
-    return away != (2 * away.sum() > len(away))
-
-
-def _far_off(chain, residual):
-    """(n,) True for blunders; what is well within its stated sigma is none, however good the others are."""
-    distance = np.sqrt(((residual / chain.sigma) ** 2).sum(0))
-    return distance > FAR * max(np.median(distance), _WITHIN)
+def _turned(chain, kept, board, model, effects, loss):
+    """Chain, near its solution, and views with each placement's board the way round that its bow tells."""
+    for _ in range(_TURNINGS):
+        solved, fit = _best(chain, effects, loss)
+        other = quarter_turned(solved, fit, effects)
+        chain = replace(solved, sigma=chain.sigma)
+        if not other.any():
+            break
+        chain, kept = turn(chain, kept, board, other, model)
+    return chain, kept
 
 
 def _less(chain, kept, bad, far):
@@ -165,6 +179,25 @@ def _less(chain, kept, bad, far):
     kept = [view for view, out in zip(kept, bad) if not out]
     still = set(placement_groups(kept)[1])
     return group_subset(chain, np.array([k for k, name in enumerate(names) if name in still], int)), kept
+
+
+def _best(chain, effects, loss):
+    """As `adjust`; where boards are parallel, so that no start could be told from them, also from a usual lens."""
+    found = adjust(chain, effects, loss)
+    if tilts(found[0].poses) > PARALLEL:
+        return found
+    chosen, new = spread(chain)
+    focal = usual_focal(chain.camera)
+    usual = Camera.of(np.r_[focal, focal, chain.camera.values[2:4], 0 * chain.camera.values[4:]], chain.camera.size)
+    poses = first_poses(homographies(chain, chosen, new), usual.matrix)
+    other = adjust(chain.moved(usual, poses), effects, loss)
+    return min(found, other, key=lambda made: np.median((made[1].residual[0] ** 2).sum(0)))
+
+
+def tilts(poses: np.ndarray) -> float:
+    """rad, the largest angle between the boards of two placements."""
+    normals = rotation_matrix(poses[:, 3:])[:, :, 2]
+    return float(np.arccos(np.clip(normals @ normals.T, -1, 1)).max())
 
 
 def adjust(chain: Corners, effects: Sequence[Effect], loss: str = "huber") -> tuple[Corners, BundleFit]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sensors.camera import Camera
-from sensors.camera_adjust import FAR, adjusted
+from sensors.camera_adjust import PARALLEL, adjusted, tilts
 from sensors.camera_checks import (
     FieldMap,
     Halves,
@@ -19,6 +19,9 @@ from sensors.camera_checks import (
     projection_uncertainty,
     rms,
 )
+from sensors.camera_curvature import Curved, curved
+from sensors.camera_doubts import FAR
+from sensors.camera_shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera_start import MODELS, placement_groups
 from sensors.corners import Corners
 from sensors.effects import CATALOGUE
@@ -26,15 +29,12 @@ from workbench.core.bundle import BundleFit
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters
-from workbench.core.rigid import rotation_matrix
 
 if TYPE_CHECKING:
     from sensors.boards import Board, Rejected, View
 
 _BOW = "artefact.board-bow."
-_PARALLEL = np.deg2rad(10)
 _COVERED = 0.6
-_UNLIKELY = 0.001  # probability below which the halves' difference is not put down to chance
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ class CameraCalibration:
 
     `fit` of the bundle and the `chain` of corners (sorted by placement) at its solution; `views` that
     were used, `rejected` those that were not, `left_out` how many corners of a picture, by its name;
-    `undetermined` and `remarks` sentences; the checks, None where there are too few placements. RMS are
+    `undetermined` and `remarks` sentences; `printed` errors of the board's corners, `lens` what the
+    model leaves of it, `curved` where sigmas do not hold; the checks, None where there are too few placements. RMS are
     of the residuals of all corners used, none weighted down.
     """
 
@@ -69,6 +70,9 @@ class CameraCalibration:
     left_out: dict[str, int]
     undetermined: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    printed: PrintErrors | None = None
+    lens: LensMap | None = None
+    curved: Curved | None = None
     held_out: HeldOut | None = None
     halves: Halves | None = None
 
@@ -78,13 +82,29 @@ class CameraCalibration:
 
     @property
     def std(self) -> dict[str, float]:
-        """1 sigma by key (`camera.fx`, `artefact.board-bow.xx`, ...): sigmas scaled to the residuals, with priors."""
-        return self.fit.std
+        """1 sigma by key (`camera.fx`, `artefact.board-bow.xx`, ...): sigmas scaled to the residuals, with priors and
+        with the board's print errors; nan for what these pictures do not determine.
+        """
+        sigma = np.where(self.determined, np.sqrt(np.diag(self.covariance)), np.nan)
+        return dict(zip(self.fit.table.keys, sigma.tolist()))
+
+    @property
+    def determined(self) -> np.ndarray:
+        """(F,) False for free parameters that cannot be told from others or whose sigma does not hold, all without an
+        end of the solve.
+        """
+        known = self.fit.known.determined & self.fit.converged
+        if self.curved is not None:
+            known &= ~self.curved.members
+        if not all(known[self.fit.table.index[key]] for key in ("camera.fx", "camera.fy")):
+            own = slice(4, len(self.chain.parameters))  # distortion counts in focal lengths
+            known[own] = False
+        return known
 
     @property
     def covariance(self) -> np.ndarray:
-        """(F, F) of the free parameters, in their order."""
-        return self.fit.covariance
+        """(F, F) of the free parameters, in their order, with the errors of the board's print where there are any."""
+        return self.fit.covariance if self.printed is None else self.printed.covariance
 
     @property
     def poses(self) -> np.ndarray:
@@ -147,7 +167,7 @@ class CameraCalibration:
         places = [self.fit.table.index[key] for key in keys]
         values, covariance = self.fit.table.values[places], self.covariance[np.ix_(places, places)]
         names = [key.removeprefix(_BOW) for key in keys]
-        return Bow(dict(zip(names, values.tolist())), dict(zip(names, np.sqrt(np.diag(covariance)).tolist())),
+        return Bow(dict(zip(names, values.tolist())), {name: self.std[_BOW + name] for name in names},
                    *_height(self.board, values, covariance))  # fmt: skip
 
 
@@ -177,6 +197,9 @@ def calibrate_camera(
     made = CameraCalibration(
         part.chain.camera, part.fit, part.chain, effects, part.views, board, part.rejected, part.left_out
     )
+    printed = print_errors(part.chain, part.fit, effects)
+    made = replace(made, printed=printed, lens=lens_map(part.chain, part.fit, printed),
+                   curved=curved(part.chain, part.fit, effects))  # fmt: skip
     if folds:
         known = part.fit.parameters
         progress("pictures left out in folds, beside OpenCV")
@@ -201,14 +224,15 @@ def _height(board, values, covariance):
 def _undetermined(made: CameraCalibration) -> list[str]:
     """What these pictures do not determine, or only poorly because the boards were parallel."""
     said = list(made.fit.known.sentences())
-    normals = rotation_matrix(made.poses[:, 3:])[:, :, 2]
-    spread = np.arccos(np.clip(normals @ normals.T, -1, 1)).max()
-    if spread > _PARALLEL:
+    if made.curved is not None:
+        said.append(made.curved.sentence)
+    spread = tilts(made.poses)
+    if spread > PARALLEL:
         return said
-    weak = not made.fit.known.determined[made.fit.table.index["camera.fx"]]
+    weak = not made.determined[made.fit.table.index["camera.fx"]]
     sigma = f"{made.std['camera.fx']:.2g} px (1 sigma)"
     known = "cannot be told from its distance" if weak else f"is known to {sigma} only"
-    return [f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(normals)} "
+    return [f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(made.poses)} "
             f"placements: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
             "both ways", *said]
 
@@ -223,11 +247,13 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
     if made.left_out:
         rows = ", ".join(f"{count} of {image}" for image, count in made.left_out.items())
         said.append(f"corners left out because they are more than {FAR:g} times as far off as half of all are: {rows}")
+    said += [shared.sentence for shared in (made.printed, made.lens) if shared is not None and shared.significant]
     if folds and made.held_out is None:
         said.append(f"no picture could be left out as a check: {len(made.poses)} placements are too few; take more")
-    if made.halves is not None and made.halves.p_value < _UNLIKELY:
-        said.append(f"{made.halves.sentence}: errors that the corners of a picture share are not in the sigmas, which "
-                    f"should be taken as {made.halves.ratio:.1f} times as large")
+    if made.halves is not None and made.halves.p_value < UNLIKELY:
+        said.append(f"{made.halves.sentence} (chance does so with probability {made.halves.p_value:.1g}): the lens is "
+                    "not of the model fitted, or the corners of a picture share errors; neither is in the sigmas, "
+                    f"which should be taken as {made.halves.ratio:.1f} times as large")
     if not made.fit.converged:
         said.append(made.fit.outcome)
     return said

@@ -37,7 +37,7 @@ def corner_chain(views: Sequence["View"], board: "Board", size: tuple[int, int],
     camera = Camera.of(np.r_[1.0, 1.0, (size[0] - 1) / 2, (size[1] - 1) / 2, np.zeros(MODELS[model] - 4)], size)
     return Corners(
         camera, board.points[:, index], place[:, index], np.concatenate([views[k].pixels for k in order], axis=1),
-        {"placement": np.repeat(group[order], counts), "view": np.repeat(order, counts)},
+        {"placement": np.repeat(group[order], counts), "view": np.repeat(order, counts), "corner": index},
         np.zeros((len(names), 6)), np.tile(np.concatenate([views[k].sigma for k in order]), (2, 1)),
         float(np.median([view.radius_mm for view in views])), _covariates(views, order, counts),
     )  # fmt: skip
@@ -68,11 +68,11 @@ def _covariates(views, order, counts):
 
 def thinned(chain: Corners) -> np.ndarray:
     """(t,) indices of at most `FEW` corners of each placement."""
-    chosen, new = _spread(chain)
+    chosen, new = spread(chain)
     return chosen[new]
 
 
-def _spread(chain):
+def spread(chain: Corners) -> tuple[np.ndarray, np.ndarray]:
     """(G, FEW) corners of each placement, spread over it and not in step with its columns, and which are no repeats."""
     bounds = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses) + 1))
     share = (np.arange(FEW) + np.random.default_rng(0).random(FEW)) / FEW
@@ -87,7 +87,7 @@ def started(chain: Corners) -> Corners:
     point in the middle. A focal length that the boards do not tell is started as a usual lens's, 1.2
     widths of the picture.
     """
-    chosen, new = _spread(chain)
+    chosen, new = spread(chain)
     camera = _first_camera(chain, chosen, new)
     return chain.moved(camera, first_poses(homographies(chain, chosen, new), camera.matrix))
 
@@ -104,8 +104,13 @@ def _first_camera(chain, chosen, new):
     except cv2.error:
         found = np.full((3, 3), np.nan)
     width = max(camera.size)
-    focal = [f if _WIDEST < f / width < _NARROWEST else 1.2 * width for f in (found[0, 0], found[1, 1])]
+    focal = [f if _WIDEST < f / width < _NARROWEST else usual_focal(camera) for f in (found[0, 0], found[1, 1])]
     return Camera.of(np.r_[focal, camera.values[2:]], camera.size)
+
+
+def usual_focal(camera: Camera) -> float:
+    """px, the focal length of a usual lens."""
+    return 1.2 * max(camera.size)
 
 
 def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndarray:

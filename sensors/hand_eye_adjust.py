@@ -6,13 +6,11 @@ stated sigmas hold for a robot that is a hundred times worse than the camera, or
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from workbench.core.bundle import Family, solve_bundle
 from workbench.core.bundle_blocks import tiles_of
-from workbench.core.identifiability import Identifiability, identifiability
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
@@ -23,7 +21,7 @@ _LEVEL = 1e-3  # how often a set without a blunder has a pose called one (Baarda
 _MOST = 1e3  # typical sizes of a pose's error: beyond it the poses are nonsense, and no number says more
 _FAR = 10.0  # typical sizes that a step without a pose may move
 _ROUNDING = 1e-13  # of a sum of squares that is a difference of large ones
-_FLOOR = 1e-4  # squared, of a typical size: keeps what is undetermined where it is
+_FLOOR = 1e-4  # squared, of a typical size: keeps what is undetermined where it is (`hand_eye_known` takes it out)
 
 
 @dataclass(frozen=True)
@@ -62,10 +60,6 @@ class Adjusted:
     history: tuple[float, ...]
     converged: bool
     equal: bool
-
-    @cached_property
-    def known(self) -> Identifiability:
-        return identifiability(self.linear.normal, self.parameters)
 
     @property
     def residual(self) -> np.ndarray:

@@ -24,6 +24,8 @@ _WORDS = ("position along x", "position along y", "position along z", "turn abou
 _LEAST_CUT = 0.02  # of the radius: a plane that misses the ball still has a circle, for the solve to come back
 PLACE, TURN = 10.0, 0.05
 """Typical sizes, mm and rad: how well one knows by a ruler where a sensor sits."""
+SCALE = 1e-3
+"""1 sigma of a board's scale: what a print or its measuring with a ruler is off by."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class BoardChain:
 
     The error of a pose (L = 6) moves the board: a shift, and a turn about `pivot` (P, 3), mm, in the
     base ("in-hand") or the flange ("to-hand").
+    Shared: sensor, board, by how much the board is larger than it is said to be, and the camera.
     `modes` (9 or 12, M): changes of the camera's values per unit of each free camera parameter,
     which has a prior of 1: a square root of the covariance with which the camera is known.
     """
@@ -91,7 +94,8 @@ class BoardChain:
     @cached_property
     def parameters(self) -> Parameters:
         table = pose_table("sensor", "the camera") + pose_table("target", "the board")
-        table += [Parameter(f"camera.mode-{k}", "1", 0.0, 1.0, f"direction {k} in which the camera is uncertain", 1.0)
+        table.append(Parameter("target.scale", "1", 0.0, SCALE, "the board: scale of its squares", SCALE))
+        table += [Parameter(f"camera.mode-{k}", "1", 0.0, 1.0, f"the camera, component {k} of its covariance", 1.0)
                   for k in range(1, self.modes.shape[1] + 1)]  # fmt: skip
         return Parameters.of(table)
 
@@ -107,12 +111,16 @@ class BoardChain:
 
     def camera_at(self, values: np.ndarray) -> Camera:
         """The camera under the shared parameters `values`."""
-        return Camera.of(self.camera.values + self.modes @ values[12:], self.camera.size)
+        return Camera.of(self.camera.values + self.modes @ values[13:], self.camera.size)
+
+    def board_at(self, values: np.ndarray) -> np.ndarray:
+        """(3, n) mm, the points on the board under the shared parameters `values`."""
+        return self.board * (1 + values[12])
 
     def evaluate(self, values: np.ndarray, deltas=None) -> Evaluation:
         """Residual (2, n) px, predicted minus measured, and its derivatives at shared `values`."""
         turns = rotation_matrix(np.stack([values[3:6], values[9:12]]))
-        carried = turns[1] @ self.board
+        carried = turns[1] @ self.board_at(values)
         moved, by_placed, by_error = self._through_flange(carried + values[6:9, None])
         local = turns[0].T @ (moved - values[:3, None])
         pixels, by_point, by_camera = self.camera_at(values).project_rows(local)
@@ -123,6 +131,7 @@ class BoardChain:
             np.einsum("jcn,jkn->kcn", by_point, _turned_back(local, values[3:6])),
             by_place,
             np.einsum("jcn,jkn->kcn", by_place, _turned(carried, values[9:12])),
+            np.einsum("jcn,jn->cn", by_place, turns[1] @ self.board)[None],
             np.einsum("vcn,vm->mcn", by_camera, self.modes),
         ])  # fmt: skip
         return Evaluation(pixels - self.pixels, shared, np.einsum("jcn,jkn->kcn", by_moved, by_error))

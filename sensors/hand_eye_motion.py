@@ -2,36 +2,57 @@
 
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye_profiles_start import find_start
-from sensors.hand_eye_start import align
+from sensors.hand_eye_start import STILL, align
 from workbench.core.rigid import inverse, rotation_vector, transform
 
-_STILL = np.radians(0.5)  # below it a turn is what an arm makes when it only moves
+_ERRORS = 6.0  # sigmas: errors alone, of hundreds of poses, make two of them differ by five
 _BETTER = 3.0  # how much smaller the misfit must be before another reading of the poses is believed
 _EULER = tuple("xyz xzy yxz yzx zxy zyx XYZ XZY YXZ YZX ZXY ZYX".split())
 _POOR = 1.0  # mm; an arm repeats to hundredths and is true to tenths
 _MOST = 24  # poses up to which every exchange of two is tried
 
 
-def motion_sentences(flange: np.ndarray, kind: str) -> tuple[str, ...]:
-    """What flange poses (P, 4, 4) leave undetermined: all turns about one axis, or none at all."""
-    mount = "flange" if kind != "to-hand" else "base"
-    turns = flange[:, :3, :3]
-    relative = np.swapaxes(turns[:1], 1, 2) @ turns if kind != "to-hand" else turns @ np.swapaxes(turns[:1], 1, 2)
-    vectors = rotation_vector(relative)
-    size, axes = np.linalg.svd(vectors, full_matrices=False)[1:]
-    if np.linalg.norm(vectors, axis=1).max() < _STILL:
-        return (f"the flange only moved and never turned: where the sensor sits in the {mount} frame is undetermined, "
-                "only how it is turned; add poses with turns about two axes",)
-    if np.abs(vectors - np.outer(vectors @ axes[0], axes[0])).max() < _STILL:
+@dataclass(frozen=True)
+class Motion:
+    """What the flange's motions leave open: M shifts `sensor` (3, M), along the axes of the frame that the
+    sensor sits in, with the shifts `target` (3, M) of board or ball that go with them; `sentences`."""
+
+    sensor: np.ndarray
+    target: np.ndarray
+    sentences: tuple[str, ...]
+
+
+def motion(flange: np.ndarray, kind: str, spin: float = 0.0) -> Motion:
+    """What flange poses (P, 4, 4) leave undetermined: all turns about one axis, or none at all.
+
+    spin: 1 sigma, rad, of the error of a pose's rotation; turns that are not larger than such errors
+    make them are none.
+    """
+    turns = flange[:, :3, :3] if kind == "to-hand" else np.swapaxes(flange[:, :3, :3], 1, 2)
+    vectors = rotation_vector(turns @ np.swapaxes(turns[:1], 1, 2))
+    still, mount = max(STILL, _ERRORS * spin), "base" if kind == "to-hand" else "flange"
+    axes = np.linalg.svd(vectors, full_matrices=False)[2]
+    if np.linalg.norm(vectors, axis=1).max() < still:
+        return _motion(turns, np.eye(3),
+                       f"the flange only moved and never turned: where the sensor sits in the {mount} frame is "
+                       "undetermined, only how it is turned; add poses with turns about two axes")  # fmt: skip
+    if np.linalg.norm(vectors - np.outer(vectors @ axes[0], axes[0]), axis=1).max() < still:
         axis = ", ".join(f"{a:+.2f}" for a in axes[0])
-        return (f"the flange turned about one axis only, ({axis}) of the {mount} frame: the sensor's position along it "
-                "is undetermined; add turns about another axis",)
-    return ()
+        return _motion(turns, axes[:1],
+                       f"the flange turned about one axis only, ({axis}) of the {mount} frame: the sensor's position "
+                       "along it is undetermined; add turns about another axis")  # fmt: skip
+    return Motion(np.zeros((3, 0)), np.zeros((3, 0)), ())
+
+
+def _motion(turns, axes, sentence):
+    """turns (P, 3, 3): from the target's frame into that of the sensor's mount."""
+    return Motion(axes.T, np.einsum("pji,mj->im", turns, axes) / len(turns), (sentence,))
 
 
 def suspicions(flange: np.ndarray, seen: np.ndarray, kind: str) -> tuple[str, ...]:
@@ -67,8 +88,14 @@ def readings(flange: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     yield "the positions look too large by 1000", transform(turn, place / 1000)
     yield "the poses look shifted by one row against the pictures", np.roll(flange, 1, 0)
     yield "the poses look shifted by one row against the pictures", np.roll(flange, -1, 0)
-    yield from _other_angles(turn, place)
+    if _turns(flange):  # angles that never change say nothing of their order
+        yield from _other_angles(turn, place)
     yield from _exchanged(flange)
+
+
+def _turns(flange):
+    relative = np.swapaxes(flange[:1, :3, :3], 1, 2) @ flange[:, :3, :3]
+    return np.linalg.norm(rotation_vector(relative), axis=1).max() > STILL
 
 
 def _exchanged(flange):

@@ -11,9 +11,11 @@ import numpy as np
 from sensors.hand_eye_adjust import Variances, find_blunders
 from sensors.hand_eye_chain import BallChain
 from sensors.hand_eye_circles import Circles, find_circles
-from sensors.hand_eye_motion import motion_sentences, profile_suspicions
+from sensors.hand_eye_known import knowledge
+from sensors.hand_eye_motion import motion, profile_suspicions
+from sensors.hand_eye_poses import checked_flange
 from sensors.hand_eye_profiles_start import find_start
-from sensors.hand_eye_result import HandEye, held_row, of_block, placement, rms, standard
+from sensors.hand_eye_result import HandEye, held_row, of_block, placement, rms
 from workbench.core.errors import InputError
 
 _LEAST = 4
@@ -52,12 +54,11 @@ def hand_eye_from_profiles(points, pose, flange, radius=None, radius_sigma=None,
 
 
 def _checked(points, pose, flange):
-    points, pose, flange = np.asarray(points, float), np.asarray(pose), np.asarray(flange, float)
+    points, pose = np.asarray(points, float), np.asarray(pose)
     if points.ndim != 2 or len(points) != 3 or pose.shape != points.shape[1:]:
         raise InputError(f"profiles: expected points (3, n) and one pose number a point, found {points.shape} and "
                          f"{pose.shape}; correct them")
-    if flange.ndim != 3 or flange.shape[1:] != (4, 4) or not np.isfinite(flange).all():
-        raise InputError(f"profiles: expected finite flange poses (n, 4, 4), found shape {flange.shape}; correct them")
+    flange = checked_flange(flange, "profiles")
     finite = np.isfinite(points).all(0)
     points, pose = points[:, finite], pose[finite].astype(int)
     if len(flange) < _LEAST:
@@ -114,16 +115,17 @@ def _result(chain, found, notes, start, circles, doubts):
     used = ~np.isin(chain.pose, blunders)
     rows = tuple(held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders) for k in range(count))
     kept = [row for row in rows if not row.outlier]
+    known = knowledge(adjusted, motion(chain.flange, "profiles"))
     return HandEye(
-        kind="profiles", sensor=placement(values[:6]), covariance=of_block(adjusted, "sensor"),
-        target=placement(values[6:9]), target_covariance=of_block(adjusted, "target"),
-        parameters=adjusted.parameters, std=standard(adjusted), noise=_noise(circles), unit="mm",
+        kind="profiles", sensor=placement(values[:6]), covariance=of_block(adjusted, known, "sensor"),
+        target=placement(values[6:9]), target_covariance=of_block(adjusted, known, "target"),
+        parameters=adjusted.parameters, std=known.std(), noise=_noise(circles), unit="mm",
         robot_sigma={"position_mm": float(adjusted.variances.spread[0]),
                      "radius_mm": float(adjusted.variances.spread[1])},
         fit={"rms_mm": rms(exact, used), "pose_rms_mm": _over(row.residual for row in kept), "points": int(used.sum())},
         held_out={"rms_mm": rms(held, used), "pose_rms_mm": _over(row.held_out for row in kept), "folds": len(kept)},
         poses=rows, radius=float(values[9]), range_scale=float(values[10]), notes=notes,
-        undetermined=(*motion_sentences(chain.flange, "profiles"), *_ambiguous(start), *adjusted.known.sentences()),
+        undetermined=(*_ambiguous(start), *known.sentences),
         suspicions=doubts, outcome=adjusted.outcome, converged=adjusted.converged, history=adjusted.history,
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sensors.camera import Camera
+from sensors.hand_eye_known import Known
 from workbench.core.parameters import Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 
@@ -32,11 +33,12 @@ class HandEye:
 
     `kind`: "in-hand", "to-hand" or "profiles"; `sensor` (4, 4): T_flange_sensor, for "to-hand"
     T_base_sensor; `covariance` (6, 6) of x y z (mm) and of a small turn about x y z (rad), along the
-    axes of the flange (base for "to-hand"); `target` (4, 4): T_base_board, for "to-hand"
-    T_flange_board, for a ball its centre; `target_covariance` of the same kind, of a ball (3, 3);
-    `noise` 1 sigma of the sensor (`unit` px, or mm in the light plane); `robot_sigma` of the flange
-    poses; `fit` and `held_out` (each pose from the others): RMS, and the scatter of the board;
-    `undetermined` and `suspicions` sentences; `std` by key of `parameters`.
+    axes of the flange (base for "to-hand"), inf and beside it nan where it is not determined;
+    `target` (4, 4): T_base_board, for "to-hand" T_flange_board, for a ball its centre;
+    `target_covariance` of the same kind, of a ball (3, 3); `noise` 1 sigma of the sensor (`unit` px, or
+    mm in the light plane); `robot_sigma` of the flange poses; `fit` and `held_out` (each pose from the
+    others): RMS, and the scatter of the board; `undetermined` and `suspicions` sentences; `std` by key
+    of `parameters`, the camera's by camera.fx, camera.fy, ...; inf where it is not determined.
     """
 
     kind: str
@@ -86,26 +88,13 @@ def placement(values: np.ndarray) -> np.ndarray:
     return transform(turn, np.asarray(values[:3]))
 
 
-def of_block(adjusted, where: str) -> np.ndarray:
+def of_block(adjusted, known: Known, where: str) -> np.ndarray:
     """(6, 6) or (3, 3) covariance of the placement at `where`: mm, and a small turn about the outer axes."""
-    keys = [f"{where}.{name}" for name in ("x", "y", "z", "rx", "ry", "rz") if f"{where}.{name}" in free_keys(adjusted)]
-    places = [free_keys(adjusted).index(key) for key in keys]
-    block = adjusted.linear.covariance[np.ix_(places, places)]
-    if len(keys) < 6:
-        return block
-    by_value = np.eye(6)
-    by_value[3:, 3:] = left_jacobian(np.array([adjusted.parameters[key] for key in keys[3:]]))
-    return by_value @ block @ by_value.T
-
-
-def free_keys(adjusted) -> list[str]:
-    """Keys of the free parameters, in order."""
-    return [key for key, free in zip(adjusted.parameters.keys, adjusted.parameters.mask) if free]
-
-
-def standard(adjusted) -> dict[str, float]:
-    """1 sigma of every free parameter."""
-    return dict(zip(free_keys(adjusted), np.sqrt(np.diag(adjusted.linear.covariance)).tolist()))
+    names = [key for key in known.keys if key in {f"{where}.{name}" for name in ("x", "y", "z", "rx", "ry", "rz")}]
+    rows = np.eye(len(known.keys))[[known.keys.index(key) for key in names]]
+    if len(names) == 6:
+        rows[3:] = left_jacobian(np.array([adjusted.parameters[key] for key in names[3:]])) @ rows[3:]
+    return known.of(rows)
 
 
 def rms(residual: np.ndarray, chosen: np.ndarray) -> float:

@@ -43,7 +43,7 @@ def board_scatter(away: dict[str, np.ndarray]) -> dict[str, float]:
 
 def scatter(chain, points, values, used) -> dict[str, float]:
     """`board_scatter` of the used poses at shared values, of a board with corners (3, N)."""
-    return board_scatter(deviations(_placed(chain, values)[used], points))
+    return board_scatter(deviations(_placed(chain, values)[used], points * (1 + values[12])))
 
 
 def held_scatter(chain, points, left_out, used) -> dict[str, float]:
@@ -51,10 +51,11 @@ def held_scatter(chain, points, left_out, used) -> dict[str, float]:
     rows = []
     for k in np.flatnonzero(used):
         placed = _placed(chain, left_out[k].values)
-        rows.append(deviations(placed[[k]], points, placed[used & (np.arange(len(used)) != k)]))
+        shown = points * (1 + left_out[k].values[12])
+        rows.append(deviations(placed[[k]], shown, placed[used & (np.arange(len(used)) != k)]))
     return board_scatter({name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
 
 
 def _placed(chain, values):
-    seen = board_poses(chain.board, chain.pixels, chain.pose, chain.camera_at(values))
+    seen = board_poses(chain.board_at(values), chain.pixels, chain.pose, chain.camera_at(values))
     return placed_boards(chain.flange, placement(values[:6]), seen, chain.kind)

@@ -8,6 +8,7 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, nearest_rotation, rotation_vector, transform
 
 METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
+STILL = np.radians(0.5)  # below it a turn is what an arm makes when it only moves
 _HALF_TURN = np.radians(170.0)  # near a half turn the axis of a relative rotation has no sign
 
 
@@ -145,18 +146,48 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
     """Hand-eye (4, 4) of all pairs by least squares, its misfit (mm), and angles (2, K) of flange and camera, rad.
 
     Rotation: the turn that takes the camera's rotation vectors to the flange's (Park & Martin, IEEE
-    Trans. Robot. Autom. 10 (1994)); then the translation. The misfit counts a turn at the board's
+    Trans. Robot. Autom. 10 (1994)); where those have one direction only, or none, with what the
+    translations say of the rest; then the translation. The misfit counts a turn at the board's
     distance.
     """
     flange, camera = _pairs(moved, seen)
     alpha, beta = rotation_vector(flange[:, :3, :3]), rotation_vector(camera[:, :3, :3])
     angles = np.linalg.norm(np.stack([alpha, beta]), axis=2)
     sure = (angles < _HALF_TURN).all(0)
-    turn = nearest_rotation((alpha[sure].T @ beta[sure])[None])[0]
-    shift, rest = _translation(turn, flange, camera)
     reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))
-    gap = (alpha - beta @ turn.T)[sure] * reach
-    return transform(turn, shift), float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())), angles
+    found = []
+    for turn in _turns(alpha[sure], beta[sure], flange, camera):
+        shift, rest = _translation(turn, flange, camera)
+        gap = (alpha - beta @ turn.T)[sure] * reach
+        found.append((float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())), transform(turn, shift)))
+    misfit, best = min(found, key=lambda row: row[0])
+    return best, misfit, angles
+
+
+def _turns(alpha, beta, flange, camera):
+    """Rotations (3, 3) to try, of which one is near, from rotation vectors (K, 3) of flange and camera."""
+    turn = nearest_rotation((alpha.T @ beta)[None])[0]
+    axes = np.linalg.svd(alpha, full_matrices=False)[2]
+    along = alpha @ axes[0]
+    if np.linalg.norm(alpha, axis=1).max(initial=0) < STILL:  # flange and camera move alike
+        return [nearest_rotation((flange[:, :3, 3].T @ camera[:, :3, 3])[None])[0]]
+    if np.linalg.norm(alpha - np.outer(along, axes[0]), axis=1).max() > STILL:
+        return [turn]
+    about = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 24, endpoint=False), axes[0])).as_matrix()
+    return _about(about @ turn, axes[0], flange, camera)
+
+
+def _about(turns, axis, flange, camera):
+    """The best of `turns` (S, 3, 3), turned about the axis by Newton's step of the translations' misfit."""
+    rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = (np.einsum("sij,kj->kis", turns, camera[:, :3, 3]) - flange[:, :3, 3, None]).reshape(len(rows), -1)
+    cost = ((rows @ np.linalg.lstsq(rows, right, rcond=1e-9)[0] - right) ** 2).sum(0)
+    k = int(np.argmin(cost))
+    before, at, after = cost[k - 1], cost[k], cost[(k + 1) % len(cost)]  # a sine of the angle, near its lowest
+    bend = before - 2 * at + after
+    step = 2 * np.pi / len(turns) * (before - after) / (2 * bend) if bend > 0 else 0.0
+    near = Rotation.from_rotvec(np.outer([0, step], axis)).as_matrix() @ turns[k]
+    return list(near)
 
 
 def _translation(turn, flange, camera):

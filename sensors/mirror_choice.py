@@ -9,14 +9,16 @@ from scipy.special import fdtrc
 from sensors.mirror import NAMES, Mirror, start_mirror
 from sensors.planes import plane_variance
 from sensors.scanner_adjustment import Adjustment, fresh_start, solve_once
-from sensors.scanner_errors import laid_over
+from sensors.scanner_errors import field_points, laid_over
 from workbench.core.effect import Effect
 from workbench.core.identifiability import independent
 
 FEWEST = 5
 """Steps: 15 numbers of free planes against the mirror's seven."""
 _LEAST = 1e-3
-"""Probability below which the mirror is refused."""
+"""Probability below which the stripes contradict the mirror."""
+_AS_WELL = 5.0
+"""Times the usual sigma of a plane over the working volume, beyond which it does not count for the mirror's start."""
 _FIRST = ("tilt_face", "tilt_across", "shift_face", "shift_across", "beam_cone", "beam_turn", "beam_shift")
 # `independent` keeps what is known to ten typical sizes; here to one, and the face's distance is not guessed at.
 _STRICT = 10.0
@@ -31,7 +33,8 @@ class MirrorCheck:
     `excess` of chi-square over that of the free planes, on `degrees` of freedom, and its
     probability where the mirror is true; `difference_mm` RMS distance of the two kinds of planes
     over the working volume and `expected_mm`, what it should be by their sigmas. `sentences` says
-    what cannot be told apart. `supported`: whether it goes into the scanner.
+    what cannot be told apart. `supported`: whether it goes into the scanner: where the stripes agree
+    with it, or where they do not, but its planes are farther from the truth by less than the free ones' own noise.
     """
 
     mirror: Mirror
@@ -45,8 +48,28 @@ class MirrorCheck:
     difference_mm: float
     expected_mm: float
     difference_of_step_mm: np.ndarray
-    supported: bool
     sentences: tuple[str, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the stripes agree with one mirror: the test by chi-square alone."""
+        return self.probability > _LEAST
+
+    @property
+    def supported(self) -> bool:
+        return self.agrees or self.difference_mm < self.expected_mm
+
+    @property
+    def verdict(self) -> str:
+        """What is done with the mirror, and why."""
+        if self.agrees:
+            return "the stripes agree with one mirror; it is used"
+        if not self.supported:
+            return "the stripes contradict it; it is refused and the free planes are used"
+        return (
+            "the stripes contradict one perfect mirror, yet its planes differ from the free ones by less than those err "
+            "by themselves; it is used as the nearer to the truth, and its sigmas do not hold what it is off"
+        )
 
 
 def try_mirror(
@@ -61,10 +84,11 @@ def try_mirror(
 
     commanded: (S,) rad, or numbers of the steps where by_step; at least `FEWEST`. effects: also those of the mirror.
     """
-    start, gain = start_mirror(free.sheets.planes, commanded, by_step)
+    known = _well_known(free, volume)
+    start, gain = start_mirror(free.sheets.planes[:, known], commanded[known], by_step)
     said = _odd_gain(gain, by_step)
     if said:  # what was commanded is no angle of the mirror: only its steps count
-        by_step, (start, gain) = True, start_mirror(free.sheets.planes, commanded, True)
+        by_step, (start, gain) = True, start_mirror(free.sheets.planes[:, known], commanded[known], True)
     angles = commanded * gain if by_step else commanded
     sheets = fresh_start(free, start.planes(angles), start, angles)
     names = (*_FIRST, "gain") if by_step else _FIRST
@@ -76,6 +100,19 @@ def try_mirror(
     if by_step:
         gain = gain * made.sheets.angles[-1] / angles[-1] if angles[-1] else gain
     return made, _compared(free, made, gain, volume, (*said, *tied))
+
+
+def _well_known(free: Adjustment, volume) -> np.ndarray:
+    """(k,) steps whose planes are known nearly as well as most: at the sweep's ends few boards are in the light."""
+    planes = free.sheets.planes
+    points, step = field_points(free.camera, planes, *volume)
+    variance = plane_variance(planes, points, step, free.apart(volume).planes)
+    count = np.bincount(step, minlength=planes.shape[1])
+    with np.errstate(invalid="ignore"):
+        mean = np.bincount(step, variance, planes.shape[1]) / count
+    usual = np.nanmedian(mean)
+    known = np.flatnonzero(mean <= _AS_WELL**2 * usual)
+    return known if len(known) >= FEWEST else np.arange(planes.shape[1])
 
 
 def _determined(made: Adjustment, by_step):
@@ -112,7 +149,7 @@ def _compared(free, made, gain, volume, said):
     std = {name: free_std for name in made.free if (free_std := made.fit.std.get(f"mirror.{name}")) is not None}
     return MirrorCheck(
         made.sheets.mirror, made.sheets.angles, made.free, std, float(gain), float(excess), degrees, probability,
-        whole, expected, each, probability > _LEAST, tuple(said),
+        whole, expected, each, tuple(said),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sensors.clipping import Counts
 from workbench.core.errors import InputError
 
 CHANNELS = ("grey", "blue", "green", "red")
@@ -126,9 +127,13 @@ def to_eight_bits(grey: np.ndarray) -> np.ndarray:
 
 
 def as_picture(picture: Picture | np.ndarray) -> Picture:
-    """An array (H, W) of 8 or 16 bits, or of floats in counts of 8 bits, as a `Picture`."""
+    """An array (H, W) of 8 or 16 bits, or of floats in counts of 8 bits, as a `Picture`; InputError for others."""
     if isinstance(picture, Picture):
         return picture
+    picture = np.asarray(picture)
+    if picture.ndim != 2 or not (picture.dtype in (np.uint8, np.uint16) or picture.dtype.kind == "f"):
+        raise InputError(f"picture: expected grey values (H, W) of 8 or 16 bits, found {picture.dtype} of shape "
+                         f"{picture.shape}; convert colour to grey, or read the file with sensors.pictures.read")
     return Picture(picture, 255 if picture.dtype.kind == "f" else _full_scale(picture))
 
 
@@ -170,11 +175,10 @@ def _one_channel(found: np.ndarray, channel: str) -> tuple[np.ndarray, str]:
 
 
 def _full_scale(grey: np.ndarray) -> int:
-    """255, or for 16 bits the end of the 10, 12, 14 or 16 bits that the counts fill."""
+    """255, or for 16 bits what `Counts.full` says of one picture alone: less than the camera's where it is dim."""
     if grey.dtype == np.uint8:
         return 255
-    largest = int(grey.max(initial=0))
-    return next(2**bits - 1 for bits in (10, 12, 14, 16) if largest <= 2**bits - 1)
+    return Counts.of(grey).full
 
 
 def _stride(picture: Picture) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from sensors import corners
 from sensors.camera import Camera
 from sensors.mirror import Mirror
-from sensors.scanner_errors import by_pixel, by_plane, cut
+from sensors.scanner_errors import by_pixel, by_plane, cut, frame_moves
 from sensors.state import SensorState, stripe_direction
 from sensors.undistort import BLOCK
 from workbench.core.effect import Effect
@@ -27,7 +27,8 @@ class Scanner:
     (S,) rad where the planes share one; `effects` with their parameters (P,), joined, act on
     every scan; `sigma_px` of a stripe's centre where a picture does not say better.
     `covariance` (3 S, 3 S): of each plane's two tilts (rad), along the stripe and across it, and
-    offset (mm), in the frame that fits best, None where unknown; `volume` (nearest, farthest) depth in
+    offset (mm), in the frame that fits best, None where unknown; `frame` (6, 6): of that frame itself
+    in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest, farthest) depth in
     mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px.
     """
 
@@ -42,6 +43,7 @@ class Scanner:
     volume: tuple[float, float] | None = None
     scan: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0]))
     provenance: Mapping = field(default_factory=dict)
+    frame: np.ndarray | None = None
 
     @cached_property
     def _table(self) -> tuple[int, np.ndarray | None] | None:
@@ -59,8 +61,8 @@ class Scanner:
         return low, table
 
     def places(self, steps: np.ndarray) -> np.ndarray:
-        """(n,) column of `planes` for steps (n,); InputError where a step has no plane."""
-        steps = np.asarray(steps)
+        """(n,) column of `planes` for steps (n,), whole numbers; InputError where a step has no plane."""
+        steps = _whole(steps)
         if self._table is None:
             order = np.argsort(self.steps)
             found = order[np.minimum(np.searchsorted(self.steps, steps, sorter=order), len(order) - 1)]
@@ -84,22 +86,30 @@ class Scanner:
                           "the scanner, found none like it; calibrate the scanner at this step too")
 
     def reconstruct(self, pixels: np.ndarray, steps: np.ndarray, covariates: Mapping[str, np.ndarray] | None = None,
-                    normals: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
+                    normals: np.ndarray | None = None, ball: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
         """(3, n) mm, points in the camera frame of stripe pixels (2, n) at steps (n,).
 
         Ray through the undistorted pixel, cut with the light plane (Ye et al., Sensors 24 (2024)
         2559, eq. 5); nan where they do not meet in front of the camera. `covariates` (n,) by column
-        of images.csv and `normals` (3, n) of the surface, for the effects that ask for them.
+        of images.csv, `normals` (3, n) of the surface and `ball` (n,) number of the ball or 0, for the effects
+        that ask for them; a normal that is not known is nan. InputError where one of them is asked for and not given.
         """
         place = self.places(steps)
         points = _blockwise(self.camera, self.planes, place, pixels)
         if not self.effects:
             return points
-        return self._corrected(pixels, place, points, covariates or {}, normals)
+        self._check_surface(normals=normals, ball=ball)
+        return self._corrected(pixels, place, self._state(pixels, place, points, covariates or {}, normals, ball))
 
-    def _corrected(self, pixels, place, points, covariates, normals):
+    def _check_surface(self, **given):
+        for effect, _ in self.effects:
+            lacking = [name for name in effect.surface if given[name] is None]
+            if lacking:
+                raise InputError(f"scanner, {effect.title}: expected {' and '.join(lacking)} of the surface at each "
+                                 "point, found none; give them to reconstruct, or take the effect out")
+
+    def _corrected(self, pixels, place, state):
         """With the effects, in the order pixel, ray, mirror, plane, point."""
-        state = self._state(pixels, place, points, covariates, normals)
         change = {port: sum(self._changes(port, state), np.zeros((width, 1))) for port, width in corners.PORTS.items()}
         ray = self.camera.rays(pixels - change["pixel"]) + change["ray"]
         plane = self._turned(place, change["mirror"]) + change["plane"][:4]
@@ -111,13 +121,13 @@ class Scanner:
             depth = -2 * plane[3] / (facing + np.sign(facing) * np.sqrt(under))
         return ray * np.where(depth > 0, depth, np.nan) - change["point"]
 
-    def _state(self, pixels, place, points, covariates, normals):
+    def _state(self, pixels, place, points, covariates, normals, ball=None):
         n = pixels.shape[1]
         angles = np.full(len(self.steps), np.nan) if self.angles is None else self.angles
         nowhere = np.full((3, n), np.nan)
         return SensorState(
             self.camera, pixels, points, self.planes[:, place], angles[place], nowhere[:2],
-            nowhere if normals is None else normals, np.zeros(n, int), covariates, nowhere,
+            nowhere if normals is None else normals, np.zeros(n, int) if ball is None else ball, covariates, nowhere,
         )  # fmt: skip
 
     def _changes(self, port, state):
@@ -159,6 +169,12 @@ class Scanner:
             return np.zeros((count, 3, 3))
         return self.covariance.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
 
+    def frame_covariance(self, points: np.ndarray) -> np.ndarray:
+        """(3, 3, n) mm^2 that places (3, n) in the camera frame have from the frame alone: all points of a scan move
+        together by it, so that no distance and no hand-eye calibration notices. Zero where it is unknown."""
+        moves = frame_moves(np.asarray(points, float))
+        return np.einsum("pin,pq,qjn->ijn", moves, np.zeros((6, 6)) if self.frame is None else self.frame, moves)
+
     def by_stripe(self, points: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """(3, n) mm that points (3, n) move by when the centre of their stripe errs by one px."""
         rows = by_pixel(self.camera, points, self.planes[:, self.places(steps)])
@@ -180,6 +196,17 @@ class Scanner:
             shared = np.einsum("kin,nkl->lin", moves, self.plane_covariance[place])
             made[..., part] = noise[:, None] * noise + np.einsum("lin,ljn->ijn", shared, moves)
         return made
+
+
+def _whole(steps) -> np.ndarray:
+    """The same as integers; InputError where one is no whole number."""
+    steps = np.asarray(steps)
+    if steps.dtype.kind in "iu":
+        return steps
+    odd = steps[~(np.isfinite(steps) & (steps == np.round(steps)))] if steps.dtype.kind == "f" else steps.ravel()
+    if odd.size:
+        raise InputError(f"steps: expected whole numbers, found {odd[0]}; number the steps as in the scanner's file")
+    return steps.astype(int)
 
 
 def _blockwise(camera: Camera, planes: np.ndarray, place: np.ndarray, pixels: np.ndarray) -> np.ndarray:

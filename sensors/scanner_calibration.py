@@ -28,6 +28,7 @@ _NO_BOARD = "no board: no usable picture of the board at their placement"
 _OFF_BOARD = "off the board"
 _NO_PLANE = "their step's plane is not determined: fewer than two placements, or one line"
 _WRONG = "wrong: far from the course of their stripe or from its plane"
+_STILL = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
 _LINE = 0.02  # second over first spread of a step's points below which they lie on one line, and make no plane
 
 
@@ -126,7 +127,7 @@ def calibrate_scanner(
     free = adjust(camera.chain, thin, still, camera.parameters, progress=progress)
     made, checked = free, None
     if mirror and len(found.steps) >= FEWEST:
-        by_step = found.commanded is None
+        by_step = found.commanded is None or np.ptp(found.commanded) < _STILL
         numbers = found.steps.astype(float) if by_step else found.commanded
         tried, checked = try_mirror(free, numbers, by_step, found.volume, every, progress)
         made = tried if checked.supported else free
@@ -145,6 +146,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         made.camera, found.steps, made.sheets.planes, made.sheets.mirror,
         None if made.sheets.mirror is None else made.sheets.angles, _effects(made),
         float(np.sqrt((pixels[good] ** 2).mean())), apart.planes, found.volume, last.scan[:, 0], dict(provenance or {}),
+        apart.frame,
     )  # fmt: skip
     said = (*_on_dropped(dropped), *camera.undetermined, *_on_mirror(checked), *_on_fit(made))
     step = last.labels["step"]
@@ -264,11 +266,10 @@ def _on_dropped(dropped):
 def _on_mirror(check: MirrorCheck | None):
     if check is None:
         return []
-    verdict = "it is used" if check.supported else "it is refused and the free planes are used"
     first = (
         f"one mirror with {len(check.fitted)} numbers instead of free planes: chi-square grows by {check.excess:.0f} "
-        f"on {check.degrees} degrees of freedom (probability {check.probability:.2g}), planes differ by "
-        f"{check.difference_mm:.5f} mm RMS, expected {check.expected_mm:.5f} mm; {verdict}"
+        f"on {check.degrees} degrees of freedom (probability {check.probability:.2g} for a true mirror), planes differ "
+        f"by {check.difference_mm:.5f} mm RMS, expected {check.expected_mm:.5f} mm; {check.verdict}"
     )
     return [first, *check.sentences]
 

@@ -10,6 +10,7 @@ from sensors.state import stripe_direction
 from workbench.core.rigid import nearest_rotation
 
 _DEPTHS, _PLACES = 7, 15
+_FEWEST = 3  # points that a rigid motion needs
 _SOME = 3000  # points that stand for the working volume where all would take long
 
 
@@ -144,12 +145,16 @@ def laid_over(camera: Camera, planes: np.ndarray, other_camera: Camera, other: n
     """Another calibration's planes (4, S) laid over these by the rigid motion that fits their points best.
 
     Gives points (3, n) of these planes, their column (n,), their distances (n,) from the other's
-    planes and (3, n) from the points that the other finds at the same pixels, mm.
+    planes and (3, n) from the points that the other finds at the same pixels, mm; nan where it finds none.
+    Where it finds next to none, nothing is moved.
     """
     points, step = field_points(camera, planes, *volume)
     found = cut(other_camera.normalised(camera.project(points)), other[:, step])
-    middle, there = points.mean(1, keepdims=True), found.mean(1, keepdims=True)
-    turn = nearest_rotation((points - middle) @ (found - there).T)
+    met = np.isfinite(found).all(0)
+    if met.sum() < _FEWEST or not np.isfinite(other).all():
+        return points, step, (other[:3, step] * points).sum(0) + other[3, step], found - points
+    middle, there = points[:, met].mean(1, keepdims=True), found[:, met].mean(1, keepdims=True)
+    turn = nearest_rotation((points[:, met] - middle) @ (found[:, met] - there).T)
     normals = turn @ other[:3]
     offsets = other[3] + (other[:3] * there).sum(0) - (normals * middle).sum(0)
     error = turn @ (found - there) + middle - points

@@ -58,6 +58,8 @@ class _Light(_Section):
     sigma_tilt_rad: list[Pair] | None = None
     sigma_offset_mm: list[Finite] | None = None
     covariance: str | None = None
+    frame_covariance: Annotated[list[Annotated[list[Finite], Field(min_length=6, max_length=6)]],
+                                Field(min_length=6, max_length=6)] | None = None  # fmt: skip
 
 
 class _File(_Section):
@@ -111,6 +113,8 @@ def _light_keys(scanner):
         std = np.sqrt(np.maximum(np.diag(scanner.covariance), 0)).reshape(-1, 3)
         keys |= {"sigma_tilt_rad": _list(std[:, :2]), "sigma_offset_mm": _list(std[:, 2])}
         keys["covariance"] = base64.b64encode(np.asarray(scanner.covariance, "<f8").tobytes()).decode("ascii")
+    if scanner.frame is not None:
+        keys["frame_covariance"] = _list(scanner.frame)  # shift mm, turn rad
     return keys
 
 
@@ -158,7 +162,7 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
     light = file.light
     volume = None if light.volume_mm is None else tuple(light.volume_mm)
     bare = Scanner(camera, steps, planes, mirror, angles, (), light.sigma_px, _covariance(light, where), volume,
-                   np.array(light.scan), file.provenance)  # fmt: skip
+                   np.array(light.scan), file.provenance, _frame(light, where))  # fmt: skip
     effects = tuple(_effect(row, bare, where) for row in file.effect)
     return replace(bare, effects=effects)
 
@@ -215,6 +219,17 @@ def _covariance(light, where):
         raise _wrong(f"{where}, key light.covariance", f"{size} x {size} numbers, base64 of little-endian doubles",
                      f"{values.size} of them", "remove the key or calibrate again")  # fmt: skip
     return values.reshape(size, size)
+
+
+def _frame(light, where):
+    if light.frame_covariance is None:
+        return None
+    values = np.array(light.frame_covariance)
+    size = np.sqrt(np.outer(np.diag(values), np.diag(values))) if (np.diag(values) > 0).all() else None
+    if size is None or not np.allclose(values / size, (values / size).T) or np.linalg.eigvalsh(values / size)[0] < -_SAME:
+        raise _wrong(f"{where}, key light.frame_covariance", "a covariance of six numbers, symmetric and positive",
+                     "another matrix", "remove the key or calibrate again")  # fmt: skip
+    return values
 
 
 def _effect(row, scanner, where):

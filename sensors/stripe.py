@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields, replace
 import cv2
 import numpy as np
 
+from sensors.clipping import clip_level
 from sensors.stripe_fit import Fits, Setting
 from sensors.stripe_flags import ALONE, NAMES, WEAK, flags, follow, noise_scale, others, usual_misfit
 from sensors.stripe_noise import exposure_scale, pixel_noise
@@ -116,7 +117,8 @@ def find_stripes(stack: np.ndarray, along: str = "rows", mode: str = "gauss", ba
 
     stack (F, H, W): uint8, uint16 or float. background (H, W) or (F, H, W): the same scene without
     laser, subtracted at a fitted exposure. region (H, W) bool: where to search. saturation: grey
-    value from which a pixel counts as clipped; None is the largest that the number type holds.
+    value from which a pixel counts as clipped (`clipping.Counts.full` of all pictures of the camera);
+    None: the end of the 8, 10, 12, 14 or 16 bits that these fill. Values that pile up below it are clipped too.
     speckle: contrast of a multiplicative noise whose floor is added to sigma, grain its size in px
     (`stripe_profile.speckle_floor`). smoothing: rows, 1 sigma, of the mode "ridge". flagged: hand out doubtful peaks
     too, with their flags; else they are only counted in `dropped`.
@@ -208,9 +210,8 @@ def _task(stack, along, background, region, saturation) -> Task:
         if region.dtype != bool or region.shape != stack.shape[1:]:
             raise InputError(f"region: expected a bool mask of shape {stack.shape[1:]}, found {region.dtype} "
                              f"{region.shape}; draw it on one of the pictures")  # fmt: skip
-    if saturation is None:
-        saturation = float(np.iinfo(stack.dtype).max) if stack.dtype.kind == "u" else np.inf
-    return Task(stack, background, region, along == "columns", float(saturation))
+    turned = along == "columns"
+    return Task(stack, background, region, turned, clip_level(stack, saturation, 1 if turned else 2))
 
 
 def _pictures(stack, called: str, axes: int) -> np.ndarray:

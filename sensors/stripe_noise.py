@@ -56,22 +56,21 @@ def fitted_noise(squares: np.ndarray, level: np.ndarray, freedom: np.ndarray, le
 def exposure_scale(image: np.ndarray, under: np.ndarray, noise: float) -> float:
     """How much brighter `image` (h, w) is exposed than its background `under`: least squares, the line cut off.
 
-    1 where the background is too dark to tell (sigma of the scale above 0.02). About 4000 pixels
-    are looked at, so that the scale is good to noise / 60 over the background's RMS.
+    Of what varies over the picture, because a black level is in both, whatever the exposure; of the
+    levels themselves where the background is even. 1 where it is too dark to tell (sigma of the scale above 0.02).
     """
-    apart = max(1, int(np.sqrt(image.size / 4000)))
-    a, b = (v[apart // 2 :: apart, apart // 2 :: apart].astype(np.float32).ravel() for v in (image, under))
+    a, b = (v[::7, ::5].astype(np.float64).ravel() for v in (image, under))
+    uneven = noise <= 0.02 * np.sqrt(len(b)) * b.std()
     scale, use = 1.0, np.ones(len(a), bool)
-    for _ in range(5):
-        power = float(b[use] @ b[use])
-        if noise > 0.02 * np.sqrt(power):
+    for _ in range(8):
+        light = b - b[use].mean() * uneven
+        power = (light[use] ** 2).sum()
+        if not use.any() or noise > 0.02 * np.sqrt(power):
             return 1.0
-        scale = float(a[use] @ b[use]) / power
-        rest = np.abs(a - scale * b)
-        spread = max(1.4826 * float(np.partition(rest, len(rest) // 2)[len(rest) // 2]), 0.5 * noise, 1e-9)
-        before, use = use, rest < 3 * spread
-        if (use == before).all():
-            break
+        scale = float((a[use] * light[use]).sum() / power)
+        rest = a - scale * b
+        spread = max(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), 0.5 * noise, 1e-9)
+        use = np.abs(rest - np.median(rest) * uneven) < 3 * spread
     return scale
 
 

@@ -1,5 +1,7 @@
 """What an uneven surface does to the line's centre: an edge between black and white pulls it to the white side."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -24,6 +26,7 @@ def uneven_pull(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
     pull = np.zeros((2, len(fits.row)))  # px, and its variance
     if rows.under is None or not len(fits.row):
         return pull[0]
+    rows = replace(rows, scale=np.ones_like(rows.scale))  # its pattern counts, not its brightness under the laser
     bins = width_bin(np.log(np.maximum(fits.width, 0.1)))
     for key in np.unique(bins):
         table, place = bank(int(key), 0), np.flatnonzero(bins == key)

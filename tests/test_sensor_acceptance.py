@@ -5,7 +5,7 @@ import pytest
 
 from ball_scenes import cap
 from sensors.acceptance import BEYOND, NOT_JUDGED, UNDECIDED, UNKNOWN, WITHIN, Probed, acceptance, judged, probing_form
-from sensors.ball import fit_ball
+from sensors.ball import fit_ball, shell
 from workbench.core.errors import InputError
 
 RADIUS, SIGMA = 12.7, 0.01
@@ -67,6 +67,32 @@ def test_outliers_count_in_the_form_but_not_in_the_rms(balls):
     found = named(acceptance([one]))
     assert found["probing_range"].value > 0.4 and found["probing_rms"].value < 1.1 * SIGMA
     assert probing_form([one]).value < 0.1 and found["rejected"].parts["outlier"] == pytest.approx(0.02, abs=0.001)
+
+
+def test_the_artefacts_own_uncertainty_is_added_to_that_of_the_centres(balls):
+    """As the root of the sum of squares, and it decides whether a limit is kept."""
+    measured, whole = (named(acceptance(balls, CENTRES, artefact_std=std))["sphere_spacing"] for std in (0.0, 0.005))
+    assert whole.std == pytest.approx(np.hypot(measured.std, 0.005)) and whole.std > 5 * measured.std
+    limit = abs(whole.value) + 0.004
+    assert judged(measured, limit).verdict == WITHIN and judged(whole, limit).verdict == UNDECIDED
+
+
+def test_the_form_is_told_about_the_ball_of_least_squares():
+    """A tenth of the points 0.2 mm outside, round the edge: they move that ball, and not the robust one."""
+    points = cap(20_000, np.pi / 3, RADIUS)
+    edge = np.argsort(points[2])[-2000:]
+    points[:, edge] *= 1 + 0.2 / RADIUS
+    points += np.random.default_rng(3).normal(0, SIGMA, points.shape)
+    one = Probed(1, points, fit_ball(points), RADIUS)
+    assert np.abs(one.fit.centre).max() < 0.005 and one.fit.rejected["outlier"] > 1900
+    away = np.vstack([points / RADIUS, np.ones(20_000)])  # one linear least-squares step is enough at this size
+    move = np.linalg.lstsq(away.T, np.linalg.norm(points, axis=0) - RADIUS, rcond=None)[0]
+    found = named(acceptance([one]))
+    left = np.sort(np.linalg.norm(points - move[:3, None], axis=0))
+    assert found["probing_form"].value == pytest.approx((left[19_000 - 1 :] - left[: 1001]).min(), rel=0.03)
+    robust = shell(np.linalg.norm(points - one.fit.centre[:, None], axis=0), 0.95)
+    assert abs(found["probing_form"].value - robust) > 0.02
+    assert found["probing_size"].value == pytest.approx(2 * move[3], rel=0.05) and abs(move[3]) > 0.02
 
 
 def test_what_cannot_be_determined_says_why(balls):

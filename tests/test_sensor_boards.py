@@ -8,7 +8,7 @@ import pytest
 
 from board_pictures import ASYMMETRIC, CHARUCO, CHESS, CIRCLES, SIZE, homography, project, render
 from datasets.recording import Recording
-from sensors import circles
+from sensors import board_finders, circles
 from sensors.boards import Board, Rejected, View, detect, detect_all, relabelled
 from workbench.core.errors import InputError
 
@@ -100,6 +100,48 @@ def test_charuco_may_be_cut_and_covered():
     view = detect(picture, CHARUCO)
     assert 8 <= len(view.index) < 28
     assert np.abs(view.pixels - truth(CHARUCO, h, view)).max() < 0.1
+
+
+@BOARDS
+def test_two_boards_are_said_to_be_two(board):
+    """Which of them is meant, nothing says."""
+    two = np.hstack([render(board, homography(board, turn=turn), noise=2, seed=k) for k, turn in enumerate((0.1, 0.4))])
+    found = detect(two, board)
+    assert isinstance(found, Rejected) and f"two boards of {board.columns} x {board.rows} {board.marks} found" in found.why
+
+
+@pytest.mark.parametrize("shape", [(300, 400, 3), (300, 400, 1), (300,)])
+def test_only_grey_arrays_are_looked_at(shape):
+    with pytest.raises(InputError, match=r"picture: expected grey values \(H, W\) of 8 or 16 bits, found uint8 of shape"):
+        detect(np.zeros(shape, np.uint8), CHESS)
+    with pytest.raises(InputError, match="found int64 of shape"):
+        detect(np.zeros((300, 400), np.int64), CHESS)
+
+
+def test_coarse_places_are_those_of_the_picture_that_was_shrunk(monkeypatch):
+    """A pixel of the picture made half as large is centred between two: without that all corners lie half a pixel off."""
+    monkeypatch.setattr(board_finders, "LARGE", SIZE[0] // 2)
+    h = homography(CHESS)
+    picture = render(CHESS, h, noise=1)
+    for first in (True, False):
+        if not first:
+            monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *a, **k: (False, None))
+        off = board_finders.find(picture, CHESS).pixels - project(h, CHESS.points)
+        assert np.abs(off.mean(1)).max() < 0.15 and np.abs(off).max() < 0.4
+
+
+@pytest.mark.parametrize("what", ["covered", "smeared"])
+def test_a_corner_that_is_not_sharp_is_left_out_and_the_others_kept(what):
+    h = homography(CHESS)
+    picture, places = render(CHESS, h, noise=2), project(h, CHESS.points)
+    v, u = np.mgrid[: SIZE[1], : SIZE[0]]
+    for k in (20, 31):
+        here = np.hypot(u - places[0, k], v - places[1, k]) < 9
+        half = np.where(u > places[0, k] - 2, 30, picture)
+        changed = half if what == "covered" else cv2.GaussianBlur(picture, (0, 0), 5)
+        view = detect(np.where(here, changed, picture).astype(np.uint8), CHESS)
+        np.testing.assert_array_equal(view.index, np.delete(np.arange(54), k))
+        assert np.abs(view.pixels - places[:, view.index]).max() < 0.05
 
 
 def test_older_finder_steps_in_where_the_first_one_fails(monkeypatch):

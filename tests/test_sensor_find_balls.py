@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from ball_scenes import along_rays, ball, block, post, ray_cast
+from ball_scenes import along_rays, ball, block, cap, post, ray_cast
 from sensors.find_balls import find_balls, match
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
@@ -71,6 +71,17 @@ def test_no_ball_is_seen_where_there_is_none(options):
     """A lying post of the ball's own radius with its round end, a block, a table."""
     points = scene([], block(*TABLE), post([0, 0, 310], 12.7, 80, lying=True), block([60, -40, 325], [25, 25, 20]))
     assert find_balls(points, **options) == []
+
+
+@pytest.mark.parametrize("options", [{"radii": 20.0}, {"between": (10.0, 40.0)}], ids=["known", "between"])
+def test_a_dome_with_something_inside_is_no_solid_ball(options):
+    """A rounded shell of glass over a block; without the block it is a ball like any other."""
+    dome = cap(6000, 1.0, 20.0) + [[0], [0], [300]]
+    random = np.random.default_rng(4)
+    inside = np.vstack([random.uniform(-9, 9, (2, 3000)), np.full((1, 3000), 297.0)])
+    points = [along_rays(one, NOISE, random) for one in (dome, np.hstack([dome, inside]))]
+    agree(find_balls(points[0], **options), [([0.0, 0, 300], 20.0)])
+    assert find_balls(points[1], **options) == []
 
 
 def test_a_radius_that_does_not_occur_finds_nothing(plate):

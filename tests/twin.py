@@ -6,7 +6,7 @@ stands is known only to its principal point, some micrometres, and a hand-eye ca
 """
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -14,13 +14,14 @@ import numpy as np
 
 import datasets
 from sensors.board_stripes import BoardStripes
+from sensors.boards import detect_all
 from sensors.camera import NAMES
 from sensors.camera_calibration import calibrate_camera
 from sensors.effects import CATALOGUE
 from sensors.planes import tilt_directions
 from sensors.rendering import Scene, make_recording, read_scene
 from sensors.scanner_calibration import ScannerCalibration, calibrate_scanner
-from sensors.scanner_errors import laid_over
+from sensors.scanner_errors import cut, laid_over
 from workbench import scan, scanner
 from workbench.core.rigid import nearest_rotation
 
@@ -84,10 +85,9 @@ class Twin:
     def motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Turn (3, 3) and shift (3,) that lay the found scanner over the true one."""
         found = self.found
-        points, _, _, error = laid_over(self.scene.sees, self.planes, found.camera, found.scanner.planes, found.volume)
-        pixels, steps = self.scene.sees.project(points), found.scanner.steps
-        _, column, _, _ = laid_over(self.scene.sees, self.planes, found.camera, found.scanner.planes, found.volume)
-        there, here = found.scanner.reconstruct(pixels, steps[column]), points + error
+        points, column, _, error = laid_over(self.scene.sees, self.planes, found.camera, found.scanner.planes, found.volume)
+        pixels = self.scene.sees.project(points)
+        there, here = cut(found.camera.normalised(pixels), found.scanner.planes[:, column]), points + error
         turn = nearest_rotation((here - here.mean(1)[:, None]) @ (there - there.mean(1)[:, None]).T)
         return turn, here.mean(1) - turn @ there.mean(1)
 
@@ -163,6 +163,20 @@ def plane_whitened(made: Twin, free: bool = False) -> np.ndarray:
     return vectors[:, known].T @ (error / size) / np.sqrt(values[known])
 
 
+def camera_whitened(scene: Scene) -> np.ndarray:
+    """(9,) errors of a camera from pictures of boards alone, as independent numbers of variance one."""
+    with tempfile.TemporaryDirectory() as folder:
+        make_recording(scene, Path(folder))
+        found = detect_all(datasets.read(Path(folder)))
+    made = calibrate_camera(found.views, found.board, found.size, folds=0)
+    error = made.camera.values - scene.sees.values
+    place = [made.fit.table.index[f"camera.{name}"] for name in NAMES[: len(error)]]
+    covariance = made.covariance[np.ix_(place, place)]
+    size = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    return vectors.T @ (error / size) / np.sqrt(values)
+
+
 def without_bow(made: Twin):
     """The camera of the same corners with a board that is taken to be flat."""
     start = made.found.start
@@ -172,11 +186,3 @@ def without_bow(made: Twin):
 def rms(values) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def still(scene: Scene, **laser) -> Scene:
-    """A scene with another laser, `speckle_contrast` = 0 for instance."""
-    return scene.model_copy(update={"laser": scene.laser.model_copy(update=laser)})
-
-
-__all__ = ["BOW", "BallError", "Twin", "plane_whitened", "replace", "rms", "small_scene", "still", "twin", "without_bow", "ye_scene"]

@@ -36,8 +36,20 @@ def calibrate(recording: Recording, model: str, progress: Callable[[str], None])
     by_role(recording, "board")
     tick = paced(progress, "board in picture")
     found = detect_all(recording, lambda done, total, name: tick(done, total))
-    calibration = calibrate_camera(found.views, found.board, found.size, model, progress=progress)
+    try:
+        calibration = calibrate_camera(found.views, found.board, found.size, model, progress=progress)
+    except InputError as problem:
+        raise _with_reason(problem, found) from None
     return CameraRun(recording, model, calibration, (*found.rejected, *calibration.rejected))
+
+
+def _with_reason(problem: InputError, found) -> InputError:
+    """The same sentence, and why pictures were left out, which may be what is wrong."""
+    if not found.rejected:
+        return problem
+    first, of = found.rejected[0], len(found.views) + len(found.rejected)
+    return InputError(f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} pictures left out; {first.image}: "
+                      f"{first.why})")  # fmt: skip
 
 
 def as_json(made: CameraRun) -> dict:

@@ -9,6 +9,8 @@ import numpy as np
 import datasets
 from datasets.recording import Recording
 from sensors.acceptance import Characteristic, Probed, acceptance
+from sensors.ball import BallFit
+from sensors.scanner import Scanner
 from workbench.core.errors import InputError
 from workbench.flange import rows_of_samples
 from workbench.provenance import provenance
@@ -21,7 +23,8 @@ def as_json(made: Scans, folder: Path) -> dict:
     """The answer of `workbench scan`; folder: where the run will stand."""
     centres = centres_of(made)
     return {
-        "scans": [scan_json(one, folder) for one in made.scans],
+        "scans": [scan_json(one, folder, made.scanner) for one in made.scans],
+        "uncertainty": uncertainty(made.scanner),
         "scanner": None if made.calibration is None else str(folder / "scanner.toml"),
         "ball_centres": None if centres is None else {"folder": str(folder / FOLDER), "samples": centres.n},
         "acceptance": [characteristic_json(one) for one in characteristics(made)],
@@ -29,30 +32,53 @@ def as_json(made: Scans, folder: Path) -> dict:
     }
 
 
-def scan_json(one: Scan, folder: Path) -> dict:
+def uncertainty(scanner: Scanner) -> str:
+    """What the sigmas of ball centres are measured from."""
+    best = (
+        "std_in_best_frame_mm: 1 sigma in the frame that fits the scanner's points best, for distances between balls, "
+        "hand-eye and robot calibration"
+    )
+    if scanner.frame is None:
+        return f"std_mm is the same, since the frame's own uncertainty is not in the scanner's file; {best}"
+    return (
+        "std_mm: 1 sigma of x, y and z in the camera's frame, with the uncertainty of that frame, which all points of a "
+        f"scan share; {best}"
+    )
+
+
+def scan_json(one: Scan, folder: Path, scanner: Scanner) -> dict:
     """One scan of the contract."""
     return {
         "scan": one.name,
         "sample": one.row.get("sample"),
         "points": one.points,
-        "cloud": str(folder / one.cloud),
+        "cloud": str(folder / one.cloud) if one.points else None,
         "dropped": dict(one.dropped),
-        "balls": [ball_json(ball) for ball in one.balls],
+        "balls": [ball_json(ball, scanner) for ball in one.balls],
         "outcome": one.outcome,
     }
 
 
-def ball_json(ball: Ball) -> dict:
-    """A ball of the contract, sensor frame: `radius_mm` is that of the fit, certified where it is known."""
+def camera_covariance(scanner: Scanner, fit: BallFit) -> np.ndarray:
+    """(3, 3) mm^2 of a ball's centre in the camera's frame: of the fit, and of the frame in which the fit states it."""
+    return fit.covariance[:3, :3] + scanner.frame_covariance(fit.centre[:, None])[..., 0]
+
+
+def ball_json(ball: Ball, scanner: Scanner) -> dict:
+    """A ball of the contract, sensor frame: `radius_mm` is that of the fit, certified where it is known; `std_mm` holds
+    in the camera's frame, see `uncertainty`."""
     fit, free = ball.fit, ball.free
+    whole = camera_covariance(scanner, fit)
     return {
         "ball": ball.number,
         **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
         "radius_mm": fit.radius,
         "radius_known": ball.radius is not None,
         "rms_mm": fit.rms,
-        "std_mm": fit.std[:3].tolist(),
-        "covariance_mm2": fit.covariance[:3, :3].tolist(),
+        "std_mm": np.sqrt(np.diag(whole)).tolist(),
+        "covariance_mm2": whole.tolist(),
+        "std_in_best_frame_mm": fit.std[:3].tolist(),
+        "covariance_in_best_frame_mm2": fit.covariance[:3, :3].tolist(),
         "free_radius_mm": free.radius,
         "free_radius_std_mm": float(free.std[-1]),
         "d95_mm": fit.d95,
@@ -62,8 +88,15 @@ def ball_json(ball: Ball) -> dict:
         "cap_deg": float(np.rad2deg(fit.cap)),
         "cut_by_field": bool(fit.cut),
         "beyond_calibrated_depths": ball.beyond,
+        "radius_gap_sigma": _number(fit.radius_gap),
+        "centre_moves_with_free_radius_mm": _number(fit.centre_moves),
+        "warnings": list(fit.warnings),
         "outcome": fit.outcome,
     }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def characteristics(made: Scans) -> tuple[Characteristic, ...]:
@@ -112,7 +145,8 @@ def centres_of(made: Scans) -> Recording | None:
     """The recording of kind ball-centre that these scans make; None where no ball is named or no sample is told.
 
     One row a ball and scan, with all columns of the sample that the scan belongs to, sigmas of each
-    coordinate from the covariance of the fit, and where in the sensor's field the ball was seen.
+    coordinate from the covariance of the fit, and where in the sensor's field the ball was seen. The sigmas are in the
+    frame that fits best: what the camera's own frame is off, the calibration of the arm takes up.
     """
     rows = list(_rows(made))
     recording = made.recording
@@ -131,17 +165,22 @@ def centres_of(made: Scans) -> Recording | None:
     )  # fmt: skip
 
 
+def check_arm(recording: Recording) -> None:
+    """Raise InputError, before anything is scanned, where a recording knows no arm."""
+    if not recording.columns or not recording.robot:
+        raise InputError(
+            f"{recording.name}/recording.toml: expected [robot] and [samples] to calibrate an arm from scans, found none; "
+            "add them, or use `workbench scan` for the balls alone"
+        )
+
+
 def required(made: Scans) -> Recording:
     """The recording of ball centres; InputError where these scans make none."""
     found = centres_of(made)
     if found is not None:
         return found
+    check_arm(made.recording)
     name, fitted = made.recording.name, sum(bool(ball.fit) for one in made.scans for ball in one.balls)
-    if not made.recording.columns or not made.recording.robot:
-        raise InputError(
-            f"{name}/recording.toml: expected [robot] and [samples] to calibrate an arm from scans, found none; "
-            "add them, or use `workbench scan` for the balls alone"
-        )
     if not any("sample" in one.row for one in made.scans):
         raise InputError(
             f"{name}, images.csv, column sample: expected the row of samples.csv that each scan belongs to, found "

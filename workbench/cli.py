@@ -39,6 +39,7 @@ from workbench.core.errors import InputError
 
 BUG = 70
 INTERRUPTED = 130
+_STOPPED = "Interrupted; nothing was written."
 # What the machine refuses is the person's to put right, not a fault of the code.
 _REFUSALS = {errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EROFS, errno.EDQUOT}
 
@@ -93,9 +94,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         warnings.simplefilter("ignore")  # numpy's asides would bury the one sentence
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        return int(app(args=words, prog_name="workbench", standalone_mode=False) or 0)
+        status = int(app(args=words, prog_name="workbench", standalone_mode=False) or 0)
+        return _say(_STOPPED, INTERRUPTED) if status == INTERRUPTED else status
     except (KeyboardInterrupt, typer.Abort):
-        return _say("Interrupted; nothing was written.", INTERRUPTED)
+        return _say(_STOPPED, INTERRUPTED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

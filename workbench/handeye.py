@@ -16,7 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
 from workbench.flange import flange_poses, rows_of_samples
 from workbench.pace import paced
-from workbench.pictures import by_role
+from workbench.pictures import by_role, check_size
 from workbench.provenance import provenance
 
 FILE = "hand-eye.toml"
@@ -87,7 +87,9 @@ def calibrate(
 def _camera(recording, sensor, found, progress):
     """The camera, and where it comes from: the file named, the recording's own guess, or the same pictures."""
     if sensor is not None:
-        return cameras.read(sensor), f"read from {sensor}"
+        camera = cameras.read(sensor)
+        check_size(camera, found.size, recording.name, str(sensor))
+        return camera, f"read from {sensor}"
     guess = recording.guess.get("camera")
     try:
         return (
@@ -166,7 +168,7 @@ def as_json(run: HandEyeRun) -> dict:
 
 
 def placed_json(matrix: np.ndarray, covariance: np.ndarray) -> dict:
-    """A transform as place and rotation vector with 1 sigma each, and as a matrix."""
+    """A transform as place and rotation vector with 1 sigma each (inf: not determined), and as a matrix."""
     std = np.sqrt(np.diag(covariance))
     return {
         "xyz_mm": matrix[:3, 3].tolist(),
@@ -201,6 +203,8 @@ def save(run: HandEyeRun, folder: Path) -> None:
         "kind": told["kind"],
         "transform": told["transform"],
         **told["hand_eye"],
+        "undetermined": told["undetermined"],
+        "suspicions": told["suspicions"],
         "provenance": {key: value for key, value in told["provenance"].items() if value},
     }
     (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")

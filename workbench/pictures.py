@@ -4,8 +4,13 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import reduce
 from pathlib import Path
 
+import numpy as np
+
+from sensors.clipping import Counts
+from sensors.pictures import read_grey
 from workbench.core.errors import InputError
 
 
@@ -25,6 +30,29 @@ def by_role(recording, role: str) -> list[Mapping]:
 def path_of(recording, row: Mapping) -> Path:
     """Where the picture of a row lies."""
     return Path(recording.folder) / row["image"]
+
+
+def check_size(camera, size: tuple[int, int], pictures: str, called: str) -> None:
+    """Raise InputError where `called`, a file with a camera, is not of pictures of this size (width, height) px."""
+    if tuple(camera.size) != tuple(size):
+        raise InputError(
+            f"{called}: expected the camera of pictures of {size[0]} x {size[1]} px, as {pictures} has, found one of "
+            f"{camera.size[0]} x {camera.size[1]} px; name the file that was calibrated with these settings"
+        )
+
+
+def full_scale(recording, rows: Sequence[Mapping]) -> int | None:
+    """Largest count that the camera of these pictures can give, from all of them; None where they are of 8 bits.
+
+    One picture tells its depth in the file, but not how many of 16 bits the camera fills: those are read once more.
+    """
+
+    def counts(row):
+        return Counts.of(read_grey(path_of(recording, row), f"{recording.name}/{row['image']}"))
+
+    if not rows or read_grey(path_of(recording, rows[0]), f"{recording.name}/{rows[0]['image']}").dtype != np.uint16:
+        return None
+    return reduce(Counts.__or__, streamed(rows, counts, lambda done, of: None)).full
 
 
 def streamed(rows: Sequence, work: Callable, tick: Callable[[int, int], None]) -> Iterator:

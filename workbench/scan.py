@@ -11,7 +11,7 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.ball import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.find_balls import find_balls
-from sensors.pictures import stacks
+from sensors.pictures import flaw, read, stacks
 from sensors.point_errors import plane_error
 from sensors.scanner import Scanner
 from sensors.stripe import Stripes, find_stripes
@@ -20,8 +20,9 @@ from workbench import scanner as calibrated
 from workbench.ball_names import named
 from workbench.core.errors import InputError
 from workbench.pace import paced
-from workbench.pictures import by_role, path_of, streamed
+from workbench.pictures import by_role, check_size, full_scale, path_of, streamed
 from workbench.runs import slug
+from workbench.scan_surface import reconstructed
 
 CLOUDS = "clouds"
 INCIDENCE_DEG = 60.0
@@ -88,10 +89,18 @@ def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress
     the clouds go, one PLY file a scan. Raises InputError.
     """
     groups = scans_of(recording)
+    if scanner_file is None and not by_role(recording, "board-laser"):
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser to calibrate the "
+            "scanner from, found none; name a calibrated one with --scanner, or add rows with role board-laser"
+        )
     made = None if scanner_file else calibrated.calibrate(recording, progress=progress)
     scanner = made.scanner if made else calibrated.read(scanner_file)
+    first = next(iter(groups.values()))[0]
+    size = read(path_of(recording, first), f"{recording.name}/{first['image']}").size
+    check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
     (folder / CLOUDS).mkdir()
-    work = _Work(recording, scanner, folder)
+    work = _Work(recording, scanner, folder, full_scale(recording, sum(groups.values(), [])))
     return Scans(recording, scanner, made, tuple(streamed(list(groups.items()), work, paced(progress, "scan"))))
 
 
@@ -119,11 +128,12 @@ def scans_of(recording: Recording) -> dict[str, list[Mapping]]:
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with one scan."""
+    """What is done with one scan; `saturation` as in `find_stripes`."""
 
     recording: Recording
     scanner: Scanner
     folder: Path
+    saturation: float | None = None
 
     def __call__(self, named: tuple[str, list[Mapping]]) -> Scan:
         name, rows = named
@@ -134,23 +144,34 @@ class _Work:
                 f"({min(self.steps)} to {max(self.steps)}), found none; use the scanner of this recording"
             )
         pixels, steps, sigma, shape, covariates, dropped = self.stripes(known)
-        points = self.scanner.reconstruct(pixels, steps, covariates)
+        points, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
         seen = np.isfinite(points).all(0)
         points, pixels, steps, sigma, shape = points[:, seen], pixels[:, seen], steps[seen], sigma[seen], shape[:, seen]
         cloud = f"{CLOUDS}/{slug(name)}.ply"
         write_cloud(self.folder / cloud, points)
-        balls, outcome = self.balls(known[0], points, pixels, steps, sigma, shape)
+        balls, outcome = self.balls(known, points, pixels, steps, sigma, shape)
         without = len(rows) - len(known)
         lost = f"{without} of {len(rows)} pictures are at steps that the scanner has no plane for" if without else ""
         some = np.linspace(0, max(points.shape[1] - 1, 0), min(points.shape[1], _DRAWN)).astype(int)
         outside = sum(ball.beyond for ball in balls)
         far = f"{outside} balls beyond the depths of the boards, where the planes are not calibrated" if outside else ""
-        told = "; ".join(filter(None, (lost, outcome, far)))
+        told = "; ".join(filter(None, (lost, outcome if points.size else self.dark(known), far, surface)))
         return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told)
+
+    def dark(self, rows) -> str:
+        """Why a scan has no points, as far as its middle picture tells."""
+        middle = rows[len(rows) // 2]
+        why = flaw(read(path_of(self.recording, middle), f"{self.recording.name}/{middle['image']}"))
+        return f"no laser line was found in {len(rows)} pictures ({middle['image']}: {why or 'no clear line'})"
 
     @cached_property
     def steps(self) -> set[int]:
         return set(self.scanner.steps.tolist())
+
+    @property
+    def radii(self) -> list[float] | None:
+        """mm that occur among the balls of the certificate; None without one."""
+        return sorted({ball[3] for ball in self.recording.balls.values()}) or None
 
     def stripes(self, rows):
         """Pixels (2, n), steps (n,), sigma (n,) px and covariates of a scan's stripe; counts of what was dropped."""
@@ -158,7 +179,7 @@ class _Work:
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         parts, dropped, first = [], Counter(), 0
         for stack in stacks(paths, _FRAMES, called.get):
-            found = find_stripes(stack, self.along)
+            found = find_stripes(stack, self.along, saturation=self.saturation)
             parts.append((found.pixels, first + found.frame, found.sigma, _shape(found)))
             dropped.update(found.dropped)
             first += len(stack)
@@ -172,20 +193,20 @@ class _Work:
         """In which direction a centre is sought, as on the boards."""
         return "rows" if abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1]) else "columns"
 
-    def balls(self, row, points, pixels, steps, sigma, shape):
-        """The balls among points (3, n) mm, named as far as they can be."""
-        radii = sorted({ball[3] for ball in self.recording.balls.values()}) or None
+    def balls(self, rows, points, pixels, steps, sigma, shape):
+        """The balls among points (3, n) mm of the pictures `rows`, named as far as they can be."""
+        radii = self.radii
         place = self.scanner.places(steps)
         error = self.scanner.by_stripe(points, steps)  # for one px of the stripe's centre
         length = np.linalg.norm(error, axis=0)
         each = dict(
             sigma=np.hypot(sigma, self.scanner.sigma_px) * length,
             direction=error / length,
-            at_limit=self._at_limit(pixels, steps),
+            at_limit=self._at_limit(pixels, steps, [int(row.get("step", 0)) for row in rows]),
         )
         trimmed = np.deg2rad(INCIDENCE_DEG)
         found = find_balls(points, radii, free=True, incidence=trimmed, **each) if points.shape[1] else []
-        numbers, outcome = named(self.recording, row, [fit.radius for fit in found], [fit.centre for fit in found])
+        numbers, outcome = named(self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found])
         made = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
@@ -199,9 +220,10 @@ class _Work:
             bend = self._bend(start, pixels[:, on], place[on])
             pull = np.nan_to_num(bend.pull(bend.sheet(shape[0, on]), *shape[:, on]))
             straight = points[:, on] - error[:, on] * pull
-            fits = [_fitted(straight, bend.lit > np.cos(trimmed), r, start, own) for r in (radius, None)]
+            fit = _fitted(straight, bend.lit > np.cos(trimmed), radius, start, own)
             beyond = self._beyond(points[2, on])
-            made.append(Ball(number, radius, fits[0] or free, fits[1] or free, straight, pixels[:, on], beyond))
+            other = (fit if radius is None else fit.free) or free
+            made.append(Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond))
         return tuple(made), outcome
 
     def _together(self, points, place, on) -> dict:
@@ -211,12 +233,11 @@ class _Work:
         planes, covariance = self.scanner.planes, self.scanner.covariance
         return {"shared": plane_error(points[:, on], planes, place[on], covariance), "ordered": True}
 
-    def _at_limit(self, pixels, steps):
-        """(n,) whether points lie at the edge of the picture, or in the first or last plane of the sweep."""
+    def _at_limit(self, pixels, steps, swept):
+        """(n,) whether points lie at the edge of the picture, or in the first or last plane of the steps `swept`."""
         size = np.array(self.scanner.camera.size)[:, None]
         edge = ((pixels < _BORDER) | (pixels > size - 1 - _BORDER)).any(0)
-        swept = len(self.scanner.steps) > 1
-        return edge | (swept & ((steps == self.scanner.steps.min()) | (steps == self.scanner.steps.max())))
+        return edge | ((min(swept) < max(swept)) & ((steps == min(swept)) | (steps == max(swept))))
 
     def _beyond(self, depth) -> bool:
         """Whether most of these depths are outside those of the boards."""
@@ -252,8 +273,11 @@ def _shape(found: Stripes) -> np.ndarray:
 
 
 def write_cloud(path: Path, points: np.ndarray) -> None:
-    """Points (3, n) mm as a PLY file (Open3D, binary)."""
+    """Points (3, n) mm as a PLY file (Open3D, binary); none where there are no points. InputError where it fails."""
     import open3d
 
+    if not points.size:
+        return
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.ascontiguousarray(points.T)))
-    open3d.io.write_point_cloud(str(path), cloud)
+    if not open3d.io.write_point_cloud(str(path), cloud):
+        raise InputError(f"{path} cannot be written; see that the disk has room, or name another place with --out.")

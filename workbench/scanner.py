@@ -16,7 +16,7 @@ from sensors.stripe import find_stripes
 from workbench import camera as cameras
 from workbench.core.errors import InputError
 from workbench.pace import paced
-from workbench.pictures import by_role, path_of, streamed
+from workbench.pictures import by_role, full_scale, path_of, streamed
 from workbench.provenance import provenance
 
 FILE = "scanner.toml"
@@ -85,28 +85,30 @@ def _why(camera, placement):
 
 def _stripes(recording, usable, board: Board, progress) -> BoardStripes:
     """The laser's line on every board."""
-    along = _direction(recording, usable[:_TRIED], board)
-    work = _Work(recording, board, along)
+    saturation = full_scale(recording, [row for _, rows in usable for row in rows])
+    along = _direction(recording, usable[:_TRIED], board, saturation)
+    work = _Work(recording, board, along, saturation)
     return joined(list(streamed(usable, work, paced(progress, "laser on placement"))))
 
 
-def _direction(recording, usable, board) -> str:
+def _direction(recording, usable, board, saturation) -> str:
     """Across which lines of the picture the stripes run: where more of them have one clear peak."""
     found = {"rows": 0, "columns": 0}
     for view, rows in usable:
         middle = rows[len(rows) // 2 : len(rows) // 2 + 1]
         for along in found:
-            found[along] += _Work(recording, board, along)((view, middle)).n
+            found[along] += _Work(recording, board, along, saturation)((view, middle)).n
     return max(found, key=found.get)
 
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with the laser pictures of one placement; `along` as in `find_stripes`."""
+    """What is done with the laser pictures of one placement; `along` and `saturation` as in `find_stripes`."""
 
     recording: Recording
     board: Board
     along: str
+    saturation: float | None = None
 
     def __call__(self, placed: tuple[View, list[Mapping]]) -> BoardStripes:
         view, rows = placed
@@ -121,7 +123,9 @@ class _Work:
                     f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
                     f"picture, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
                 )
-            found = find_stripes(stack, self.along, background=background, region=region)
+            found = find_stripes(
+                stack, self.along, background=background, region=region, saturation=self.saturation
+            )
             parts.append(_told(found, rows[first : first + len(stack)], view.placement))
             first += len(stack)
         return joined(parts)
@@ -203,6 +207,7 @@ def mirror_json(calibration: ScannerCalibration) -> dict | None:
         "difference_mm": check.difference_mm,
         "expected_mm": check.expected_mm,
         "probability": check.probability,
+        "verdict": check.verdict,
         "sentences": list(check.sentences),
     }
 

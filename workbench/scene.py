@@ -86,12 +86,19 @@ class Scene(_Table):
     effect: list[Cause] = []
 
 
+def unreadable(path: Path, problem: Exception) -> InputError:
+    """The sentence for a scene file that is not there, or not TOML."""
+    if isinstance(problem, FileNotFoundError):
+        return InputError(f"{path}: expected a scene (TOML), found no such file; correct its name.")
+    return InputError(f"{path}: expected a scene (TOML), found what cannot be read ({problem}); correct it.")
+
+
 def read_scene(path: Path) -> Scene:
     """The scene of a TOML file; InputError with the file, the key and what was expected."""
     try:
         keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"scene {path} cannot be read ({problem}); write it as TOML") from None
+        raise unreadable(path, problem) from None
     try:
         return Scene(**keys)
     except ValidationError as problem:

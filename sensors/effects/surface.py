@@ -56,6 +56,7 @@ class IncidenceBias(Effect):
     effect = "incidence-bias"
     port = "point"
     places = ("sensor",)
+    surface = ("normals",)
     equation = "dX = c tan(incidence) ray"
     source = "first order in the spot's elongation on an oblique surface; its causes: Curless & Levoy, ICCV (1995)"
 
@@ -83,6 +84,10 @@ class SubsurfaceScatter(Effect):
     def __init__(self, where: str, everywhere: bool = False):
         super().__init__(where)
         self.everywhere = everywhere
+
+    @property
+    def surface(self):
+        return ("normals",) if self.everywhere else ("normals", "ball")
 
     def table(self, chain):
         return (

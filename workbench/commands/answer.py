@@ -56,7 +56,9 @@ def check_target(target: str | None, option: str = "--json") -> None:
     if target in (None, "-"):
         return
     path = Path(target)
-    if not path.parent.is_dir() or path.is_dir():
+    if path.is_dir():
+        raise InputError(f"{option} {target} expects a file, found a folder; name a file, {path / 'name'} for one.")
+    if not path.parent.is_dir():
         raise InputError(
             f"{option} {target} expects a file in a folder that exists; make {path.parent} first or name another file."
         )

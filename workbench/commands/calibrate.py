@@ -97,6 +97,7 @@ def _centres(found, scanner, folder, path, options, say):
     """From pictures to ball centres: the scans, their part of the answer, the recording of centres and its options."""
     from workbench import centres, scan
 
+    centres.check_arm(found)
     scans = scan.scan(found, scanner, folder, say)
     centres.save(scans, folder)
     made = centres.required(scans)

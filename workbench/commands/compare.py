@@ -43,7 +43,7 @@ def command(
 
 
 def _show(console, result) -> None:
-    head = ["plan", "free", "identifiable", "fit RMS", "held-out RMS", "mean", "max", "ratio", "p"]
+    head = ["plan", "free", "known", "fit RMS", "held out", "mean", "max", "ratio", "p"]
     errors = ["fit_rms_mm", "held_out_rms_mm", "held_out_mean_mm", "held_out_max_mm"]
     keys = ["free", "identifiable", *errors, "ratio", "p"]
     rows = [[row["plan"], *(row[key] for key in keys)] for row in result["plans"]]

@@ -14,7 +14,7 @@ ARM, CAMERA = ("urdf", "mdh-json", "mdh-csv"), ("ros", "opencv", "kalibr")
 
 
 def command(
-    source: Annotated[Path, typer.Argument(help="Run folder or solution.json; camera.toml or scanner.toml.")],
+    source: Annotated[Path, typer.Argument(help="Run folder, solution.json, camera.toml or scanner.toml.")],
     to: Annotated[str, typer.Option("--to", metavar="FORMAT", help=", ".join(ARM + CAMERA))],
     file: Annotated[Path, typer.Option("--out", metavar="FILE", help="Write this file.")],
     force: Force = False,
@@ -48,11 +48,17 @@ def _arm(source, to, force) -> tuple[str, list[str]]:
     return text, left_out(arm)
 
 
+def _in_run(source: Path) -> Path:
+    """The camera's or scanner's file of a run folder; any other path as it is."""
+    there = [source / name for name in ("scanner.toml", "camera.toml") if (source / name).is_file()]
+    return there[0] if there else source
+
+
 def _camera(source, to) -> tuple[str, list[str]]:
     from workbench.exports import camera_text
     from workbench.exports.check import check_camera, read_calibrated_camera
 
-    camera = read_calibrated_camera(source)
+    camera = read_calibrated_camera(_in_run(source))
     text = camera_text(camera, to)
     check_camera(camera, text, to)
     return text, []

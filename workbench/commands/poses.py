@@ -31,9 +31,10 @@ def command(
         wanted = None if tasks is None else _read(tasks)
         say("choosing")
         chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed)
-        with runs.opened("poses", candidates, out) as run:
+        with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
-            result = {**chosen.as_json(), "run": run.path, "file": run.path / "poses.csv"}
+            told = chosen.as_json()
+            result = {**told, "recording": told["recording"] or candidates, "run": run.path, "file": run.path / "poses.csv"}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     _show(answer.console(json), result)

@@ -1,8 +1,9 @@
 """How the answers of the sensor's commands look in a terminal; each function reads the JSON answer alone."""
 
+import math
 from collections.abc import Mapping, Sequence
 
-from workbench.commands.tables import grid, number
+from workbench.commands.tables import grid, measured, number
 
 
 def camera(console, answer: Mapping) -> None:
@@ -12,11 +13,24 @@ def camera(console, answer: Mapping) -> None:
         f"{number(answer['rms_coordinate_px'])} px a coordinate"
     )
     std = answer["std"]
-    rows = [[key, answer[key], std.get(key)] for key in ("fx_px", "fy_px", "cx_px", "cy_px")]
+    rows = [[key, *measured(answer[key], std.get(key))] for key in ("fx_px", "fy_px", "cx_px", "cy_px")]
     names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    rows += [[name, *pair] for name, *pair in zip(names, answer["distortion"], std["distortion"])]
-    grid(console, title, ["parameter", "value", "std"], rows)
+    rows += [[name, *measured(*pair)] for name, *pair in zip(names, answer["distortion"], std["distortion"])]
+    grid(console, title, ["parameter", "value", "1 sigma"], rows)
+    for sentence in _about_camera(answer):
+        console.print(f"- {sentence}", markup=False, soft_wrap=True)
+    console.print()
     rejected(console, answer["rejected"])
+
+
+def _about_camera(answer: Mapping) -> Sequence[str]:
+    """The board's bow, how well pictures that were left out are predicted, and what stays open."""
+    told, held, bow = [], answer.get("held_out"), answer.get("bow")
+    if bow is not None:
+        told.append(f"the board is bowed by {' ± '.join(measured(bow['height_mm'], bow['height_std_mm']))} mm (1 sigma)")
+    if held is not None:
+        told.append(held["sentence"])
+    return [*told, *answer.get("undetermined", ())]
 
 
 def rejected(console, rows: Sequence[Mapping], most: int = 12) -> None:
@@ -29,6 +43,9 @@ def rejected(console, rows: Sequence[Mapping], most: int = 12) -> None:
         console.print()
 
 
+_PLANE = ("rms_mm", "sigma_mm")
+
+
 def scanner(console, answer: Mapping) -> None:
     """Camera, planes and mirror; `answer`: the object of `scanner --json`."""
     camera(console, {"recording": answer["recording"], **answer["camera"]})
@@ -38,7 +55,10 @@ def scanner(console, answer: Mapping) -> None:
     )
     planes = answer["planes"]
     shown = planes if len(planes) <= 8 else [planes[k * (len(planes) - 1) // 7] for k in range(8)]
-    rows = [[str(p["step"]), *p["normal"], p["offset_mm"], p["rms_mm"], p["sigma_mm"]] for p in shown]
+    rows = [
+        [p["step"], *(f"{n:.5f}" for n in p["normal"]), f"{p['offset_mm']:.3f}", *(number(p[k], 2) for k in _PLANE)]
+        for p in shown
+    ]
     grid(console, title, ["step", "nx", "ny", "nz", "offset mm", "RMS mm", "1 sigma mm"], rows)
     if answer["left_out"]:
         console.print(answer["left_out"]["sentence"], markup=False)
@@ -49,45 +69,79 @@ def scanner(console, answer: Mapping) -> None:
 
 def scan(console, answer: Mapping) -> None:
     """Balls of each scan and the acceptance figures; `answer`: the object of `scan --json`."""
-    rows = []
-    for one in answer["scans"]:
-        rows += [
-            [
-                one["scan"],
-                ball["ball"],
-                one["points"],
-                ball["x_mm"],
-                ball["y_mm"],
-                ball["z_mm"],
-                ball["radius_mm"],
-                ball["rms_mm"],
-                max(ball["std_mm"]),
-            ]
-            for ball in one["balls"]
-        ] or [[one["scan"], None, one["points"]] + [None] * 6]
-    head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "radius mm", "RMS mm", "largest 1 sigma mm"]
-    grid(console, f"{answer['recording']}: {len(answer['scans'])} scans", head, rows[:40])
+    rows = [row for one in answer["scans"] for row in _balls(one)]
+    head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "RMS mm", "1 sigma mm", ""]
+    points = sum(one["points"] for one in answer["scans"])
+    grid(console, f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points", head, rows[:40])
     if len(rows) > 40:
         console.print(f"and {len(rows) - 40} more, which the JSON names\n")
-    told = [
-        [row["name"], row["symbol"], row["value"], row["unit"]]
-        for row in answer["acceptance"]
-        if row["value"] is not None
-    ]
-    grid(console, "Acceptance figures", ["characteristic", "symbol", "value", "unit"], told, left=2)
+    for sentence, scans in _outcomes(answer["scans"]).items():
+        console.print(f"- scan {', '.join(scans[:6])}{' ...' * (len(scans) > 6)}: {sentence}", markup=False, soft_wrap=True)
+    told = [[row["name"].replace("_", " "), row["symbol"], *_valued(row)] for row in answer["acceptance"]]
+    told = [row for row in told if row[2] is not None]
+    if told:
+        console.print()
+        grid(console, "Acceptance figures, the worst scan", ["characteristic", "symbol", "value", "unit"], told, left=2)
+
+
+def _balls(one: Mapping) -> list[list]:
+    """A row for each ball of a scan: the largest of its three sigmas, and what keeps it from counting."""
+    rows = []
+    for ball in one["balls"]:
+        doubts = {"cut": ball["cut_by_field"], "too far": ball["beyond_calibrated_depths"]}
+        place, spread = (ball["x_mm"], ball["y_mm"], ball["z_mm"]), max(ball["std_mm"])
+        said = ", ".join(doubt for doubt, there in doubts.items() if there)
+        figures = (*(measured(value, spread)[0] for value in place), number(ball["rms_mm"], 2), number(spread, 2))
+        rows.append([one["scan"], ball["ball"], ball["used"], *figures, said])
+    return rows or [[one["scan"], *[None] * 7, "no ball"]]
+
+
+def _outcomes(scans: Sequence[Mapping]) -> dict[str, list[str]]:
+    """What is to be said of scans, and of which."""
+    told: dict[str, list[str]] = {}
+    for one in scans:
+        if one["outcome"]:
+            told.setdefault(one["outcome"], []).append(one["scan"])
+    return told
+
+
+def _valued(row: Mapping) -> tuple:
+    """A characteristic's value and unit; shares in %."""
+    return (100 * row["value"], "%") if row["unit"] == "1" and row["value"] is not None else (row["value"], row["unit"])
+
+
+_ERRORS = {
+    "rms_px": "corners, RMS distance, px",
+    "rms_mm": "points from the ball, RMS, mm",
+    "pose_rms_mm": "the same, every pose alike, mm",
+    "origin_mm": "board's origin, RMS, mm",
+    "centre_mm": "board's middle, RMS, mm",
+    "turn_deg": "board's turn, RMS, deg",
+    "mean_origin_mm": "board's origin, mean, mm",
+    "mean_centre_mm": "board's middle, mean, mm",
+    "mean_turn_deg": "board's turn, mean, deg",
+}
 
 
 def handeye(console, answer: Mapping) -> None:
     """Transform, errors and doubts of a hand-eye calibration; `answer`: the object of `handeye --json`."""
     sensor = answer["hand_eye"]
-    rows = [
-        [axis, value, std] for axis, value, std in zip(("x mm", "y mm", "z mm"), sensor["xyz_mm"], sensor["std_mm"])
-    ]
-    rows += [[f"r{axis} deg", value, std] for axis, value, std in zip("xyz", sensor["rotvec_deg"], sensor["std_deg"])]
-    grid(console, f"{answer['recording']}: {answer['transform']}, {answer['poses']} poses", ["", "value", "std"], rows)
+    for sentence in (*answer["suspicions"], *answer["undetermined"]):
+        console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
+    values, spreads = (*sensor["xyz_mm"], *sensor["rotvec_deg"]), (*sensor["std_mm"], *sensor["std_deg"])
+    names = ("x mm", "y mm", "z mm", "rx deg", "ry deg", "rz deg")
+    rows = [[name, measured(value, std)[0], known(std)] for name, value, std in zip(names, values, spreads)]
+    title = f"{answer['recording']}: {answer['transform']}, {answer['poses']} poses"
+    grid(console, title, ["", "value", "1 sigma"], rows)
+    if answer.get("radius_mm") is not None:
+        radius, std = measured(answer["radius_mm"], answer["radius_std_mm"])
+        console.print(f"radius of the ball: {radius} mm, {'known' if std == '–' else f'1 sigma {std} mm'}\n")
     keys = [key for key in answer["fit"] if key in answer["held_out"]]
-    rows = [[key.replace("_", " "), answer["fit"][key], answer["held_out"][key]] for key in keys]
-    grid(console, "Errors", ["", "fit", "held out"], rows)
-    for sentence in (*answer["undetermined"], *answer["suspicions"]):
-        console.print(f"- {sentence}", markup=False, soft_wrap=True)
+    rows = [[_ERRORS.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]] for key in keys]
+    grid(console, "How far apart what stands still seems to be, pose by pose", ["", "fit", "held out"], rows)
     rejected(console, answer["rejected"])
+
+
+def known(std: float | None) -> str:
+    """1 sigma, or that there is none."""
+    return "not determined" if std is None or not math.isfinite(std) else number(std, 2)

@@ -22,8 +22,9 @@ def identifiability(console, answer: Mapping) -> None:
 
     answer: the object of `identifiability --json`.
     """
-    head = ["stage", "free", "determined", "O1", "O2", "O3", "O4", "O5"]
-    rows = [[s["name"], s["free"], s["identifiable"], *(s[f"O{k}"] for k in range(1, 6))] for s in answer["stages"]]
+    head = ["stage", "free", "known", "O1", "O2", "O3", "O4", "O5"]
+    rows = [[s["name"], s["free"], s["identifiable"], *(number(s[f"O{k}"], 3) for k in range(1, 6))]
+            for s in answer["stages"]]
     grid(console, f"{answer['recording']}: {answer['samples']} samples at {answer['poses']} poses", head, rows)
     said: set[str] = set()
     for stage in answer["stages"]:
@@ -33,21 +34,36 @@ def identifiability(console, answer: Mapping) -> None:
             _listing(console, f"not determined with {stage['name']}", more)
 
 
-def number(value) -> str:
-    """Four significant digits; a dash for what is not there."""
-    return "–" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+def number(value, digits: int = 4) -> str:
+    """So many significant digits; a dash for what is not there."""
+    return "–" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def measured(value: float | None, std: float | None) -> tuple[str, str]:
+    """A value to two digits of its standard deviation, and that; four digits where none is known."""
+    from math import floor, isfinite, log10
+
+    if value is None or not std or not isfinite(std):
+        return number(value), "–"
+    places = max(0, 1 - floor(log10(std)))
+    spread = f"{std:.2g}" if std < 100 else f"{std:.0f}"
+    return (f"{value:.{places}f}", spread) if places < 8 else (number(value), spread)
 
 
 def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> None:
-    """A table whose first `left` columns are words and the rest numbers."""
+    """A table whose first `left` columns, and any without a heading, are words and the rest numbers.
+
+    Numbers are never broken; words are where 80 columns do not hold them.
+    """
+    from rich import box
     from rich.markup import escape
     from rich.table import Table
 
     console.print(title, style="bold", markup=False)
-    table = Table(show_edge=False, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for index, name in enumerate(head):
-        table.add_column(name, justify="left" if index < left else "right",
-                         overflow="fold")
+        word = index < left or not name
+        table.add_column(name, justify="left" if word else "right", overflow="fold", no_wrap=not word)
     for row in rows:
         table.add_row(*(escape(number(cell)) for cell in row))
     console.print(table)
@@ -64,13 +80,13 @@ def _errors(console, answer: Mapping) -> None:
 def _stages(console, stages: Sequence[Mapping]) -> None:
     rows = [[stage["name"], stage["free"], stage["identifiable"], stage["rms_mm"],
              stage["held_out_rms_mm"], _verdict(stage)] for stage in stages]
-    head = ["stage", "free", "identifiable", "RMS mm", "held-out RMS mm", ""]
+    head = ["stage", "free", "known", "RMS mm", "held out mm", ""]
     grid(console, "Stages", head, rows)
 
 
 def _verdict(stage: Mapping) -> str:
     earned = stage.get("earned", stage.get("kept"))
-    return "" if earned is None or earned else "not earned, left out"
+    return "" if earned is None or earned else "left out"
 
 
 def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:

@@ -273,11 +273,19 @@ class _Problem:
             if self.damping == 0 and decrement <= _NEARLY * unit and self.finished(move, decrement, unit):
                 return
             if self.accept(move):
-                if abs(before - self.cost) < max(1e-5 * before, 0.02 * unit):
+                if abs(before - self.cost) < max(1e-5 * before, 0.02 * unit) and self.foretold <= unit:
                     self.outcome = SETTLED
                 return
             self.damping = max(4 * self.damping, 1e-9 * self.largest)
         self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+
+    @property
+    def foretold(self):
+        """What the cost would fall by without damping, which alone may have made a step small; 0 without."""
+        if self.damping == 0:
+            return 0.0
+        move = self.newton(_FLOOR)
+        return -float(self.gradient @ move[0] + (self.own_gradient * move[1]).sum())
 
     @property
     def largest(self):

@@ -20,13 +20,15 @@ class Effect:
     the chain says: it alone knows how its ports are numbered.
 
     Class attributes: `effect` and `port` (words of the vocabulary), `needs` (covariates that must
-    be recorded), `equation`, `source`, `places` (what `where` may be: "joint", "link", "base", ...).
+    be recorded), `surface` (what it must be told of the surface: "normals", "ball"), `equation`,
+    `source`, `places` (what `where` may be: "joint", "link", "base", ...).
     """
 
     effect = ""
     port = ""
     places: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
+    surface: tuple[str, ...] = ()
     components: tuple[int, ...] = ()  # which components of its port at its place; () for all of them
     turning = False  # True: speaks of a turn of its joint, which a slide does not make
     elastic = False  # True: reads the state's torques or moments, so gravity and masses act through it

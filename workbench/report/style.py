@@ -9,6 +9,8 @@ BLUE, ORANGE, GREEN, VIOLET, GREY = "#1f83c4", "#d9730d", "#12957a", "#b8649f", 
 COMPONENTS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 DISTANCE = VIOLET
 MOST_POINTS = 5000
+_IN_VIEW = 1.45
+"""Length of a scene's diagonal that is in view from where the figures are seen from, in plotly's units."""
 
 
 def figure(height: int, across: str = "", up: str = "") -> go.Figure:
@@ -45,7 +47,24 @@ def plain(tick: float) -> str:
 
 def packed(made: go.Figure) -> str:
     """The figure as JSON that may stand inside a script element."""
+    _framed(made)
     return safe(made.to_json())
+
+
+def _framed(made: go.Figure) -> None:
+    """Size the scene of a figure in space so that all of it is in view, with one scale along its axes.
+
+    plotly's own "data" keeps the volume of the box, so that a long scene sticks out of the picture.
+    """
+    places = [[np.ravel(getattr(trace, axis)) for axis in "xyz"] for trace in made.data
+              if trace.type in ("scatter3d", "mesh3d", "surface")]  # fmt: skip
+    if not places:
+        return
+    spans = [np.ptp(along[np.isfinite(along)]) for along in
+             (np.concatenate([trace[k] for trace in places]).astype(float) for k in range(3))]  # fmt: skip
+    length = float(np.linalg.norm(spans)) or 1.0
+    ratio = {axis: max(_IN_VIEW * span / length, 0.05) for axis, span in zip("xyz", spans)}
+    made.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio))
 
 
 def safe(json_text: str) -> str:

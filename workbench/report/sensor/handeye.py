@@ -49,9 +49,15 @@ def page(run: HandEyeRun) -> Page:
         tuple(_numbers(made)),
         tuple(lead(run)),
         sections,
-        warning="" if made.converged else sentence(made.outcome),
+        warning=_warning(made),
         files=("hand-eye.toml",),
     )
+
+
+def _warning(made):
+    """What must be read before any number."""
+    doubts = (*made.suspicions, *made.undetermined)
+    return " ".join(sentence(line) for line in (*(() if made.converged else (made.outcome,)), *doubts))
 
 
 def _numbers(made):
@@ -200,6 +206,8 @@ def _transform(run):
 
 
 def _valued(value, std):
+    if std is not None and np.isinf(std):
+        return rounded(value, 5), "not determined"
     if not std or not np.isfinite(std):
         return rounded(value, 5), "–"
     return fixed(value, decimals_of(std)), fixed(std, decimals_of(std))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.centres import centres_of, characteristics
+from workbench.centres import camera_covariance, centres_of, characteristics
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
 from workbench.report.sensor import camera as cameras
@@ -27,7 +27,7 @@ def page(made: Scans) -> Page:
     whole = [ball for ball in balls if ball.whole]
     numbers = [
         ("form of a ball, RMS", rounded(max((b.fit.rms for b in whole), default=None)), "mm"),
-        ("centre, largest 1 σ", rounded(max((b.fit.std[:3].max() for b in whole), default=None)), "mm"),
+        ("centre, largest 1 σ, best frame", rounded(max((b.fit.std[:3].max() for b in whole), default=None)), "mm"),
         ("scans", str(len(made.scans)), ""),
         ("balls found", str(len(balls)), ""),
     ]
@@ -85,7 +85,20 @@ def lead(made: Scans) -> list[str]:
         if centres
         else ""
     )
-    return [first, scanner + more]
+    return [first, scanner + more, *_frames(made)]
+
+
+def _frames(made: Scans) -> list[str]:
+    """What the sigmas of centres are measured from."""
+    balls = [ball.fit for _, ball in every(made) if ball.fit]
+    if made.scanner.frame is None or not balls:
+        return []
+    most = max(float(np.sqrt(np.diag(camera_covariance(made.scanner, fit)).max())) for fit in balls)
+    return [
+        "σ of a centre is told in the frame that fits the scanner's points best, which is what distances between balls "
+        "and a hand-eye calibration need. In the camera's own frame, whose place all points share, it is up to "
+        f"{rounded(1000 * most)} µm; the JSON holds both, std_in_best_frame_mm and std_mm."
+    ]
 
 
 def _acceptance(made: Scans):
@@ -179,7 +192,9 @@ def _doubts(made: Scans, shown) -> list[str]:
             same.setdefault(part, []).append(one.name)
     doubts = [f"{_scans(names)}: {sentence(part)}" for part, names in same.items()]
     odd = [(one, ball) for one, ball in shown if not ball.whole and ";" in ball.fit.outcome]
-    return doubts + [f"{_called(one, ball)}: {sentence(ball.fit.outcome)}" for one, ball in odd]
+    doubts += [f"{_called(one, ball)}: {sentence(ball.fit.outcome)}" for one, ball in odd]
+    known = [(one, ball) for one, ball in shown if ball.whole and ball.fit.warnings]
+    return doubts + [f"{_called(one, ball)}: {sentence('; '.join(ball.fit.warnings))}" for one, ball in known]
 
 
 def _scans(names: list[str]) -> str:

@@ -249,14 +249,13 @@ def _mirror(calibration):
     if check is None:
         yield words("Too few steps for a mirror, or none was asked for: every plane stands by itself.")
         return
-    verdict = "The mirror is used." if check.supported else "The mirror is refused, and the free planes are used."
     yield words(
         f"All planes come from one sheet of light and one turning mirror: {len(check.fitted)} numbers instead "
         "of "
         f"{3 * len(calibration.scanner.steps)}. The free planes are the check: they differ by "
         f"{rounded(check.difference_mm)} mm RMS over the working volume, where their sigmas let expect "
-        f"{rounded(check.expected_mm)} mm; by chance alone the fit would get worse by as much with probability "
-        f"{rounded(check.probability, 2)}. {verdict}"
+        f"{rounded(check.expected_mm)} mm; with a true mirror the fit would get worse by as much with "
+        f"probability {rounded(check.probability, 2)}: {check.verdict}."
     )
     yield figure(
         "mirrorcheck",

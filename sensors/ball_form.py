@@ -1,0 +1,66 @@
+"""Whether points lie on a ball at all: what a plane would leave, and what low orders of the direction explain."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fdtrc
+
+UNLIKELY = 1e-3
+"""Probability below which a form is not put down to chance."""
+_ENOUGH = 5000  # points
+_RANK = 1e-8
+
+
+@dataclass(frozen=True)
+class Form:
+    """What low orders explain of the distances: `rms` mm beyond what noise gives them, and the probability that a ball
+    with noise alone shows as much; nan and 1 where the points are too few to tell."""
+
+    rms: float
+    probability: float
+
+
+def plane_gain(points: np.ndarray, distance: np.ndarray, sigma: np.ndarray) -> float:
+    """By how much a plane (a line where d = 2) fits points (d, n) better than the ball whose surface they are `distance`
+    (n,) mm away from, as a difference of chi-square; the noise is that of the better of both."""
+    weight = sigma**-2
+    centred = points - (points * weight).sum(1, keepdims=True) / weight.sum()
+    plane = float(np.linalg.eigvalsh((centred * weight) @ centred.T)[0])
+    ball = float((weight * distance**2).sum())
+    noise = max(min(plane, ball) / max(points.shape[1] - len(points), 1), 1e-300)
+    return (ball - plane) / noise
+
+
+def low_orders(normal: np.ndarray, residual: np.ndarray, sigma: np.ndarray, rows: np.ndarray, memory: float) -> Form:
+    """Form of orders two and three of the direction `normal` (d, n) in residuals (n,) mm.
+
+    rows (d + 1, n): derivatives by centre and radius, which are left free. memory: times that the errors of neighbours
+    make a mean vary more. The F test of a linear model; residuals of every so-manieth point.
+    """
+    some = slice(None, None, -(-len(residual) // _ENOUGH))
+    normal, sigma, rows = normal[:, some], sigma[some], rows[:, some] / sigma[some]
+    white = residual[some] / sigma
+    own = np.linalg.qr(rows.T)[0]
+    shape = _shapes(normal) / sigma
+    shape = shape - (shape @ own) @ own.T
+    white = white - own @ (own.T @ white)
+    values, vectors = np.linalg.eigh(shape @ shape.T)
+    kept = values > _RANK * max(values[-1], 1e-300)
+    count, left = int(kept.sum()), len(white) - len(rows) - int(kept.sum())
+    if left < 2 * (count + len(rows)):
+        return Form(float("nan"), 1.0)
+    modes = (vectors[:, kept] / np.sqrt(values[kept])).T @ shape
+    share = modes @ white
+    explained = float(share @ share)
+    noise = max(float(white @ white) - explained, 1e-300) / left
+    fitted = share @ modes / rows[-1]  # back to mm across the surface
+    real = max(1 - memory * count * noise / max(explained, 1e-300), 0.0)
+    probability = float(fdtrc(count, left, explained / count / noise / memory))
+    return Form(float(np.sqrt(real * (fitted**2).mean())), probability)
+
+
+def _shapes(normal: np.ndarray) -> np.ndarray:
+    """(k, n) products of two and of three components of the direction, without those that follow from the others."""
+    two = [a * b for i, a in enumerate(normal) for b in normal[i:]][:-1]
+    last = normal[-1]
+    return np.stack(two + [one * last for one in two] + [normal[0] ** 3, normal[0] ** 2 * normal[1]][: 2 * len(normal) - 4])
