@@ -203,7 +203,7 @@ class _Task:
         radius, doubt = part.values[-1], float(np.sqrt(made[-1, -1]))
         gain = part.plane_gain() / lasting
         if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
-            return f"no ball found: a plane fits the points as well as any ball; {_FLAT}, or they lie on another surface"
+            return f"no ball found: a plane fits the points as well as a ball; {_FLAT}, or another surface"
         if part.step > _SETTLED:
             return (f"no ball found: the fit has not converged, a further step would move it by {part.step:.2g} sigma; "
                     f"the points are no ball's, or {_FLAT}")  # fmt: skip
@@ -358,7 +358,7 @@ class _Part:
 def _misshapen(shape: Form) -> tuple[str, ...]:
     if shape.probability >= UNLIKELY:
         return ()
-    return (f"its points follow a form of {1000 * shape.rms:.2g} um RMS that is not noise, which the sigmas do not hold",)
+    return (f"its points follow a form of {1000 * shape.rms:.2g} um RMS that is not noise: the sigmas do not hold it",)
 
 
 def _seen(normal, view):

@@ -21,8 +21,8 @@ class Form:
 
 
 def plane_gain(points: np.ndarray, distance: np.ndarray, sigma: np.ndarray) -> float:
-    """By how much a plane (a line where d = 2) fits points (d, n) better than the ball whose surface they are `distance`
-    (n,) mm away from, as a difference of chi-square; the noise is that of the better of both."""
+    """By how much a plane (a line where d = 2) fits points (d, n) better than the ball from whose surface they are
+    `distance` (n,) mm away, as a difference of chi-square; the noise is that of the better of both."""
     weight = sigma**-2
     centred = points - (points * weight).sum(1, keepdims=True) / weight.sum()
     plane = float(np.linalg.eigvalsh((centred * weight) @ centred.T)[0])
@@ -63,4 +63,5 @@ def _shapes(normal: np.ndarray) -> np.ndarray:
     """(k, n) products of two and of three components of the direction, without those that follow from the others."""
     two = [a * b for i, a in enumerate(normal) for b in normal[i:]][:-1]
     last = normal[-1]
-    return np.stack(two + [one * last for one in two] + [normal[0] ** 3, normal[0] ** 2 * normal[1]][: 2 * len(normal) - 4])
+    three = [one * last for one in two] + [normal[0] ** 3, normal[0] ** 2 * normal[1]][: 2 * len(normal) - 4]
+    return np.stack(two + three)

@@ -7,7 +7,7 @@ import numpy as np
 from sensors.ball_solve import Linear, Loss, Problem, Solved, linearise, memory, spread
 
 # Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
-_STEPS, _SETTLE = 40, 5
+_STEPS, _SETTLE = 40, 8
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared,
             scale = max(spread(own[keep], problem.size), 1e-12 * values[-1])
         weight = loss(own / scale)[0]
         if turn < _SETTLE:
-            lasting = memory(own[keep & (weight > 0)]) if ordered else 1.0
+            # at first the groups' errors are still in the residuals, and last as long as a stripe
+            lasting = memory(own[keep & (weight > 0)]) if ordered and turn > 0 else 1.0
         weight = keep * weight / (scale**2 * lasting)
         normal = _normal(at, problem.size, by_error, weight, shared.labels, k)
         move, errors = _move(normal, shared.covariance)
@@ -70,7 +71,7 @@ def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared,
         at = linearise(problem, values)
         keep = keep & np.isfinite(at.residual)
         step = float(np.sqrt(move @ normal.ball @ move))
-        if step < 3e-3 and turn > 0:
+        if step < 3e-3 and turn > 1:
             break
     own = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
     made = Solved(values, scale, keep, at, own, step)

@@ -133,7 +133,7 @@ def spread(white: np.ndarray, size: int) -> float:
 @dataclass(frozen=True)
 class Solved:
     """Centre and radius `values` (d + 1,), `spread` (nan where nothing is left), `keep` (n,), the problem there, the
-    points' own whitened errors `white` (n,), and the last `step` in sigmas of what was fitted (None: see `step_left`)."""
+    points' own whitened errors `white` (n,), and the last `step` in sigmas of what was fitted (None: `step_left`)."""
 
     values: np.ndarray
     spread: float

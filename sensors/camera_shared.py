@@ -120,9 +120,8 @@ def _share(chain, fit, effects, some: int) -> _Share:
     grow = count / len(groups)
     good = np.linalg.det(corners) > 0
     inverse = np.linalg.inv(np.where(good[:, None, None], corners, np.eye(2)))
-    by_pose = [np.einsum("gckt,gkl,gclu->gctu", own[1], np.linalg.inv(own[0]), own[1], optimize=True).sum(0)]
-    by_pose += [np.einsum("cpt,pq,cqu->ctu", cross, np.linalg.pinv(normal, hermitian=True), cross, optimize=True)]
-    total = sum(by_pose)
+    by_pose = (own[1].transpose(0, 1, 3, 2) @ np.linalg.inv(own[0])[:, None] @ own[1]).sum(0)
+    total = by_pose + cross.transpose(0, 2, 1) @ np.linalg.pinv(normal, hermitian=True) @ cross
     degrees = float(np.einsum("ctu,cut->", total[good], inverse[good]))
     return _Share(degrees, grow * float(np.trace(total, axis1=1, axis2=2).sum()),
                   grow**2 * np.einsum("cpt,cqt->pq", cross, cross))  # fmt: skip
@@ -145,7 +144,8 @@ def _blocks(chain, fit, effects, root):
     at_pose = _sum(np.einsum("amn,bmn->nab", pose, target), group * count + corner, len(own) * count)
     cross = _sum(np.einsum("amn,bmn->nab", left, target), corner)
     corners = _sum(np.einsum("amn,bmn->nab", target, target), corner)
-    normal = np.einsum("amn,bmn->ab", left, left, optimize=True)
+    flat = left.reshape(len(left), -1)
+    normal = flat @ flat.T
     return ((own, at_pose.reshape(len(own), count, 6, 2)), cross / scale[:, None], normal / np.outer(scale, scale),
             corners)  # fmt: skip
 
@@ -153,7 +153,9 @@ def _blocks(chain, fit, effects, root):
 def _sum(blocks, group, count=None):
     """(count, a, b) sums of blocks (n, a, b) by group (n,)."""
     made = np.zeros((int(group.max()) + 1 if count is None else count, *blocks.shape[1:]))
-    np.add.at(made, group, blocks)
+    order = np.argsort(group, kind="stable")
+    start = np.flatnonzero(np.diff(group[order], prepend=-1))
+    made[group[order[start]]] = np.add.reduceat(blocks[order], start, axis=0)
     return made
 
 

@@ -67,8 +67,8 @@ class MirrorCheck:
         if not self.supported:
             return "the stripes contradict it; it is refused and the free planes are used"
         return (
-            "the stripes contradict one perfect mirror, yet its planes differ from the free ones by less than those err "
-            "by themselves; it is used as the nearer to the truth, and its sigmas do not hold what it is off"
+            "the stripes contradict one perfect mirror, yet its planes differ from the free ones by less than those "
+            "err by themselves; it is used as the nearer to the truth, and its sigmas do not hold what it is off"
         )
 
 

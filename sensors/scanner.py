@@ -28,8 +28,8 @@ class Scanner:
     every scan; `sigma_px` of a stripe's centre where a picture does not say better.
     `covariance` (3 S, 3 S): of each plane's two tilts (rad), along the stripe and across it, and
     offset (mm), in the frame that fits best, None where unknown; `frame` (6, 6): of that frame itself
-    in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest, farthest) depth in
-    mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px.
+    in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest,
+    farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px.
     """
 
     camera: Camera

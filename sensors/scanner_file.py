@@ -225,8 +225,9 @@ def _frame(light, where):
     if light.frame_covariance is None:
         return None
     values = np.array(light.frame_covariance)
-    size = np.sqrt(np.outer(np.diag(values), np.diag(values))) if (np.diag(values) > 0).all() else None
-    if size is None or not np.allclose(values / size, (values / size).T) or np.linalg.eigvalsh(values / size)[0] < -_SAME:
+    std = np.sqrt(np.maximum(np.diag(values), 0))
+    scaled = values / np.outer(std, std) if (std > 0).all() else np.full((6, 6), np.inf)
+    if not (np.isfinite(scaled).all() and np.allclose(scaled, scaled.T) and np.linalg.eigvalsh(scaled)[0] > -_SAME):
         raise _wrong(f"{where}, key light.frame_covariance", "a covariance of six numbers, symmetric and positive",
                      "another matrix", "remove the key or calibrate again")  # fmt: skip
     return values

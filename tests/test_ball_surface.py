@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from datasets.recording import Recording
-from robot_model import load_robot
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences, scene
 from workbench.calibrate import calibrate

@@ -41,8 +41,8 @@ def uncertainty(scanner: Scanner) -> str:
     if scanner.frame is None:
         return f"std_mm is the same, since the frame's own uncertainty is not in the scanner's file; {best}"
     return (
-        "std_mm: 1 sigma of x, y and z in the camera's frame, with the uncertainty of that frame, which all points of a "
-        f"scan share; {best}"
+        "std_mm: 1 sigma of x, y and z in the camera's frame, with the uncertainty of that frame, which all points of "
+        f"a scan share; {best}"
     )
 
 
@@ -169,8 +169,8 @@ def check_arm(recording: Recording) -> None:
     """Raise InputError, before anything is scanned, where a recording knows no arm."""
     if not recording.columns or not recording.robot:
         raise InputError(
-            f"{recording.name}/recording.toml: expected [robot] and [samples] to calibrate an arm from scans, found none; "
-            "add them, or use `workbench scan` for the balls alone"
+            f"{recording.name}/recording.toml: expected [robot] and [samples] to calibrate an arm from scans, found "
+            "none; add them, or use `workbench scan` for the balls alone"
         )
 
 

@@ -186,7 +186,8 @@ class _Work:
         pixels, frame, sigma, shape = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
         names = [name for name in COVARIATES if all(name in row for row in rows)]
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
-        return pixels, np.array([int(row.get("step", 0)) for row in rows])[frame], sigma, shape, covariates, dict(dropped)
+        steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
+        return pixels, steps, sigma, shape, covariates, dict(dropped)
 
     @property
     def along(self) -> str:
@@ -259,8 +260,8 @@ class _Work:
 
 
 def _fitted(points, lit, radius, start, own) -> BallFit:
-    """The ball through points (3, k), those left out that are not `lit` (k,): light that grazes the surface spreads over
-    many pixels, which speckle makes a ragged patch."""
+    """The ball through points (3, k) that are `lit` (k,): light that grazes the surface spreads over many pixels,
+    which speckle makes a ragged patch."""
     own = own | {"sigma": np.where(lit, own["sigma"], np.nan)}
     fit = fit_ball(points, radius=radius, view=points, start=start, **own)
     return replace(fit, reason=np.where(~lit & (fit.reason == MISSING), INCIDENCE, fit.reason))

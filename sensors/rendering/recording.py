@@ -201,9 +201,10 @@ def _pictures(scene, take: _Take, folder) -> Iterator[Mapping]:
 
 
 def _save(path, picture):
+    """Written as bytes: a full disk then is an error, where OpenCV only says so beside its result."""
     import cv2
 
-    cv2.imwrite(str(path), picture)
+    path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
 
 
 def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) -> None:

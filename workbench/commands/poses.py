@@ -34,7 +34,8 @@ def command(
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
             told = chosen.as_json()
-            result = {**told, "recording": told["recording"] or candidates, "run": run.path, "file": run.path / "poses.csv"}
+            told["recording"] = told["recording"] or candidates
+            result = {**told, "run": run.path, "file": run.path / "poses.csv"}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     _show(answer.console(json), result)

@@ -27,7 +27,8 @@ def _about_camera(answer: Mapping) -> Sequence[str]:
     """The board's bow, how well pictures that were left out are predicted, and what stays open."""
     told, held, bow = [], answer.get("held_out"), answer.get("bow")
     if bow is not None:
-        told.append(f"the board is bowed by {' ± '.join(measured(bow['height_mm'], bow['height_std_mm']))} mm (1 sigma)")
+        height = " ± ".join(measured(bow["height_mm"], bow["height_std_mm"]))
+        told.append(f"the board is bowed by {height} mm (1 sigma)")
     if held is not None:
         told.append(held["sentence"])
     return [*told, *answer.get("undetermined", ())]
@@ -76,7 +77,8 @@ def scan(console, answer: Mapping) -> None:
     if len(rows) > 40:
         console.print(f"and {len(rows) - 40} more, which the JSON names\n")
     for sentence, scans in _outcomes(answer["scans"]).items():
-        console.print(f"- scan {', '.join(scans[:6])}{' ...' * (len(scans) > 6)}: {sentence}", markup=False, soft_wrap=True)
+        names = ", ".join(scans[:6]) + " ..." * (len(scans) > 6)
+        console.print(f"- scan {names}: {sentence}", markup=False, soft_wrap=True)
     told = [[row["name"].replace("_", " "), row["symbol"], *_valued(row)] for row in answer["acceptance"]]
     told = [row for row in told if row[2] is not None]
     if told:

@@ -28,6 +28,7 @@ NOT_FINITE = "did not converge: the model is not finite at its start; check the 
 # As in workbench.core.solve: least damping per squared typical size, squared sigmas that end the solve.
 # They are those of all unknowns together, which are many here: a last step without a new derivative may be longer.
 _FLOOR, _DONE, _NEARLY = 1e-4, 1e-4, 5e-2
+_LAST = 6  # steps that together must have brought less than one squared sigma where damping made the last one small
 CHI_SQUARE_MEDIAN = {1: 0.4549, 2: 1.3863, 3: 2.366}
 """By degrees of freedom: those of one sample's whitened residual."""
 # As many degrees of freedom: the root of what 5 % exceed; and, with Huber's weights beyond that, what
@@ -273,19 +274,15 @@ class _Problem:
             if self.damping == 0 and decrement <= _NEARLY * unit and self.finished(move, decrement, unit):
                 return
             if self.accept(move):
-                if abs(before - self.cost) < max(1e-5 * before, 0.02 * unit) and self.foretold <= unit:
+                if abs(before - self.cost) < max(1e-5 * before, 0.02 * unit) and self.still(unit):
                     self.outcome = SETTLED
                 return
             self.damping = max(4 * self.damping, 1e-9 * self.largest)
         self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
 
-    @property
-    def foretold(self):
-        """What the cost would fall by without damping, which alone may have made a step small; 0 without."""
-        if self.damping == 0:
-            return 0.0
-        move = self.newton(_FLOOR)
-        return -float(self.gradient @ move[0] + (self.own_gradient * move[1]).sum())
+    def still(self, unit):
+        """Whether it is not damping that makes a step small in a long valley: the last ones together were small too."""
+        return self.damping == 0 or (len(self.history) > _LAST and self.history[-_LAST] - self.cost < unit)
 
     @property
     def largest(self):

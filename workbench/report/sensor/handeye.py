@@ -23,6 +23,8 @@ _WORDS = {
     "mean_turn_deg": "board’s turn, mean from its mean (deg)",
 }
 
+_RAGGED = " points left out, off the circle or at its ragged ends"
+
 
 def page(run: HandEyeRun) -> Page:
     """The whole page of `workbench handeye`."""
@@ -87,8 +89,9 @@ def lead(run: HandEyeRun) -> list[str]:
         )
         if "rotation_deg" in spread
         else (
-            "The flange poses are taken as measured with error: "
-            f"{', '.join(f'{k} {rounded(v)}' for k, v in spread.items())}."
+            "The flange poses are taken as measured with error; these data say 1 σ = "
+            f"{rounded(spread['position_mm'])} mm; the radius that profiles show differs by "
+            f"{rounded(spread['radius_mm'])} mm from one to the next."
         )
     )
     return [f"By how much {what}, over {poses}; held out, each pose is predicted from the others alone.", robot]
@@ -145,8 +148,17 @@ def _errors(run):
     doubts = [sentence(line) for line in (*made.suspicions, *made.undetermined)]
     if doubts:
         yield note("Doubts, and what these poses do not determine", doubts)
-    for line in made.notes:
+    for line in _gathered(made.notes):
         yield words(sentence(line), quiet=True)
+
+
+def _gathered(notes) -> list[str]:
+    """Notes, those that say the same of single profiles as one."""
+    same = [line for line in notes if line.startswith("profile ") and line.endswith(_RAGGED)]
+    if len(same) < 3:
+        return list(notes)
+    told = ", ".join(line.removeprefix("profile ").removesuffix(_RAGGED) for line in same)
+    return [f"left out, off the circle or at its ragged ends, by profile: {told}", *(n for n in notes if n not in same)]
 
 
 def _space(run):

@@ -198,7 +198,9 @@ def _doubts(made: Scans, shown) -> list[str]:
 
 
 def _scans(names: list[str]) -> str:
-    return f"Scan {names[0]}" if len(names) == 1 else f"{len(names)} scans, {names[0]} among them"
+    if len(names) > 6:
+        return f"{len(names)} scans, {', '.join(names[:5])} and more"
+    return f"Scan {names[0]}" if len(names) == 1 else f"Scans {', '.join(names)}"
 
 
 def ball_map(ball: Ball) -> go.Figure:
