@@ -119,7 +119,7 @@ def test_the_command(workbench, tmp_path, plans):
     """Table on standard output, the run folder last, JSON with the same numbers."""
     done = workbench("compare", "elastic-arm", "--plan", "ye-mdh", "--plan", "ye-ntm", "--out", "run", "--json", "a.json")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split()[-1].endswith("run") and "held-o" in done.stdout
+    assert done.stdout.split()[-1].endswith("run") and "held out" in done.stdout
     answer = json.loads((tmp_path / "a.json").read_text())
     assert [row["plan"] for row in answer["plans"]] == ["ye-mdh", "ye-ntm"]
     assert {p.name for p in (tmp_path / "run").iterdir()} >= {"answer.json", "table.csv", "comparison.png"}
