@@ -39,7 +39,7 @@ def ball_many():
     import pyransac3d
 
     from benchmarks.table import Disagreement, Row, median
-    from sensors.ball import fit_ball
+    from sensors.ball.fit import fit_ball
 
     clouds = [_cloud(np.random.default_rng(seed)) for seed in range(SETS)]
     ours = np.array([fit_ball(points).centre - centre for points, centre in clouds])

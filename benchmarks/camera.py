@@ -72,7 +72,7 @@ def camera_linear():
 
 
 def _ours(views, board, **options):
-    from sensors.camera_calibration import calibrate_camera
+    from sensors.camera.calibration import calibrate_camera
 
     return calibrate_camera(views, board, SIZE, folds=0, **options)
 
@@ -91,7 +91,7 @@ def _pictures(count, bow):
     import cv2
     import numpy as np
 
-    from sensors.boards import Board, View
+    from sensors.boards.detection import Board, View
 
     random, board = np.random.default_rng(0), Board("chessboard", 11, 8, 3.5)
     x = (board.points[0] - board.middle[0]) / board.half_diagonal

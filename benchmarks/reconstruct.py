@@ -43,8 +43,8 @@ def scanner(steps: int):
     """A scanner like Ye's: 1280 x 1024 px, fx 3421, sheets from 69 mm beside it to points 115 to 135 mm away."""
     import numpy as np
 
-    from sensors.camera import Camera
-    from sensors.scanner import Scanner
+    from sensors.camera.model import Camera
+    from sensors.scanner.model import Scanner
 
     camera = Camera.of([3421, 3419, 645, 507, -0.11, 0.23, 4e-4, -3e-4, 0.05], (1280, 1024))
     turns = np.deg2rad(np.linspace(19, 39, steps) if steps > 1 else [29.0])

@@ -116,7 +116,7 @@ def _background():
 
 
 def _ours(stack, background=None):
-    from sensors.stripe import find_stripes
+    from sensors.stripe.find import find_stripes
 
     return find_stripes(stack, background=background)
 
@@ -210,7 +210,7 @@ def _rms(found, truth):
 
 
 def _bound():
-    from sensors.stripe_profile import Noise, centre_bound
+    from sensors.stripe.profile import Noise, centre_bound
 
     return centre_bound(WIDE, SNR * NOISE, Noise((NOISE**2 + 1 / 12) ** 0.5), GROUND)
 

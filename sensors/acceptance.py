@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sensors.ball import EDGE, ELSEWHERE, INCIDENCE, MISSING, OUTLIER, REASONS, USED, BallFit, fit_ball, shell
+from sensors.ball.fit import EDGE, ELSEWHERE, INCIDENCE, MISSING, OUTLIER, REASONS, USED, BallFit, fit_ball, shell
 from workbench.core.errors import InputError
 
 NOT_JUDGED = "not judged: no limit was given"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sensors.clipping import Counts
+from sensors.stripe.clipping import Counts
 from workbench.core.errors import InputError
 
 CHANNELS = ("grey", "blue", "green", "red")

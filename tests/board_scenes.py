@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.camera import Camera
-from sensors.corners import Corners
+from sensors.camera.corners import Corners
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from workbench.core.rigid import inverse, rotation_vector, transform
 
 CAMERA = Camera(1800.0, 1805.0, 640.0, 500.0, (-0.1, 0.05, 0.001, -0.001, 0.0), (1280, 1024))

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.board_stripes import BoardStripes
-from sensors.boards import Board, View
-from sensors.camera import Camera
+from sensors.boards.detection import Board, View
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
-from sensors.mirror import Mirror
-from sensors.scanner_errors import laid_over
+from sensors.light.board_stripes import BoardStripes
+from sensors.light.mirror import Mirror
+from sensors.scanner.errors import laid_over
 from sensors.state import SensorState
 from workbench.core.rigid import rotation_matrix
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from sensors.boards import Board
-from sensors.camera import Camera
+from sensors.boards.detection import Board
+from sensors.camera.model import Camera
 from sensors.rendering.instrument import Instrument, Laser, sweeping_mirror
 from sensors.rendering.patterns import Pattern
 from sensors.rendering.ports import Moment

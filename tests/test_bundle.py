@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from board_scenes import BOW, CAMERA, board_model, disturbed
-from sensors.camera import Camera
-from sensors.corners import PORTS, POSE, Corners, placements
+from sensors.camera.corners import PORTS, POSE, Corners, placements
+from sensors.camera.model import Camera
 from workbench.core.bundle import NOT_FINITE, OUT_OF_STEPS, solve_bundle
 from workbench.core.bundle_blocks import tiles_of
 from workbench.core.effect import Effect

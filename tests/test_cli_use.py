@@ -82,7 +82,7 @@ def test_arms_are_exported(solution, tmp_path, name):
 def test_cameras_are_exported(tmp_path):
     import tomli_w
 
-    from sensors.camera import Camera, camera_keys
+    from sensors.camera.model import Camera, camera_keys
 
     camera = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.05), (1280, 1024))
     (tmp_path / "camera.toml").write_text(tomli_w.dumps(camera_keys(camera)))

@@ -8,7 +8,7 @@ from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
 from scenes import ABB, ARMS, CRAIG
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
 from workbench.exports import CAMERA_FORMATS, camera_text, mdh_csv, mdh_json, read_camera_text, read_mdh, urdf

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sensor_recordings import handeye_recording, scanner_recording
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from workbench.report import sections, style
 from workbench.report.page import write_sheet
 from workbench.report.sections import Page, Section

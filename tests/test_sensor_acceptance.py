@@ -5,7 +5,7 @@ import pytest
 
 from ball_scenes import cap
 from sensors.acceptance import BEYOND, NOT_JUDGED, UNDECIDED, UNKNOWN, WITHIN, Probed, acceptance, judged, probing_form
-from sensors.ball import fit_ball, shell
+from sensors.ball.fit import fit_ball, shell
 from workbench.core.errors import InputError
 
 RADIUS, SIGMA = 12.7, 0.01

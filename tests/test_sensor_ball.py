@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ball_scenes import along_rays, ball, cap, ray_cast
-from sensors.ball import fit_ball, fit_circle
-from sensors.ball_start import algebraic
-from sensors.planes import moved
-from sensors.point_errors import pixel_error, plane_error
+from sensors.ball.fit import fit_ball, fit_circle
+from sensors.ball.point_errors import pixel_error, plane_error
+from sensors.ball.start import algebraic
+from sensors.light.planes import moved
 from workbench.core.errors import InputError
 
 RADIUS, SIGMA, SIXTY = 12.7, 0.04, np.pi / 3

@@ -7,12 +7,12 @@ import pytest
 
 from ball_scenes import cap
 from plane_scenes import CAMERA
-from sensors.ball import fit_ball
-from sensors.ball_form import low_orders
-from sensors.ball_shared import Shared
-from sensors.find_balls import find_balls
-from sensors.point_errors import plane_error
-from sensors.scanner import Scanner
+from sensors.ball.fit import fit_ball
+from sensors.ball.form import low_orders
+from sensors.ball.point_errors import plane_error
+from sensors.ball.search import find_balls
+from sensors.ball.shared import Shared
+from sensors.scanner.model import Scanner
 from workbench.centres import ball_json, uncertainty
 from workbench.scan import Ball, _Work
 
@@ -81,8 +81,8 @@ def test_a_bad_start_ends_at_the_ball_all_the_same(radius, start):
 
 def test_what_has_not_converged_says_so(monkeypatch):
     """One step from far away."""
-    monkeypatch.setattr("sensors.ball_solve._STEPS", 1)
-    monkeypatch.setattr("sensors.ball_solve._ROUNDS", 1)
+    monkeypatch.setattr("sensors.ball.solve._STEPS", 1)
+    monkeypatch.setattr("sensors.ball.solve._ROUNDS", 1)
     fit = fit_ball(seen(), SIGMA, start=[3, -4, 130, 14.0])
     assert not fit and "has not converged" in fit.outcome
 

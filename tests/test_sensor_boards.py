@@ -8,8 +8,9 @@ import pytest
 
 from board_pictures import ASYMMETRIC, CHARUCO, CHESS, CIRCLES, SIZE, homography, project, render
 from datasets.recording import Recording
-from sensors import board_finders, circles
-from sensors.boards import Board, Rejected, View, detect, detect_all, relabelled
+from sensors.boards import circles
+from sensors.boards import finders as board_finders
+from sensors.boards.detection import Board, Rejected, View, detect, detect_all, relabelled
 from workbench.core.errors import InputError
 
 BOARDS = pytest.mark.parametrize("board", [CHESS, CIRCLES, ASYMMETRIC, CHARUCO], ids=lambda b: b.kind)

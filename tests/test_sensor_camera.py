@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from board_scenes import BOW, CAMERA, COLUMNS, ROWS, SQUARE, board_model
-from sensors import boards, pictures
-from sensors.boards import Board, View
-from sensors.camera import Camera
-from sensors.camera_calibration import calibrate_camera
-from sensors.camera_checks import projection_difference, projection_uncertainty
+from sensors import pictures
+from sensors.boards import detection as boards
+from sensors.boards.detection import Board, View
+from sensors.camera.calibration import calibrate_camera
+from sensors.camera.checks import projection_difference, projection_uncertainty
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from workbench.core.errors import InputError
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from board_scenes import CAMERA, board_model
-from sensors import boards
-from sensors.boards import Board, View
-from sensors.camera import Camera
-from sensors.camera_calibration import calibrate_camera
-from sensors.corners import Corners
+from sensors.boards import detection as boards
+from sensors.boards.detection import Board, View
+from sensors.camera.calibration import calibrate_camera
+from sensors.camera.corners import Corners
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from test_sensor_camera import BOARD, calibrated, views_of
 from workbench.core.rigid import rotation_matrix
@@ -189,7 +189,8 @@ def test_boards_tilted_by_a_degree_or_two_give_the_focal_length_its_sigma():
 
 def test_a_long_valley_is_not_taken_for_the_end():
     """Nearly frontal boards, focal length started at twice its size: short steps there are the damping's."""
-    from sensors import camera_adjust, camera_start
+    from sensors.camera import adjust as camera_adjust
+    from sensors.camera import start as camera_start
 
     board = Board("chessboard", 11, 8, 5.0)
     views = seen_by(CAMERA.project, np.random.default_rng(3), board, 15, near=(115, 160), across=(5, 5), tilt=0.04)
@@ -225,7 +226,7 @@ def test_pictures_left_out_are_not_in_the_fit_of_either_side():
     inside = held.rms_px
     assert held.held_out.rms_px > 1.4 * inside
     assert held.held_out.opencv_rms_px > 1.4 * inside
-    from sensors.camera_checks import _opencv, opencv_camera
+    from sensors.camera.checks import _opencv, opencv_camera
 
     whole, _ = _opencv(held.chain, opencv_camera(held.chain))
     assert held.held_out.opencv_rms_px > 1.3 * np.sqrt((whole**2).sum(0).mean())
@@ -253,7 +254,7 @@ def test_halves_that_differ_by_a_chance_below_one_in_a_hundred_are_remarked_on()
     """As those of a sensor tilted by 1 degree, p 0.005, do, where no RMS tells; with the chance beside it."""
     from scipy.stats import chi2
 
-    from sensors.camera_calibration import _remarks
+    from sensors.camera.calibration import _remarks
 
     made = calibrated(views_of(np.random.default_rng(1), 12)[0], folds=2)
     for chance, said in ((0.005, 1), (0.02, 0)):

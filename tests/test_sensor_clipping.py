@@ -6,13 +6,13 @@ import pytest
 from scipy.special import erf
 
 from datasets.recording import Recording
-from sensors.boards import Board, View
-from sensors.camera import Camera
-from sensors.clipping import Counts, clip_level
+from sensors.boards.detection import Board, View
+from sensors.camera.model import Camera
 from sensors.pictures import as_picture
-from sensors.scanner import Scanner
-from sensors.scanner_file import write_scanner
-from sensors.stripe import find_stripes
+from sensors.scanner.file import write_scanner
+from sensors.scanner.model import Scanner
+from sensors.stripe.clipping import Counts, clip_level
+from sensors.stripe.find import find_stripes
 from workbench.pictures import full_scale
 from workbench.scan import scan
 from workbench.scanner import _stripes

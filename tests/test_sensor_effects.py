@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from sensors.state import SensorState, stripe_direction
 from test_effects import VOCABULARY

@@ -8,13 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_eye_scenes import CAMERA, NOISE, SHIFT, board, off, pictures, profiles
-from sensors.boards import Board, View, detect, relabelled
-from sensors.camera import Camera
-from sensors.hand_eye import camera_prior, hand_eye_from_views
-from sensors.hand_eye_chain import BallChain, BoardChain
-from sensors.hand_eye_profiles import hand_eye_from_profiles
-from sensors.hand_eye_scatter import board_scatter, deviations, placed_boards
-from sensors.hand_eye_start import board_poses, closed_forms
+from sensors.boards.detection import Board, View, detect, relabelled
+from sensors.camera.model import Camera
+from sensors.hand_eye.chain import BallChain, BoardChain
+from sensors.hand_eye.pictures import camera_prior, hand_eye_from_views
+from sensors.hand_eye.profiles import hand_eye_from_profiles
+from sensors.hand_eye.scatter import board_scatter, deviations, placed_boards
+from sensors.hand_eye.start import board_poses, closed_forms
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
 

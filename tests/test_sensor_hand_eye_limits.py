@@ -8,13 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, off, pictures, profiles
-from sensors.boards import Board, View
-from sensors.camera_calibration import calibrate_camera
-from sensors.hand_eye import camera_prior, hand_eye_from_views
-from sensors.hand_eye_known import _beside
-from sensors.hand_eye_motion import readings
-from sensors.hand_eye_profiles import hand_eye_from_profiles
-from sensors.hand_eye_start import align
+from sensors.boards.detection import Board, View
+from sensors.camera.calibration import calibrate_camera
+from sensors.hand_eye.known import _beside
+from sensors.hand_eye.motion import readings
+from sensors.hand_eye.pictures import camera_prior, hand_eye_from_views
+from sensors.hand_eye.profiles import hand_eye_from_profiles
+from sensors.hand_eye.start import align
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, bow, mirror, twin
-from sensors.camera import Camera
-from sensors.mirror import NAMES, MovedMirror, start_mirror
-from sensors.planes import in_tilts, moved, moved_rows, plane_through
-from sensors.sheets import Sheets
+from sensors.camera.model import Camera
+from sensors.light.mirror import NAMES, MovedMirror, start_mirror
+from sensors.light.planes import in_tilts, moved, moved_rows, plane_through
+from sensors.light.sheets import Sheets
 from workbench.core.errors import InputError
 
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror, twin
-from sensors.camera import Camera
+from sensors.camera.model import Camera
+from sensors.camera.undistort import BLOCK, fit_inverse, iterate
 from sensors.effects import CATALOGUE
-from sensors.planes import moved
-from sensors.scanner import Scanner
-from sensors.scanner_errors import by_camera, by_pixel, by_plane, cut, field_points, frame_moves, plane_moves
-from sensors.sheets import Sheets
+from sensors.light.planes import moved
+from sensors.light.sheets import Sheets
+from sensors.scanner.errors import by_camera, by_pixel, by_plane, cut, field_points, frame_moves, plane_moves
+from sensors.scanner.model import Scanner
 from sensors.state import stripe_direction
-from sensors.undistort import BLOCK, fit_inverse, iterate
 from workbench.core.errors import InputError
 
 LENSES = {

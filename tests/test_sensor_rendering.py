@@ -11,13 +11,13 @@ from scipy.stats import norm
 pytest.importorskip("torch")
 
 from sensor_bench import BOARD, CAMERA, MILD, PLAIN, POSE, SOURCE, board, centroids, instrument, opencv, refined
-from sensors.boards import Board
+from sensors.boards.detection import Board
 from sensors.rendering import formation
 from sensors.rendering.instrument import Chip, Lamp, Laser, Optics
 from sensors.rendering.patterns import Pattern
 from sensors.rendering.render import lamp_light, laser_light, render_board, render_scan
 from sensors.rendering.surfaces import BallSurface, BoardSurface, MeshSurface
-from sensors.scanner import Scanner
+from sensors.scanner.model import Scanner
 
 # ------------------------------------------------------------------------------------------- boards
 
@@ -88,8 +88,8 @@ BOARDS = {
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_the_projects_own_finder_sees_every_kind_of_board(name):
-    from sensors.boards import View, detect
-    from sensors.circles import centre_shift
+    from sensors.boards.circles import centre_shift
+    from sensors.boards.detection import View, detect
 
     keys, print_keys = BOARDS[name]
     made = Board.of(keys)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from plane_scenes import CAMERA, aligned, board, board_stripes, mirror, twin, views
-from sensors.board_stripes import BoardStripes, joined, thinned, wrong_points
-from sensors.camera_calibration import calibrate_camera
+from sensors.camera.calibration import calibrate_camera
 from sensors.effects import CATALOGUE
-from sensors.planes import tilt_directions
-from sensors.scanner import Scanner
-from sensors.scanner_calibration import calibrate_scanner
-from sensors.scanner_file import read_scanner, scanner_text, write_scanner
-from sensors.sheets import Sheets
+from sensors.light.board_stripes import BoardStripes, joined, thinned, wrong_points
+from sensors.light.planes import tilt_directions
+from sensors.light.sheets import Sheets
+from sensors.scanner.calibration import calibrate_scanner
+from sensors.scanner.file import read_scanner, scanner_text, write_scanner
+from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import kstest
 
 from plane_scenes import CAMERA, board, board_stripes, twin, views
-from sensors.camera_calibration import calibrate_camera
-from sensors.scanner import Scanner
-from sensors.scanner_calibration import calibrate_scanner
-from sensors.scanner_check import leave_out
-from sensors.scanner_errors import frame_moves, laid_over
-from sensors.scanner_file import read_scanner, scanner_text, write_scanner
+from sensors.camera.calibration import calibrate_camera
+from sensors.scanner.calibration import calibrate_scanner
+from sensors.scanner.check import leave_out
+from sensors.scanner.errors import frame_moves, laid_over
+from sensors.scanner.file import read_scanner, scanner_text, write_scanner
+from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 
 

@@ -10,7 +10,7 @@ pytest.importorskip("torch")
 
 from conftest import ROOT
 from datasets.formats.recording1 import read_recording
-from sensors.camera import Camera, camera_from_keys
+from sensors.camera.model import Camera, camera_from_keys
 from sensors.rendering.places import board_poses
 from sensors.rendering.recording import Stations, make_recording
 from sensors.rendering.scene import read_scene

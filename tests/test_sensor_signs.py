@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
-from sensors.mirror import Mirror
-from sensors.scanner import Scanner
+from sensors.light.mirror import Mirror
+from sensors.scanner.model import Scanner
 
 F, CX, CY = 1500.0, 640.0, 512.0
 ANGLES = np.deg2rad([-3.0, -1.0, 0.5, 2.5])

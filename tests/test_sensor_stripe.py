@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.stripe import Stripes, find_stripes
-from sensors.stripe_flags import ALONE, DOUBLE, EDGE, SHAPE, UNEVEN
-from sensors.stripe_noise import speckle_contrast
-from sensors.stripe_profile import Noise, centre_bound, speckle_floor
+from sensors.stripe.find import Stripes, find_stripes
+from sensors.stripe.flags import ALONE, DOUBLE, EDGE, SHAPE, UNEVEN
+from sensors.stripe.noise import speckle_contrast
+from sensors.stripe.profile import Noise, centre_bound, speckle_floor
 from workbench.core.errors import InputError
 
 FRAMES, HEIGHT, WIDTH = 6, 512, 320

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ball_scenes import cap
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
-from sensors.scanner import Scanner
+from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 from workbench.scan_surface import reconstructed
 

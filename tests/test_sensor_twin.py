@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sensors.rendering import BallSurface, laser_light
-from sensors.stripe import find_stripes
-from sensors.stripe_bend import bend_on_ball
+from sensors.stripe.bend import bend_on_ball
+from sensors.stripe.find import find_stripes
 from twin import BOW, camera_whitened, plane_whitened, rms, small_scene, twin, without_bow, ye_scene
 
 TINY = {"mirror": {"steps": 10, "first_deg": -3.0, "last_deg": 3.0}, "placements": {"count": 12, "laser": 5}, "scans": {"count": 1}}

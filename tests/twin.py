@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 
 import datasets
-from sensors.board_stripes import BoardStripes
-from sensors.boards import detect_all
-from sensors.camera import NAMES
-from sensors.camera_calibration import calibrate_camera
+from sensors.boards.detection import detect_all
+from sensors.camera.calibration import calibrate_camera
+from sensors.camera.model import NAMES
 from sensors.effects import CATALOGUE
-from sensors.planes import tilt_directions
+from sensors.light.board_stripes import BoardStripes
+from sensors.light.planes import tilt_directions
 from sensors.rendering import Scene, make_recording, read_scene
-from sensors.scanner_calibration import ScannerCalibration, calibrate_scanner
-from sensors.scanner_errors import cut, laid_over
+from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
+from sensors.scanner.errors import cut, laid_over
 from workbench import scan, scanner
 from workbench.core.rigid import nearest_rotation
 

@@ -94,7 +94,7 @@ def figures(made) -> dict:
 
 def recovered(found, start: str, values: dict, made) -> dict:
     """Parameters with the effect in the model: found, sigma, true."""
-    from sensors.scanner_errors import laid_over
+    from sensors.scanner.errors import laid_over
 
     mine = [key for key in found.made.parameters.keys if key.startswith(start)]
     short = [key.removeprefix(start) for key in mine]

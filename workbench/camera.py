@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.boards import Rejected, detect_all
-from sensors.camera import Camera, camera_from_keys, camera_keys
-from sensors.camera_calibration import CameraCalibration, calibrate_camera
+from sensors.boards.detection import Rejected, detect_all
+from sensors.camera.calibration import CameraCalibration, calibrate_camera
+from sensors.camera.model import Camera, camera_from_keys, camera_keys
 from workbench.core.errors import InputError
 from workbench.pace import paced
 from workbench.pictures import by_role

@@ -9,8 +9,8 @@ import numpy as np
 import datasets
 from datasets.recording import Recording
 from sensors.acceptance import Characteristic, Probed, acceptance
-from sensors.ball import BallFit
-from sensors.scanner import Scanner
+from sensors.ball.fit import BallFit
+from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 from workbench.flange import rows_of_samples
 from workbench.provenance import provenance

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.boards import Board, Rejected, View, detect_all
-from sensors.camera import Camera, camera_from_keys
-from sensors.camera_calibration import CameraCalibration, calibrate_camera
-from sensors.hand_eye_result import HandEye
+from sensors.boards.detection import Board, Rejected, View, detect_all
+from sensors.camera.calibration import CameraCalibration, calibrate_camera
+from sensors.camera.model import Camera, camera_from_keys
+from sensors.hand_eye.result import HandEye
 from workbench import camera as cameras
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
@@ -65,7 +65,7 @@ def calibrate(
         )
     camera, source = _camera(recording, sensor, found, progress)
     progress(f"hand-eye from {len(views)} pictures")
-    from sensors.hand_eye import hand_eye_from_views
+    from sensors.hand_eye.pictures import hand_eye_from_views
 
     poses = flange[rows_of_samples(recording, [view.row["sample"] for view in views])]
     made = hand_eye_from_views(views, found.board, camera, poses, kind)
@@ -104,7 +104,7 @@ def _camera(recording, sensor, found, progress):
 
 
 def _from_profiles(recording, kind, progress) -> HandEyeRun:
-    from sensors.hand_eye_profiles import hand_eye_from_profiles
+    from sensors.hand_eye.profiles import hand_eye_from_profiles
 
     if kind == TO_HAND:
         raise InputError(

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sensors.clipping import Counts
 from sensors.pictures import read_grey
+from sensors.stripe.clipping import Counts
 from workbench.core.errors import InputError
 
 

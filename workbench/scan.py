@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.ball import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
-from sensors.find_balls import find_balls
+from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
+from sensors.ball.point_errors import plane_error
+from sensors.ball.search import find_balls
 from sensors.pictures import flaw, read, stacks
-from sensors.point_errors import plane_error
-from sensors.scanner import Scanner
-from sensors.stripe import Stripes, find_stripes
-from sensors.stripe_bend import Bend, bend_on_ball
+from sensors.scanner.model import Scanner
+from sensors.stripe.bend import Bend, bend_on_ball
+from sensors.stripe.find import Stripes, find_stripes
 from workbench import scanner as calibrated
 from workbench.ball_names import named
 from workbench.core.errors import InputError

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.ball import ELSEWHERE
-from sensors.find_balls import find_balls
-from sensors.scanner import Scanner
+from sensors.ball.fit import ELSEWHERE
+from sensors.ball.search import find_balls
+from sensors.scanner.model import Scanner
 
 
 def reconstructed(scanner: Scanner, pixels, steps, covariates, radii) -> tuple[np.ndarray, str]:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.board_stripes import BoardStripes, joined
-from sensors.boards import Board, View
+from sensors.boards.detection import Board, View
+from sensors.light.board_stripes import BoardStripes, joined
 from sensors.pictures import read_grey, stacks
-from sensors.scanner import Scanner
-from sensors.scanner_calibration import ScannerCalibration, calibrate_scanner
-from sensors.stripe import find_stripes
+from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
+from sensors.scanner.model import Scanner
+from sensors.stripe.find import find_stripes
 from workbench import camera as cameras
 from workbench.core.errors import InputError
 from workbench.pace import paced
@@ -228,13 +228,13 @@ def left_out_json(left) -> dict | None:
 
 def save(made: ScannerRun, folder: Path) -> None:
     """Write scanner.toml into `folder`: what `read` takes."""
-    from sensors.scanner_file import write_scanner
+    from sensors.scanner.file import write_scanner
 
     write_scanner(made.scanner, folder / FILE)
 
 
 def read(path: Path) -> Scanner:
     """The scanner of a scanner.toml. Raises InputError."""
-    from sensors.scanner_file import read_scanner
+    from sensors.scanner.file import read_scanner
 
     return read_scanner(Path(path))

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sensors.camera import Camera
-from sensors.mirror import Mirror
+from sensors.camera.model import Camera
+from sensors.light.mirror import Mirror
 from sensors.rendering.ports import Moment
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from sensors.rendering.patterns import Pattern
 from sensors.rendering.scene import Place, Views
 from workbench.core.errors import InputError

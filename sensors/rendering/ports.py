@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from sensors.state import SensorState
 from workbench.core.effect import Effect, make_effects

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sensors.camera import camera_keys
+from sensors.camera.model import camera_keys
 from sensors.rendering.places import artefact_poses, board_poses
 from sensors.rendering.ports import Moment
 from sensors.rendering.render import render_board, render_scan

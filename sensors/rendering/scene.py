@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from sensors.boards import Board
-from sensors.camera import Camera
+from sensors.boards.detection import Board
+from sensors.camera.model import Camera
 from sensors.rendering.instrument import Chip, Instrument, Lamp, Laser, Optics, sweeping_mirror
 from sensors.rendering.patterns import Pattern
 from sensors.rendering.ports import Causes, make_causes

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sensors.camera import Camera
+from sensors.camera.model import Camera
 from sensors.rendering.patterns import Pattern
 from sensors.rendering.ports import Moment
 from workbench.core.rigid import rotation_matrix

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.camera import BROWN, Camera
+from sensors.camera.model import BROWN, Camera
 from workbench.core.errors import InputError
 
 

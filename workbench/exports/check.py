@@ -9,7 +9,7 @@ import numpy as np
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
-from sensors.camera import Camera, camera_from_keys
+from sensors.camera.model import Camera, camera_from_keys
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
 from workbench.exports.camera import read_camera_text

@@ -1,0 +1,1 @@
+"""Balls in clouds: fitted, found, told apart."""

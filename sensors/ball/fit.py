@@ -1,0 +1,393 @@
+"""A ball from its points, or a circle from a profile: geometric fit, robust, with an honest covariance.
+
+Points are (3, n) mm (a circle's (2, n)). What is stated: the centre and radius free of the noise's
+second-order bias, their covariance, the form as metrologists count it, and why points were left out.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.ball.form import UNLIKELY, Form, low_orders, plane_gain
+from sensors.ball.shared import Shared, solve_shared
+from sensors.ball.solve import LOSSES, Loss, Problem, Solved, bias, covariance, memory, solve, step_left, used_part
+from sensors.ball.start import start as find_start
+from workbench.core.errors import InputError
+
+USED, EDGE, INCIDENCE, OUTLIER, MISSING, ELSEWHERE = range(6)
+REASONS = {EDGE: "edge", INCIDENCE: "incidence", OUTLIER: "outlier", MISSING: "missing", ELSEWHERE: "elsewhere"}
+_SECTORS = 24
+# At so many of its own sigmas a radius is not told from a plane's by a first-order covariance.
+_KNOWN = 5
+# A further step of the fit, in its own sigmas, up to which it has converged.
+_SETTLED = 0.1
+# Sigmas by which a free radius differs from a true one not once in a thousand times, with the tails of few stripes.
+_CHANCE = 4.0
+# Part of the radius by which a ball's form may be off, RMS.
+_FORM = 0.01
+_FLAT = "the cap is too small"
+# Points enough for the extent of a cap.
+_ENOUGH = 20_000
+
+
+@dataclass(frozen=True)
+class BallFit:
+    """A fitted ball (d = 3) or circle (d = 2); false where the fit failed, and `outcome` says why.
+
+    `centre` (d,) and `radius` mm, the second-order `bias` (d + 1,) mm of the noise already taken
+    off; `covariance` (d + 1, d + 1) mm^2 of both, scaled by the residuals, 0 for a known radius;
+    `sigma_scale` by which the stated sigma of the points has to be multiplied to agree with the
+    residuals (their sigma in mm where none was stated); `rms` mm of the distances of the points used, over their
+    degrees of freedom; `residual` (n,) mm from the surface, positive outside;
+    `reason` (n,) of `REASONS`, 0 where used; `cap` rad, half angle of the cone from the
+    centre that holds the points; `coverage` share of the way round the view (or the cap's middle) that is seen.
+    `cut`: points used lie at the field's limit. `step` that a further iteration would make, in sigmas;
+    `form` (mm, RMS) of orders two and three that the distances show beyond their noise, nan where the points are too
+    few; `free`, where the radius was known, the same ball with a radius of its own; `warnings` sentences on what the
+    covariance does not hold, in `outcome` too.
+    """
+
+    centre: np.ndarray
+    radius: float
+    covariance: np.ndarray
+    bias: np.ndarray
+    sigma_scale: float
+    rms: float
+    residual: np.ndarray
+    reason: np.ndarray
+    cap: float
+    coverage: float
+    cut: bool
+    ok: bool
+    outcome: str
+    step: float = np.nan
+    form: float = np.nan
+    warnings: tuple[str, ...] = ()
+    free: "BallFit | None" = None
+
+    def __bool__(self) -> bool:
+        return self.ok
+
+    @property
+    def inliers(self) -> np.ndarray:
+        """(n,) True for the points used."""
+        return self.reason == USED
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of points left out, by reason."""
+        return {name: int((self.reason == code).sum()) for code, name in REASONS.items()}
+
+    @property
+    def d95(self) -> float:
+        """Width, mm, of the thinnest shell about the centre that holds 95 % of the points used."""
+        return shell(self.residual[self.inliers], 0.95) if self.ok else np.nan
+
+    @property
+    def peak_to_valley(self) -> float:
+        """Width, mm, of the shell about the centre that holds all points used."""
+        return shell(self.residual[self.inliers], 1.0) if self.ok else np.nan
+
+    @property
+    def radius_gap(self) -> float:
+        """Sigmas by which a radius of its own differs from the stated one; nan where there is nothing to compare."""
+        return np.nan if self.free is None else float((self.free.radius - self.radius) / self.free.std[-1])
+
+    @property
+    def centre_moves(self) -> float:
+        """mm between the centre and that of the ball with a radius of its own; nan where there is none."""
+        return np.nan if self.free is None else float(np.linalg.norm(self.free.centre - self.centre))
+
+    @property
+    def std(self) -> np.ndarray:
+        """(d + 1,) mm, 1 sigma of centre and radius."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def fit_ball(points: np.ndarray, sigma=None, radius: float | None = None, **options) -> BallFit:
+    """Ball through points (3, n) mm in any frame.
+
+    `sigma` 1-sigma mm of a point, one or (n,); `radius` mm where it is known and not fitted.
+    Options, all by name:
+    `covariance` (3, 3) or (3, 3, n) mm^2 of a point, instead of sigma;
+    `direction` (3,) or (3, n): the errors act along these lines with `sigma` (see `pixel_error`);
+    `view` (3,) or (3, n): direction in which the sensor looks (the points themselves in the
+    camera's frame): what faces away from it cannot have been seen, and is left out;
+    `incidence` rad, points of more are left out, and `edge` mm, points nearer to the silhouette; both need `view`;
+    `loss` "tukey", "huber" or "linear";
+    `groups` (n,) int: errors of points of one group may depend on one another (a stripe, a step);
+    `ordered`: the points follow one another along a stripe, and so may their errors; with `shared` they do unless
+    it is False;
+    `shared` (`Shared`, see `plane_error`): errors of known covariance that groups share, estimated with the ball;
+    `at_limit` (n,) True for points at the limit of the field; `start` (4,) centre and radius, where no ball is
+    found from there, the fit begins anew; `seed` of that start's random draws;
+    `form` share of the radius by which a surface may regularly be off and still is a ball's;
+    `compare`: where the radius is known, the ball is fitted with a radius of its own too.
+
+    Minimises geometric distances (Gander, Golub & Strebel, BIT 34, 1994), weighted by the variance
+    across the surface. Raises InputError where the options are not usable.
+    """
+    return _fit(points, sigma, radius, 3, **options)
+
+
+def fit_circle(points: np.ndarray, sigma=None, radius: float | None = None, **options) -> BallFit:
+    """Circle through points (2, n) mm in the plane of a profile; as `fit_ball`, in two dimensions."""
+    return _fit(points, sigma, radius, 2, **options)
+
+
+def _fit(points, sigma, radius, d, *, covariance=None, direction=None, view=None, incidence=None, edge=0.0,
+         loss="tukey", groups=None, ordered=None, shared=None, at_limit=None, start=None, seed=0,
+         form=_FORM, compare=True):  # fmt: skip
+    points = np.asarray(points, float)
+    whole = _problem(points, sigma, radius, d, covariance, direction)
+    view = _units(view, points, "view")
+    _check(radius, incidence, edge, loss, view, groups, shared)
+    present = np.isfinite(points).all(0) & np.isfinite(whole.sigma) & (whole.sigma > 0)
+    problem = whole.some(present)
+    trim = _Trim(None if view is None else view[:, present], np.pi / 2 if incidence is None else incidence, edge)
+    failed = _Failure(points, present)
+    if present.sum() < problem.size + (sigma is None):
+        return failed(f"{present.sum()} points, fewer than the {problem.size + (sigma is None)} needed")
+    shared = None if shared is None else shared.some(present)
+    task = _Task(problem, LOSSES[loss], trim, failed, present, _of(groups, present), _ordered(ordered, shared), shared,
+                 _of(at_limit, present), form, compare)  # fmt: skip
+    if start is not None and (fit := task.fit(np.array(start, float))):
+        return fit
+    values = find_start(problem.points, radius, np.random.default_rng(seed))
+    if values is None:
+        return failed("no ball found: the points lie on a line or a plane, or the cap is too small to curve")
+    return task.fit(values)
+
+
+def _ordered(ordered, shared) -> bool:
+    return shared is not None if ordered is None else ordered
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A problem with all that its fits need; from any start."""
+
+    problem: Problem
+    loss: Loss
+    trim: "_Trim"
+    failed: "_Failure"
+    present: np.ndarray
+    groups: np.ndarray | None
+    ordered: bool
+    shared: Shared | None
+    at_limit: np.ndarray | None
+    form: float
+    compare: bool
+
+    def fit(self, values) -> BallFit:
+        """From centre and radius `values` (d + 1,)."""
+        solved, made = solve(self.problem, values, self.loss, self.trim), None
+        if not np.isfinite(solved.spread):
+            return self.failed("no ball found: too few points are left within the limits of incidence and edge")
+        if self.shared is not None:
+            solved, made = solve_shared(self.problem, solved, self.loss, self.shared, self.ordered)
+        part = _Part(self.problem, solved, self.loss, self.trim)
+        made = part.covariance(self.groups, self.ordered, made)
+        lasting = memory(part.part.score) if self.ordered else 1.0
+        shape = part.form(lasting)
+        if why := self._refused(part, made, shape, lasting):
+            return self.failed(why)
+        fit = part.result(made, self.present, self.at_limit, shape)
+        if self.problem.free or not self.compare:
+            return fit
+        free = replace(self, problem=replace(self.problem, free=True)).fit(solved.values)
+        return _compared(fit, free) if free else fit
+
+    def _refused(self, part, made, shape, lasting) -> str:
+        """Why this is no ball, "" where it is one."""
+        radius, doubt = part.values[-1], float(np.sqrt(made[-1, -1]))
+        gain = part.plane_gain() / lasting
+        if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
+            return f"no ball found: a plane fits the points as well as a ball; {_FLAT}, or another surface"
+        if part.step > _SETTLED:
+            return (f"no ball found: the fit has not converged, a further step would move it by {part.step:.2g} sigma; "
+                    f"the points are no ball's, or {_FLAT}")  # fmt: skip
+        if self.problem.free and not doubt * _KNOWN < radius:
+            return f"{_FLAT}: radius {radius:.4g} +- {doubt:.2g} mm; state the radius or scan more of the ball"
+        if shape.probability < UNLIKELY and shape.rms > self.form * radius:
+            return (f"no ball found: the points are {shape.rms:.3g} mm RMS away from any ball in a regular form, more "
+                    f"than {100 * self.form:g} % of its radius; they lie on another surface")  # fmt: skip
+        return ""
+
+
+def _compared(fit: BallFit, free: BallFit) -> BallFit:
+    """A fit of known radius beside the `free` one."""
+    fit = replace(fit, free=free)
+    if not abs(fit.radius_gap) > _CHANCE:
+        return fit
+    told = (f"radius differs from the stated one by {abs(fit.radius_gap):.3g} sigma ({free.radius:.4f} instead of "
+            f"{fit.radius:.4f} mm); with its own the centre moves by {1000 * fit.centre_moves:.3g} um")  # fmt: skip
+    return replace(fit, warnings=(*fit.warnings, told), outcome=f"{fit.outcome}; {told}")
+
+
+def _problem(points, sigma, radius, d, covariance, direction) -> Problem:
+    if points.ndim != 2 or len(points) != d:
+        raise InputError(f"points: expected an array of shape ({d}, n), found {points.shape}; "
+                         "hand over one point a column")
+    n = points.shape[1]
+    if covariance is not None and (direction is not None or sigma is not None):
+        raise InputError("points: expected sigma (with or without direction) or covariance, found both; leave one out")
+    if covariance is not None:
+        covariance = np.broadcast_to(np.reshape(covariance, (d, d, -1)), (d, d, n))
+        sigma = np.sqrt(np.einsum("ddn->n", covariance) / d)
+    sigma = np.broadcast_to(1.0 if sigma is None else np.asarray(sigma, float), (n,))
+    return Problem(points, sigma, covariance, _units(direction, points, "direction"), radius is None)
+
+
+def _units(vectors, points, called):
+    """(d, n) unit vectors of one or n, None for None."""
+    if vectors is None:
+        return None
+    vectors = np.asarray(vectors, float)
+    if len(vectors) != len(points) or vectors.size not in (len(points), points.size):
+        raise InputError(f"{called}: expected one vector or one a point, found shape {vectors.shape}; "
+                         "hand over one vector a column")
+    vectors = np.broadcast_to(vectors.reshape(len(points), -1), points.shape)
+    return vectors / np.linalg.norm(vectors, axis=0)
+
+
+def _check(radius, incidence, edge, loss, view, groups, shared):
+    if groups is not None and shared is not None:
+        raise InputError("groups: expected groups or shared errors of known covariance, found both; leave one out")
+    if radius is not None and not 0 < radius < np.inf:
+        raise InputError(f"radius: expected a positive length in mm, found {radius}; measure the ball again")
+    if loss not in LOSSES:
+        raise InputError(f"loss: expected one of {', '.join(LOSSES)}, found '{loss}'; choose one of them")
+    if view is None and (incidence is not None or edge):
+        raise InputError("view: expected the direction in which the sensor looks, found none; "
+                         "it is needed to trim by incidence or edge")  # fmt: skip
+
+
+def _of(array, chosen):
+    return None if array is None else np.asarray(array)[chosen]
+
+
+@dataclass(frozen=True)
+class _Trim:
+    """Which points are too steep or too near to the silhouette."""
+
+    view: np.ndarray | None
+    incidence: float
+    edge: float
+
+    def codes(self, values, normal, part=slice(None)):
+        """(n,) reason of each point, 0 where it stays."""
+        codes = np.zeros(normal.shape[1], np.uint8)
+        if self.view is not None:
+            cosine = -np.einsum("dn,dn->n", self.view[:, part], normal)
+            codes[cosine < np.cos(self.incidence)] = INCIDENCE
+            # the distance of the surface's point from the line of sight through the centre
+            codes[values[-1] * (1 - np.sqrt(np.maximum(1 - cosine**2, 0))) < self.edge] = EDGE
+        return codes
+
+    def __call__(self, values, normal, part):
+        return self.codes(values, normal, part) == USED
+
+
+class _Failure:
+    """Makes the falsy result of points that have no ball."""
+
+    def __init__(self, points, present):
+        self.d, self.reason = len(points), np.where(present, OUTLIER, MISSING).astype(np.uint8)
+
+    def __call__(self, why: str) -> BallFit:
+        nan = np.full(self.d + 1, np.nan)
+        return BallFit(nan[1:], np.nan, np.outer(nan, nan), nan, np.nan, np.nan,
+                       np.full(len(self.reason), np.nan), self.reason, 0.0, 0.0, False, False, why)  # fmt: skip
+
+
+class _Part:
+    """A solved problem, from which the result is put together."""
+
+    def __init__(self, problem: Problem, solved: Solved, loss, trim):
+        self.problem, self.values, self.at, self.trim = problem, solved.values, solved.at, trim
+        solved = replace(solved, spread=max(solved.spread, 1e-12 * self.values[-1]))
+        self.white = solved.white
+        self.used = solved.keep & (loss(solved.white / solved.spread)[0] > 0)
+        self.part = used_part(problem, solved, loss, self.used)
+        self.step = step_left(self.part, self.values[-1]) if solved.step is None else solved.step
+
+    def distance(self):
+        """(n,) mm from the surface."""
+        if self.problem.direction is None:
+            return self.at.residual
+        return np.linalg.norm(self.problem.points - self.values[:-1, None], axis=0) - self.values[-1]
+
+    def plane_gain(self) -> float:
+        """See `ball_form.plane_gain`."""
+        return plane_gain(self.problem.points[:, self.used], self.distance()[self.used], self.at.sigma[self.used])
+
+    def form(self, lasting: float) -> Form:
+        """See `ball_form.low_orders`; of the points' own errors."""
+        used, sigma = self.used, self.at.sigma[self.used]
+        return low_orders(self.at.normal[:, used], self.white[used] * sigma, sigma, self.at.rows[:, used], lasting)
+
+    def covariance(self, groups, ordered, made):
+        """(d + 1, d + 1), of the points' errors where none is given; rows of a known radius are 0."""
+        if made is None:
+            made = covariance(self.part, _of(groups, self.used))
+            made = made * memory(self.part.score) if ordered and groups is None else made
+        return np.pad(made, (0, len(self.values) - len(made)))
+
+    def result(self, made, present, at_limit, shape: Form) -> BallFit:
+        """The fit, as statements about all points, `present` (n,) or not."""
+        problem, used, n = self.problem, self.used, len(present)
+        degrees = max(int(used.sum()) - problem.size, 1)
+        sigma_scale = float(np.sqrt(np.square(self.white[used]).sum() / degrees))
+        off = bias(problem, self.at, self.part, self.values[-1], sigma_scale, used)
+        off = np.pad(off, (0, len(self.values) - len(off)))
+        distance = self.distance()
+        residual, reason = np.full(n, np.nan), np.full(n, MISSING, np.uint8)
+        codes = self.trim.codes(self.values, self.at.normal)
+        codes[(codes == USED) & ~used] = OUTLIER
+        residual[present], reason[present] = distance, codes
+        cap, coverage = _seen(self.at.normal[:, used], self.trim.view)
+        cut = 0 if at_limit is None else int((at_limit & used).sum())
+        values, told = self.values - off, _misshapen(shape)
+        return BallFit(values[:-1], float(values[-1]), made, off, sigma_scale,
+                       float(np.sqrt(np.square(distance[used]).sum() / degrees)), residual, reason,
+                       cap, coverage, cut > 0, True, _outcome(reason, cap, coverage, cut, told),
+                       self.step, shape.rms, told)  # fmt: skip
+
+
+def _misshapen(shape: Form) -> tuple[str, ...]:
+    if shape.probability >= UNLIKELY:
+        return ()
+    return (f"its points follow a form of {1000 * shape.rms:.2g} um RMS that is not noise: the sigmas do not hold it",)
+
+
+def _seen(normal, view):
+    """Half angle (rad) of the cone about the mean direction with 99 % of the points, and the share seen all round."""
+    axis = normal.mean(1) if view is None else -view.mean(1)
+    mean, axis = (one / max(np.linalg.norm(one), 1e-300) for one in (normal.mean(1), axis))
+    some = normal[:, :: normal.shape[1] // _ENOUGH + 1]
+    cap = float(np.quantile(np.arccos(np.clip(mean @ some, -1, 1)), 0.99))
+    angle = np.arccos(np.clip(axis @ some, -1, 1))
+    across = np.linalg.svd(axis[None])[2][1:] @ some
+    turn = np.arctan2(across[1], across[0]) if len(some) == 3 else np.pi * (across[0] < 0)
+    sectors = _SECTORS if len(some) == 3 else 2
+    reach = np.zeros(sectors)
+    np.maximum.at(reach, (turn / (2 * np.pi) % 1 * sectors).astype(int) % sectors, angle)
+    return cap, float((reach > 0.7 * np.quantile(reach, 0.8)).mean())
+
+
+def _outcome(reason, cap, coverage, cut, told):
+    n, used = len(reason), int((reason == USED).sum())
+    words = [f"converged on {used} of {n} points, a cap of {np.rad2deg(cap):.0f} deg half angle"]
+    if cut:
+        words.append(f"cut by the field: {cut} of its points lie at the field's limit, so its centre is less certain")
+    elif coverage < 0.75:
+        words.append(f"seen on {100 * coverage:.0f} % of the way round: cut by the field or something stands before it")
+    return "; ".join([*words, *told])
+
+
+def shell(residual: np.ndarray, share: float) -> float:
+    """Width, mm, of the thinnest shell that holds a share of distances (n,) from the surface."""
+    ordered = np.sort(residual)
+    held = max(int(np.ceil(share * len(ordered))), 1)
+    return float((ordered[held - 1 :] - ordered[: len(ordered) - held + 1]).min())

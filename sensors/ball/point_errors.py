@@ -1,0 +1,34 @@
+"""How a scanner's points err: along a line in their light plane, and together with their whole plane."""
+
+import numpy as np
+
+from sensors.ball.shared import Shared
+from sensors.light.planes import tilt_directions
+
+
+def pixel_error(points: np.ndarray, planes: np.ndarray, focal: float, along: str = "rows") -> np.ndarray:
+    """(3, n) mm by which points (3, n) in the camera frame move when the stripe's centre errs by 1 px.
+
+    `planes` (4, n) light plane of each point; `focal` px; `along` "rows" where centres are sought
+    along the rows of the picture, "columns" else. The ray turns in the picture and still ends in the light plane:
+    the error lies in the plane. Its direction is `direction` of `fit_ball`, its length times the
+    centre's sigma (px) is `sigma`.
+    """
+    depth, flat = points[2], points / points[2]
+    turned = np.zeros_like(points)
+    turned[0 if along == "rows" else 1] = 1 / focal
+    slope = (planes[:3] * turned).sum(0) / (planes[:3] * flat).sum(0)
+    return depth * (turned - slope * flat)
+
+
+def plane_error(points: np.ndarray, planes: np.ndarray, steps: np.ndarray, covariance: np.ndarray) -> Shared:
+    """What points (3, n) in the camera frame share with all others of their light plane, for `fit_ball`.
+
+    `planes` (4, S); `steps` (n,) int column of `planes` of each point; `covariance` (3 S, 3 S) of each
+    plane's two tilts (rad, `tilt_directions`) and offset (mm), as of a `Scanner`. A plane that
+    shifts by df at a point moves it along its ray by -df / (n.ray).
+    """
+    tilts = np.einsum("kis,is->ks", tilt_directions(planes)[..., steps], points)
+    shift = np.concatenate([tilts, np.ones((1, points.shape[1]))])
+    stretch = points / (planes[:3, steps] * points).sum(0)
+    return Shared(np.asarray(steps), -shift[:, None] * stretch, np.asarray(covariance))

@@ -1,0 +1,320 @@
+"""Several balls in one scan, told apart from table, posts and plates; and which ball of the artefact each is."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.stats import f as f_distribution
+
+from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
+from workbench.core.errors import InputError
+from workbench.core.rigid import nearest_rotation
+
+# The search goes over a thinned cloud; its cells are this part of the smallest radius.
+_CELL, _THINNED, _DRAWN, _NEIGHBOURS = 1 / 12, 40_000, 250_000, 24
+# Votes for one centre fall within this part of the radius when normals are good to some 0.1 rad.
+_VOTE_CELL, _RANGE_STEP = 1 / 5, 1.5
+# A ball shows at least this part of the points of a cap of 30 degrees, however it is cut.
+_LEAST_SHARE, _LEAST_POINTS, _PEAKS = 0.2, 12, 60
+# About the voted centre, points may be off by this part of the radius, and later by that.
+_WIDE, _NARROW, _CONE = 0.25, 0.08, np.cos(np.deg2rad(30))
+# Nothing is inside a solid ball; directions of its points spread two ways (a post's only one).
+_INSIDE, _INSIDE_SHARE, _SPREAD = 0.85, 0.1, np.sin(np.deg2rad(4)) ** 2
+# Part of the neighbours' squared distances that one ball does not explain: a post leaves half, a plane all.
+_MISFIT = 0.4
+
+
+def find_balls(points: np.ndarray, radii=None, *, between: tuple[float, float] | None = None, sigma=None,
+               view=None, at_limit=None, free: bool = False, form: float = 0.01, seed: int = 0,
+               **options) -> list[BallFit]:  # fmt: skip
+    """The balls in points (3, n) mm, or organised (3, H, W) with nan where nothing was seen; most points first.
+
+    `radii` mm that occur (one or several), or `between` (smallest, largest) mm where they are not known;
+    with neither, from 15 times the points' spacing to 0.6 of the cloud's extent. `view` (3,) or (3, n)
+    direction in which the sensor looks; without it the points are in the camera's frame. `at_limit` (n,)
+    True for points at the limit of the field; of an organised scan these are the border's. `free`: fit
+    the radius even where it is known. `form`: what of the RMS is not noise between neighbours, over the
+    radius, above which a surface is no ball. `sigma` and `options` as in `fit_ball`. Each result speaks of all n
+    points: `reason` is "elsewhere" for those of other surfaces. Deterministic for one seed; an
+    empty list where there is no ball. Raises InputError where radii or shapes are not usable.
+
+    Every point votes for the centre along its normal (for unknown radii, where its normal meets its
+    neighbours': the ball pivot of Hough, US patent 3069654, in three dimensions); a peak of votes is
+    a candidate, which geometric fits confirm or not.
+    """
+    points, at_limit = _flat(points, at_limit)
+    present = np.flatnonzero(np.isfinite(points.sum(0)))
+    if len(present) < _LEAST_POINTS:
+        return []
+    rays = _rays(points, view)
+    known = None if radii is None else sorted({float(r) for r in np.atleast_1d(radii)})
+    cloud = _Cloud(points[:, present], rays[:, present], _range(points[:, present], known, between), seed)
+    peaks = [peak for radius in known for peak in cloud.of_radius(radius)] if known else cloud.of_range()
+    search = _Search(points, rays, at_limit, sigma, known, free, form, {**options, "seed": seed})
+    return search.confirmed(cloud, peaks)
+
+
+def _flat(points, at_limit):
+    points = np.asarray(points, float)
+    if points.ndim not in (2, 3) or len(points) != 3:
+        raise InputError(f"points: expected an array of shape (3, n) or (3, H, W), found {points.shape}; "
+                         "hand over one point a column")
+    if points.ndim == 3 and at_limit is None:
+        at_limit = np.zeros(points.shape[1:], bool)
+        at_limit[[0, -1]], at_limit[:, [0, -1]] = True, True
+    return points.reshape(3, -1), None if at_limit is None else np.asarray(at_limit, bool).ravel()
+
+
+def _rays(points, view):
+    """(3, n) unit directions in which the sensor looks at each point."""
+    rays = points if view is None else np.broadcast_to(np.reshape(np.asarray(view, float), (3, -1)), points.shape)
+    return rays / np.maximum(np.linalg.norm(rays, axis=0), 1e-300)
+
+
+def _range(points, known, between):
+    """Smallest and largest radius to look for, mm."""
+    if known is not None and not 0 < known[0] <= known[-1] < np.inf:
+        raise InputError(f"radii: expected positive lengths in mm, found {known}; measure the balls again")
+    if between is not None and not 0 < between[0] < between[1] < np.inf:
+        raise InputError(f"between: expected a smaller and a larger radius in mm, found {between}; give both")
+    if known is not None or between is not None:
+        return (known[0], known[-1]) if known is not None else between
+    some = np.random.default_rng(0).permutation(points.shape[1])[:_THINNED]
+    spacing = np.median(cKDTree(points[:, some].T).query(points[:, some[:2000]].T, 2)[0][:, 1])
+    spacing *= np.sqrt(len(some) / points.shape[1])  # points on surfaces
+    return 15 * spacing, max(np.ptp(np.quantile(points, [0.01, 0.99], axis=1), axis=0).max() * 0.6, 30 * spacing)
+
+
+class _Cloud:
+    """A thinned cloud with normals, and what its points vote for."""
+
+    def __init__(self, points, rays, between, seed):
+        self.between = between
+        chosen, self.cell = _thinned(points, between[0] * _CELL, np.random.default_rng(seed))
+        self.points, rays = points[:, chosen], rays[:, chosen]
+        self.near = cKDTree(self.points.T).query(self.points.T, min(_NEIGHBOURS, len(chosen)))[1]
+        self.normals = _normals(self.points, self.near)
+        self.normals *= -np.sign(np.einsum("dn,dn->n", self.normals, rays))
+
+    def of_radius(self, radius):
+        """Candidates (centre, radius) of one known radius."""
+        return self._peaks(self.points - radius * self.normals, np.full(self.points.shape[1], radius))
+
+    def of_range(self):
+        """Candidates of any radius in the range: a point and its neighbours share the ball that they lie on."""
+        apart = self.points[:, self.near] - self.points[:, :, None]
+        turned = self.normals[:, self.near] - self.normals[:, :, None]
+        bend = (turned**2).sum((0, 2))
+        radius = (apart * turned).sum((0, 2)) / np.maximum(bend, 1e-12)
+        misfit = ((apart - radius[:, None] * turned) ** 2).sum((0, 2)) / np.maximum((apart**2).sum((0, 2)), 1e-300)
+        found, low = [], self.between[0]
+        while low < self.between[1]:
+            chosen = (misfit < _MISFIT) & (radius > low / _RANGE_STEP**0.5) & (radius < low * _RANGE_STEP**1.5)
+            found += self._peaks((self.points - radius * self.normals)[:, chosen], radius[chosen])
+            low *= _RANGE_STEP
+        return found
+
+    def _peaks(self, votes, radius):
+        """Where votes (3, m) crowd: (centre, radius), most votes first."""
+        if len(radius) < _LEAST_POINTS:
+            return []
+        size = float(np.median(radius))
+        reach = _VOTE_CELL * size
+        least = max(_LEAST_POINTS, _LEAST_SHARE * 0.84 * (size / self.cell) ** 2)
+        places, counts = np.unique(np.floor(votes / reach).astype(np.int64), axis=1, return_counts=True)
+        places = places[:, np.argsort(-counts, kind="stable")[:_PEAKS]]
+        tree, found = cKDTree(votes.T), []
+        for centre in (places.T + 0.5) * reach:
+            for _ in range(3):
+                held = tree.query_ball_point(centre, reach)
+                centre = votes[:, held].mean(1) if held else centre
+            if len(held) >= least and all(np.linalg.norm(centre - other[1]) > reach for other in found):
+                found.append((len(held), centre, float(np.median(radius[held]))))
+        return sorted(found, key=lambda peak: -peak[0])
+
+    def about(self, centre, radius):
+        """(m,) indices of points near this ball's surface, with normals that point away from its centre."""
+        away = self.points - centre[:, None]
+        distance = np.linalg.norm(away, axis=0)
+        facing = (away * self.normals).sum(0) > _CONE * distance
+        return np.flatnonzero(facing & (np.abs(distance - radius) < _WIDE * radius))
+
+
+def _thinned(points, cell, random):
+    """Indices of one point a cell, and the cell's size (mm), larger where there would be too many."""
+    drawn = np.arange(points.shape[1])
+    if len(drawn) > _DRAWN:
+        drawn = np.sort(random.choice(len(drawn), _DRAWN, replace=False))
+    drawn_points = points[:, drawn]
+    low = drawn_points.min(1, keepdims=True)
+    while True:
+        place = ((drawn_points - low) / cell).astype(np.int64)
+        sizes = place.max(1) + 1
+        kept = np.unique((place[0] * sizes[1] + place[1]) * sizes[2] + place[2], return_index=True)[1]
+        if len(kept) <= _THINNED:
+            return drawn[kept], cell
+        cell *= 1.05 * np.sqrt(len(kept) / _THINNED)
+
+
+def _normals(points, near):
+    """(3, n) unit normals, without sense, of the planes through each point's neighbours."""
+    around = points[:, near] - points[:, near].mean(2, keepdims=True)
+    matrix = np.einsum("dnk,enk->nde", around, around, optimize=True)
+    return np.linalg.eigh(matrix)[1][:, :, 0].T.copy()
+
+
+class _Search:
+    """Candidates against the whole cloud: each is fitted, judged, and its points are given to it."""
+
+    def __init__(self, points, rays, at_limit, sigma, known, free, form, options):
+        self.points, self.rays, self.at_limit, self.sigma = points, rays, at_limit, sigma
+        self.known, self.free, self.form, self.options = known, free, form, options
+
+    def confirmed(self, cloud, peaks) -> list[BallFit]:
+        """Balls among the candidates, most points first; a point belongs to one ball only."""
+        found, left = [], np.isfinite(self.points.sum(0))
+        for _, centre, radius in sorted(peaks, key=lambda peak: -peak[0] / peak[2] ** 2):
+            if any(np.linalg.norm(centre - ball.centre) < 0.5 * ball.radius for ball in found):
+                continue
+            ball = self.ball(cloud, centre, radius, left)
+            if ball is not None and all(np.linalg.norm(ball.centre - one.centre) > 0.5 * one.radius for one in found):
+                found.append(ball)
+                left &= ~ball.inliers
+        return sorted(found, key=lambda ball: -int(ball.inliers.sum()))
+
+    def ball(self, cloud, centre, radius, left) -> BallFit | None:
+        """The ball at a candidate, None where there is none."""
+        about = cloud.about(centre, radius)
+        if len(about) < _LEAST_POINTS:
+            return None
+        known = radius if self.known else None
+        rough = fit_ball(cloud.points[:, about], radius=known, start=np.append(centre, radius))
+        if not rough or not self.like(rough, cloud):
+            return None
+        return self.fine(cloud, rough, None if self.free else known, left)
+
+    def fine(self, cloud, rough, radius, left) -> BallFit | None:
+        """Fit to all points near the rough ball; a result that speaks of the whole cloud."""
+        box, reach = np.flatnonzero(left), (1 + _NARROW) * rough.radius
+        for axis, middle in zip(self.points, rough.centre):
+            box = box[np.abs(axis[box] - middle) < reach]
+        gap = np.abs(np.linalg.norm(self.points[:, box] - rough.centre[:, None], axis=0) - rough.radius)
+        box = box[gap < max(_NARROW * rough.radius, 6 * rough.rms)]
+        start = np.append(rough.centre, rough.radius if radius is None else radius)
+        each = {name: value[..., box] if np.ndim(value) and np.shape(value)[-1] == self.points.shape[1] else value
+                for name, value in {**self.options, "sigma": self.sigma, "at_limit": self.at_limit}.items()}
+        fit = fit_ball(self.points[:, box], radius=radius, view=self.rays[:, box], start=start, **each)
+        if not fit or not self.like(fit, cloud):
+            return None
+        reason, residual = np.full(self.points.shape[1], ELSEWHERE, np.uint8), np.full(self.points.shape[1], np.nan)
+        reason[box], residual[box] = fit.reason, fit.residual
+        return replace(fit, reason=reason, residual=residual)
+
+    def like(self, fit, cloud) -> bool:
+        """Whether a fit is a ball's: true to form, nothing inside, curved both ways."""
+        away = cloud.points - fit.centre[:, None]
+        distance = np.linalg.norm(away, axis=0)
+        gap = distance - fit.radius
+        shell = np.abs(gap) < _NARROW * fit.radius
+        inside = int((distance < _INSIDE * fit.radius).sum())
+        if shell.sum() < _LEAST_POINTS or inside > _INSIDE_SHARE * shell.sum():
+            return False
+        noise = np.median(np.abs(gap - gap[cloud.near[:, 1]])[shell]) / 0.67449 / np.sqrt(2)
+        spread = np.linalg.eigvalsh(np.cov(away[:, shell] / distance[shell]))
+        return fit.rms**2 - noise**2 < (self.form * fit.radius) ** 2 and spread[1] > _SPREAD
+
+
+@dataclass(frozen=True)
+class Match:
+    """Which ball of the artefact each found ball is; false where that is not certain.
+
+    `ball` (k,) int column of the artefact's centres, -1 for none; `rms` mm of the distances from the
+    artefact's centres after a rigid fit; `others` further assignments (k,) that the distances allow as
+    well; `swapped` pairs of columns that stand in one another's place in what was expected.
+    """
+
+    ball: np.ndarray
+    rms: float
+    others: tuple[np.ndarray, ...]
+    swapped: tuple[tuple[int, int], ...]
+    outcome: str
+
+    def __bool__(self) -> bool:
+        return bool((self.ball >= 0).sum() >= 3 and not self.others)
+
+
+def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expected=None) -> Match:
+    """Match found centres (3, k) mm with the artefact's (3, m) by their distances from one another.
+
+    `tolerance` mm by which a distance may differ (scale and noise of the scanner; well below the
+    differences between the artefact's own distances). `expected` (k,) column that each found ball
+    was thought to be. Assignments of the most balls that agree in all distances are compared by the residual of
+    their rigid fit, reflections excluded; those that an F test at 0.1 % cannot tell from the best are `others`.
+    """
+    found, artefact = np.asarray(found, float), np.asarray(artefact, float)
+    assignments = _assignments(_apart(found), _apart(artefact), tolerance)
+    fits = sorted(((_rigid_rms(found, artefact, one), k) for k, one in enumerate(assignments)))
+    fits = [(rms, assignments[k]) for rms, k in fits if rms <= tolerance]
+    if not fits:
+        why = "the distances fit only a mirror image of the artefact; check the signs of the axes"
+        if not assignments:
+            why = "no two found balls are as far apart as two of the artefact; check its file and the units"
+        return Match(np.full(found.shape[1], -1), np.nan, (), (), why)
+    best, degrees = fits[0][1], max(3 * int((fits[0][1] >= 0).sum()) - 6, 1)
+    allowed = max(fits[0][0], 1e-9) * np.sqrt(f_distribution.isf(0.001, degrees, degrees))
+    others = tuple(one for rms, one in fits[1:] if rms <= allowed)
+    swapped = () if expected is None else _swapped(best, np.asarray(expected))
+    return Match(best, fits[0][0], others, swapped, _match_outcome(best, fits[0][0], others, swapped))
+
+
+def _apart(centres):
+    return np.linalg.norm(centres[:, :, None] - centres[:, None], axis=0)
+
+
+def _assignments(found, artefact, tolerance, most=50_000):
+    """Every assignment (k,) of the largest number of balls whose distances all agree.
+
+    Depth first, and no more than `most` partial ones: some of many balls without any order are still found.
+    """
+    k, kept, size = len(found), [], 0
+    stack = [np.zeros(0, int)]
+    for _ in range(most):
+        if not stack:
+            break
+        one = stack.pop()
+        count = int((one >= 0).sum())
+        if count + k - len(one) < max(size, 2):
+            continue
+        if len(one) == k:
+            kept, size = (kept if count == size else []) + [one], count
+            continue
+        placed = np.flatnonzero(one >= 0)
+        gap = np.abs(artefact[:, one[placed]] - found[len(one), placed])
+        fitting = np.setdiff1d(np.flatnonzero((gap <= tolerance).all(1)), one[placed])
+        stack += [np.append(one, ball) for ball in (-1, *fitting)]
+    return kept
+
+
+def _rigid_rms(found, artefact, ball):
+    """RMS, mm, after the best rotation and shift (Kabsch); a reflection does not count."""
+    chosen = ball >= 0
+    ours, theirs = found[:, chosen], artefact[:, ball[chosen]]
+    ours, theirs = ours - ours.mean(1, keepdims=True), theirs - theirs.mean(1, keepdims=True)
+    turned = nearest_rotation(ours @ theirs.T) @ theirs
+    return float(np.sqrt(((ours - turned) ** 2).sum(0).mean()))
+
+
+def _swapped(ball, expected):
+    """Pairs (a, b), a < b, where a was found in the place of b and b in that of a."""
+    pairs = {(int(a), int(b)) for a, b in zip(expected, ball) if b >= 0 and a != b}
+    return tuple(sorted((a, b) for a, b in pairs if a < b and (b, a) in pairs))
+
+
+def _match_outcome(ball, rms, others, swapped):
+    count, told = int((ball >= 0).sum()), f"within {rms:.3g} mm"
+    words = [f"{count} of {len(ball)} found balls belong to the artefact, {told}"]
+    if others or count < 3:
+        words.append(f"which is which is ambiguous: {len(others) + 1} assignments agree with the distances; "
+                     "scan more balls, or an artefact whose distances differ")  # fmt: skip
+    words += [f"balls {a + 1} and {b + 1} are swapped" for a, b in swapped]
+    return "; ".join(words)

@@ -1,0 +1,1 @@
+"""Calibration boards in pictures: found, with sub-pixel corners and their sigma."""

@@ -1,0 +1,154 @@
+"""Grids of circles: candidates for discs, the grid among them, and what perspective does to a disc's centre."""
+
+import numpy as np
+
+from sensors.boards.patches import Fit, disc_area, fit_discs
+
+ELLIPSE = 0.07
+"""How far the area of a disc may be from that of an ellipse of the same second moments."""
+FLATTEST = 0.2
+"""Short over long axis of the flattest disc: a board seen at 78 degrees."""
+LEAST_AREA = 20
+"""px^2 of the smallest disc: 5 px across."""
+BLOCKS = (6, 16, 40)
+"""Local thresholds: the picture's shorter side over these."""
+
+
+def candidates(picture: np.ndarray, light: bool) -> np.ndarray:
+    """(6, n) x, y (px), area (px^2) and second moments xx, xy, yy (px^2) of what looks like a disc.
+
+    picture: (H, W) uint8; light: discs brighter than what surrounds them.
+    """
+    import cv2
+
+    kind = cv2.THRESH_BINARY if light else cv2.THRESH_BINARY_INV
+    found = []
+    for share in BLOCKS:
+        block = max(7, min(picture.shape) // share) | 1
+        marked = cv2.adaptiveThreshold(picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, block, -4 if light else 4)
+        contours = cv2.findContours(marked, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+        found += [_moments(cv2.moments(contour)) for contour in contours if len(contour) >= 12]
+    rows = np.array([row for row in found if row is not None]).reshape(-1, 7)
+    return _of_one_family(_once(rows[rows[:, 2] < picture.size / 20]))
+
+
+def _moments(m: dict) -> tuple | None:
+    """x, y, area, second moments and how far from an ellipse; None where it cannot be a disc."""
+    area = m["m00"]
+    if area < LEAST_AREA:
+        return None
+    xx, xy, yy = m["mu20"] / area, m["mu11"] / area, m["mu02"] / area
+    product = xx * yy - xy * xy
+    longer = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+    if product <= (FLATTEST * longer) ** 2:
+        return None
+    far = abs(area / (4 * np.pi * np.sqrt(product)) - 1)
+    return None if far > ELLIPSE else (m["m10"] / area, m["m01"] / area, area, xx, xy, yy, far)
+
+
+def _once(rows: np.ndarray) -> np.ndarray:
+    """One row a disc, where several thresholds found it: the best ellipse."""
+    from scipy.spatial import cKDTree
+
+    rows = rows[np.argsort(rows[:, 6], kind="stable")] if len(rows) else rows
+    if len(rows) < 2:
+        return rows[:, :6].T
+    near = cKDTree(rows[:, :2]).query_ball_point(rows[:, :2], 0.5 * np.sqrt(rows[:, 2] / np.pi))
+    taken = np.zeros(len(rows), bool)
+    keep = []
+    for k, others in enumerate(near):
+        if not taken[k]:
+            keep.append(k)
+            taken[others] = True
+    return rows[keep, :6].T
+
+
+def _of_one_family(rows: np.ndarray) -> np.ndarray:
+    """Only discs that have two or more of about their size within eight radii: a grid, and little else."""
+    radius = np.sqrt(rows[2] / np.pi)
+    apart = np.hypot(*(rows[:2, :, None] - rows[:2, None]))
+    alike = np.abs(np.log(rows[2][:, None] / rows[2])) < np.log(2)
+    near = (apart < 8 * radius[:, None]) & (apart > 1.5 * radius[:, None])
+    return rows[:, (alike & near).sum(1) >= 2]
+
+
+def grid_among(found: np.ndarray, columns: int, rows: int, asymmetric: bool) -> np.ndarray | None:
+    """(rows * columns,) which candidates are the grid, in order of rows; None where there is no such grid."""
+    import cv2
+
+    if found.shape[1] < columns * rows:
+        return None
+    places = np.ascontiguousarray(found[:2].T, np.float32).reshape(-1, 1, 2)
+    kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+    for flags in (kind, kind | cv2.CALIB_CB_CLUSTERING):
+        cv2.setRNGSeed(0)  # the finder draws lots: the same picture shall always give the same answer
+        try:
+            whole, centres = cv2.findCirclesGrid(places, (columns, rows), flags=flags, blobDetector=None,
+                                                 parameters=cv2.CirclesGridFinderParameters())
+        except cv2.error:
+            continue
+        if not whole:
+            continue
+        chosen = np.argmin(np.hypot(*(centres.reshape(-1, 2).T[:, :, None] - found[:2, None])), axis=1)
+        if len(np.unique(chosen)) == len(chosen) and is_flat(_lattice(columns, rows, asymmetric), found[:2, chosen]):
+            return chosen
+    return None
+
+
+def _lattice(columns: int, rows: int, asymmetric: bool) -> np.ndarray:
+    """(2, N) places of a grid with steps of 1."""
+    row, column = np.divmod(np.arange(columns * rows), columns)
+    return np.stack([2 * column + row % 2 if asymmetric else column, row]).astype(float)
+
+
+def is_flat(points: np.ndarray, pixels: np.ndarray) -> bool:
+    """Whether marks (2, k) lie in the picture (2, k) as on a plane: nine in ten of them within 15 % of a step.
+
+    A lens bends a board by less; marks that were taken for their neighbours lie a whole step off.
+    """
+    import cv2
+
+    h, _ = cv2.findHomography(points.T, pixels.T, cv2.RANSAC, 3.0) if points.shape[1] >= 4 else (None, None)
+    if h is None:
+        return False
+    u, v, w = h @ np.vstack([points, np.ones(points.shape[1])])
+    away = np.hypot(*(np.stack([u, v]) / w - pixels))
+    apart = np.hypot(*(pixels[:, :, None] - pixels[:, None])) + 1e9 * np.eye(len(away))
+    return bool(np.mean(away < 0.15 * np.median(apart.min(1)) + 2) > 0.9)
+
+
+def refine(picture: np.ndarray, discs: np.ndarray) -> Fit:
+    """Centres and axes of chosen candidates (6, n) to a small part of a pixel."""
+    apart = np.hypot(*(discs[:2, :, None] - discs[:2, None])) + 1e9 * np.eye(discs.shape[1])
+    gap = apart.min(1) / 2 - np.sqrt(discs[2] / np.pi)
+    spread = np.array([[discs[3], discs[4]], [discs[4], discs[5]]])
+    return fit_discs(picture, discs[:2], spread, gap)
+
+
+def radius_mm(fit: Fit, points: np.ndarray) -> float:
+    """Radius of the board's discs: median over the picture of the ellipses' size beside the grid's own.
+
+    points: (2, n) mm on the board. An ellipse's area over pi r^2 is the determinant of the map from board
+    to picture at its place; the map is the homography through all centres.
+    """
+    import cv2
+
+    good = fit.good
+    h = cv2.findHomography(points.T[good], fit.centre.T[good], 0)[0]
+    depth = h[2, :2] @ points + h[2, 2]
+    scale = np.abs(np.linalg.det(h) / depth**3)
+    return float(np.median(np.sqrt(disc_area(fit) / np.pi / scale)[good]))
+
+
+def centre_shift(points: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
+    """(3, n) mm to add to the centres of discs so that they project where their ellipses' centres are.
+
+    points: (3, n) mm, centres in the camera frame; normal: (3,) or (3, n) unit normal of the board there;
+    radius in mm. From the dual conic of the disc's image, q q' - r^2 (I - n n') for a centre q: the
+    ellipse's centre is its third column over its last number (the bias is that of Heikkilä, PAMI 22
+    (2000) 1066). Exact for an ideal camera; a lens that bends over one disc adds its own, smaller shift.
+    """
+    normal = np.reshape(normal, (3, -1))
+    across = -normal * normal[2]
+    across[2] += 1
+    return -(radius**2) / points[2] * across

@@ -1,0 +1,234 @@
+"""Calibration boards in pictures: which corner or circle is seen where, or why a picture is of no use."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors import pictures
+from sensors.boards import finders as board_finders
+from sensors.pictures import Picture
+from workbench.core.errors import InputError
+
+if TYPE_CHECKING:
+    from datasets.recording import Recording
+
+KINDS = ("chessboard", "charuco", "circles", "asymmetric-circles")
+LEAST = 6
+"""Corners below which a picture says nothing about a camera: its pose alone takes three."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board. `columns` and `rows` count inner corners (also of ChArUco) or circles, `square_mm` is their step.
+
+    The square between corners 0, 1, columns and columns + 1 is dark. Asymmetric circles are OpenCV's: `columns`
+    in each of `rows` rows, every second row shifted by one step, circles of a row two steps apart.
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    square_mm: float
+    marker_mm: float | None = None
+    dictionary: str = ""
+    legacy: bool = False
+
+    @classmethod
+    def of(cls, keys: Mapping) -> "Board":
+        """From the keys of a recording's [board]. Raises InputError where they make no board."""
+        kind = "asymmetric-circles" if keys.get("asymmetric") else keys.get("kind")
+        if kind not in KINDS:
+            raise InputError(f"[board], key kind: expected one of {', '.join(KINDS[:3])}, found {kind!r}; correct it")
+        more = {name: keys[name] for name in ("marker_mm", "dictionary", "legacy") if name in keys}
+        board = cls(kind, int(keys["columns"]), int(keys["rows"]), float(keys["square_mm"]), **more)
+        if min(board.columns, board.rows) < 2 or board.count < LEAST:
+            raise InputError(f"[board], keys columns and rows: expected 2 or more of each and {LEAST} in all, found "
+                             f"{board.columns} and {board.rows}; count the inner corners or the circles")
+        if kind == "charuco" and not (board.marker_mm and board.dictionary):
+            raise InputError("[board], keys marker_mm and dictionary: expected both for a ChArUco board, found none; "
+                             'add them, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"')
+        return board
+
+    @property
+    def count(self) -> int:
+        """Number of corners or circles."""
+        return self.columns * self.rows
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(3, N) mm, z = 0: x along a row, y down the columns, row after row from corner 0."""
+        row, column = np.divmod(np.arange(self.count), self.columns)
+        across = 2 * column + row % 2 if self.kind == "asymmetric-circles" else column
+        return self.square_mm * np.stack([across, row, np.zeros_like(row)]).astype(float)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(3,) mm, of the rectangle around `points`."""
+        return (self.points.min(1) + self.points.max(1)) / 2
+
+    @property
+    def half_diagonal(self) -> float:
+        """mm, half the diagonal of the rectangle around `points`."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=1)) / 2)
+
+    @property
+    def turns(self) -> int:
+        """In how many ways the board can be laid on itself by turning: 1 (its origin is seen), 2 or 4."""
+        even = (self.columns + self.rows) % 2 == 0
+        square = self.columns == self.rows
+        if self.kind == "chessboard":
+            return (4 if square and self.columns % 2 == 0 else 2) if even else 1
+        if self.kind == "circles":
+            return 4 if square else 2
+        return 2 if self.kind == "asymmetric-circles" and self.rows % 2 == 0 else 1
+
+    @property
+    def marks(self) -> str:
+        """What is counted on it."""
+        return "circles" if self.kind.endswith("circles") else "corners"
+
+    @property
+    def title(self) -> str:
+        return f"{self.columns} x {self.rows} {self.kind}"
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One picture of a board: `pixels` (2, k) of the board's corners `index` (k,), `sigma` (k,) px of a coordinate.
+
+    Where the board looks the same after a turn, x points as far right in the picture as it can. `radius_mm`:
+    of the discs, for `circles.centre_shift`, 0 without; `row`: what images.csv says of the picture.
+    """
+
+    image: str
+    placement: str
+    index: np.ndarray
+    pixels: np.ndarray
+    size: tuple[int, int]
+    sigma: np.ndarray
+    radius_mm: float = 0.0
+    row: Mapping = field(default_factory=dict)
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A picture of no use, and why; `found` is the size (columns, rows) of board that it seems to show, if any."""
+
+    image: str
+    why: str
+    placement: str = ""
+    found: tuple[int, int] | None = None
+
+    def __str__(self) -> str:
+        return f"{self.image}: {self.why}"
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Pictures of a recording in which the board was found, and the others."""
+
+    board: Board
+    views: tuple[View, ...]
+    rejected: tuple[Rejected, ...]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) px of the pictures."""
+        return self.views[0].size
+
+
+def detect(picture: Picture | np.ndarray, board: Board, image: str = "", placement: str = "",
+           row: Mapping | None = None) -> View | Rejected:
+    """Where the board's corners are in a picture (H, W), or why they are not known."""
+    picture = pictures.as_picture(picture)
+    if why := pictures.flaw(picture):
+        return Rejected(image, why, placement)
+    eight = pictures.to_eight_bits(picture.grey)
+    found = board_finders.find(eight, board)
+    if found.why:
+        bright = f" ({100 * picture.saturated:.0f} % of the pixels are saturated)" if picture.saturated > 0.1 else ""
+        return Rejected(image, found.why + bright, placement, found.size)
+    grey = picture.grey.astype(np.float32)
+    index, fit, radius = board_finders.refine(grey, board, found)
+    if fit.good.sum() < max(LEAST, 0.5 * len(index)):
+        return Rejected(image, f"blurred or covered: {fit.good.sum()} of {len(index)} {board.marks} are sharp enough",
+                        placement)
+    kept = fit.good
+    return View(image, placement, index[kept], fit.centre[:, kept], picture.size, fit.sigma[kept], radius,
+                dict(row or {}), picture.note)
+
+
+def detect_all(recording: "Recording", progress: Callable[[int, int, str], None] | None = None,
+               board: Board | None = None) -> Detection:
+    """Every `board` picture of a recording, one in memory at a time.
+
+    progress: called with how many are done, how many there are, and the picture's name.
+    Raises InputError where a picture cannot be read, or none shows the board.
+    """
+    board = board or Board.of(_board_keys(recording))
+    rows = [row for row in recording.images if row["role"] == "board"]
+    if not rows:
+        raise InputError(f"{recording.name}/images.csv, column role: expected pictures of a board, found none; "
+                         "add rows with role board")
+    found, seen = [], {}
+    for k, row in enumerate(rows):
+        found.append(_one(recording, row, board, seen))
+        if progress:
+            progress(k + 1, len(rows), row["image"])
+    found = _of_one_size(found)
+    views = tuple(v for v, _ in found if isinstance(v, View))
+    rejected = tuple(v for v, _ in found if isinstance(v, Rejected))
+    if not views:
+        raise _nothing(recording, board, rejected)
+    return Detection(board, views, rejected)
+
+
+def _board_keys(recording: "Recording") -> Mapping:
+    if not recording.board:
+        raise InputError(f"{recording.name}/recording.toml, key [board]: expected this section, found none; add it")
+    return recording.board
+
+
+def _one(recording: "Recording", row: Mapping, board: Board, seen: dict) -> tuple[View | Rejected, tuple[int, int]]:
+    """View or rejection of one picture, and its size; `seen` holds the pixels that were met before."""
+    image, placement = row["image"], str(row.get("placement", ""))
+    picture = pictures.read(Path(recording.folder or ".") / image, f"{recording.name}/{image}")
+    view = detect(picture, board, image, placement, row)
+    if isinstance(view, View):
+        pixels = picture.size, hash(picture.grey.tobytes())
+        if first := seen.get(pixels):
+            why = "listed twice" if first == image else f"the same pixels as {first}"
+            return Rejected(image, why, placement), picture.size
+        seen[pixels] = image
+    return view, picture.size
+
+
+def _of_one_size(found: list) -> list:
+    odd = pictures.odd_sizes(size for _, size in found)
+    return [(Rejected(v.image, odd[k], v.placement), size) if k in odd else (v, size)
+            for k, (v, size) in enumerate(found)]
+
+
+def _nothing(recording: "Recording", board: Board, rejected: tuple[Rejected, ...]) -> InputError:
+    """The sentence where no picture shows the board: the size that most of them do show, else the first reason."""
+    sizes = [r.found for r in rejected if r.found]
+    where = f"{recording.name}/recording.toml, [board]"
+    if sizes:
+        size = max(set(sizes), key=sizes.count)
+        return InputError(f"{where}: expected {board.title} as written there in the pictures, "
+                          f"found {size[0]} x {size[1]} in {sizes.count(size)} of {len(rejected)}; "
+                          "correct columns and rows")
+    return InputError(f"{where}: expected a {board.title} in the pictures, found it in none of {len(rejected)} "
+                      f"({rejected[0]}); correct the board or take the pictures again")
+
+
+def relabelled(view: View, board: Board, turn: int) -> View:
+    """The same picture with the board turned by `turn` of its `turns` steps: other indices, the same pixels."""
+    grid = np.arange(board.count).reshape(board.rows, board.columns)
+    turned = np.rot90(grid, turn * 4 // board.turns).ravel()
+    return replace(view, index=np.argsort(turned)[view.index])

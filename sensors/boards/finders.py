@@ -1,0 +1,362 @@
+"""Finders of whole or partly visible boards in 8-bit pictures, each with its reason where it finds none."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors.boards import circles
+from sensors.boards.patches import Fit, fit_saddles
+
+if TYPE_CHECKING:
+    from sensors.boards.detection import Board
+
+LARGE = 1600
+"""px: pictures are made this small to look for corners; their places are refined in the picture itself."""
+SMALL = 900
+"""px: as above, where only the size of a board that was not found is looked for."""
+CONTINUES = 0.8
+"""Share of a side along which the grid goes on, beyond which the board is larger than said."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Corners `index` (k,) at about `pixels` (2, k), or `why` not and the `size` that would fit.
+
+    `discs` (6, k): candidates of `circles.candidates` behind the pixels.
+    """
+
+    index: np.ndarray | None = None
+    pixels: np.ndarray | None = None
+    why: str = ""
+    size: tuple[int, int] | None = None
+    discs: np.ndarray | None = None
+
+
+def find(picture: np.ndarray, board: "Board") -> Found:
+    """The board in a picture (H, W) uint8."""
+    finder = {"chessboard": _chessboard, "charuco": _charuco}.get(board.kind, _circles)
+    return finder(picture, board)
+
+
+def refine(picture: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarray, Fit, float]:
+    """Index (k,), fitted places in the picture (H, W) float, and the discs' radius in mm (0 for corners)."""
+    if found.discs is not None:
+        fit = circles.refine(picture, found.discs)
+        enough = fit.good.sum() >= 4
+        return found.index, fit, circles.radius_mm(fit, board.points[:2, found.index]) if enough else 0.0
+    along, down = _steps(board.points[:2, found.index], found.pixels, board.square_mm)
+    rim = 1.0 if board.kind == "chessboard" else (1 - board.marker_mm / board.square_mm) / 2
+    return found.index, fit_saddles(picture, found.pixels, along, down, rim), 0.0
+
+
+def _steps(points: np.ndarray, pixels: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """(2, k) px from each corner to its next one along x and along y, by the homography through all of them."""
+    import cv2
+
+    h = cv2.findHomography(points.T, pixels.T, 0)[0]
+
+    def project(p):
+        u, v, w = h @ np.vstack([p, np.ones(p.shape[1])])
+        return np.stack([u, v]) / w
+
+    shift = step / 2 * np.eye(2)[:, :, None]
+    return tuple(project(points + s) - project(points - s) for s in shift)
+
+
+# Chessboards
+
+
+def _chessboard(picture: np.ndarray, board: "Board") -> Found:
+    corners = _inner_corners(picture, board.columns, board.rows)
+    if corners is None:
+        return _another_chessboard(picture, board)
+    grid = _upright(corners.reshape(board.rows, board.columns, 2), _chess_turns(picture, corners, board))
+    larger = _larger_chessboard(picture, grid)
+    if larger != (board.columns, board.rows):
+        return Found(why=_other(board, larger), size=larger)
+    if _second_chessboard(picture, grid):
+        return Found(why=_two(board))
+    return Found(np.arange(board.count), grid.reshape(-1, 2).T)
+
+
+def _second_chessboard(picture: np.ndarray, grid: np.ndarray) -> bool:
+    """Whether there is another one of that size, once the first is painted over with a square around it."""
+    import cv2
+
+    rows, columns = grid.shape[:2]
+    small, scale = _shrunk(picture, SMALL)
+    corners = (grid.reshape(-1, 2) + 0.5) / scale - 0.5
+    middle, wider = corners.mean(0), 1 + 3 / (min(rows, columns) - 1)
+    hull = cv2.convexHull(np.rint(middle + wider * (corners - middle)).astype(np.int32))
+    rest = cv2.fillConvexPoly(small.copy(), hull, int(np.median(small)))
+    # the quick look answers no in a hundredth of the time that the search takes
+    return bool(cv2.checkChessboard(rest, (columns, rows)) and cv2.findChessboardCornersSB(rest, (columns, rows))[0])
+
+
+def _inner_corners(picture: np.ndarray, columns: int, rows: int) -> np.ndarray | None:
+    """(N, 2) px by the sector-based finder (Duda and Frese, BMVC 2018), else by OpenCV's older one."""
+    import cv2
+
+    small, scale = _shrunk(picture, LARGE)
+    for flags in (0, cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE):
+        whole, corners = cv2.findChessboardCornersSB(small, (columns, rows), flags=flags)
+        if whole:
+            return (corners.reshape(-1, 2).astype(float) + 0.5) * scale - 0.5
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    whole, corners = cv2.findChessboardCorners(small, (columns, rows), flags=flags)
+    if not whole:
+        return None
+    window = _window(corners.reshape(rows, columns, 2))
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
+    corners = cv2.cornerSubPix(small, corners, (window, window), (-1, -1), stop)
+    return (corners.reshape(-1, 2).astype(float) + 0.5) * scale - 0.5
+
+
+def _window(grid: np.ndarray) -> int:
+    """Half the side of OpenCV's search window: 40 % of the shortest distance between corners."""
+    steps = [np.hypot(*np.moveaxis(np.diff(grid, axis=k), 2, 0)).min() for k in (0, 1)]
+    return int(np.clip(0.4 * min(steps), 2, 11))
+
+
+def _shrunk(picture: np.ndarray, longest: int) -> tuple[np.ndarray, float]:
+    """The picture made smaller by a whole number, and that number."""
+    import cv2
+
+    scale = max(1, int(np.ceil(max(picture.shape) / longest)))
+    if scale == 1:
+        return picture, 1.0
+    height, width = (side // scale for side in picture.shape)
+    return cv2.resize(picture[: height * scale, : width * scale], (width, height), interpolation=cv2.INTER_AREA), scale
+
+
+def _chess_turns(picture: np.ndarray, corners: np.ndarray, board: "Board") -> list[int]:
+    """Quarter turns after which the square between corners 0, 1, columns and columns + 1 is dark."""
+    turns = (0, 1, 2, 3) if board.columns == board.rows else (0, 2)
+    grid = _right_handed(corners.reshape(board.rows, board.columns, 2))
+    dark = [k for k in turns if _first_is_dark(picture, np.rot90(grid, k))]
+    return dark or list(turns)
+
+
+def _first_is_dark(picture: np.ndarray, grid: np.ndarray) -> bool:
+    """Mean over all squares of one colour against the other: a reflection on one square decides nothing."""
+    middle = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    u, v = np.rint(middle).astype(int).reshape(-1, 2).T
+    grey = picture[np.clip(v, 0, picture.shape[0] - 1), np.clip(u, 0, picture.shape[1] - 1)].astype(float)
+    even = np.add.outer(np.arange(middle.shape[0]), np.arange(middle.shape[1])).ravel() % 2 == 0
+    return np.median(grey[even]) < np.median(grey[~even])
+
+
+def _larger_chessboard(picture: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
+    """(columns, rows) of the grid and of the rows and columns of corners that go on beyond it."""
+    size = [grid.shape[1], grid.shape[0]]
+    inner = fit_saddles(picture.astype(np.float32), *_chess_frame(grid))
+    usual = np.median(np.abs(inner.values[:, 6]))
+    for quarter in range(4):
+        turned = np.rot90(grid, quarter)
+        beyond = 2 * turned[0] - turned[1]
+        along, down = np.gradient(beyond, axis=0).T, (turned[0] - turned[1]).T
+        held = (beyond > 3).all(1) & (beyond < np.array(picture.shape[::-1]) - 4).all(1)
+        if held.sum() < 0.5 * len(held):
+            continue
+        fit = fit_saddles(picture.astype(np.float32), beyond.T[:, held], along[:, held], down[:, held])
+        near = np.hypot(*(fit.centre - beyond.T[:, held])) < 0.25 * np.hypot(*down[:, held])
+        clear = fit.good & near & (np.abs(fit.values[:, 6]) > 0.5 * usual) & (fit.sigma < 3 * np.median(inner.sigma))
+        size[(quarter + 1) % 2] += int(clear.mean() > CONTINUES)
+    return size[0], size[1]
+
+
+def _chess_frame(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return grid.reshape(-1, 2).T, np.gradient(grid, axis=1).reshape(-1, 2).T, np.gradient(grid, axis=0).reshape(-1, 2).T
+
+
+def _another_chessboard(picture: np.ndarray, board: "Board") -> Found:
+    """What is there in place of the expected chessboard."""
+    import cv2
+
+    small, scale = _shrunk(picture, SMALL)
+    least = tuple(max(3, n - 3) for n in (board.columns, board.rows))
+    for start in (least, least[::-1], (3, 3)):
+        whole, corners, meta = cv2.findChessboardCornersSBWithMeta(small, start, cv2.CALIB_CB_LARGER)
+        if whole and meta.shape != (board.rows, board.columns):
+            grid = (corners.reshape(*meta.shape, 2).astype(float) + 0.5) * scale - 0.5
+            if fit_saddles(picture.astype(np.float32), *_chess_frame(grid)).good.mean() < CONTINUES:
+                continue
+            size = _as_written(meta.shape[::-1], (board.columns, board.rows))
+            cut = _leaves(grid, picture.shape) and size[0] <= board.columns and size[1] <= board.rows
+            return Found(why=_other(board, size, cut), size=None if cut else size)
+    return Found(why="no chessboard found")
+
+
+def _as_written(size: tuple[int, int], expected: tuple[int, int]) -> tuple[int, int]:
+    """A size with its larger number where the expected one has its: a chessboard does not show which is which."""
+    return tuple(sorted(size, reverse=expected[0] >= expected[1]))
+
+
+def _leaves(grid: np.ndarray, shape: tuple[int, int]) -> bool:
+    """Whether the next row or column on some side, with half a step around it, would not lie within the picture."""
+    edges = [2.5 * np.rot90(grid, k)[0] - 1.5 * np.rot90(grid, k)[1] for k in range(4)]
+    beyond = np.concatenate(edges)
+    return bool(((beyond < 0) | (beyond > np.array(shape[::-1]) - 1)).any())
+
+
+def _other(board: "Board", size: tuple[int, int], cut: bool = False) -> str:
+    seen = f"{size[0]} x {size[1]} {board.marks} found, {board.columns} x {board.rows} expected"
+    if cut:
+        return f"{seen}: the board is cut by the picture's edge"
+    return f"{seen}: if the board has {size[0]} x {size[1]}, correct columns and rows, else show all of it"
+
+
+def _two(board: "Board") -> str:
+    """Which of them is meant, nothing says."""
+    return f"two boards of {board.columns} x {board.rows} {board.marks} found: show one, or cover the other"
+
+
+# Circles
+
+
+def _circles(picture: np.ndarray, board: "Board") -> Found:
+    asymmetric = board.kind == "asymmetric-circles"
+    both = [circles.candidates(picture, light) for light in (False, True)]
+    for discs in sorted(both, key=lambda d: abs(d.shape[1] - board.count)):
+        chosen = circles.grid_among(discs, board.columns, board.rows, asymmetric)
+        if chosen is None:
+            continue
+        order = _circle_order(discs[:2, chosen], board)
+        discs_in_order = discs[:, chosen[order]]
+        larger = _larger_grid(discs, discs_in_order[:2].T.reshape(board.rows, board.columns, 2), asymmetric)
+        if larger != (board.columns, board.rows):
+            return Found(why=_other(board, larger), size=larger)
+        if circles.grid_among(np.delete(discs, chosen, 1), board.columns, board.rows, asymmetric) is not None:
+            return Found(why=_two(board))
+        return Found(np.arange(board.count), discs_in_order[:2], discs=discs_in_order)
+    return _another_grid(both, board, picture.shape)
+
+
+def _circle_order(pixels: np.ndarray, board: "Board") -> np.ndarray:
+    """(N,) order of a grid as OpenCV gives it, so that z points away from the camera and x to the right."""
+    order = np.arange(board.count).reshape(board.rows, board.columns)
+    grid = pixels.T.reshape(board.rows, board.columns, 2)
+    if _handedness(grid) < 0:
+        # Of an asymmetric grid only the rows can be reversed: reversed columns are another pattern.
+        order = order[::-1] if board.kind == "asymmetric-circles" else order[:, ::-1]
+    turns = range(0, 4, 4 // board.turns)
+    shape = [np.rot90(order, k) for k in turns if np.rot90(order, k).shape == order.shape]
+    return max(shape, key=lambda o: _rightward(pixels.T[o])).ravel()
+
+
+def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple[int, int]:
+    """(columns, rows) of the grid and of what goes on beyond it among the candidates (6, n)."""
+    size, apart = [grid.shape[1], grid.shape[0]], 2 if asymmetric else 1
+    for quarter in range(4):
+        turned = np.rot90(grid, quarter)
+        sideways = quarter % 2
+        step = 1 if sideways else apart
+        if turned.shape[0] <= step:
+            continue
+        beyond = 2 * turned[0] - turned[step] if sideways or not asymmetric else turned[1] + turned[0] - turned[2]
+        away = np.hypot(*(beyond.T[:, :, None] - discs[:2, None])).min(1)
+        reach = 0.2 * np.hypot(*(turned[0] - turned[step]).T)
+        size[(quarter + 1) % 2] += int((away < reach).mean() > CONTINUES)
+    return size[0], size[1]
+
+
+def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]) -> Found:
+    """Which other grid of circles is there: sizes around the expected one, the largest first."""
+    wide, high, asymmetric = board.columns, board.rows, board.kind == "asymmetric-circles"
+    around = {(a, b) for a in range(max(3, wide // 2), wide + 2) for b in range(max(3, high // 2), high + 2)}
+    sizes = [(*s, asymmetric) for s in (around | {(high, wide)}) - {(wide, high)}] + [(wide, high, not asymmetric)]
+    for columns, rows, kind in sorted(sizes, key=lambda s: -s[0] * s[1]):
+        for discs in both:
+            chosen = circles.grid_among(discs, columns, rows, kind)
+            if chosen is None:
+                continue
+            if kind != asymmetric:
+                other = "an asymmetric" if kind else "a symmetric"
+                return Found(why=f"{other} grid of {columns} x {rows} circles found: correct asymmetric under [board]")
+            grid = discs[:2, chosen].T.reshape(rows, columns, 2)
+            cut = _leaves(grid, shape) and columns <= wide and rows <= high
+            return Found(why=_other(board, (columns, rows), cut), size=None if cut else (columns, rows))
+    most = max(d.shape[1] for d in both)
+    return Found(why=f"no grid of circles found: {most} discs of one size, {board.count} expected")
+
+
+# ChArUco
+
+
+def _charuco(picture: np.ndarray, board: "Board") -> Found:
+    """Corners between markers that are seen: a board may be cut or partly covered, or printed white on dark."""
+    for shown in (picture, 255 - picture):
+        index, pixels, markers = _marked(shown, board.columns, board.rows, board)
+        if len(markers):
+            break
+    if len(index) >= 6 and circles.is_flat(board.points[:2, index], pixels):
+        return Found(index, pixels)
+    if len(markers):
+        return _another_charuco(shown, board, len(index), markers)
+    return Found(why=f"no marker of {board.dictionary} found")
+
+
+def _another_charuco(picture: np.ndarray, board: "Board", corners: int, markers: np.ndarray) -> Found:
+    """Which other ChArUco board explains the markers: the one with most corners, of these the smallest."""
+    wide, high, best = board.columns, board.rows, (max(5, 1.3 * corners), 0, None)
+    around = {(wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)}
+    for columns, rows, legacy in {*around, (high, wide, board.legacy), (wide, high, not board.legacy)}:
+        index, pixels, _ = _marked(picture, columns, rows, board, legacy) if min(columns, rows) > 1 else ((), None, 0)
+        rank = (len(index), -columns * rows)
+        if rank > best[:2] and circles.is_flat(np.array(np.divmod(index, columns)[::-1], float), pixels):
+            best = (*rank, (columns, rows, legacy))
+    if best[2] is None and len(np.unique(markers)) < 0.7 * len(markers):  # on one board every marker stands once
+        return Found(why=_two(board))
+    if best[2] is None:
+        seen = f"{len(markers)} markers and {corners} corners between them found"
+        return Found(why=f"{seen}, 6 corners needed: show more of the board")
+    if best[2][:2] == (wide, high):
+        return Found(why=f"the markers are those of a board with legacy = {str(best[2][2]).lower()}: correct it")
+    return Found(why=_other(board, best[2][:2]), size=best[2][:2])
+
+
+def _marked(picture, columns: int, rows: int, board: "Board", legacy: bool | None = None):
+    """Index (k,), pixels (2, k) and numbers (m,) of the markers of a board of this size."""
+    detector = _detector(columns, rows, board.square_mm, board.marker_mm, board.dictionary,
+                         board.legacy if legacy is None else legacy)
+    corners, ids, _, markers = detector.detectBoard(picture)
+    seen = np.ravel(() if markers is None else markers)
+    if ids is None or len(ids) == 0:
+        return np.zeros(0, int), np.zeros((2, 0)), seen
+    order = np.argsort(ids.ravel())
+    return ids.ravel()[order].astype(int), corners.reshape(-1, 2)[order].T.astype(float), seen
+
+
+@cache
+def _detector(columns, rows, square, marker, dictionary, legacy):
+    import cv2
+
+    kind = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    made = cv2.aruco.CharucoBoard((columns + 1, rows + 1), square, marker, kind)
+    made.setLegacyPattern(legacy)
+    return cv2.aruco.CharucoDetector(made)
+
+
+# Which way a grid lies
+
+
+def _handedness(grid: np.ndarray) -> float:
+    """Above 0 where y is clockwise from x in the picture, so that the board's z points away from the camera."""
+    along, down = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
+    return float(np.sum(along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0]))
+
+
+def _right_handed(grid: np.ndarray) -> np.ndarray:
+    return grid if _handedness(grid) > 0 else grid[:, ::-1]
+
+
+def _rightward(grid: np.ndarray) -> float:
+    return float(np.sum(np.diff(grid, axis=1)[..., 0]) / (grid.shape[1] - 1))
+
+
+def _upright(grid: np.ndarray, turns: list[int]) -> np.ndarray:
+    """The grid after that one of the allowed quarter turns in which x points farthest to the right."""
+    turned = [np.rot90(_right_handed(grid), k) for k in turns]
+    return max(turned, key=_rightward)

@@ -1,0 +1,227 @@
+"""The bundle of a camera's corners: first goes what is no picture of the board, last what the others contradict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors.camera.checks import fit_free, group_subset
+from sensors.camera.corners import Corners
+from sensors.camera.doubts import FAR, blunders, from_behind, on_a_line, repeated, unsmooth
+from sensors.camera.model import Camera
+from sensors.camera.start import (
+    FEW,
+    check_views,
+    corner_chain,
+    first_poses,
+    homographies,
+    placement_groups,
+    spread,
+    started,
+    thinned,
+    usual_focal,
+)
+from sensors.camera.turns import quarter_turned, tell_apart, turn
+from workbench.core.bundle import CHI_SQUARE_MEDIAN, BundleFit
+from workbench.core.effect import Effect
+from workbench.core.errors import InputError
+from workbench.core.model import Model
+from workbench.core.rigid import rotation_matrix
+
+if TYPE_CHECKING:
+    from sensors.boards.detection import Board, Rejected, View
+
+FEWEST = 3
+"""Placements: fewer do not determine a camera's focal lengths, principal point and distortion."""
+LEAST = 4
+"""Corners, not on one line, that a placement's pose needs."""
+PARALLEL = np.deg2rad(10)
+"""Boards that are tilted against each other by less tell little of a focal length."""
+# As long as the camera is not known: corners that no pose and no smooth warp of the board explain to this share of
+# its image. A wide lens bends a board's image by more than a pinhole allows, but as a whole.
+_NO_PLANE = 0.15
+_TURNINGS = 4
+_FIRST_STEPS = 2  # of a first fit, which only has to come near
+_STILL = 1.2  # costs' ratio from step to step above which it has not come near
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """Fit of a camera: the `chain` at its solution, with the sigmas found, `views` in it and those `rejected`;
+    `left_out`: blunders among the corners of each view that was kept, by picture.
+    """
+
+    chain: Corners
+    fit: BundleFit
+    views: tuple["View", ...]
+    rejected: tuple["Rejected", ...]
+    left_out: dict[str, int]
+
+
+def adjusted(views: Sequence["View"], board: "Board", size: tuple[int, int], model: str, effects: Sequence[Effect],
+             loss: str) -> Adjusted:  # fmt: skip
+    """Start, bundle, and bundle again without the blunders. InputError where three placements do not remain."""
+    _enough(views, (), board)
+    check_views(views, board, size)
+    usable, few = _usable(views, board)
+    usable, few = _once(usable, few)
+    _enough(usable, few, board)
+    chain, kept, wrong = _started(usable, few, board, size, model)
+    if tell_apart(board, effects):
+        chain, kept = _turned(chain, kept, board, model, effects, loss)
+    rejected, left_out = [*few, *wrong], dict.fromkeys((view.image for view in kept), 0)
+    while True:
+        stated = chain.sigma
+        chain, fit = _best(chain, effects, loss)
+        far = blunders(chain, fit.residual[0])
+        if not far.any():
+            return Adjusted(chain, fit, tuple(kept), tuple(rejected), {k: n for k, n in left_out.items() if n})
+        counts = np.bincount(chain.labels["view"], far, len(kept))
+        bad = counts > np.bincount(chain.labels["view"], minlength=len(kept)) / 2
+        rejected += [_rejected(kept[k], f"most of its corners are more than {FAR:g} times as far off as half of all "
+                                        "corners are") for k in np.flatnonzero(bad)]
+        if not bad.any():  # single corners are judged where no whole picture spoils the fit any more
+            for view, count in zip(kept, counts):
+                left_out[view.image] += int(count)
+        chain, kept = _less(replace(chain, sigma=stated), kept, bad, far if not bad.any() else np.zeros_like(far))
+        _enough(kept, rejected, board)
+
+
+def _enough(views, rejected, board):
+    found = len(placement_groups(views)[1])
+    if found >= FEWEST:
+        return
+    if len(rejected) > found:
+        raise InputError(f"camera: expected pictures of a {board.title}, each placement with one pose of it, found "
+                         f"{len(rejected)} of {len(rejected) + len(views)} that are none ({rejected[0]}); correct the "
+                         "board's columns and rows, or the placements")
+    raise InputError(f"camera: expected the board at {FEWEST} or more placements, found {found}; take 15 to 20 "
+                     "pictures, the board tilted by 20 to 45 degrees, out to every corner")
+
+
+def _rejected(view, why):
+    from sensors.boards.detection import Rejected
+
+    return Rejected(view.image, why, view.placement)
+
+
+def _once(views, rejected):
+    """Views without those whose corners another has: counted twice, one picture would pass for two."""
+    of = repeated(views)
+    twice = [_rejected(view, f"the same corners as {views[k].image}, which would count twice")
+             for view, k in zip(views, of) if k is not None]  # fmt: skip
+    return [view for view, k in zip(views, of) if k is None], [*rejected, *twice]
+
+
+def _usable(views, board):
+    """Views with corners enough for a pose, and those without."""
+    kept, few = [], []
+    for view, flat in zip(views, on_a_line(views, board)):
+        if len(view.index) < LEAST:
+            few.append(_rejected(view, f"{len(view.index)} corners: a pose needs {LEAST} or more"))
+        elif flat:
+            few.append(_rejected(view, "its corners lie on one line: they do not tell a pose"))
+        else:
+            kept.append(view)
+    return kept, few
+
+
+def _started(views, few, board, size, model):
+    """The chain at its start, the views in it, and those whose corners are no picture of this board."""
+    kept, rejected = list(views), []
+    while True:
+        chain = started(corner_chain(kept, board, size, model))
+        share, behind = _misfit(chain), from_behind(chain.poses)
+        bad = share > _NO_PLANE
+        if bad.any():
+            share = np.minimum(share, unsmooth(chain))
+            bad = share > max(_NO_PLANE, share.max() / 2)
+        if not (bad | behind).any():
+            return chain, kept, rejected
+        group = placement_groups(kept)[0]
+        rejected += [_rejected(view, f"no pose of the {board.title} explains these corners: they are off by "
+                                     f"{100 * share[k]:.0f} % of the size of its image" if bad[k] else
+                                     "its corners are those of a board seen from behind, unlike the others'")
+                     for view, k in zip(kept, group) if bad[k] or behind[k]]  # fmt: skip
+        kept = [view for view, k in zip(kept, group) if not bad[k] and not behind[k]]
+        _enough(kept, [*few, *rejected], board)
+
+
+def _misfit(chain):
+    """(G,) RMS of some residuals at the start over the board's extent in the picture."""
+    chain = chain.at(thinned(chain))
+    group, few = chain.labels["placement"], len(chain.poses)
+    residual = chain.evaluate(chain.camera.values, {}).residual
+    counts = np.bincount(group, minlength=few)
+    middle = np.stack([np.bincount(group, row, few) / counts for row in chain.pixels])
+    extent = np.bincount(group, ((chain.pixels - middle[:, group]) ** 2).sum(0), few)
+    return np.sqrt(np.bincount(group, (residual**2).sum(0), few) / np.maximum(extent, 1e-300))
+
+
+def _turned(chain, kept, board, model, effects, loss):
+    """Chain, near its solution, and views with each placement's board the way round that its bow tells."""
+    for _ in range(_TURNINGS):
+        solved, fit = _best(chain, effects, loss)
+        other = quarter_turned(solved, fit, effects)
+        chain = replace(solved, sigma=chain.sigma)
+        if not other.any():
+            break
+        chain, kept = turn(chain, kept, board, other, model)
+    return chain, kept
+
+
+def _less(chain, kept, bad, far):
+    """Chain and views without the views `bad` (V,) and the corners `far` (n,), numbered anew."""
+    names = placement_groups(kept)[1]
+    chain = chain.at(~(bad[chain.labels["view"]] | far))
+    chain = replace(chain, labels={**chain.labels, "view": (np.cumsum(~bad) - 1)[chain.labels["view"]]})
+    kept = [view for view, out in zip(kept, bad) if not out]
+    still = set(placement_groups(kept)[1])
+    return group_subset(chain, np.array([k for k, name in enumerate(names) if name in still], int)), kept
+
+
+def _best(chain, effects, loss):
+    """As `adjust`; where boards are parallel, so that no start could be told from them, also from a usual lens."""
+    found = adjust(chain, effects, loss)
+    if tilts(found[0].poses) > PARALLEL:
+        return found
+    chosen, new = spread(chain)
+    focal = usual_focal(chain.camera)
+    usual = Camera.of(np.r_[focal, focal, chain.camera.values[2:4], 0 * chain.camera.values[4:]], chain.camera.size)
+    poses = first_poses(homographies(chain, chosen, new), usual.matrix)
+    other = adjust(chain.moved(usual, poses), effects, loss)
+    return min(found, other, key=lambda made: np.median((made[1].residual[0] ** 2).sum(0)))
+
+
+def tilts(poses: np.ndarray) -> float:
+    """rad, the largest angle between the boards of two placements."""
+    normals = rotation_matrix(poses[:, 3:])[:, :, 2]
+    return float(np.arccos(np.clip(normals @ normals.T, -1, 1)).max())
+
+
+def adjust(chain: Corners, effects: Sequence[Effect], loss: str = "huber") -> tuple[Corners, BundleFit]:
+    """Bundle over camera, effects and poses from the chain's start; the chain at the solution, and the fit.
+
+    A first fit, to a few corners of each placement where they are many, weighs all corners alike. What
+    its residuals exceed the corners' stated sigmas by (print, blur, lens) is the same for all corners
+    and is added to their variances for the last fit: a corner of high contrast is not to be believed
+    to a hundredth of a pixel because noise alone would allow it.
+    """
+    many = chain.pixels.shape[1] > 3 * FEW * len(chain.poses)
+    first = replace(chain.at(thinned(chain)) if many else chain, sigma=np.full((2, 1), np.median(chain.sigma)))
+    table = Model(first, tuple(effects)).parameters
+    fit = fit_free(first, effects, table.only(np.ones(len(table), bool)), loss, _FIRST_STEPS)
+    if not fit.converged and fit.history[-2] > _STILL * fit.history[-1]:
+        fit = fit_free(replace(first, poses=fit.values["placement"]), effects, fit.parameters, loss)
+    chain = replace(chain, poses=fit.values["placement"], sigma=np.hypot(chain.sigma, _excess(fit, chain.sigma)))
+    fit = fit_free(chain, effects, fit.parameters, loss)
+    camera = Camera.of(fit.parameters.values[: len(chain.parameters)], chain.camera.size)
+    return chain.moved(camera, fit.values["placement"]), fit
+
+
+def _excess(fit, stated):
+    """px of each coordinate beyond the stated sigmas, from medians: blunders do not raise it."""
+    squares = (fit.residual[0] ** 2).sum(0)
+    variance = np.median(squares) / CHI_SQUARE_MEDIAN[2] * fit.residual[0].size / fit.degrees
+    return np.sqrt(max(variance - np.median(stated) ** 2, 0.0))

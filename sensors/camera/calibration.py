@@ -1,0 +1,259 @@
+"""A camera from pictures of a board: Zhang's start, a bundle with a bowed board, and what is known of the result."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors.camera.adjust import PARALLEL, adjusted, tilts
+from sensors.camera.checks import (
+    FieldMap,
+    Halves,
+    HeldOut,
+    compare_halves,
+    coverage,
+    held_out,
+    projection_uncertainty,
+    rms,
+)
+from sensors.camera.corners import Corners
+from sensors.camera.curvature import Curved, curved
+from sensors.camera.doubts import FAR
+from sensors.camera.model import Camera
+from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
+from sensors.camera.start import MODELS, placement_groups
+from sensors.effects import CATALOGUE
+from workbench.core.bundle import BundleFit
+from workbench.core.effect import Effect
+from workbench.core.errors import InputError
+from workbench.core.parameters import Parameters
+
+if TYPE_CHECKING:
+    from sensors.boards.detection import Board, Rejected, View
+
+_BOW = "artefact.board-bow."
+_COVERED = 0.6
+
+
+@dataclass(frozen=True)
+class Bow:
+    """The board's warp: `parameters` (mm) and `std` by name; `height_mm`, `height_std_mm`: highest over
+    lowest point of the board, from the plane that fits it best.
+    """
+
+    parameters: dict[str, float]
+    std: dict[str, float]
+    height_mm: float
+    height_std_mm: float
+
+
+@dataclass(frozen=True)
+class CameraCalibration:
+    """A camera and what is known of it.
+
+    `fit` of the bundle and the `chain` of corners (sorted by placement) at its solution; `views` that
+    were used, `rejected` those that were not, `left_out` how many corners of a picture, by its name;
+    `undetermined` and `remarks` sentences; `printed` errors of the board's corners, `lens` what the
+    model leaves of it, `curved` where sigmas do not hold; the checks, None where there are too few placements. RMS are
+    of the residuals of all corners used, none weighted down.
+    """
+
+    camera: Camera
+    fit: BundleFit
+    chain: Corners
+    effects: tuple[Effect, ...]
+    views: tuple["View", ...]
+    board: "Board"
+    rejected: tuple["Rejected", ...]
+    left_out: dict[str, int]
+    undetermined: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    printed: PrintErrors | None = None
+    lens: LensMap | None = None
+    curved: Curved | None = None
+    held_out: HeldOut | None = None
+    halves: Halves | None = None
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.fit.parameters
+
+    @property
+    def std(self) -> dict[str, float]:
+        """1 sigma by key (`camera.fx`, `artefact.board-bow.xx`, ...): sigmas scaled to the residuals, with priors and
+        with the board's print errors; nan for what these pictures do not determine.
+        """
+        sigma = np.where(self.determined, np.sqrt(np.diag(self.covariance)), np.nan)
+        return dict(zip(self.fit.table.keys, sigma.tolist()))
+
+    @property
+    def determined(self) -> np.ndarray:
+        """(F,) False for free parameters that cannot be told from others or whose sigma does not hold, all without an
+        end of the solve.
+        """
+        known = self.fit.known.determined & self.fit.converged
+        if self.curved is not None:
+            known &= ~self.curved.members
+        if not all(known[self.fit.table.index[key]] for key in ("camera.fx", "camera.fy")):
+            own = slice(4, len(self.chain.parameters))  # distortion counts in focal lengths
+            known[own] = False
+        return known
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(F, F) of the free parameters, in their order, with the errors of the board's print where there are any."""
+        return self.fit.covariance if self.printed is None else self.printed.covariance
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(G, 6) T_camera_board of each placement: x y z (mm), rotation vector (rad)."""
+        return self.fit.values["placement"]
+
+    @property
+    def placements(self) -> list[str]:
+        """(G) names."""
+        return placement_groups(self.views)[1]
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(2, n) px, predicted minus measured."""
+        return self.fit.residual[0]
+
+    @property
+    def view(self) -> np.ndarray:
+        """(n,) index into `views` of each corner."""
+        return self.chain.labels["view"]
+
+    @property
+    def rms_px(self) -> float:
+        """As OpenCV counts: root of the mean squared distance."""
+        return rms(self.residual)
+
+    @property
+    def rms_coordinate_px(self) -> float:
+        """Of one coordinate: smaller by the root of two."""
+        return self.rms_px / np.sqrt(2)
+
+    @cached_property
+    def view_rms_px(self) -> np.ndarray:
+        """(V,) of each picture, as OpenCV counts."""
+        squares = np.bincount(self.view, (self.residual**2).sum(0), len(self.views))
+        return np.sqrt(squares / np.bincount(self.view, minlength=len(self.views)))
+
+    @property
+    def distance_mm(self) -> float:
+        """Median distance of the corners along the optical axis."""
+        return float(np.median(self.chain.state.points[2]))
+
+    @cached_property
+    def uncertainty(self) -> FieldMap:
+        """1 sigma of projection over the picture at the boards' distance."""
+        own = len(self.chain.parameters)
+        return projection_uncertainty(self.camera, self.covariance[:own, :own], self.distance_mm)
+
+    @property
+    def coverage(self) -> np.ndarray:
+        """(6, 8) corners in each cell of the picture."""
+        return coverage(self.chain.pixels, self.camera.size)
+
+    @cached_property
+    def bow(self) -> Bow | None:
+        """The board's warp, None where it was not fitted."""
+        keys = [key for key in self.fit.table.keys if key.startswith(_BOW)]
+        if not keys:
+            return None
+        places = [self.fit.table.index[key] for key in keys]
+        values, covariance = self.fit.table.values[places], self.covariance[np.ix_(places, places)]
+        names = [key.removeprefix(_BOW) for key in keys]
+        return Bow(dict(zip(names, values.tolist())), {name: self.std[_BOW + name] for name in names},
+                   *_height(self.board, values, covariance))  # fmt: skip
+
+
+def calibrate_camera(
+    views: Sequence["View"],
+    board: "Board",
+    size: tuple[int, int],
+    model: str = "brown",
+    bow: bool = True,
+    effects: Sequence[Effect] = (),
+    loss: str = "huber",
+    folds: int = 5,
+    progress: Callable[[str], None] = lambda text: None,
+) -> CameraCalibration:
+    """The camera, its board's bow and all poses from views of one board.
+
+    model: "brown" (k1 k2 p1 p2 k3) or "rational" (with k4 k5 k6). bow: fit the board's warp. effects:
+    further ones of the sensor to be fitted. folds: of the held-out pictures, 0 for none of the
+    checks. progress: called with one line a step. InputError where there are fewer than three
+    usable placements, where the views do not fit the board or one another.
+    """
+    if model not in MODELS:
+        raise InputError(f"camera model: expected {' or '.join(MODELS)}, found {model!r}; choose one of them")
+    effects = (*((CATALOGUE["board-bow"]("artefact"),) if bow else ()), *effects)
+    progress(f"camera, poses and bow from {len(views)} pictures")
+    part = adjusted(views, board, size, model, effects, loss)
+    made = CameraCalibration(
+        part.chain.camera, part.fit, part.chain, effects, part.views, board, part.rejected, part.left_out
+    )
+    printed = print_errors(part.chain, part.fit, effects)
+    made = replace(made, printed=printed, lens=lens_map(part.chain, part.fit, printed),
+                   curved=curved(part.chain, part.fit, effects))  # fmt: skip
+    if folds:
+        known = part.fit.parameters
+        progress("pictures left out in folds, beside OpenCV")
+        left_out = held_out(part.chain, effects, known, loss, folds)
+        progress("one half of the pictures against the other")
+        halves = compare_halves(part.chain, effects, known, loss, made.distance_mm)
+        made = replace(made, held_out=left_out, halves=halves)
+    return replace(made, undetermined=tuple(_undetermined(made)), remarks=tuple(_remarks(made, folds)))
+
+
+def _height(board, values, covariance):
+    """Highest over lowest point of the bowed board from its best plane, and 1 sigma of it, mm."""
+    x, y = (board.points - board.middle[:, None])[:2] / board.half_diagonal
+    rows = np.stack([x * x, y * y, x * y])
+    plane = np.stack([np.ones_like(x), x, y])
+    rows = rows - rows @ np.linalg.pinv(plane) @ plane
+    height = values @ rows
+    apart = rows[:, np.argmax(height)] - rows[:, np.argmin(height)]
+    return float(np.ptp(height)), float(np.sqrt(apart @ covariance @ apart))
+
+
+def _undetermined(made: CameraCalibration) -> list[str]:
+    """What these pictures do not determine, or only poorly because the boards were parallel."""
+    said = list(made.fit.known.sentences())
+    if made.curved is not None:
+        said.append(made.curved.sentence)
+    spread = tilts(made.poses)
+    if spread > PARALLEL:
+        return said
+    weak = not made.determined[made.fit.table.index["camera.fx"]]
+    sigma = f"{made.std['camera.fx']:.2g} px (1 sigma)"
+    known = "cannot be told from its distance" if weak else f"is known to {sigma} only"
+    return [f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(made.poses)} "
+            f"placements: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
+            "both ways", *said]
+
+
+def _remarks(made: CameraCalibration, folds: int) -> list[str]:
+    """What else a user should know before trusting the result."""
+    said = []
+    share = float((made.coverage > 0).mean())
+    if share < _COVERED:
+        said.append(f"corners lie in {100 * share:.0f} % of the picture's cells: beyond them the lens is extrapolated, "
+                    f"to {np.nanmax(made.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the picture")
+    if made.left_out:
+        rows = ", ".join(f"{count} of {image}" for image, count in made.left_out.items())
+        said.append(f"corners left out because they are more than {FAR:g} times as far off as half of all are: {rows}")
+    said += [shared.sentence for shared in (made.printed, made.lens) if shared is not None and shared.significant]
+    if folds and made.held_out is None:
+        said.append(f"no picture could be left out as a check: {len(made.poses)} placements are too few; take more")
+    if made.halves is not None and made.halves.p_value < UNLIKELY:
+        said.append(f"{made.halves.sentence} (chance does so with probability {made.halves.p_value:.1g}): the lens is "
+                    "not of the model fitted, or the corners of a picture share errors; neither is in the sigmas, "
+                    f"which should be taken as {made.halves.ratio:.1f} times as large")
+    if not made.fit.converged:
+        said.append(made.fit.outcome)
+    return said

@@ -1,0 +1,258 @@
+"""How good a camera is: errors on pictures that it was not made from, its halves compared, what is known where."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.camera.corners import Corners, placements
+from sensors.camera.model import RATIONAL, Camera
+from workbench.core.bundle import BundleFit, solve_bundle
+from workbench.core.effect import Effect
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+
+_ENOUGH = 3
+"""Placements that a camera needs."""
+_MAP = (21, 17)
+_CELLS = (8, 6)
+
+
+def group_subset(chain: Corners, groups: np.ndarray) -> Corners:
+    """The chain with some of its placements only (sorted indices), numbered anew."""
+    chosen = chain.at(np.isin(chain.labels["placement"], groups))
+    renamed = np.searchsorted(groups, chosen.labels["placement"])
+    return replace(chosen, poses=chain.poses[groups], labels={**chosen.labels, "placement": renamed})
+
+
+def rms(residual: np.ndarray) -> float:
+    """px, as OpenCV counts: root of the mean squared length of residuals (2, n)."""
+    return float(np.sqrt((residual**2).sum(0).mean()))
+
+
+def fit_free(chain: Corners, effects: Sequence[Effect], start: Parameters, loss: str, steps: int = 50) -> BundleFit:
+    """Camera, effects and all poses from a start."""
+    families = {"placement": placements(chain.poses)}
+    return solve_bundle([Model(chain, tuple(effects))], start, families, loss=loss, steps=steps)
+
+
+def posed(chain: Corners, effects: Sequence[Effect], known: Parameters) -> Corners:
+    """The chain with each pose fitted to its corners, camera and effects as known."""
+    fixed = known.only(np.zeros(len(known), bool))
+    fit = solve_bundle([Model(chain, tuple(effects))], fixed, {"placement": placements(chain.poses)})
+    return replace(chain, poses=fit.values["placement"])
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """RMS (px, as OpenCV counts) on pictures left out, each fold's camera made from all other placements.
+
+    `rms_px`: after the six numbers of each left-out pose were fitted to its own corners;
+    `halved_rms_px`: the pose fitted to every second corner, the error on the others, both ways; the
+    same of cv2.calibrateCamera and cv2.solvePnP on the same pictures.
+    """
+
+    folds: int
+    rms_px: float
+    halved_rms_px: float
+    opencv_rms_px: float
+    opencv_halved_rms_px: float
+
+    @property
+    def sentence(self) -> str:
+        return (
+            f"pictures left out in {self.folds} folds: {self.rms_px:.4f} px after fitting the six numbers of their "
+            f"pose (OpenCV {self.opencv_rms_px:.4f} px), {self.halved_rms_px:.4f} px with the pose from every second "
+            f"corner and the error on the others (OpenCV {self.opencv_halved_rms_px:.4f} px)"
+        )
+
+
+def held_out(chain: Corners, effects: Sequence[Effect], known: Parameters, loss: str, folds: int) -> HeldOut | None:
+    """Cross-validation over placements; None where they are too few to leave any out."""
+    folds = min(folds, len(chain.poses))
+    if folds < 2 or len(chain.poses) - -(-len(chain.poses) // folds) < _ENOUGH:
+        return None
+    parts: list[list[np.ndarray]] = [[], [], [], []]
+    for fold in range(folds):
+        out = np.arange(fold, len(chain.poses), folds)
+        kept = group_subset(chain, np.setdiff1d(np.arange(len(chain.poses)), out))
+        left = group_subset(chain, out)
+        camera = fit_free(kept, effects, known, loss).parameters
+        theirs = opencv_camera(kept)
+        for part, residual in zip(parts, (*_ours(left, effects, camera), *_opencv(left, theirs))):
+            part.append(residual)
+    return HeldOut(folds, *(rms(np.concatenate(part, axis=1)) for part in parts))
+
+
+def _halves(chain):
+    """Masks (n,) of every second corner of each placement, and of the others."""
+    start = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses)))
+    rank = np.arange(chain.pixels.shape[1]) - start[chain.labels["placement"]]
+    return rank % 2 == 0, rank % 2 == 1
+
+
+def _ours(chain, effects, known):
+    """(2, n) residuals with each pose from all its corners, and with the pose from the other half of them."""
+    model = Model(posed(chain, effects, known), tuple(effects))
+    halved = np.empty(chain.pixels.shape)
+    for half, other in (_halves(chain), _halves(chain)[::-1]):
+        poses = posed(model.chain.at(half), effects, known).poses
+        halved[:, other] = Model(replace(model.chain, poses=poses).at(other), tuple(effects)).residual(known)
+    return model.residual(known), halved
+
+
+def opencv_camera(chain: Corners) -> Camera:
+    """cv2.calibrateCamera on the same corners, Brown or rational as the chain's camera."""
+    import cv2
+
+    groups = [chain.labels["placement"] == g for g in range(len(chain.poses))]
+    points = [np.ascontiguousarray(chain.points[:, g].T, np.float32) for g in groups]
+    pixels = [np.ascontiguousarray(chain.pixels[:, g].T, np.float32) for g in groups]
+    # neither 5 nor 8 coefficients need a flag that shares its value with another in some release of OpenCV
+    flags = cv2.CALIB_RATIONAL_MODEL if len(chain.camera.values) == RATIONAL else 0
+    _, matrix, distortion, *_ = cv2.calibrateCamera(points, pixels, chain.camera.size, None, None, flags=flags)
+    lens = distortion.ravel()[: len(chain.camera.distortion)]
+    return Camera.of([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *lens], chain.camera.size)
+
+
+def _opencv(chain, camera):
+    """As `_ours`, with OpenCV's camera and poses."""
+    whole, halved = np.empty(chain.pixels.shape), np.empty(chain.pixels.shape)
+    even, odd = _halves(chain)
+    for g in range(len(chain.poses)):
+        mine = chain.labels["placement"] == g
+        whole[:, mine] = _seen_by_opencv(chain, camera, mine, mine)
+        for half, other in ((even, odd), (odd, even)):
+            halved[:, mine & other] = _seen_by_opencv(chain, camera, mine & half, mine & other)
+    return whole, halved
+
+
+def _seen_by_opencv(chain, camera, fitted, asked):
+    """(2, k) residuals of the corners asked, with the pose from those fitted."""
+    import cv2
+
+    lens = camera.matrix, np.array(camera.distortion)
+    _, turn, away = cv2.solvePnP(chain.points[:, fitted].T.copy(), chain.pixels[:, fitted].T.copy(), *lens)
+    return cv2.projectPoints(chain.points[:, asked].T.copy(), turn, away, *lens)[0][:, 0].T - chain.pixels[:, asked]
+
+
+@dataclass(frozen=True)
+class FieldMap:
+    """A number (px) over the picture: `value` (rows, columns) at pixels `x` (columns,), `y` (rows,) and a distance."""
+
+    x: np.ndarray
+    y: np.ndarray
+    value: np.ndarray
+    distance_mm: float
+
+
+def projection_uncertainty(camera: Camera, covariance: np.ndarray, distance: float) -> FieldMap:
+    """1 sigma, px, of where points `distance` mm away project: the longer half axis of the ellipse.
+
+    covariance: (P, P) of the camera's values. A camera that is a little turned or shifted in its
+    housing is the same camera with other poses: from every change of its values the rigid motion that
+    best undoes it over the whole picture is taken off first, as mrcal does (Kogan,
+    https://mrcal.secretsauce.net/uncertainty.html).
+    """
+    x, y, by_value, _ = _compensated(camera, distance)
+    spread = np.einsum("pcn,pq,qdn->ncd", by_value, covariance, by_value)
+    largest = np.linalg.eigvalsh(spread)[:, 1]
+    return FieldMap(x, y, np.sqrt(np.maximum(largest, 0)).reshape(len(y), len(x)), distance)
+
+
+def _compensated(camera, distance):
+    """Grid of the map, pixels' derivative by the camera's values (P, 2, n) less rigid motion, and the points."""
+    x, y = (np.linspace(0, size - 1, count) for size, count in zip(camera.size, _MAP))
+    pixels = np.stack([grid.ravel() for grid in np.meshgrid(x, y)])
+    points = distance * camera.rays(pixels)
+    good = np.isfinite(points).all(0)
+    _, by_point, by_value = camera.project_rows(np.where(good, points, 1.0))
+    return x, y, np.where(good, _without(by_value, motion_rows(by_point, points), good), np.nan), points
+
+
+def motion_rows(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(6, 2, n) by a shift (mm) and a turn (rad) of points (3, n), from the derivative by the point (3, 2, n)."""
+    turned = np.cross(np.eye(3)[:, None], points.T[None], axis=-1)  # (3, n, 3)
+    return np.concatenate([by_point, np.einsum("knj,jcn->kcn", turned, by_point)])
+
+
+def _without(rows, motion, good):
+    """rows (P, 2, n) less what the motions (6, 2, n) make of them where `good`."""
+    known = motion[:, :, good].reshape(len(motion), -1).T
+    share = np.linalg.lstsq(known, rows[:, :, good].reshape(len(rows), -1).T, rcond=None)[0]
+    return rows - np.tensordot(share.T, motion, 1)
+
+
+@dataclass(frozen=True)
+class Halves:
+    """Two cameras, each from every second placement.
+
+    `difference`: px by which they project points at the working distance differently, after the best
+    rigid motion; `sigma`: 1 sigma of it, from both covariances; `chi_square` of the `numbers` of the
+    camera's values that differ: about `numbers` where the stated sigmas hold.
+    """
+
+    difference: FieldMap
+    sigma: FieldMap
+    chi_square: float
+    numbers: int
+
+    @property
+    def ratio(self) -> float:
+        """Difference over its stated sigma: about 1 where the sigmas hold."""
+        return float(np.sqrt(self.chi_square / self.numbers))
+
+    @property
+    def p_value(self) -> float:
+        """Probability of at least this difference, were the sigmas right."""
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.chi_square, self.numbers))
+
+    @property
+    def sentence(self) -> str:
+        middle, worst = np.nanmedian(self.difference.value), np.nanmax(self.difference.value)
+        return (
+            f"cameras from two halves of the placements project {middle:.3f} px apart in the median of the picture "
+            f"and {worst:.3f} px at most, {self.ratio:.2f} times what their sigmas say"
+        )
+
+
+def compare_halves(chain: Corners, effects, known: Parameters, loss: str, distance: float) -> Halves | None:
+    """Cross-validation between halves; None where a half would have too few placements."""
+    every = np.arange(len(chain.poses))
+    if len(every) < 2 * _ENOUGH:
+        return None
+    fits = [fit_free(group_subset(chain, every[part::2]), effects, known, loss) for part in (0, 1)]
+    own = len(chain.parameters)
+    first, second = (Camera.of(fit.parameters.values[:own], chain.camera.size) for fit in fits)
+    spread = sum(fit.covariance[:own, :own] for fit in fits)
+    gap = second.values - first.values
+    typical = chain.parameters.typical
+    scaled = np.linalg.solve(spread / np.outer(typical, typical), gap / typical)
+    difference = projection_difference(first, second, distance)
+    sigma = projection_uncertainty(first, spread, distance)
+    return Halves(difference, sigma, float(gap / typical @ scaled), own)
+
+
+def projection_difference(first: Camera, second: Camera, distance: float) -> FieldMap:
+    """px by which the second projects what the first sees `distance` mm away elsewhere, after the best rigid motion."""
+    x, y = (np.linspace(0, size - 1, count) for size, count in zip(first.size, _MAP))
+    pixels = np.stack([grid.ravel() for grid in np.meshgrid(x, y)])
+    points = distance * first.rays(pixels)
+    good = np.isfinite(points).all(0)
+    points = np.where(good, points, 1.0)
+    for _ in range(4):
+        seen, by_point, _ = second.project_rows(points)
+        motion = motion_rows(by_point, points)
+        move = np.linalg.lstsq(motion[:, :, good].reshape(6, -1).T, (pixels - seen)[:, good].ravel(), rcond=None)[0]
+        points = points + move[:3, None] + np.cross(move[3:], points.T).T
+    gap = np.where(good, np.hypot(*(second.project(points) - pixels)), np.nan)
+    return FieldMap(x, y, gap.reshape(len(y), len(x)), distance)
+
+
+def coverage(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(6, 8) how many corners, pixels (2, n), lie in each cell of the picture."""
+    edges = [np.linspace(-0.5, extent - 0.5, count + 1) for extent, count in zip(size, _CELLS)]
+    return np.histogram2d(pixels[1], pixels[0], bins=edges[::-1])[0].astype(int)
+

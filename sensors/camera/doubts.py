@@ -1,0 +1,106 @@
+"""Which pictures and corners of a camera are to be doubted, and when the lens is to be doubted instead of them.
+
+Judged before the camera is known: a picture of a board is smooth across the board, whatever the
+lens. Judged after: a corner that is off unlike its neighbours is a blunder; what many boards are off
+by smoothly is the lens's, and its corners stay.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors.camera.corners import Corners
+from sensors.camera.start import spread
+from workbench.core.rigid import rotation_matrix
+
+if TYPE_CHECKING:
+    from sensors.boards.detection import View
+
+FAR = 6.0
+"""A corner is a blunder where it is more than this many times as far off as half of all corners are, about 7 sigmas."""
+_FLAT = 1e-3  # of the board's extent along its corners: they lie on a line where across they extend less
+_WITHIN = 0.05
+_OVER = 3  # corners more than a warp has numbers: fewer are no test of it
+_ORDER = 5
+_NEIGHBOURS = 40  # corners of a placement below which a warp of that order across the board would follow single ones
+_MANY = 3  # placements that are off smoothly from which on the lens is the cause
+
+
+def on_a_line(views: Sequence["View"], board) -> np.ndarray:
+    """(V,) True for views whose corners lie on one line of the board."""
+    count = np.array([len(view.index) for view in views])
+    view = np.repeat(np.arange(len(views)), count)
+    places = board.points[:2, np.concatenate([view.index for view in views])]
+    middle = np.stack([np.bincount(view, row, len(views)) for row in places]) / np.maximum(count, 1)
+    x, y = places - middle[:, view]
+    xx, yy, xy = (np.bincount(view, row, len(views)) for row in (x * x, y * y, x * y))
+    # the product of the two variances along and across the corners, over the square of the first, which is the larger
+    return xx * yy - xy * xy < _FLAT**2 * (xx + yy) ** 2
+
+
+def repeated(views: Sequence["View"]) -> list[int | None]:
+    """Of each view the number of an earlier one with the very same corners, None where there is none."""
+    first: dict[tuple, int] = {}
+    keys = [(np.asarray(view.index).tobytes(), np.asarray(view.pixels).tobytes()) for view in views]
+    return [None if first.setdefault(key, k) == k else first[key] for k, key in enumerate(keys)]
+
+
+def unsmooth(chain: Corners) -> np.ndarray:
+    """(G,) RMS that a quadratic warp of the board leaves of some corners, over the extent of its image.
+
+    Of a board through any lens hardly anything, of corners in a wrong order most of it. inf where
+    there are too few corners to tell.
+    """
+    chosen, new = spread(chain)
+    x, y = chain.place[:, chosen]
+    rows = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1) * new[..., None]
+    seen = np.moveaxis(chain.pixels[:, chosen], 0, -1) * new[..., None]
+    count = new.sum(1)
+    middle = (seen.sum(1) / count[:, None])[:, None] * new[..., None]
+    left = seen - rows @ (np.linalg.pinv(rows) @ seen)
+    share = np.sqrt((left**2).sum((1, 2)) / np.maximum(((seen - middle) ** 2).sum((1, 2)), 1e-300))
+    spare = count - rows.shape[-1]
+    # residuals are smaller than errors: the warp has numbers of its own
+    return np.where(spare < _OVER, np.inf, share * np.sqrt(count / np.maximum(spare, 1)))
+
+
+def from_behind(poses: np.ndarray) -> np.ndarray:
+    """(G,) True where the board shows another side than in most pictures: corners numbered in mirror image."""
+    away = (rotation_matrix(poses[:, 3:])[:, :, 2] * poses[:, :3]).sum(1) > 0
+    return away != (2 * away.sum() > len(away))
+
+
+def blunders(chain: Corners, residual: np.ndarray) -> np.ndarray:
+    """(n,) True for corners that are far off and unlike their neighbours, and for most of a picture that contradicts.
+
+    What a lens does that is not of the model fitted is smooth across each board, and many boards show
+    it: it is no blunder. Pictures that are off as a whole, and few of them, are.
+    """
+    far = _far_off(residual / chain.sigma)
+    if not far.any():
+        return far
+    group = chain.labels["placement"]
+    count = np.bincount(group)
+    rough = _far_off(_rough(chain, residual) / chain.sigma) | (count < _NEIGHBOURS)[group]
+    smooth = np.bincount(group, far & ~rough) > 0
+    whole = (np.bincount(group, far) > count / 2) & (smooth.sum() < _MANY)
+    return far & (rough | whole[group])
+
+
+def _far_off(scaled):
+    """(n,) True beyond the bound; what is well within its stated sigma is none, however good the others are."""
+    distance = np.sqrt((scaled**2).sum(0))
+    return distance > FAR * max(np.median(distance), _WITHIN)
+
+
+def _rough(chain, residual):
+    """(2, n) residuals less a smooth warp across the board of each placement."""
+    x, y = chain.place
+    rows = np.stack([x**i * y**j for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)])
+    start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
+    gram = np.add.reduceat(rows[:, None] * rows, start, axis=2).transpose(2, 0, 1)
+    pull = np.add.reduceat(rows[:, None] * residual, start, axis=2).transpose(2, 0, 1)
+    warp = np.linalg.solve(gram + 1e-9 * len(rows) * np.eye(len(rows)), pull)
+    which = np.repeat(np.arange(len(start)), np.diff(start, append=residual.shape[1]))
+    return residual - np.einsum("kn,nkc->cn", rows, warp[which])

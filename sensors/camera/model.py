@@ -1,0 +1,155 @@
+"""The camera: points to pixels and, exactly, pixels to rays.
+
+Frame: x right, y down, z forward, mm; pixel (0, 0) is the centre of the top-left pixel, as in
+OpenCV. Distortion: Brown's k1 k2 p1 p2 k3, with k4 k5 k6 the rational model, in OpenCV's order.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sensors.camera.undistort import BLOCK, Inverse, Workspace, fit_inverse, iterate
+from workbench.core.errors import InputError
+
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+BROWN, RATIONAL = 9, 12
+_MANY = 2 * BLOCK  # pixels, from which the fitted start of the inverse pays
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics in px, `distortion` (5,) or (8,) without unit, `size` (width, height) in px."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = (0.0,) * 5
+    size: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def of(cls, values: np.ndarray, size: tuple[int, int]) -> "Camera":
+        """From values (9,) or (12,) in the order of `NAMES`."""
+        values = [float(v) for v in values]
+        return cls(*values[:4], tuple(values[4:]), (int(size[0]), int(size[1])))
+
+    @property
+    def values(self) -> np.ndarray:
+        """(9,) or (12,) in the order of `NAMES`."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(3, 3) camera matrix, px."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """(2, n) px of points (3, n) mm in the camera frame."""
+        bent = self.distort(points[:2] / points[2])
+        return np.stack([self.fx * bent[0] + self.cx, self.fy * bent[1] + self.cy])
+
+    def project_rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pixels (2, n), their derivative by the point (3, 2, n) and by `values` (P, 2, n)."""
+        flat = points[:2] / points[2]
+        bent, slope, by_coefficient = self.distort_rows(flat)
+        focal = np.array([[self.fx], [self.fy]])
+        by_point = np.empty((3, 2, points.shape[1]))
+        np.multiply(slope, focal / points[2], out=by_point[:2])  # [by x or y, u or v]
+        np.negative(by_point[0] * flat[0] + by_point[1] * flat[1], out=by_point[2])
+        by_value = np.empty((len(self.values), 2, points.shape[1]))
+        by_value[:4] = 0
+        by_value[0, 0], by_value[1, 1], by_value[2, 0], by_value[3, 1] = bent[0], bent[1], 1, 1
+        np.multiply(focal, by_coefficient, out=by_value[4:])
+        return focal * bent + np.array([[self.cx], [self.cy]]), by_point, by_value
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """(3, n) unit directions in the camera frame of pixels (2, n)."""
+        flat = self.normalised(pixels)
+        ray = np.stack([flat[0], flat[1], np.ones_like(flat[0])])
+        return ray / np.sqrt((ray**2).sum(0))
+
+    def normalised(self, pixels: np.ndarray) -> np.ndarray:
+        """(2, n) x/z and y/z of pixels (2, n): the exact inverse of the distortion, by Newton's method.
+
+        nan where a pixel lies beyond what the distortion can reach.
+        """
+        if pixels.shape[1] < _MANY:
+            return iterate(self, self.seen(pixels))
+        flat, workspace = np.empty(pixels.shape), self.workspace()
+        for first in range(0, pixels.shape[1], BLOCK):
+            workspace.normalised(pixels[:, first : first + BLOCK], flat[:, first : first + BLOCK])
+        return flat
+
+    def seen(self, pixels: np.ndarray) -> np.ndarray:
+        """(2, n) distorted normalised image points of pixels (2, n)."""
+        return np.stack([(pixels[0] - self.cx) / self.fx, (pixels[1] - self.cy) / self.fy])
+
+    def workspace(self) -> Workspace:
+        """For the exact inverse, a block at a time; the fitted start is made once a camera."""
+        return Workspace(self._inverse)
+
+    @cached_property
+    def _inverse(self) -> Inverse:
+        return fit_inverse(self)
+
+    def distort(self, flat: np.ndarray) -> np.ndarray:
+        """(2, n) where the lens puts the ideal normalised image points (2, n)."""
+        return self.distort_rows(flat)[0]
+
+    def distort_rows(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distorted points (2, n), derivative by the ideal point (2, 2, n) [by x or y, x or y] and by coefficient.
+
+        Brown, Photogramm. Eng. 32 (1966) and 37 (1971); OpenCV's `calib3d` equations.
+        """
+        x, y = flat
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
+        x2, y2, xy = x * x, y * y, x * y
+        r2 = x2 + y2
+        radial, steep, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + 3 * r2 * k3), None
+        if len(self.distortion) > 5:
+            below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+            radial /= below
+            steep = (steep - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+        along, slope = 2 * (p1 * y + p2 * x), np.empty((2, *flat.shape))
+        slope[0, 1] = slope[1, 0] = 2 * (steep * xy + p1 * x + p2 * y)
+        slope[0, 0] = radial + 2 * steep * x2 + along + 4 * p2 * x
+        slope[1, 1] = radial + 2 * steep * y2 + along + 4 * p1 * y
+        bent = (radial + along) * flat
+        bent += np.array([[p2], [p1]]) * r2
+        return bent, slope, self._by_coefficient(flat, r2, radial, below, xy)
+
+    def _by_coefficient(self, flat, r2, radial, below, xy):
+        rows = np.empty((len(self.distortion), *flat.shape))
+        np.multiply(flat, r2 if below is None else r2 / below, out=rows[0])
+        np.multiply(rows[0], r2, out=rows[1])
+        np.multiply(rows[1], r2, out=rows[4])
+        rows[2, 0] = rows[3, 1] = 2 * xy
+        rows[2, 1], rows[3, 0] = r2 + 2 * flat[1] ** 2, r2 + 2 * flat[0] ** 2
+        for k, power in zip(range(5, len(rows)), (0, 1, 4)):
+            np.multiply(rows[power], -radial, out=rows[k])
+        return rows
+
+
+def camera_from_keys(keys: dict, called: str) -> Camera:
+    """A camera from `fx_px fy_px cx_px cy_px distortion width_px height_px`; InputError where they are not usable."""
+    try:
+        values = [float(keys[f"{name}_px"]) for name in NAMES[:4]] + [float(k) for k in keys["distortion"]]
+        size = (int(keys["width_px"]), int(keys["height_px"]))
+    except (KeyError, TypeError, ValueError) as problem:
+        raise InputError(f"{called}: expected fx_px, fy_px, cx_px, cy_px, distortion, width_px and height_px, "
+                         f"found none or no number for {problem}; write them again") from None
+    if len(values) not in (BROWN, RATIONAL) or not np.isfinite(values).all() or min(*values[:2], *size) <= 0:
+        raise InputError(f"{called}: expected positive focal lengths and 5 or 8 finite distortion coefficients, "
+                         f"found {values}; calibrate the camera again")
+    return Camera.of(values, size)
+
+
+def camera_keys(camera: Camera) -> dict:
+    """What `camera_from_keys` reads."""
+    return {
+        **{f"{name}_px": float(value) for name, value in zip(NAMES[:4], camera.values)},
+        "distortion": [float(k) for k in camera.distortion],
+        "width_px": int(camera.size[0]),
+        "height_px": int(camera.size[1]),
+    }

@@ -1,0 +1,215 @@
+"""What the corners of all pictures share: errors of the board's print by corner, errors of the lens by place.
+
+Neither averages out with more pictures as noise does. Both are tested; the first goes into the
+sigmas as a component of variance of its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.camera.checks import group_subset
+from sensors.camera.corners import Corners
+from workbench.core.bundle import BundleFit
+from workbench.core.effect import Effect
+from workbench.core.model import Model
+
+UNLIKELY = 0.01
+"""Probability below which a difference is not put down to chance: one good calibration in a hundred is remarked on."""
+_SOME = 8  # placements that tell well enough how many numbers the unknowns take of the corners' means
+_CELLS = (8, 6)
+_FEW = 4  # corners of a cell that make a mean
+
+
+@dataclass(frozen=True)
+class PrintErrors:
+    """In-plane places of the board's corners, off by the same at all placements.
+
+    `sigma_mm` of one coordinate, 0 where noise explains the corners' means; `p_value` of these means
+    under noise alone; `covariance` (D, D) of the bundle's dense unknowns with these errors in it,
+    nowhere below that of the bundle.
+    """
+
+    sigma_mm: float
+    p_value: float
+    covariance: np.ndarray
+
+    @property
+    def significant(self) -> bool:
+        return self.p_value < UNLIKELY
+
+    @property
+    def sentence(self) -> str:
+        return (
+            f"the board's corners are off by the same in all pictures: {1000 * self.sigma_mm:.2g} um (1 sigma of a "
+            "coordinate) beyond noise, by its print or by what the lens model leaves of them; more pictures do not "
+            "average that out, and it is in the sigmas"
+        )
+
+
+def print_errors(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> PrintErrors:
+    """Component of variance of the board's corners, from the bundle's residuals.
+
+    An F test of two numbers a corner against what is left without them, by the traces of the quadratic
+    form (Searle, Casella & McCulloch, Variance Components, 1992, ch. 5): q is what the corners' means
+    take of the weighted squares, whose expectation is sigma^2 d + s^2 h. The errors e_c then move the
+    estimate by -K sum C_c e_c (K covariance under unit noise, C_c the corner's share of the normal
+    equations with poses eliminated), so its covariance is sigma^2 K + s^2 K (sum C_c C_c') K.
+    """
+    corner = chain.labels["corner"]
+    root = np.sqrt(fit.weights[0]) / chain.sigma
+    model = Model(chain, tuple(effects))
+    rows = model.evaluate(fit.parameters).rows("target", np.array([0, 1])) * root
+    residual = fit.residual[0] * root
+    own = _by_corner(np.stack([(rows[a] * rows[b]).sum(0) for a in (0, 1) for b in (0, 1)]), corner).reshape(-1, 2, 2)
+    pull = _by_corner((rows * residual).sum(1), corner)
+    seen = np.linalg.det(own) > 0
+    taken = float((pull[seen] * np.linalg.solve(own[seen], pull[seen][..., None])[..., 0]).sum())
+    trace = float(np.trace(own[seen], axis1=1, axis2=2).sum())
+    sums = _Sums(float((residual**2).sum()), taken, trace, int(seen.sum()))
+    made = _tested(fit, sums, _share(chain, fit, effects, _SOME))
+    return _tested(fit, sums, _share(chain, fit, effects, len(chain.poses))) if made.significant else made
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Weighted squares of all residuals, what the corners' means take of them, the normal matrices' traces, corners."""
+
+    squares: float
+    taken: float
+    trace: float
+    corners: int
+
+
+def _tested(fit, sums, part):
+    """The component of variance, its test, and the covariance with it."""
+    from scipy.special import fdtrc
+
+    degrees = max(2 * sums.corners - part.degrees, 1.0)
+    rest = max(fit.degrees - degrees, 1.0)
+    noise = max(sums.squares - sums.taken, 1e-300) / rest
+    variance = max(sums.taken - degrees * noise, 0.0) / max(sums.trace - part.trace, 1e-300)
+    p_value = float(fdtrc(degrees, rest, sums.taken / degrees / noise))
+    if p_value >= UNLIKELY:
+        return PrintErrors(float(np.sqrt(variance)), p_value, fit.covariance)
+    unit = fit.covariance / fit.sigma_scale**2
+    made = fit.covariance * noise / (sums.squares / fit.degrees) + variance * unit @ part.spread @ unit
+    wider = np.sqrt(np.maximum(np.diag(fit.covariance) / np.diag(made), 1))
+    return PrintErrors(float(np.sqrt(variance)), p_value, made * np.outer(wider, wider))
+
+
+@dataclass(frozen=True)
+class _Share:
+    """What poses and camera take of the corners' means: `degrees`, `trace`; `spread` (D, D) is sum C_c C_c'."""
+
+    degrees: float
+    trace: float
+    spread: np.ndarray
+
+
+def _share(chain, fit, effects, some: int) -> _Share:
+    """From `some` placements where they are more: they are much alike."""
+    count = len(chain.poses)
+    groups = np.unique(np.linspace(0, count - 1, some).astype(int))
+    chosen, weights = chain, fit.weights[0]
+    if len(groups) < count:
+        weights = weights[np.isin(chain.labels["placement"], groups)]
+        chosen = group_subset(chain, groups)
+    own, cross, normal, corners = _blocks(chosen, fit, effects, np.sqrt(weights) / chosen.sigma)
+    grow = count / len(groups)
+    good = np.linalg.det(corners) > 0
+    inverse = np.linalg.inv(np.where(good[:, None, None], corners, np.eye(2)))
+    by_pose = (own[1].transpose(0, 1, 3, 2) @ np.linalg.inv(own[0])[:, None] @ own[1]).sum(0)
+    total = by_pose + cross.transpose(0, 2, 1) @ np.linalg.pinv(normal, hermitian=True) @ cross
+    degrees = float(np.einsum("ctu,cut->", total[good], inverse[good]))
+    return _Share(degrees, grow * float(np.trace(total, axis1=1, axis2=2).sum()),
+                  grow**2 * np.einsum("cpt,cqt->pq", cross, cross))  # fmt: skip
+
+
+def _blocks(chain, fit, effects, root):
+    """(poses (G, 6, 6), their products with corners (G, C, 6, 2)), C_c (C, D, 2), normal (D, D), corners (C, 2, 2)."""
+    model = Model(chain, tuple(effects))
+    evaluation, free = model.evaluate(fit.parameters), fit.parameters.mask
+    shared = model.fill_rows(evaluation, fit.parameters, np.empty((free.sum(), *evaluation.residual.shape))) * root
+    pose = evaluation.family_rows("placement") * root
+    target = evaluation.rows("target", np.array([0, 1])) * root
+    group, corner = chain.labels["placement"], chain.labels["corner"]
+    scale = fit.table.typical[: len(shared)]
+    shared = shared * scale[:, None, None]
+    own = _sum(np.einsum("amn,bmn->nab", pose, pose), group)
+    mix = np.linalg.solve(own, _sum(np.einsum("amn,bmn->nab", pose, shared), group))
+    left = shared - np.einsum("nkp,kmn->pmn", mix[group], pose)
+    count = corner.max() + 1
+    at_pose = _sum(np.einsum("amn,bmn->nab", pose, target), group * count + corner, len(own) * count)
+    cross = _sum(np.einsum("amn,bmn->nab", left, target), corner)
+    corners = _sum(np.einsum("amn,bmn->nab", target, target), corner)
+    flat = left.reshape(len(left), -1)
+    normal = flat @ flat.T
+    return ((own, at_pose.reshape(len(own), count, 6, 2)), cross / scale[:, None], normal / np.outer(scale, scale),
+            corners)  # fmt: skip
+
+
+def _sum(blocks, group, count=None):
+    """(count, a, b) sums of blocks (n, a, b) by group (n,)."""
+    made = np.zeros((int(group.max()) + 1 if count is None else count, *blocks.shape[1:]))
+    order = np.argsort(group, kind="stable")
+    start = np.flatnonzero(np.diff(group[order], prepend=-1))
+    made[group[order[start]]] = np.add.reduceat(blocks[order], start, axis=0)
+    return made
+
+
+def _by_corner(rows, corner):
+    """(C, k) sums of rows (k, n)."""
+    return np.stack([np.bincount(corner, row) for row in rows], axis=-1)
+
+
+@dataclass(frozen=True)
+class LensMap:
+    """Mean residual by place in the picture: `value` (2, rows, columns) px, nan where hardly any corner lies;
+    `rms_px` of these means beyond what noise makes, and the `p_value` of all under noise.
+    """
+
+    value: np.ndarray
+    rms_px: float
+    p_value: float
+
+    @property
+    def significant(self) -> bool:
+        return self.p_value < UNLIKELY
+
+    @property
+    def sentence(self) -> str:
+        worst = np.nanmax(np.hypot(*self.value))
+        return (
+            f"the lens is not of the model fitted: corners at the same place of the picture are off alike, by "
+            f"{self.rms_px:.2g} px RMS and {worst:.2g} px at most in means over its {self.value[0].size} cells, which "
+            "is not in the sigmas; try the other model (brown, rational); neither describes a fisheye"
+        )
+
+
+def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
+    """What corners at the same place of the picture are off by; first less their own means, where these differ."""
+    from scipy.special import fdtrc
+
+    residual = fit.residual[0]
+    corner = chain.labels["corner"]
+    spent = 0
+    if printed.significant:
+        count = np.maximum(np.bincount(corner), 1)
+        residual = residual - np.stack([(np.bincount(corner, row) / count)[corner] for row in residual])
+        spent = 2 * len(np.unique(corner))
+    place = [np.clip(((row + 0.5) * count / size).astype(int), 0, count - 1)
+             for row, count, size in zip(chain.pixels, _CELLS, chain.camera.size)]  # fmt: skip
+    cell = place[1] * _CELLS[0] + place[0]
+    count = np.bincount(cell, minlength=_CELLS[0] * _CELLS[1])
+    kept = count >= _FEW
+    weight = fit.weights[0]
+    total = np.maximum(np.bincount(cell, weight, len(count)), 1e-300)
+    means = np.stack([np.bincount(cell, weight * row, len(count)) for row in residual]) / total
+    between, squares = float((total * (means**2).sum(0))[kept].sum()), float((weight * (residual**2).sum(0)).sum())
+    degrees = 2 * int(kept.sum()), max(fit.degrees - spent - 2 * int(kept.sum()), 1)
+    noise = max(squares - between, 0.0) / degrees[1]
+    rms = np.sqrt(2 * max(between - degrees[0] * noise, 0) / max(2 * float(total[kept].sum()), 1e-300))
+    p_value = float(fdtrc(*degrees, between / max(degrees[0], 1) / max(noise, 1e-300)))
+    return LensMap(np.where(kept, means, np.nan).reshape(2, *_CELLS[::-1]), float(rms), p_value)

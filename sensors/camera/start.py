@@ -1,0 +1,159 @@
+"""A first camera and first poses of boards from corners alone, and the corner chain of a set of pictures."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors.camera.corners import Corners
+from sensors.camera.model import BROWN, RATIONAL, Camera
+from workbench.core.errors import InputError
+from workbench.core.rigid import rotation_vector
+
+if TYPE_CHECKING:
+    from sensors.boards.detection import Board, View
+
+MODELS = {"brown": BROWN, "rational": RATIONAL}
+FEW = 16
+"""Corners of a placement that a start needs: its homography takes four."""
+_CAMERA_GROUPS = 20
+_WIDEST, _NARROWEST = 0.2, 50.0  # focal lengths over the picture's width: 136 and 1 degrees of view
+
+
+def placement_groups(views: Sequence["View"]) -> tuple[np.ndarray, list[str]]:
+    """(V,) group of each view, in order of appearance, and the groups' names: placements, else pictures."""
+    names = [view.placement or view.image for view in views]
+    order = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return np.array([order[name] for name in names], int), list(order)
+
+
+def corner_chain(views: Sequence["View"], board: "Board", size: tuple[int, int], model: str = "brown") -> Corners:
+    """All corners of the views, sorted by placement, before a camera and poses are known (zeros)."""
+    group, names = placement_groups(views)
+    order = np.argsort(group, kind="stable")
+    counts = np.array([len(views[k].index) for k in order])
+    index = np.concatenate([views[k].index for k in order])
+    place = (board.points - board.middle[:, None])[:2] / board.half_diagonal
+    camera = Camera.of(np.r_[1.0, 1.0, (size[0] - 1) / 2, (size[1] - 1) / 2, np.zeros(MODELS[model] - 4)], size)
+    return Corners(
+        camera, board.points[:, index], place[:, index], np.concatenate([views[k].pixels for k in order], axis=1),
+        {"placement": np.repeat(group[order], counts), "view": np.repeat(order, counts), "corner": index},
+        np.zeros((len(names), 6)), np.tile(np.concatenate([views[k].sigma for k in order]), (2, 1)),
+        float(np.median([view.radius_mm for view in views])), _covariates(views, order, counts),
+    )  # fmt: skip
+
+
+def check_views(views: Sequence["View"], board: "Board", size: tuple[int, int]) -> None:
+    """InputError where a view is not of this board, of another size of picture, or holds no numbers."""
+    if not np.isfinite(np.concatenate([view.pixels for view in views], axis=1)).all():
+        wrong = next(view for view in views if not np.isfinite(view.pixels).all())
+        raise InputError(f"{wrong.image}: expected a place in px of every corner, found nan; detect the corners again")
+    last = board.points.shape[1] - 1
+    if np.max(np.concatenate([view.index for view in views]), initial=0) > last:
+        wrong = next(view for view in views if np.max(view.index, initial=0) > last)
+        raise InputError(f"{wrong.image}: expected corners 0 to {last} of the board, found {np.max(wrong.index)}; "
+                         "detect the corners with this board")
+    other = next((view for view in views if tuple(view.size) != tuple(size)), None)
+    if other is not None:
+        raise InputError(f"{other.image}: expected a picture of {size[0]} x {size[1]} pixels as the others, found "
+                         f"{other.size[0]} x {other.size[1]}; calibrate each size by itself")
+
+
+def _covariates(views, order, counts):
+    """Columns of numbers that every picture has."""
+    shared = set.intersection(*(set(view.row) for view in views))
+    numbers = {name for name in shared if all(isinstance(view.row[name], (int, float)) for view in views)}
+    return {name: np.repeat(np.array([views[k].row[name] for k in order], float), counts) for name in sorted(numbers)}
+
+
+def thinned(chain: Corners) -> np.ndarray:
+    """(t,) indices of at most `FEW` corners of each placement."""
+    chosen, new = spread(chain)
+    return chosen[new]
+
+
+def spread(chain: Corners) -> tuple[np.ndarray, np.ndarray]:
+    """(G, FEW) corners of each placement, spread over it and not in step with its columns, and which are no repeats."""
+    bounds = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses) + 1))
+    share = (np.arange(FEW) + np.random.default_rng(0).random(FEW)) / FEW
+    chosen = bounds[:-1, None] + (share * np.diff(bounds)[:, None]).astype(int)
+    return chosen, np.diff(chosen, axis=1, prepend=-1) > 0
+
+
+def started(chain: Corners) -> Corners:
+    """The chain at a first camera without distortion and first poses; four corners or more of every placement.
+
+    Camera: cv2.initCameraMatrix2D, the linear solution of Zhang, PAMI 22 (2000) 1330, with the principal
+    point in the middle. A focal length that the boards do not tell is started as a usual lens's, 1.2
+    widths of the picture.
+    """
+    chosen, new = spread(chain)
+    camera = _first_camera(chain, chosen, new)
+    return chain.moved(camera, first_poses(homographies(chain, chosen, new), camera.matrix))
+
+
+def _first_camera(chain, chosen, new):
+    import cv2
+
+    camera = chain.camera
+    some = np.unique(np.linspace(0, len(chosen) - 1, _CAMERA_GROUPS).astype(int))
+    points, pixels = ([np.ascontiguousarray(of[:, chosen[g, new[g]]].T, np.float32) for g in some]
+                      for of in (chain.points, chain.pixels))  # fmt: skip
+    try:
+        found = cv2.initCameraMatrix2D(points, pixels, camera.size)
+    except cv2.error:
+        found = np.full((3, 3), np.nan)
+    width = max(camera.size)
+    focal = [f if _WIDEST < f / width < _NARROWEST else usual_focal(camera) for f in (found[0, 0], found[1, 1])]
+    return Camera.of(np.r_[focal, camera.values[2:]], camera.size)
+
+
+def usual_focal(camera: Camera) -> float:
+    """px, the focal length of a usual lens."""
+    return 1.2 * max(camera.size)
+
+
+def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """(G, 3, 3) from board (mm) to picture (px), by least squares over `chosen` corners (G, k) where `new`.
+
+    Direct linear transform in normalised coordinates (Hartley & Zisserman, Multiple View Geometry, 2nd
+    ed., alg. 4.2), with the last number 1 there: the middle of a board's corners is never at infinity.
+    """
+    weight = new.astype(float)
+    (x, y), board = _normalised(chain.points[:2, chosen], weight)
+    (u, v), picture = _normalised(chain.pixels[:, chosen], weight)
+    rows = np.zeros((2, 9, *x.shape))
+    rows[0, 0], rows[0, 1], rows[0, 2] = rows[1, 3], rows[1, 4], rows[1, 5] = x, y, np.ones_like(x)
+    for row, seen in zip(rows, (u, v)):
+        row[6], row[7], row[8] = -seen * x, -seen * y, seen
+    rows = np.moveaxis(rows * weight, 2, 0).transpose(0, 2, 1, 3).reshape(len(chosen), 9, -1)
+    normal = rows @ rows.transpose(0, 2, 1)
+    small = 1e-12 * np.trace(normal[:, :8, :8], axis1=1, axis2=2)[:, None, None] * np.eye(8)
+    made = np.linalg.solve(normal[:, :8, :8] + small, normal[:, :8, 8:])[..., 0]
+    made = np.concatenate([made, np.ones((len(made), 1))], axis=1).reshape(-1, 3, 3)
+    return np.linalg.solve(picture, made @ board)
+
+
+def _normalised(places, weight):
+    """Places (2, G, k) moved and scaled to about 1, and the matrices (G, 3, 3) that do so."""
+    total = weight.sum(1)
+    middle = (places * weight).sum(2) / total
+    away = places - middle[..., None]
+    size = np.sqrt(((away**2).sum(0) * weight).sum(1) / total)
+    made = np.zeros((len(total), 3, 3))
+    made[:, 0, 0] = made[:, 1, 1] = 1 / size
+    made[:, :2, 2], made[:, 2, 2] = -(middle / size).T, 1
+    return away / size[:, None], made
+
+
+def first_poses(maps: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """(G, 6) poses of planar boards from homographies (G, 3, 3) and the camera matrix (Zhang 2000, sec. 3.1).
+
+    The two axes that the homography gives are made unit and orthogonal, both turned by the same amount.
+    """
+    columns = np.linalg.solve(matrix, maps)
+    columns *= (2 * np.sign(columns[:, 2, 2]) / np.linalg.norm(columns[..., :2], axis=1).sum(1))[:, None, None]
+    sums = columns[..., 0] + columns[..., 1], columns[..., 0] - columns[..., 1]
+    along, across = (part / np.linalg.norm(part, axis=1, keepdims=True) / np.sqrt(2) for part in sums)
+    x, y = along + across, along - across
+    return np.c_[columns[..., 2], rotation_vector(np.stack([x, y, np.cross(x, y)], axis=-1))]

@@ -1,0 +1,84 @@
+"""Which way round a square board lay in each picture, where only its bow can tell."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors.boards.detection import relabelled
+from sensors.camera.corners import Corners
+from sensors.camera.start import corner_chain, placement_groups
+from workbench.core.bundle import BundleFit
+from workbench.core.effect import Effect
+from workbench.core.model import Model
+from workbench.core.rigid import rotation_matrix, rotation_vector
+
+if TYPE_CHECKING:
+    from sensors.boards.detection import Board, View
+
+_BOW = tuple(f"artefact.board-bow.{name}" for name in ("xx", "yy", "xy"))
+_TOLD = 9.0  # chi-square between the two ways round that half of the placements must exceed: 3 sigmas
+_ROUNDS = 20
+
+
+def tell_apart(board: "Board", effects: Sequence[Effect]) -> bool:
+    """Whether the bow tells turns of this board apart: a half turn leaves a quadratic bow as it is."""
+    return board.turns == 4 and any(effect.effect == "board-bow" for effect in effects)
+
+
+def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> np.ndarray:
+    """(G,) True for placements whose corners fit a common bow better after a quarter turn of the board.
+
+    A quarter turn of the board changes the sign of the two numbers of its bow that are not round. Of
+    each placement they are found by themselves, camera held; their common size and each one's sign are
+    then chosen in turn until nothing changes. All False where the bow is too small to tell.
+    """
+    own, known = _own_bows(chain, fit, effects)
+    sign = np.sign(own @ np.linalg.eigh(np.einsum("gi,gj->ij", own, own))[1][:, -1])
+    for _ in range(_ROUNDS):
+        common = np.linalg.solve(known.sum(0), np.einsum("g,gij,gj->i", sign, known, own))
+        told = np.einsum("gi,gij,j->g", own, known, common)
+        if (np.sign(told) == sign).all():
+            break
+        sign = np.where(told < 0, -1.0, 1.0)
+    sure = np.median(np.abs(4 * told)) > _TOLD * fit.sigma_scale**2
+    fewer = sign != (1.0 if (sign > 0).sum() * 2 >= len(sign) else -1.0)
+    return fewer & sure
+
+
+def _own_bows(chain, fit, effects):
+    """((xx - yy) / 2, xy) mm of each placement (G, 2), and what is known of them (G, 2, 2), pose free."""
+    evaluation = Model(chain, tuple(effects)).evaluate(fit.parameters)
+    x, y = chain.place
+    bow = np.stack([x * x - y * y, x * y])[:, None] * evaluation.rows("target", np.array([2]))
+    rows = np.concatenate([evaluation.family_rows("placement"), bow, evaluation.residual[None]])
+    rows = rows * (np.sqrt(fit.weights[0]) / chain.sigma)
+    start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
+    gram = np.add.reduceat(np.einsum("amn,bmn->nab", rows, rows), start, axis=0)
+    mix = np.linalg.solve(gram[:, :6, :6], gram[:, :6, 6:])
+    left = gram[:, 6:, 6:] - gram[:, 6:, :6] @ mix
+    known = left[:, :2, :2]
+    xx, yy, xy = (fit.parameters[key] for key in _BOW)
+    return np.array([(xx - yy) / 2, xy]) - np.linalg.solve(known, left[:, :2, 2:])[..., 0], known
+
+
+def turn(chain: Corners, views: Sequence["View"], board: "Board", turned: np.ndarray, model: str):
+    """Chain and views with the board of the placements `turned` (G,) laid on itself by a quarter turn."""
+    group = placement_groups(views)[0]
+    views = [relabelled(view, board, 1) if turned[k] else view for view, k in zip(views, group)]
+    back, middle = _quarter(board).T, board.middle
+    matrix = rotation_matrix(chain.poses[:, 3:])
+    away = chain.poses[:, :3] + (matrix @ (middle - back @ middle))
+    poses = np.where(turned[:, None], np.c_[away, rotation_vector(matrix @ back)], chain.poses)
+    fresh = corner_chain(views, board, chain.camera.size, model)
+    return replace(fresh.moved(chain.camera, poses), sigma=fresh.sigma), views
+
+
+def _quarter(board):
+    """(3, 3) that takes each corner, from the board's middle, to where its new number lies."""
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    turned = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
+    away = board.points - board.middle[:, None]
+    there = away[:, np.argsort(turned)]
+    return quarter if np.abs(quarter @ away - there).max() < np.abs(quarter.T @ away - there).max() else quarter.T

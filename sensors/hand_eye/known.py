@@ -1,0 +1,93 @@
+"""What a hand-eye adjustment knows, and what it does not: covariance that is infinite along what nothing determines.
+
+The adjustment holds undetermined directions with a weak prior, to stay where it is. Its covariance
+there would be that prior's, a number that no datum stands behind; here it becomes infinite.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.hand_eye.motion import Motion
+from workbench.core.identifiability import identifiability
+
+_FAR = 1e4
+"""Squared, in typical sizes: how far what is not determined may be off, of a place a metre."""
+_OWN = 0.5  # a direction that lies in the others but for a half of it is one of them, blurred by errors
+
+
+@dataclass(frozen=True)
+class Known:
+    """Of the F free parameters `keys`: `covariance` (F, F) in their units, what is not determined held;
+    `open` (F, K) directions that are not determined, one typical size long; `sentences` on them."""
+
+    keys: tuple[str, ...]
+    covariance: np.ndarray
+    open: np.ndarray
+    sentences: tuple[str, ...]
+
+    def of(self, rows: np.ndarray) -> np.ndarray:
+        """(R, R) covariance of rows @ parameters, rows (R, F): diagonal inf, and nan beside it, where
+        they move by more than their sigma along what is not determined."""
+        made = rows @ self.covariance @ rows.T
+        lost = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(made)
+        made[lost] = made[:, lost] = np.nan
+        made[lost, lost] = np.inf
+        return made
+
+    def std(self) -> dict[str, float]:
+        """1 sigma by key, inf where it is not determined."""
+        return dict(zip(self.keys, np.sqrt(np.diag(self.of(np.eye(len(self.keys))))).tolist()))
+
+
+def knowledge(adjusted, motion: Motion) -> Known:
+    """What an `Adjusted` knows, where the flange moved as it did.
+
+    Judged is what nothing was known of before, with all that has a prior (a camera) adjusted beside
+    it. A direction is open where the data know less of it than a typical size, or where the flange's
+    motions leave it open: there an adjustment that lets the robot be off finds a little knowledge in
+    the robot's own errors, which is none.
+    """
+    table, free = adjusted.parameters, adjusted.parameters.mask
+    keys = tuple(key for key, mine in zip(table.keys, free) if mine)
+    own = table.precision[free] == 0
+    found = identifiability(_beside(adjusted.linear.normal, table.precision[free], own),
+                            table.only(free & (table.precision == 0)))  # fmt: skip
+    typical = table.typical[free]
+    null = np.zeros((len(keys), found.null.shape[1]))
+    null[own] = found.null
+    known = _with(np.zeros((len(keys), 0)), _directions(motion, keys) / typical[:, None])
+    null = _with(known, null)
+    more = null.shape[1] > known.shape[1]  # the motions' own words say it best
+    held = adjusted.linear.covariance / np.outer(typical, typical)
+    if null.shape[1]:
+        cross = held @ null
+        held = held - cross @ np.linalg.solve(null.T @ cross, cross.T)
+    return Known(keys, held * np.outer(typical, typical), null * typical[:, None],
+                 (*motion.sentences, *(found.sentences() if more else ())))
+
+
+def _beside(normal, precision, own):
+    """(A, A) normal matrix of those without a prior, the others adjusted to whatever these are (Schur)."""
+    other = normal[np.ix_(~own, ~own)] + np.diag(precision[~own])
+    cross = normal[np.ix_(own, ~own)]
+    return normal[np.ix_(own, own)] - cross @ np.linalg.solve(other, cross.T)
+
+
+def _directions(motion, keys):
+    """(F, M) mm: sensor and target shifted together by each of the motion's directions."""
+    rows = np.zeros((len(keys), motion.sensor.shape[1]))
+    for where, shifts in (("sensor", motion.sensor), ("target", motion.target)):
+        for name, shift in zip("xyz", shifts):
+            rows[keys.index(f"{where}.{name}")] = shift
+    return rows
+
+
+def _with(null, more):
+    """Orthonormal columns of null and of those of `more` that are not in it."""
+    for column in more.T:
+        rest = column / np.linalg.norm(column)
+        rest = rest - null @ (null.T @ rest)
+        if np.linalg.norm(rest) > _OWN:
+            null = np.concatenate([null, rest[:, None] / np.linalg.norm(rest)], 1)
+    return null

@@ -1,0 +1,115 @@
+"""What a hand-eye calibration returns, and how it is made up from an adjustment."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from sensors.camera.model import Camera
+from sensors.hand_eye.known import Known
+from workbench.core.parameters import Parameters
+from workbench.core.rigid import left_jacobian, rotation_matrix, transform
+
+
+@dataclass(frozen=True)
+class PoseRow:
+    """One pose: `residual` RMS with the robot held exact, `held_out` RMS predicted from the other poses
+    (px of a point, or mm from the ball), `moved_mm` and `turned_deg` what the adjustment thinks the
+    robot was off by, `chance` of a pose that is further off, `outlier` True: left out, and `why`."""
+
+    pose: int
+    residual: float
+    held_out: float
+    moved_mm: float
+    turned_deg: float
+    chance: float
+    outlier: bool
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class HandEye:
+    """Where the sensor sits.
+
+    `kind`: "in-hand", "to-hand" or "profiles"; `sensor` (4, 4): T_flange_sensor, for "to-hand"
+    T_base_sensor; `covariance` (6, 6) of x y z (mm) and of a small turn about x y z (rad), along the
+    axes of the flange (base for "to-hand"), inf and beside it nan where it is not determined;
+    `target` (4, 4): T_base_board, for "to-hand" T_flange_board, for a ball its centre;
+    `target_covariance` of the same kind, of a ball (3, 3); `noise` 1 sigma of the sensor (`unit` px, or
+    mm in the light plane); `robot_sigma` of the flange poses; `fit` and `held_out` (each pose from the
+    others): RMS, and the scatter of the board; `undetermined` and `suspicions` sentences; `std` by key
+    of `parameters`, the camera's by camera.fx, camera.fy, ...; inf where it is not determined.
+    """
+
+    kind: str
+    sensor: np.ndarray
+    covariance: np.ndarray
+    target: np.ndarray
+    target_covariance: np.ndarray
+    parameters: Parameters
+    std: dict[str, float]
+    noise: float
+    unit: str
+    robot_sigma: dict[str, float]
+    fit: dict[str, float]
+    held_out: dict[str, float]
+    poses: tuple[PoseRow, ...]
+    undetermined: tuple[str, ...]
+    suspicions: tuple[str, ...]
+    outcome: str
+    converged: bool
+    history: tuple[float, ...] = ()
+    camera: Camera | None = None
+    radius: float | None = None
+    range_scale: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def T_flange_sensor(self) -> np.ndarray:
+        """(4, 4), for the sensor on the flange; a sensor beside the robot has none."""
+        if self.kind == "to-hand":
+            raise AttributeError("the sensor stands beside the robot: `sensor` is T_base_sensor")
+        return self.sensor
+
+    @cached_property
+    def centre(self) -> np.ndarray:
+        """(3,) mm, origin of the board, or centre of the ball."""
+        return self.target[:3, 3]
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Poses left out."""
+        return tuple(row.pose for row in self.poses if row.outlier)
+
+
+def placement(values: np.ndarray) -> np.ndarray:
+    """(4, 4) of x y z (mm) and a rotation vector (rad); of three values a translation."""
+    turn = rotation_matrix(values[3:6]) if len(values) > 3 else np.eye(3)
+    return transform(turn, np.asarray(values[:3]))
+
+
+def of_block(adjusted, known: Known, where: str) -> np.ndarray:
+    """(6, 6) or (3, 3) covariance of the placement at `where`: mm, and a small turn about the outer axes."""
+    names = [key for key in known.keys if key in {f"{where}.{name}" for name in ("x", "y", "z", "rx", "ry", "rz")}]
+    rows = np.eye(len(known.keys))[[known.keys.index(key) for key in names]]
+    if len(names) == 6:
+        rows[3:] = left_jacobian(np.array([adjusted.parameters[key] for key in names[3:]])) @ rows[3:]
+    return known.of(rows)
+
+
+def rms(residual: np.ndarray, chosen: np.ndarray) -> float:
+    """Root of the mean squared length of the chosen columns of (m, n)."""
+    return float(np.sqrt((residual[:, chosen] ** 2).sum(0).mean())) if chosen.any() else float("nan")
+
+
+def held_row(pose, chain, adjusted, exact, held, left_out, blunder) -> PoseRow:
+    """The row of one pose."""
+    mine = chain.pose == pose
+    error = adjusted.errors[pose]
+    residual, other = rms(exact, mine), rms(held, mine)
+    turned = float(np.degrees(np.linalg.norm(error[3:6]))) if len(error) == 6 else float("nan")
+    unit = "px" if len(exact) == 2 else "mm"
+    usual = rms(held, ~mine)
+    why = (f"pose {pose}: {other:.3g} {unit} from what the other poses predict, where they are {usual:.3g} {unit} off; "
+           "left out: check its flange pose and its picture") if blunder else ""  # fmt: skip
+    return PoseRow(pose, residual, other, float(np.linalg.norm(error[:3])), turned, left_out.chance, blunder, why)

@@ -1,0 +1,198 @@
+"""Starts for hand-eye from pictures: board poses one picture at a time, then closed forms."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sensors.camera.model import Camera
+from workbench.core.errors import InputError
+from workbench.core.rigid import inverse, nearest_rotation, rotation_vector, transform
+
+METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
+STILL = np.radians(0.5)  # below it a turn is what an arm makes when it only moves
+_HALF_TURN = np.radians(170.0)  # near a half turn the axis of a relative rotation has no sign
+
+
+def board_poses(board: np.ndarray, pixels: np.ndarray, pose: np.ndarray, camera: Camera) -> np.ndarray:
+    """(P, 4, 4) T_camera_board of each picture alone: least squares of its pixels (OpenCV).
+
+    board (3, n) mm, pixels (2, n) and the picture's number pose (n,), 0..P-1. InputError where a
+    picture has fewer than four points.
+    """
+    import cv2
+
+    placed = []
+    for number in range(int(pose.max()) + 1):
+        mine = pose == number
+        if mine.sum() < 4:
+            raise InputError(f"picture {number}: expected at least 4 points of the board, found {mine.sum()}; "
+                             "take the picture out")
+        found = cv2.solvePnP(np.ascontiguousarray(board[:, mine].T), np.ascontiguousarray(pixels[:, mine].T),
+                             camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_ITERATIVE)  # fmt: skip
+        if not found[0] or not np.isfinite(found[1]).all():
+            raise InputError(f"picture {number}: expected a view of the board, found pixels that no pose explains; "
+                             "take the picture out")
+        placed.append(transform(Rotation.from_rotvec(found[1][:, 0]).as_matrix(), found[2][:, 0]))
+    return np.array(placed)
+
+
+def closed_forms(flange: np.ndarray, seen: np.ndarray, kind: str) -> dict[str, np.ndarray]:
+    """Hand-eye (4, 4) by every closed form of OpenCV that gives one, by name.
+
+    Tsai & Lenz 1989, Park & Martin 1994, Horaud & Dornaika 1995, Andreff et al. 1999, Daniilidis
+    1999; robot-world: Shah 2013, Li et al. 2010.
+    """
+    import cv2
+
+    moved = flange if kind == "in-hand" else inverse(flange)
+    back, found = inverse(moved), {}
+    for name in METHODS:
+        arguments = (moved[:, :3, :3], moved[:, :3, 3], seen[:, :3, :3], seen[:, :3, 3])
+        found[name] = _called(cv2, cv2.calibrateHandEye, arguments, getattr(cv2, f"CALIB_HAND_EYE_{name}"))
+    for name in ("SHAH", "LI"):
+        arguments = (seen[:, :3, :3], seen[:, :3, 3], back[:, :3, :3], back[:, :3, 3])
+        method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
+        found[name] = _called(cv2, cv2.calibrateRobotWorldHandEye, arguments, method)
+    return {name: made for name, made in found.items() if made is not None}
+
+
+def _called(cv2, function, arguments, method):
+    """(4, 4) or None where OpenCV finds none."""
+    try:
+        made = function(*arguments, method=method)
+    except cv2.error:
+        return None
+    matrix = transform(made[-2], made[-1][:, 0])
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3]) - 1) > 1e-3:
+        return None
+    matrix[:3, :3] = nearest_rotation(matrix[:3, :3])
+    return matrix if function.__name__ == "calibrateHandEye" else inverse(matrix)
+
+
+def start_from_boards(flange, seen, points, kind) -> tuple[np.ndarray, float]:
+    """Twelve values, sensor and board, of the best start, and its misfit, mm at the board's corners.
+
+    Best is whose boards lie closest: the median distance from the board that is closest to all, so
+    that a pose that is a blunder does not choose.
+    """
+    moved = flange if kind == "in-hand" else inverse(flange)
+    candidates = [*closed_forms(flange, seen, kind).values(), *_without_one(moved, seen), *_every_turn(moved, seen)]
+    corners = _corners(points)
+    scored = [(*_spread(moved @ sensor @ seen, corners), sensor) for sensor in candidates]
+    misfit, board, sensor = min(scored, key=lambda row: row[0])
+    return np.concatenate([_values(sensor), _values(board)]), max(misfit, 1e-3)
+
+
+def nearest_turns(flange: np.ndarray, seen: np.ndarray, points: np.ndarray, kind: str) -> np.ndarray:
+    """(P,) which of T readings of each picture, seen (T, P, 4, 4), puts the board where the others have it.
+
+    Each reading of the first picture in turn is taken for right; that of the second which makes the
+    camera turn by the flange's angle, and so on: angles need no hand-eye (Chen, CVPR 1991).
+    """
+    turns, count = seen.shape[:2]
+    moved = flange if kind == "in-hand" else inverse(flange)
+    alpha = np.linalg.norm(rotation_vector((inverse(moved)[None, :] @ moved[:, None])[..., :3, :3]), axis=-1)
+    relative = seen[:, None, :, None] @ inverse(seen)[None, :, None, :]  # [reading i, reading j, i, j]
+    beta = np.linalg.norm(rotation_vector(relative[..., :3, :3]), axis=-1)
+    apart = np.abs(beta - alpha)
+    best = [apart[:, turn, :, 0].argmin(0) for turn in range(turns)]
+    scores = []
+    for turn, labels in enumerate(best):
+        labels[0] = turn
+        start = start_from_boards(flange, seen[labels, np.arange(count)], points, kind)
+        scores.append(start[1])
+    return best[int(np.argmin(scores))]
+
+
+def _corners(points):
+    low, high = points.min(1), points.max(1)
+    return np.array([[x, y, points[2].mean()] for x in (low[0], high[0]) for y in (low[1], high[1])]).T
+
+
+def _spread(placed, corners):
+    """Median distance of the boards from that board which is nearest to all, and that board."""
+    where = placed[:, :3, :3] @ corners + placed[:, :3, 3:]
+    apart = np.sqrt(((where[:, None] - where[None]) ** 2).sum(2).mean(2))
+    middle = np.median(apart, axis=1)
+    best = int(np.argmin(middle))
+    return float(middle[best]), placed[best]
+
+
+def _values(matrix):
+    return np.concatenate([matrix[:3, 3], rotation_vector(matrix[:3, :3])])
+
+
+def _without_one(moved, seen):
+    """Closed form without each pose: one of them is free of a blunder."""
+    count = len(moved)
+    return [align(moved[keep], seen[keep])[0] for keep in ~np.eye(count, dtype=bool)] if count > 4 else []
+
+
+def _every_turn(moved, seen):
+    """The 24 turns of a cube, each with the translation that fits: where motions say little of the turn."""
+    turns = Rotation.create_group("O").as_matrix()
+    pairs = _pairs(moved, seen)
+    return [transform(turn, _translation(turn, *pairs)[0]) for turn in turns]
+
+
+def _pairs(moved, seen):
+    """Relative motions of flange and camera of all pairs of poses, at most about 400."""
+    i, j = np.triu_indices(len(moved), 1)
+    step = max(len(i) // 400, 1)
+    i, j = i[::step], j[::step]
+    return inverse(moved[j]) @ moved[i], seen[j] @ inverse(seen[i])
+
+
+def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Hand-eye (4, 4) of all pairs by least squares, its misfit (mm), and angles (2, K) of flange and camera, rad.
+
+    Rotation: the turn that takes the camera's rotation vectors to the flange's (Park & Martin, IEEE
+    Trans. Robot. Autom. 10 (1994)); where those have one direction only, or none, with what the
+    translations say of the rest; then the translation. The misfit counts a turn at the board's
+    distance.
+    """
+    flange, camera = _pairs(moved, seen)
+    alpha, beta = rotation_vector(flange[:, :3, :3]), rotation_vector(camera[:, :3, :3])
+    angles = np.linalg.norm(np.stack([alpha, beta]), axis=2)
+    sure = (angles < _HALF_TURN).all(0)
+    reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))
+    found = []
+    for turn in _turns(alpha[sure], beta[sure], flange, camera):
+        shift, rest = _translation(turn, flange, camera)
+        gap = (alpha - beta @ turn.T)[sure] * reach
+        found.append((float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())), transform(turn, shift)))
+    misfit, best = min(found, key=lambda row: row[0])
+    return best, misfit, angles
+
+
+def _turns(alpha, beta, flange, camera):
+    """Rotations (3, 3) to try, of which one is near, from rotation vectors (K, 3) of flange and camera."""
+    turn = nearest_rotation((alpha.T @ beta)[None])[0]
+    axes = np.linalg.svd(alpha, full_matrices=False)[2]
+    along = alpha @ axes[0]
+    if np.linalg.norm(alpha, axis=1).max(initial=0) < STILL:  # flange and camera move alike
+        return [nearest_rotation((flange[:, :3, 3].T @ camera[:, :3, 3])[None])[0]]
+    if np.linalg.norm(alpha - np.outer(along, axes[0]), axis=1).max() > STILL:
+        return [turn]
+    about = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 24, endpoint=False), axes[0])).as_matrix()
+    return _about(about @ turn, axes[0], flange, camera)
+
+
+def _about(turns, axis, flange, camera):
+    """The best of `turns` (S, 3, 3), turned about the axis by Newton's step of the translations' misfit."""
+    rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = (np.einsum("sij,kj->kis", turns, camera[:, :3, 3]) - flange[:, :3, 3, None]).reshape(len(rows), -1)
+    cost = ((rows @ np.linalg.lstsq(rows, right, rcond=1e-9)[0] - right) ** 2).sum(0)
+    k = int(np.argmin(cost))
+    before, at, after = cost[k - 1], cost[k], cost[(k + 1) % len(cost)]  # a sine of the angle, near its lowest
+    bend = before - 2 * at + after
+    step = 2 * np.pi / len(turns) * (before - after) / (2 * bend) if bend > 0 else 0.0
+    near = Rotation.from_rotvec(np.outer([0, step], axis)).as_matrix() @ turns[k]
+    return list(near)
+
+
+def _translation(turn, flange, camera):
+    """Translation (3,) with (R_A - 1) t = R_X t_B - t_A, and what is left (K, 3)."""
+    rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = (camera[:, :3, 3] @ turn.T - flange[:, :3, 3]).reshape(-1)
+    shift = np.linalg.lstsq(rows, right, rcond=1e-9)[0]
+    return shift, (rows @ shift - right).reshape(-1, 3)

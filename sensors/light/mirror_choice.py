@@ -1,0 +1,167 @@
+"""Whether one mirror makes all light planes: fitted beside the free planes, tested, and the better one chosen."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fdtrc
+
+from sensors.light.mirror import NAMES, Mirror, start_mirror
+from sensors.light.planes import plane_variance
+from sensors.scanner.adjustment import Adjustment, fresh_start, solve_once
+from sensors.scanner.errors import field_points, laid_over
+from workbench.core.effect import Effect
+from workbench.core.identifiability import independent
+
+FEWEST = 5
+"""Steps: 15 numbers of free planes against the mirror's seven."""
+_LEAST = 1e-3
+"""Probability below which the stripes contradict the mirror."""
+_AS_WELL = 5.0
+"""Times the usual sigma of a plane over the working volume, beyond which it does not count for the mirror's start."""
+_FIRST = ("tilt_face", "tilt_across", "shift_face", "shift_across", "beam_cone", "beam_turn", "beam_shift")
+# `independent` keeps what is known to ten typical sizes; here to one, and the face's distance is not guessed at.
+_STRICT = 10.0
+
+
+@dataclass(frozen=True)
+class MirrorCheck:
+    """The mirror beside the free planes.
+
+    `fitted` names of the parameters that the stripes determine, with `std` in their units (rad, mm);
+    `gain` turn of the mirror per commanded turn, or rad a step where angles were not commanded;
+    `excess` of chi-square over that of the free planes, on `degrees` of freedom, and its
+    probability where the mirror is true; `difference_mm` RMS distance of the two kinds of planes
+    over the working volume and `expected_mm`, what it should be by their sigmas. `sentences` says
+    what cannot be told apart. `supported`: whether it goes into the scanner: where the stripes agree
+    with it, or where they do not, but its planes are farther from the truth by less than the free ones' own noise.
+    """
+
+    mirror: Mirror
+    angles: np.ndarray
+    fitted: tuple[str, ...]
+    std: dict[str, float]
+    gain: float
+    excess: float
+    degrees: int
+    probability: float
+    difference_mm: float
+    expected_mm: float
+    difference_of_step_mm: np.ndarray
+    sentences: tuple[str, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the stripes agree with one mirror: the test by chi-square alone."""
+        return self.probability > _LEAST
+
+    @property
+    def supported(self) -> bool:
+        return self.agrees or self.difference_mm < self.expected_mm
+
+    @property
+    def verdict(self) -> str:
+        """What is done with the mirror, and why."""
+        if self.agrees:
+            return "the stripes agree with one mirror; it is used"
+        if not self.supported:
+            return "the stripes contradict it; it is refused and the free planes are used"
+        return (
+            "the stripes contradict one perfect mirror, yet its planes differ from the free ones by less than those "
+            "err by themselves; it is used as the nearer to the truth, and its sigmas do not hold what it is off"
+        )
+
+
+def try_mirror(
+    free: Adjustment,
+    commanded: np.ndarray,
+    by_step: bool,
+    volume: tuple[float, float],
+    effects: Sequence[Effect],
+    progress: Callable[[str], None] = lambda text: None,
+) -> tuple[Adjustment, MirrorCheck]:
+    """The adjustment with a mirror instead of free planes, weighted alike, and how it compares.
+
+    commanded: (S,) rad, or numbers of the steps where by_step; at least `FEWEST`. effects: also those of the mirror.
+    """
+    known = _well_known(free, volume)
+    start, gain = start_mirror(free.sheets.planes[:, known], commanded[known], by_step)
+    said = _odd_gain(gain, by_step)
+    if said:  # what was commanded is no angle of the mirror: only its steps count
+        by_step, (start, gain) = True, start_mirror(free.sheets.planes[:, known], commanded[known], True)
+    angles = commanded * gain if by_step else commanded
+    sheets = fresh_start(free, start.planes(angles), start, angles)
+    names = (*_FIRST, "gain") if by_step else _FIRST
+    progress("one mirror for all planes")
+    made = solve_once(free.corners, sheets, effects, free.parameters, names)
+    names, tied = _determined(made, by_step)
+    if len(names) > len(made.free):
+        made = solve_once(free.corners, made.sheets, effects, made.parameters, names)
+    if by_step:
+        gain = gain * made.sheets.angles[-1] / angles[-1] if angles[-1] else gain
+    return made, _compared(free, made, gain, volume, (*said, *tied))
+
+
+def _well_known(free: Adjustment, volume) -> np.ndarray:
+    """(k,) steps whose planes are known nearly as well as most: at the sweep's ends few boards are in the light."""
+    planes = free.sheets.planes
+    points, step = field_points(free.camera, planes, *volume)
+    variance = plane_variance(planes, points, step, free.apart(volume).planes)
+    count = np.bincount(step, minlength=planes.shape[1])
+    with np.errstate(invalid="ignore"):
+        mean = np.bincount(step, variance, planes.shape[1]) / count
+    usual = np.nanmedian(mean)
+    known = np.flatnonzero(mean <= _AS_WELL**2 * usual)
+    return known if len(known) >= FEWEST else np.arange(planes.shape[1])
+
+
+def _determined(made: Adjustment, by_step):
+    """Names of the parameters that the data determine better than was known before, and sentences on the others."""
+    every = tuple(name for name in NAMES if by_step or name != "gain")
+    whole = solve_once(made.corners, made.sheets, made.effects, made.parameters, every)
+    _, tied = independent(whole.fit.normal, whole.fit.table, _STRICT * whole.fit.sigma_scale)
+    left_out = {key.removeprefix("mirror.") for key in tied if key.startswith("mirror.")} | {"face_zero"}
+    labels = {p.key: p.label for p in whole.fit.table.table}
+    said = [
+        f"{labels[f'mirror.{name}']} cannot be told from the others here: it is kept where it started"
+        for name in every if name in left_out
+    ]  # fmt: skip
+    kept = tuple(name for name in every if name in made.free or name not in left_out)
+    return kept, said
+
+
+def _odd_gain(gain, by_step):
+    if by_step or abs(gain - 1) < 0.05:
+        return []
+    also = ", as if mirror_deg were the angle of the light and not of the mirror" if abs(gain - 0.5) < 0.03 else ""
+    return [
+        f"the free planes turn by {2 * gain:.3g} of the commanded angle, expected 2{also}; correct mirror_deg; "
+        "here the mirror's turn per commanded turn was fitted instead"
+    ]
+
+
+def _compared(free, made, gain, volume, said):
+    more = len(made.fit.parameters.pack()) - len(free.fit.parameters.pack())  # the mirror's and its effects'
+    degrees = max(3 * free.sheets.planes.shape[1] - more, 1)
+    excess = max(made.chi2 - free.chi2, 0.0)
+    probability = float(fdtrc(degrees, free.fit.degrees, excess / degrees / free.fit.sigma_scale**2))
+    each, whole, expected = plane_differences(free, made, volume)
+    std = {name: free_std for name in made.free if (free_std := made.fit.std.get(f"mirror.{name}")) is not None}
+    return MirrorCheck(
+        made.sheets.mirror, made.sheets.angles, made.free, std, float(gain), float(excess), degrees, probability,
+        whole, expected, each, tuple(said),
+    )  # fmt: skip
+
+
+def plane_differences(free: Adjustment, made: Adjustment, volume: tuple[float, float]):
+    """RMS distance (mm) between the planes of two nested adjustments, a step (S,) and in all, and that expected.
+
+    One laid over the other, see `scanner_errors.laid_over`. The covariance of the difference is the
+    difference of the covariances (Hausman, Econometrica 46 (1978)).
+    """
+    planes = free.sheets.planes
+    points, step, distance, _ = laid_over(free.camera, planes, made.camera, made.sheets.planes, volume)
+    count = np.maximum(np.bincount(step, minlength=planes.shape[1]), 1)
+    each = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)
+    variance = plane_variance(planes, points, step, free.apart(volume).planes - made.apart(volume).planes)
+    return each, float(np.sqrt((distance**2).mean())), float(np.sqrt(max(variance.mean(), 0.0)))

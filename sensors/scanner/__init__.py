@@ -1,0 +1,1 @@
+"""The calibrated scanner: from stripe pixels to points, its calibration, its file."""

@@ -1,0 +1,165 @@
+"""The joint adjustment of a scanner: corners and stripes of all placements, camera, bow, poses and light planes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.camera.corners import Corners, camera_parameters, placements
+from sensors.camera.model import Camera
+from sensors.light.mirror import NAMES, MovedMirror
+from sensors.light.planes import in_tilts, moved, steps_family
+from sensors.light.sheets import Sheets
+from sensors.scanner.errors import Apart, apart_from_frame
+from workbench.core.bundle import BundleFit, solve_bundle
+from workbench.core.effect import Effect
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+
+_AGREES = 0.03  # by which a noise may differ from what it was taken for
+_ROUNDS = 3
+_WRONG = 5.0  # robust sigmas beyond which a residual of the whole adjustment is wrong
+ON_BOTH = ("pixel", "ray", "target", "noise")
+"""Ports of effects that corners know too; those of the others belong to the light."""
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """A joint fit: `corners` and `sheets` at its solution with the noise that was found, and the fit itself.
+
+    `free` patterns of the mirror's parameters that were fitted, () with free planes.
+    """
+
+    corners: Corners
+    sheets: Sheets
+    effects: tuple[Effect, ...]
+    fit: BundleFit
+    free: tuple[str, ...] = ()
+
+    @property
+    def camera(self) -> Camera:
+        return self.sheets.camera
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.fit.parameters
+
+    @property
+    def chi2(self) -> float:
+        """Weighted sum of squares, residuals over the noise found."""
+        return self.fit.history[-1]
+
+    def joint(self) -> np.ndarray:
+        """(P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts (rad) and offsets (mm)."""
+        table, own = self.fit.table, self.sheets.camera.values
+        rows = np.zeros((len(own) + 3 * self.sheets.planes.shape[1], len(table)))
+        for k, key in enumerate(camera_parameters(self.camera).keys):
+            if key in table.index:
+                rows[k, table.index[key]] = 1
+        rows[len(own) :] = self._plane_rows()
+        values, vectors = np.linalg.eigh(self.fit.covariance)
+        return rows @ (vectors * np.sqrt(np.maximum(values, 0)))
+
+    def apart(self, volume: tuple[float, float]) -> Apart:
+        """What is known of the planes in the frame that fits best, and of that frame."""
+        return apart_from_frame(self.camera, self.sheets.planes, volume, self.joint())
+
+    def _plane_rows(self):
+        sheets, table = self.sheets, self.fit.table
+        steps = sheets.planes.shape[1]
+        made = np.zeros((3 * steps, len(table)))
+        if sheets.mirror is None:
+            made[:, -3 * steps :] = np.eye(3 * steps)
+            return made
+        by_mirror = in_tilts(sheets.planes, MovedMirror(sheets.mirror, _unmoved()).rows(sheets.angles))
+        for k, name in enumerate(NAMES):
+            if (key := f"mirror.{name}") in table.index:
+                made[:, table.index[key]] = by_mirror[k].T.ravel()
+        return made
+
+
+def _unmoved():
+    change = np.zeros(len(NAMES))
+    change[NAMES.index("gain")] = 1
+    return change
+
+
+def models(corners: Corners, sheets: Sheets, effects: Sequence[Effect]) -> tuple[Model, Model]:
+    """The two models; effects of the light act on stripes alone."""
+    both = tuple(effect for effect in effects if effect.port in ON_BOTH)
+    return Model(corners, both), Model(sheets, tuple(effects))
+
+
+def shared(two: Sequence[Model], known: Parameters | None, free: Sequence[str]) -> Parameters:
+    """One table for both models, at the chains' start and the effects' `known` values; all free but the mirror's."""
+    every = {p.key: p for model in two for p in model.parameters.table}
+    table = Parameters.of(every.values())
+    for model in two:
+        table = table.take_over(model.parameters)
+    if known is not None:
+        effects = {key: known[key] for key in known.keys if key.count(".") > 1 and key in every}
+        table = table.update(effects)
+    table = table.free("*")
+    if any(key.startswith("mirror.") and key.count(".") == 1 for key in every):
+        table = table.fix(*(f"mirror.{name}" for name in NAMES if name not in free))
+    return table
+
+
+def solve_once(corners: Corners, sheets: Sheets, effects: Sequence[Effect], known: Parameters | None = None,
+               free: Sequence[str] = (), loss: str = "linear") -> Adjustment:  # fmt: skip
+    """One bundle from where the chains stand, with the noise that they state."""
+    two = models(corners, sheets, effects)
+    families = {"placement": placements(sheets.poses)}
+    if sheets.mirror is None:
+        families["step"] = steps_family(sheets.planes)
+    fit = solve_bundle(two, shared(two, known, free), families, loss=loss)
+    return at_solution(Adjustment(corners, sheets, tuple(effects), fit, tuple(free)))
+
+
+def at_solution(made: Adjustment) -> Adjustment:
+    """The chains moved to where the fit ended."""
+    fit, sheets = made.fit, made.sheets
+    camera = Camera.of(fit.parameters.values[: len(sheets.camera.values)], sheets.camera.size)
+    poses, mirror = fit.values["placement"], None
+    if sheets.mirror is None:
+        planes = moved(sheets.planes, fit.values["step"])
+    else:
+        change = MovedMirror(sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES]))
+        sheets = replace(sheets, angles=sheets.angles * change.gain)
+        mirror = change.mirror
+        planes = mirror.planes(sheets.angles)
+    corners = made.corners.moved(camera, poses)
+    return replace(made, corners=corners, sheets=sheets.moved(camera, poses, planes, mirror))
+
+
+def adjust(corners: Corners, sheets: Sheets, effects: Sequence[Effect], known: Parameters | None = None,
+           free: Sequence[str] = (), progress: Callable[[str], None] = lambda text: None) -> Adjustment:  # fmt: skip
+    """Robust first, then without what is wrong, until the noise of corners and of stripes is what it was taken for.
+
+    Variance components: each kind of measurement is weighted by its own residuals (Foerstner,
+    Z. Vermess. 104 (1979)).
+    """
+    made = solve_once(corners, sheets, effects, known, free, "huber")
+    corners, sheets = _without_wrong(made.corners, made.fit, 0), _without_wrong(made.sheets, made.fit, 1)
+    progress(f"{sheets.n} points of stripes and {corners.pixels.shape[1]} corners are kept")
+    scales = made.fit.scales
+    for _ in range(_ROUNDS):
+        corners = replace(corners, sigma=corners.sigma * scales[0])
+        sheets = replace(sheets, sigma=sheets.sigma * scales[1])
+        made = solve_once(corners, sheets, effects, made.parameters, free)
+        corners, sheets, scales = made.corners, made.sheets, made.fit.scales
+        if max(abs(scale - 1) for scale in scales) < _AGREES:
+            break
+    return made
+
+
+def _without_wrong(chain, fit: BundleFit, which: int):
+    white = np.sqrt(((fit.residual[which] / chain.sigma) ** 2).mean(0))
+    return chain.at(white <= _WRONG * max(fit.scales[which], 1e-12))
+
+
+def fresh_start(made: Adjustment, planes: np.ndarray | None = None, mirror=None, angles=None) -> Sheets:
+    """The stripes of an adjustment, started at its solution with other planes or with a mirror."""
+    sheets = made.sheets if angles is None else replace(made.sheets, angles=angles)
+    planes = sheets.planes if planes is None else planes
+    return sheets.moved(made.camera, sheets.poses, planes, mirror)

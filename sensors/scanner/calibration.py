@@ -1,0 +1,278 @@
+"""A scanner from pictures of a board, without and with the laser: camera, bow, poses, light planes and mirror."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sensors.light.board_stripes import BoardStripes, on_the_board, thinned, wrong_points
+from sensors.light.mirror_choice import FEWEST, MirrorCheck, try_mirror
+from sensors.light.planes import plane_through, plane_variance
+from sensors.light.sheets import Sheets
+from sensors.scanner.adjustment import Adjustment, adjust
+from sensors.scanner.check import LeftOut, leave_out, residuals
+from sensors.scanner.errors import Apart, field_points
+from sensors.scanner.model import Scanner
+from workbench.core.effect import Effect
+from workbench.core.errors import InputError
+
+if TYPE_CHECKING:
+    from sensors.boards.detection import Board, View
+    from sensors.camera.calibration import CameraCalibration
+
+Progress = Callable[[str], None]
+_FEWEST_POINTS = 20
+_FEWEST_PLACEMENTS = 2
+_NO_BOARD = "no board: no usable picture of the board at their placement"
+_OFF_BOARD = "off the board"
+_NO_PLANE = "their step's plane is not determined: fewer than two placements, or one line"
+_WRONG = "wrong: far from the course of their stripe or from its plane"
+_STILL = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
+_LINE = 0.02  # second over first spread of a step's points below which they lie on one line, and make no plane
+
+
+@dataclass(frozen=True)
+class ScannerCalibration:
+    """A scanner and what is known of it.
+
+    `start` the camera calibration from corners alone; `made` the adjustment in the result, `free`
+    that with free planes (the same where no mirror was fitted or supported); `stripes` all points on
+    the board that were used or judged, `residual_px`, `residual_mm` (n,) of them against the
+    result and `wrong` (n,) those left out; `rms_px`, `rms_mm` (S,) of each step's good points;
+    `sigma_plane_mm` (S,) RMS over the working volume of each plane's 1 sigma in the camera's frame,
+    most of which is that frame's own and moves nothing against anything else: `apart` says what is
+    left without it; `dropped` numbers of points, by
+    reason; `volume` nearest and farthest depth, mm; `sentences` what was dropped, what is not
+    determined and what was refused.
+    """
+
+    scanner: Scanner
+    start: "CameraCalibration"
+    made: Adjustment
+    free: Adjustment
+    mirror: MirrorCheck | None
+    left_out: LeftOut | None
+    placements: tuple[str, ...]
+    stripes: Sheets
+    residual_px: np.ndarray
+    residual_mm: np.ndarray
+    wrong: np.ndarray
+    rms_px: np.ndarray
+    rms_mm: np.ndarray
+    sigma_plane_mm: np.ndarray
+    apart: Apart
+    dropped: Mapping[str, int]
+    volume: tuple[float, float]
+    sentences: tuple[str, ...] = field(default_factory=tuple)
+
+    @property
+    def camera(self):
+        """The camera of the joint adjustment."""
+        return self.scanner.camera
+
+    @property
+    def poses(self) -> np.ndarray:
+        """(G, 6) T_camera_board of each of `placements`."""
+        return self.made.sheets.poses
+
+    @property
+    def std(self) -> dict[str, float]:
+        """1 sigma by key of every parameter of the adjustment."""
+        return self.made.fit.std
+
+    @property
+    def sigma_stripe_px(self) -> float:
+        """Noise of a stripe's centre as its residuals show it, root of the mean square."""
+        return float(np.sqrt((self.residual_px[~self.wrong] ** 2).mean()))
+
+    @property
+    def sigma_corner_px(self) -> float:
+        """Noise of one coordinate of a corner, as its residuals show it."""
+        return float(np.sqrt((self.made.fit.residual[0] ** 2).mean()))
+
+
+def calibrate_scanner(
+    views: Sequence["View"],
+    stripes: BoardStripes,
+    board: "Board",
+    size: tuple[int, int],
+    *,
+    camera: "CameraCalibration | None" = None,
+    model: str = "brown",
+    effects: Sequence[Effect] = (),
+    mirror: bool = True,
+    check: bool = True,
+    provenance: Mapping | None = None,
+    progress: Progress = lambda text: None,
+) -> ScannerCalibration:
+    """One adjustment of corners and stripes of all placements, each residual in pixels.
+
+    views: pictures of the board without laser; stripes: points of the laser's line on it, with the
+    placement and the mirror's step of each. camera: a calibration of these views, made here where not given.
+    effects: further ones of the sensor to be fitted (those of `camera` always are); those of the mirror
+    act only where the mirror is tried: free planes hold them already. mirror: try the
+    physical mirror where there are five steps or more. check: leave placements out.
+    InputError where no stripe is on a board, or no plane is determined.
+    """
+    if camera is None:
+        from sensors.camera.calibration import calibrate_camera
+
+        camera = calibrate_camera(views, board, size, model, progress=progress)
+    found = _prepared(camera, stripes, board)
+    every = (*camera.effects, *effects)
+    progress(f"light planes of {len(found.steps)} steps from {found.whole.n} points of stripes")
+    thin, _ = thinned(found.whole.at(~found.wrong))
+    still = tuple(effect for effect in every if effect.where != "mirror" and effect.port != "mirror")
+    free = adjust(camera.chain, thin, still, camera.parameters, progress=progress)
+    made, checked = free, None
+    if mirror and len(found.steps) >= FEWEST:
+        by_step = found.commanded is None or np.ptp(found.commanded) < _STILL
+        numbers = found.steps.astype(float) if by_step else found.commanded
+        tried, checked = try_mirror(free, numbers, by_step, found.volume, every, progress)
+        made = tried if checked.supported else free
+    left = leave_out(made, found.whole, progress) if check else None
+    return _result(camera, found, free, made, checked, left, provenance)
+
+
+def _result(camera, found, free, made, checked, left, provenance) -> ScannerCalibration:
+    last = replace(found.whole, angles=made.sheets.angles)
+    last = last.moved(made.camera, made.sheets.poses, made.sheets.planes, made.sheets.mirror)
+    pixels, millimetres = residuals(made, last)
+    good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
+    dropped = {**found.dropped, _WRONG: int((~good).sum())}
+    apart = made.apart(found.volume)
+    scanner = Scanner(
+        made.camera, found.steps, made.sheets.planes, made.sheets.mirror,
+        None if made.sheets.mirror is None else made.sheets.angles, _effects(made),
+        float(np.sqrt((pixels[good] ** 2).mean())), apart.planes, found.volume, last.scan[:, 0], dict(provenance or {}),
+        apart.frame,
+    )  # fmt: skip
+    said = (*_on_dropped(dropped), *camera.undetermined, *_on_mirror(checked), *_on_fit(made))
+    step = last.labels["step"]
+    return ScannerCalibration(
+        scanner, camera, made, free, checked, left, tuple(camera.placements), last, pixels, millimetres, ~good,
+        _rms(pixels, step, good, len(found.steps)), _rms(millimetres, step, good, len(found.steps)),
+        _sigma_planes(made, found.volume), apart, dropped, found.volume, said,
+    )  # fmt: skip
+
+
+def _rms(values, step, good, count):
+    """(S,) root of the mean square of the good ones of each step."""
+    number = np.maximum(np.bincount(step[good], minlength=count), 1)
+    return np.sqrt(np.bincount(step[good], values[good] ** 2, count) / number)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Stripe points on boards, sorted out: the chain at its start, its steps (S,) and their commanded angles."""
+
+    whole: Sheets
+    wrong: np.ndarray
+    steps: np.ndarray
+    commanded: np.ndarray | None
+    dropped: dict[str, int]
+
+    @property
+    def volume(self) -> tuple[float, float]:
+        """Depths (mm) between which all but 2 % of the points were seen."""
+        low, high = np.quantile(self.whole.at_start.hits[2], [0.01, 0.99])
+        return float(low), float(high)
+
+
+def _prepared(camera, stripes: BoardStripes, board) -> _Found:
+    """Points whose placement has a pose, that lie on the board, at steps whose plane they determine."""
+    dropped: dict[str, int] = {}
+    names = np.array(camera.placements)
+    kept = _less(stripes, np.isin(stripes.placement, names), dropped, _NO_BOARD)
+    order = np.argsort(names)
+    group = order[np.searchsorted(names[order], kept.placement)]
+    here = _chain(camera, kept, board, group).at_start
+    on = on_the_board(board, here.on_board) & (here.depth > 0)
+    kept, group, hits = _less(kept, on, dropped, _OFF_BOARD), group[on], here.hits[:, on]
+    _some(kept, "points of the laser's line on a board that was seen", dropped,
+          "see that placements of board and board-laser pictures agree")  # fmt: skip
+    steps, step = np.unique(kept.step, return_inverse=True)
+    planes, fine = _start_planes(hits, group, step, len(steps))
+    on = fine[step]
+    kept, group = _less(kept, on, dropped, _NO_PLANE), group[on]
+    _some(kept, f"a step seen at {_FEWEST_PLACEMENTS} placements with the board at different depths", dropped,
+          "move the board and take more pictures")  # fmt: skip
+    steps = steps[fine]
+    whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])
+    return _Found(whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped)
+
+
+def _some(kept, expected, dropped, remedy):
+    if not kept.n:
+        counts = ", ".join(f"{number} points: {why}" for why, number in dropped.items()) or "no point at all"
+        raise InputError(f"stripes on boards: expected {expected}, found none ({counts}); {remedy}")
+
+
+def _less(stripes, keep, dropped, why):
+    if (~keep).any():
+        dropped[why] = int((~keep).sum())
+    return stripes.at(keep)
+
+
+def _chain(camera, stripes, board, group, step=None, planes=None) -> Sheets:
+    """The stripe chain; without planes it only knows where rays meet boards."""
+    step = np.zeros(stripes.n, int) if step is None else step
+    planes = np.zeros((4, 1)) if planes is None else planes
+    return Sheets(
+        camera.camera, stripes.pixels, {"placement": group, "step": step}, camera.poses, planes, board.middle[:2],
+        board.half_diagonal, stripes.scan, stripes.sigma[None], covariates=stripes.covariates,
+    )  # fmt: skip
+
+
+def _start_planes(points, group, step, count):
+    """(4, S) planes through the points of each step, and (S,) whether they are determined."""
+    planes, fine = np.zeros((4, count)), np.zeros(count, bool)
+    order = np.argsort(step, kind="stable")
+    for k, mine in enumerate(np.split(order, np.cumsum(np.bincount(step, minlength=count))[:-1])):
+        if len(mine) < _FEWEST_POINTS or len(np.unique(group[mine])) < _FEWEST_PLACEMENTS:
+            continue
+        planes[:, k], spread = plane_through(points[:, mine])
+        fine[k] = spread[1] > _LINE * spread[0] and planes[3, k] != 0
+    return planes, fine
+
+
+def _effects(made: Adjustment):
+    """Effects that act on every scan, with their parameters; the board's own stay with the board."""
+    kept = []
+    for effect in made.effects:
+        if effect.port in ("target", "noise"):
+            continue
+        start = f"{effect.where}.{effect.effect}."
+        names = [p.key for p in effect.parameters(made.sheets)]
+        kept.append((effect, np.array([made.parameters[name] for name in names if name.startswith(start)])))
+    return tuple(kept)
+
+
+def _sigma_planes(made: Adjustment, volume) -> np.ndarray:
+    """(S,) mm in the camera's frame as it stands, RMS over the working volume."""
+    planes, joint = made.sheets.planes, made.joint()[len(made.camera.values) :]
+    points, step = field_points(made.camera, planes, *volume)
+    variance = plane_variance(planes, points, step, joint @ joint.T)
+    count = np.bincount(step, minlength=planes.shape[1])
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(np.bincount(step, variance, planes.shape[1]) / count)
+
+
+def _on_dropped(dropped):
+    return [f"{number} points of stripes were left out: {why}" for why, number in dropped.items() if number]
+
+
+def _on_mirror(check: MirrorCheck | None):
+    if check is None:
+        return []
+    first = (
+        f"one mirror with {len(check.fitted)} numbers instead of free planes: chi-square grows by {check.excess:.0f} "
+        f"on {check.degrees} degrees of freedom (probability {check.probability:.2g} for a true mirror), planes differ "
+        f"by {check.difference_mm:.5f} mm RMS, expected {check.expected_mm:.5f} mm; {check.verdict}"
+    )
+    return [first, *check.sentences]
+
+
+def _on_fit(made: Adjustment):
+    return [] if made.fit.converged else [made.fit.outcome]

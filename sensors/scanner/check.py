@@ -1,0 +1,124 @@
+"""A scanner judged by placements that its light planes were not made from."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.light.sheets import Sheets
+from sensors.scanner.adjustment import Adjustment, solve_once
+
+_FOLDS = 20
+_INLIER = 3.0  # robust sigmas
+_LEAST = 2  # placements that a free plane needs
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Stripes of placements whose stripes were left out: how far they lie from the planes that the others make.
+
+    `residual_px` (n,) along the scan line and `residual_mm` (n,) from the plane, nan where too few
+    placements were left for a plane; robust `rms` of the inliers, those within three robust sigmas,
+    and their share; `placement_rms_mm` (G,) of all points of each. The pose of a left-out placement
+    comes from its corners alone.
+    """
+
+    folds: int
+    residual_px: np.ndarray
+    residual_mm: np.ndarray
+    inlier: np.ndarray
+    placement_rms_mm: np.ndarray
+
+    @property
+    def share(self) -> float:
+        """Of inliers among all points that could be judged."""
+        judged = np.isfinite(self.residual_mm)
+        return float(self.inlier.sum() / max(judged.sum(), 1))
+
+    @property
+    def rms_mm(self) -> float:
+        """Of the inliers."""
+        return _rms(self.residual_mm[self.inlier])
+
+    @property
+    def rms_px(self) -> float:
+        """Of the inliers."""
+        return _rms(self.residual_px[self.inlier])
+
+    @property
+    def rms_all_mm(self) -> float:
+        """Of every point that could be judged, wrong ones too."""
+        return _rms(self.residual_mm[np.isfinite(self.residual_mm)])
+
+    @property
+    def sentence(self) -> str:
+        return (
+            f"stripes of placements left out, in {self.folds} folds: {self.rms_mm:.4f} mm from the light plane "
+            f"({self.rms_px:.3f} px along the scan line), {100 * self.share:.1f} % within three robust sigmas; "
+            f"{self.rms_all_mm:.4f} mm with all points"
+        )
+
+
+def _rms(values):
+    return float(np.sqrt((values**2).mean())) if values.size else float("nan")
+
+
+def leave_out(made: Adjustment, whole: Sheets, progress: Callable[[str], None] = lambda text: None) -> LeftOut | None:
+    """Each placement's stripes left out of the adjustment; in folds where there are more than twenty.
+
+    whole: all stripe points on the board, wrong ones too. None with fewer than three placements.
+    """
+    present = np.unique(made.sheets.labels["placement"])
+    folds = min(_FOLDS, len(present))
+    if len(present) < 3:
+        return None
+    pixels, millimetres = np.full(whole.n, np.nan), np.full(whole.n, np.nan)
+    for fold in range(folds):
+        progress(f"placements left out, {fold + 1} of {folds}")
+        out = np.isin(whole.labels["placement"], present[fold::folds])
+        pixels[out], millimetres[out] = _one(made, whole, present[fold::folds], out)
+    return _judged(folds, pixels, millimetres, whole)
+
+
+def _judged(folds, pixels, millimetres, whole):
+    judged = np.isfinite(millimetres)
+    size = np.abs(np.where(judged, millimetres, np.inf))
+    inlier = size <= _INLIER * 1.4826 * np.median(size[judged]) if judged.any() else judged
+    group = whole.labels["placement"][judged]
+    count = np.bincount(group, minlength=len(whole.poses))
+    squares = np.bincount(group, millimetres[judged] ** 2, len(whole.poses))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return LeftOut(folds, pixels, millimetres, inlier, np.sqrt(squares / count))
+
+
+def _one(made, whole, placements, out):
+    """Residuals in px and mm of the points `out` of some placements, against planes made without them."""
+    sheets = made.sheets
+    keep = ~np.isin(sheets.labels["placement"], placements)
+    left = solve_once(made.corners, sheets.at(keep), made.effects, made.parameters, made.free)
+    held = replace(whole.at(out), angles=left.sheets.angles)
+    held = held.moved(left.camera, left.sheets.poses, left.sheets.planes, left.sheets.mirror)
+    pixels, millimetres = residuals(left, held)
+    if sheets.mirror is None:
+        known = _placements_of(sheets.at(keep)) >= _LEAST
+        unknown = ~known[held.labels["step"]]
+        pixels[unknown] = millimetres[unknown] = np.nan
+    return pixels, millimetres
+
+
+def _placements_of(sheets: Sheets) -> np.ndarray:
+    """(S,) how many placements each step's plane is seen at."""
+    pairs = np.unique(np.stack([sheets.labels["step"], sheets.labels["placement"]]), axis=1)
+    return np.bincount(pairs[0], minlength=sheets.planes.shape[1])
+
+
+def residuals(made: Adjustment, sheets: Sheets) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) px along the scan line and (n,) mm from the plane, of stripe points at an adjustment's solution."""
+    from workbench.core.model import Model
+
+    model = Model(sheets, made.effects)
+    table = model.parameters.take_over(made.parameters)
+    own = sheets.parameters
+    table = table.update({key: own[key] for key in own.keys})
+    pixels = model.residual(table)[0]
+    return pixels, pixels * sheets.gain

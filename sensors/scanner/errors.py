@@ -1,0 +1,161 @@
+"""How a scanner's points move with its pixels, planes and camera, and what of that is only its frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.camera.model import Camera
+from sensors.light.planes import tilt_directions
+from sensors.state import stripe_direction
+from workbench.core.rigid import nearest_rotation
+
+_DEPTHS, _PLACES = 7, 15
+_FEWEST = 3  # points that a rigid motion needs
+_SOME = 3000  # points that stand for the working volume where all would take long
+
+
+def cut(flat: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(3, n) mm where rays through normalised points (2, n) meet planes (4, n) or (4, 1); nan behind the camera."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = -planes[3] / (planes[0] * flat[0] + planes[1] * flat[1] + planes[2])
+    depth = np.where(depth > 0, depth, np.nan)
+    return np.stack([flat[0] * depth, flat[1] * depth, depth])
+
+
+def by_flat(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(2, 3, n) mm per unit of the normalised point x/z, y/z: points (3, n) stay in their planes (4, n)."""
+    facing = (planes[:3] * points).sum(0)  # depth times n.r
+    made = np.zeros((2, *points.shape))
+    for axis in (0, 1):
+        made[axis, axis] = points[2]
+        made[axis] -= points * (planes[axis] * points[2] / facing)
+    return made
+
+
+def by_pixel(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(2, 3, n) mm per pixel."""
+    inverse = _inverse_slope(camera, points) / np.array([camera.fx, camera.fy])[:, None, None]
+    return np.einsum("cjn,jin->cin", inverse, by_flat(points, planes))
+
+
+def _inverse_slope(camera, points):
+    """(2, 2, n) [of the distorted, by component of the ideal] normalised point."""
+    _, slope, _ = camera.distort_rows(points[:2] / points[2])
+    determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
+    return np.stack([np.stack([slope[1, 1], -slope[0, 1]]), np.stack([-slope[1, 0], slope[0, 0]])]) / determinant
+
+
+def by_camera(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(P, 3, n) mm per unit of the camera's values, the pixel kept."""
+    bent, _, by_coefficient = camera.distort_rows(points[:2] / points[2])
+    rows = np.zeros((len(camera.values), 2, points.shape[1]))
+    rows[0, 0], rows[1, 1] = -bent[0] / camera.fx, -bent[1] / camera.fy
+    rows[2, 0], rows[3, 1] = -1 / camera.fx, -1 / camera.fy
+    rows[4:] = -by_coefficient
+    per_bent = np.einsum("cjn,jin->cin", _inverse_slope(camera, points), by_flat(points, planes))
+    return np.einsum("pcn,cin->pin", rows, per_bent)
+
+
+def by_plane(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(3, 3, n) mm per unit of the two tilts (rad) and the offset (mm) of each point's plane, along its ray."""
+    tilts = np.einsum("kin,in->kn", tilt_directions(planes), points)
+    shift = np.concatenate([tilts, np.ones((1, points.shape[1]))])
+    return -shift[:, None] * (points / (planes[:3] * points).sum(0))
+
+
+def field_points(camera: Camera, planes: np.ndarray, near: float, far: float) -> tuple[np.ndarray, np.ndarray]:
+    """(3, n) mm over the working volume and the column (n,) of `planes` (4, S) of each.
+
+    In every plane, at depths from `near` to `far`, places along the stripe that the picture shows.
+    """
+    depth, along = (a.ravel() for a in np.meshgrid(np.linspace(near, far, _DEPTHS), np.linspace(-0.5, 0.5, _PLACES)))
+    reach = np.hypot(*camera.size) / min(camera.fx, camera.fy)
+    across = (planes[:2] ** 2).sum(0)
+    nearest = -(np.outer(planes[2], depth) + planes[3][:, None]) / across[:, None] * planes[:2, :, None]
+    direction = stripe_direction(planes)[:2, :, None]
+    made = np.empty((3, planes.shape[1], len(depth)))
+    made[:2], made[2] = nearest + direction * (along * reach * depth), depth
+    step = np.repeat(np.arange(planes.shape[1]), len(depth))
+    points = made.reshape(3, -1)
+    pixels = camera.project(points)
+    size = np.array(camera.size)[:, None]
+    inside = ((pixels > 0) & (pixels < size - 1)).all(0) & (np.hypot(*points[:2]) < 0.6 * reach * points[2])
+    return points[:, inside], step[inside]
+
+
+def frame_moves(points: np.ndarray) -> np.ndarray:
+    """(6, 3, n) mm that points move by per unit of a shift (mm) and a turn (rad) of the frame."""
+    made = np.zeros((6, *points.shape))
+    made[[0, 1, 2], [0, 1, 2]] = 1
+    made[3:] = np.cross(np.eye(3)[:, :, None], points[None], axis=1)
+    return made
+
+
+def plane_moves(planes: np.ndarray) -> np.ndarray:
+    """(6, 3, S) change of tilts and offset of planes (4, S) per unit of a shift (mm) and a turn (rad) of the frame.
+
+    A plane n.X + b = 0 moved by X -> X + t + w x X has n + w x n and b - n.t.
+    """
+    made = np.zeros((6, 3, planes.shape[1]))
+    tilt = np.cross(np.eye(3)[:, :, None], planes[:3][None], axis=1)
+    made[3:, :2] = np.einsum("kis,pis->pks", tilt_directions(planes), tilt)
+    made[:3, 2] = -planes[:3]
+    return made
+
+
+@dataclass(frozen=True)
+class Apart:
+    """What is known of light planes when the scanner's frame may be laid where it fits best.
+
+    `planes` (3 S, 3 S) covariance of their tilts (rad) and offsets (mm) in that frame; `frame` (6, 6)
+    of the frame itself, mm and rad; `point_mm` what points of the working volume are off by then,
+    1 sigma, root of the mean square of the 3-D distance: camera and planes together, without noise.
+    """
+
+    planes: np.ndarray
+    frame: np.ndarray
+    point_mm: float
+
+
+def apart_from_frame(camera: Camera, planes: np.ndarray, volume: tuple[float, float], joint: np.ndarray) -> Apart:
+    """Part what a calibration leaves uncertain into a rigid motion of everything, and the rest.
+
+    joint: (P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts and
+    offsets. A principal point that is off turns the whole camera frame with all planes in it, which
+    no measurement with the scanner notices and a hand-eye calibration takes up. That rigid part is
+    the one that fits the moves of points over the working volume best.
+    """
+    points, step = field_points(camera, planes, *volume)
+    some = slice(None, None, -(-len(step) // _SOME))
+    points, step = points[:, some], step[some]
+    own, count = planes[:, step], len(camera.values)
+    moves = np.einsum("pin,pd->ind", by_camera(camera, points, own), joint[:count], optimize=True)
+    by_own = joint[count:].reshape(planes.shape[1], 3, -1)
+    for k, rows in enumerate(by_plane(points, own)):
+        moves += rows[:, :, None] * by_own[step, k]
+    frame = frame_moves(points)
+    normal = np.einsum("ain,bin->ab", frame, frame, optimize=True)
+    laid = -np.linalg.solve(normal, np.tensordot(frame, moves, ((1, 2), (0, 1))))
+    moves += np.tensordot(frame, laid, (0, 0))
+    left = joint[count:] + plane_moves(planes).transpose(2, 1, 0).reshape(-1, 6) @ laid
+    return Apart(left @ left.T, laid @ laid.T, float(np.sqrt((moves**2).sum() / len(step))))
+
+
+def laid_over(camera: Camera, planes: np.ndarray, other_camera: Camera, other: np.ndarray, volume: tuple[float, float]):
+    """Another calibration's planes (4, S) laid over these by the rigid motion that fits their points best.
+
+    Gives points (3, n) of these planes, their column (n,), their distances (n,) from the other's
+    planes and (3, n) from the points that the other finds at the same pixels, mm; nan where it finds none.
+    Where it finds next to none, nothing is moved.
+    """
+    points, step = field_points(camera, planes, *volume)
+    found = cut(other_camera.normalised(camera.project(points)), other[:, step])
+    met = np.isfinite(found).all(0)
+    if met.sum() < _FEWEST or not np.isfinite(other).all():
+        return points, step, (other[:3, step] * points).sum(0) + other[3, step], found - points
+    middle, there = points[:, met].mean(1, keepdims=True), found[:, met].mean(1, keepdims=True)
+    turn = nearest_rotation((points[:, met] - middle) @ (found[:, met] - there).T)
+    normals = turn @ other[:3]
+    offsets = other[3] + (other[:3] * there).sum(0) - (normals * middle).sum(0)
+    error = turn @ (found - there) + middle - points
+    return points, step, (normals[:, step] * points).sum(0) + offsets[step], error

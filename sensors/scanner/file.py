@@ -1,0 +1,245 @@
+"""The file scanner.toml: all that a calibrated scanner is, read back to the bit; a sentence for what is wrong."""
+
+import base64
+import binascii
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from sensors.camera.model import camera_from_keys, camera_keys
+from sensors.effects import CATALOGUE
+from sensors.light.mirror import Mirror
+from sensors.scanner.model import Scanner
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+
+FORMAT = "scanner/1"
+# what a unit vector, or a mirror's planes beside those written, may be off by: rounding, not care
+_UNIT, _SAME = 1e-9, 1e-6
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Plane = Annotated[list[Finite], Field(min_length=4, max_length=4)]
+Pair = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _Mirror(_Section):
+    axis: Vector
+    point_mm: Vector
+    face: Vector
+    offset_mm: Finite
+    beam: Plane
+    angles_rad: list[Finite]
+
+
+class _Effect(_Section):
+    effect: str
+    where: str
+    options: dict[str, Any] = {}
+    parameters: dict[str, Finite] = {}
+
+
+class _Light(_Section):
+    steps: Annotated[list[int], Field(min_length=1)]
+    planes: list[Plane]
+    scan: Pair
+    sigma_px: Annotated[Finite, Field(gt=0)]
+    volume_mm: Pair | None = None
+    sigma_tilt_rad: list[Pair] | None = None
+    sigma_offset_mm: list[Finite] | None = None
+    covariance: str | None = None
+    frame_covariance: Annotated[list[Annotated[list[Finite], Field(min_length=6, max_length=6)]],
+                                Field(min_length=6, max_length=6)] | None = None  # fmt: skip
+
+
+class _File(_Section):
+    format: str
+    camera: dict[str, Any]
+    light: _Light
+    mirror: _Mirror | None = None
+    effect: list[_Effect] = []
+    provenance: dict[str, Any] = {}
+
+
+def write_scanner(scanner: Scanner, path: Path) -> None:
+    """Write scanner.toml at once or not at all. Raises InputError where the folder cannot be written to."""
+    path = Path(path)
+    partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
+    try:
+        partial.write_text(scanner_text(scanner), encoding="utf-8")
+        partial.replace(path)
+    except OSError as problem:
+        partial.unlink(missing_ok=True)
+        raise InputError(f"{path}: expected a place to write the scanner to, found {problem.strerror}; "
+                         "choose another folder") from None
+
+
+def scanner_text(scanner: Scanner) -> str:
+    """The text of scanner.toml."""
+    keys: dict[str, Any] = {"format": FORMAT, "camera": camera_keys(scanner.camera), "light": _light_keys(scanner)}
+    if scanner.mirror is not None:
+        mirror = scanner.mirror
+        keys["mirror"] = {
+            "axis": _list(mirror.axis), "point_mm": _list(mirror.point), "face": _list(mirror.face),
+            "offset_mm": float(mirror.offset), "beam": _list(mirror.beam), "angles_rad": _list(scanner.angles),
+        }  # fmt: skip
+    if scanner.effects:
+        keys["effect"] = [_effect_keys(scanner, effect, values) for effect, values in scanner.effects]
+    if scanner.provenance:
+        keys["provenance"] = {name: value for name, value in scanner.provenance.items() if value is not None}
+    return tomli_w.dumps(keys)
+
+
+def _list(values):
+    return np.asarray(values, float).tolist()
+
+
+def _light_keys(scanner):
+    keys = {"steps": [int(step) for step in scanner.steps], "planes": _list(scanner.planes.T),
+            "scan": _list(scanner.scan), "sigma_px": float(scanner.sigma_px)}  # fmt: skip
+    if scanner.volume is not None:
+        keys["volume_mm"] = _list(scanner.volume)
+    if scanner.covariance is not None:
+        std = np.sqrt(np.maximum(np.diag(scanner.covariance), 0)).reshape(-1, 3)
+        keys |= {"sigma_tilt_rad": _list(std[:, :2]), "sigma_offset_mm": _list(std[:, 2])}
+        keys["covariance"] = base64.b64encode(np.asarray(scanner.covariance, "<f8").tobytes()).decode("ascii")
+    if scanner.frame is not None:
+        keys["frame_covariance"] = _list(scanner.frame)  # shift mm, turn rad
+    return keys
+
+
+def _effect_keys(scanner, effect, values):
+    names = [p.key.rpartition(".")[2] for p in effect.table(scanner)]
+    options = {name: _plain(value) for name, value in effect.options.items() if value is not None}
+    keys = {"effect": effect.effect, "where": effect.where, "parameters": dict(zip(names, _list(values)))}
+    return keys | ({"options": options} if options else {})
+
+
+def _plain(value):
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def read_scanner(path: Path) -> Scanner:
+    """The scanner of scanner.toml; InputError with one sentence where the file is not there or cannot be right."""
+    path = Path(path)
+    try:
+        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise _wrong(path, "UTF-8 text", "other bytes", "calibrate the scanner again") from None
+    except OSError as problem:
+        raise _wrong(path, "a readable file", problem.strerror, "check the path") from None
+    except tomllib.TOMLDecodeError as problem:
+        raise _wrong(path, "TOML", f"a mistake ({problem})", "correct it there") from None
+    return scanner_of(keys, str(path))
+
+
+def scanner_of(keys: Mapping, where: str) -> Scanner:
+    """The scanner of scanner.toml's keys."""
+    if keys.get("format") != FORMAT:
+        raise _wrong(f"{where}, key format", f'"{FORMAT}"', repr(keys.get("format")), "calibrate the scanner again")
+    try:
+        file = _File.model_validate(dict(keys))
+    except ValidationError as problem:
+        error = problem.errors()[0]
+        key = f"{where}, key {'.'.join(map(str, error['loc']))}"
+        found = "none" if error["type"] == "missing" else _short(error["input"])
+        expected = error["msg"].removeprefix("Input should be ")
+        raise _wrong(key, expected, found, "correct it or calibrate again") from None
+    planes, steps = _checked_light(file, where)
+    camera = camera_from_keys(file.camera, f"{where}, [camera]")
+    mirror = _mirror(file, planes, where)
+    angles = None if mirror is None else np.array(file.mirror.angles_rad)
+    light = file.light
+    volume = None if light.volume_mm is None else tuple(light.volume_mm)
+    bare = Scanner(camera, steps, planes, mirror, angles, (), light.sigma_px, _covariance(light, where), volume,
+                   np.array(light.scan), file.provenance, _frame(light, where))  # fmt: skip
+    effects = tuple(_effect(row, bare, where) for row in file.effect)
+    return replace(bare, effects=effects)
+
+
+def _wrong(what, expected, found, remedy) -> InputError:
+    return InputError(f"{what}: expected {expected}, found {found}; {remedy}")
+
+
+def _short(value):
+    text = repr(value)
+    return text if len(text) < 60 else f"{text[:57]}..."
+
+
+def _checked_light(file, where):
+    light = file.light
+    planes, steps = np.array(light.planes, float).reshape(-1, 4).T, np.array(light.steps)
+    if planes.shape[1] != len(steps):
+        raise _wrong(f"{where}, key light.planes", f"{len(steps)}, one a step", f"{planes.shape[1]}", "correct it")
+    if len(np.unique(steps)) < len(steps):
+        raise _wrong(f"{where}, key light.steps", "every step once", "one twice", "correct it")
+    if (odd := np.flatnonzero(np.abs(np.linalg.norm(planes[:3], axis=0) - 1) > _UNIT)).size:
+        raise _wrong(f"{where}, key light.planes.{odd[0]}", "a unit normal and an offset in mm",
+                     _short(light.planes[odd[0]]), "correct it")  # fmt: skip
+    if abs(np.hypot(*light.scan) - 1) > _UNIT:
+        raise _wrong(f"{where}, key light.scan", "a unit vector", f"{light.scan}", "correct it")
+    return planes, steps
+
+
+def _mirror(file, planes, where):
+    if file.mirror is None:
+        return None
+    keys = file.mirror
+    if len(keys.angles_rad) != planes.shape[1]:
+        raise _wrong(f"{where}, key mirror.angles_rad", f"{planes.shape[1]}, one a step",
+                     f"{len(keys.angles_rad)}", "correct it")  # fmt: skip
+    vectors = (np.array(values) for values in (keys.axis, keys.point_mm, keys.face))
+    mirror = Mirror(*vectors, keys.offset_mm, np.array(keys.beam))
+    made = mirror.planes(np.array(keys.angles_rad))
+    made = made * np.sign((made[:3] * planes[:3]).sum(0))
+    if not np.abs(made - planes).max() < _SAME * max(1.0, np.abs(planes[3]).max()):
+        raise _wrong(f"{where}, [mirror]", "the planes that light.planes holds", "others", "calibrate again")
+    return mirror
+
+
+def _covariance(light, where):
+    if light.covariance is None:
+        return None
+    size = 3 * len(light.steps)
+    try:
+        values = np.frombuffer(base64.b64decode(light.covariance, validate=True), "<f8").astype(float)
+    except (binascii.Error, ValueError):
+        values = np.empty(0)
+    if values.size != size**2 or not np.isfinite(values).all():
+        raise _wrong(f"{where}, key light.covariance", f"{size} x {size} numbers, base64 of little-endian doubles",
+                     f"{values.size} of them", "remove the key or calibrate again")  # fmt: skip
+    return values.reshape(size, size)
+
+
+def _frame(light, where):
+    if light.frame_covariance is None:
+        return None
+    values = np.array(light.frame_covariance)
+    std = np.sqrt(np.maximum(np.diag(values), 0))
+    scaled = values / np.outer(std, std) if (std > 0).all() else np.full((6, 6), np.inf)
+    if not (np.isfinite(scaled).all() and np.allclose(scaled, scaled.T) and np.linalg.eigvalsh(scaled)[0] > -_SAME):
+        raise _wrong(f"{where}, key light.frame_covariance", "a covariance of six numbers, symmetric and positive",
+                     "another matrix", "remove the key or calibrate again")  # fmt: skip
+    return values
+
+
+def _effect(row, scanner, where):
+    try:
+        effect = make_effects(CATALOGUE, [(row.effect, row.where, row.options)])[0]
+    except InputError as problem:
+        raise InputError(f"{where}, [[effect]]: {problem}") from None
+    names = [p.key.rpartition(".")[2] for p in effect.table(scanner)]
+    if set(names) != set(row.parameters):
+        raise _wrong(f"{where}, effect {row.effect}, key parameters", ", ".join(names),
+                     ", ".join(row.parameters) or "none", "correct it")  # fmt: skip
+    return effect, np.array([row.parameters[name] for name in names])

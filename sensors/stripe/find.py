@@ -1,0 +1,232 @@
+"""The laser line in pictures: its centre in every row or column, to a fraction of a pixel, whole stacks at a time.
+
+Two modes. "gauss" fits every row by itself, at the Cramer-Rao bound (`stripe_profile`). "ridge"
+looks for a ridge in pictures smoothed along the line (`stripe_ridge`): for noisy ones, at a price
+in resolution along the line that the result states.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import cv2
+import numpy as np
+
+from sensors.stripe.clipping import clip_level
+from sensors.stripe.fit import Fits, Setting
+from sensors.stripe.flags import ALONE, NAMES, WEAK, flags, follow, noise_scale, others, usual_misfit
+from sensors.stripe.noise import exposure_scale, pixel_noise
+from sensors.stripe.pilot import SAMPLE, Search, first_look
+from sensors.stripe.profile import Noise, speckle_floor
+from sensors.stripe.rows import Rows
+from sensors.stripe.surface import uneven_pull
+from workbench.core.errors import InputError
+
+BLOCK = 8
+"""Pictures that are worked on at a time, so that they stay in the processor's cache."""
+SOME = 20_000
+"""Rows whose fits tell how noisy all are: chi-square to half a percent."""
+NARROWEST_PICTURE = 12
+
+
+@dataclass(frozen=True)
+class Stripes:
+    """n centres of the laser line, ordered by picture and then by row or column.
+
+    frame (n,): picture; line (n,): row (or column) searched; centre (n,) px along it; sigma (n,) px,
+    1 sigma; width (n,) px, Gaussian sigma of the line, the pixel's own width in it; peak and background (n,) grey
+    values, the peak above the background; saturated (n,): clipped pixels were left out of the fit;
+    flag (n,): sum of `stripe_flags.NAMES`, 0 where nothing speaks against it; others (n,): further
+    peaks in the row; pixels (2, n) px, x right and y down; `dropped`: how many were
+    left out, by flag; `noise`: grey values, of one pixel; `along`, `mode`; `resolution_rows`: full
+    width at half maximum of the smoothing along the line, 1 where every row stands by itself.
+    """
+
+    frame: np.ndarray
+    line: np.ndarray
+    centre: np.ndarray
+    sigma: np.ndarray
+    width: np.ndarray
+    peak: np.ndarray
+    background: np.ndarray
+    saturated: np.ndarray
+    flag: np.ndarray
+    others: np.ndarray
+    dropped: dict[str, int]
+    noise: Noise
+    along: str = "rows"
+    mode: str = "gauss"
+    resolution_rows: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """(2, n) px."""
+        return np.stack([self.centre, self.line] if self.along == "rows" else [self.line, self.centre]).astype(float)
+
+    def select(self, keep: np.ndarray) -> "Stripes":
+        """Those where `keep` (n,) bool says so."""
+        if keep.all():
+            return self
+        arrays = {f.name: getattr(self, f.name)[keep] for f in fields(self)[:10]}
+        return replace(self, **arrays)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A checked stack with what belongs to it; pictures are turned where the line runs along the rows."""
+
+    stack: np.ndarray
+    background: np.ndarray | None
+    region: np.ndarray | None
+    turned: bool
+    saturation: float
+
+    @property
+    def height(self) -> int:
+        return self.stack.shape[2 if self.turned else 1]
+
+    def rows(self, frames: slice, step: int = 1) -> tuple[Rows, np.ndarray]:
+        """Every `step`-th row of some pictures, and the picture (n, width) in which the line is searched."""
+        pixels, under = self._cut(self.stack[frames], step), None
+        scale = None
+        if self.background is not None:
+            under = self._cut(self.background[frames] if len(self.background) > 1 else self.background, step)
+            scale = exposures(pixels, under)
+        region = None if self.region is None else self._cut(self.region[None], step)[0]
+        height = pixels.shape[1]
+        flat = None if under is None else under.reshape(-1, under.shape[2])
+        rows = Rows(pixels.reshape(-1, pixels.shape[2]), height, flat, scale, region)
+        return rows, rows.searched()
+
+    def _cut(self, pictures, step):
+        if not self.turned:
+            return np.ascontiguousarray(pictures[:, step // 2 :: step])
+        kind = np.uint8 if pictures.dtype == bool else pictures.dtype
+        made = np.empty((len(pictures), -(-(pictures.shape[2] - step // 2) // step), pictures.shape[1]), kind)
+        for picture, into in zip(pictures, made):
+            part = picture[:, step // 2 :: step]
+            cv2.transpose(np.ascontiguousarray(part).view(kind), dst=into)
+        return made.view(pictures.dtype)
+
+
+def find_stripes(stack: np.ndarray, along: str = "rows", mode: str = "gauss", background: np.ndarray | None = None,
+                 region: np.ndarray | None = None, *, saturation: float | None = None, speckle: float = 0.0,
+                 grain: float | None = None, smoothing: float = 3.0, flagged: bool = False) -> Stripes:  # fmt: skip
+    """The laser line's centre in every row ("rows", the line runs down) or column ("columns") of pictures.
+
+    stack (F, H, W): uint8, uint16 or float. background (H, W) or (F, H, W): the same scene without
+    laser, subtracted at a fitted exposure. region (H, W) bool: where to search. saturation: grey
+    value from which a pixel counts as clipped (`clipping.Counts.full` of all pictures of the camera);
+    None: the end of the 8, 10, 12, 14 or 16 bits that these fill. Values that pile up below it are clipped too.
+    speckle: contrast of a multiplicative noise whose floor is added to sigma, grain its size in px
+    (`stripe_profile.speckle_floor`). smoothing: rows, 1 sigma, of the mode "ridge". flagged: hand out doubtful peaks
+    too, with their flags; else they are only counted in `dropped`.
+
+    Noise is estimated from the pictures: read noise and photon noise, independent in every pixel.
+    Taken for granted, and not in sigma: light around the line that slopes by s grey values a pixel
+    pulls a centre by 2.8 s width^2 / peak (give a background); a reflection nearer than two widths
+    shows only as a wider line.
+    InputError where the stack or what comes with it is not usable.
+    """
+    task = _task(stack, along, background, region, saturation)
+    if mode not in ("gauss", "ridge"):
+        raise InputError(f"find_stripes: expected mode gauss or ridge, found {mode}; name one of them")
+    if mode == "ridge":
+        from sensors.stripe.ridge import ridge_parts
+
+        parts, noise, resolution = ridge_parts(task, smoothing)
+    else:
+        parts, noise, resolution = *_gauss_parts(task), 1.0
+    made = _gathered(parts, noise, task, mode, resolution)
+    if speckle:
+        made = replace(made, sigma=np.hypot(made.sigma, speckle_floor(made.width, speckle, grain)))
+    return made if flagged else made.select(made.flag == 0)
+
+
+def _gauss_parts(task: Task):
+    count = len(task.stack)
+    step = max(1, task.height * count // SAMPLE)
+    setting, search = first_look(*task.rows(slice(0, count), step), task.saturation)
+    starts = range(0, count, BLOCK)
+    parts = [(first, *_block(*task.rows(slice(first, first + BLOCK)), setting, search)) for first in starts]
+    apart = max(1, sum(len(fits.row) for _, fits, *_ in parts) // SOME)
+    some = _joined([fits.take(slice(None, None, apart)) for _, fits, *_ in parts])
+    misfit, scale = usual_misfit(some), noise_scale(some, setting)
+    noise, made = replace(setting.noise, read=setting.noise.read * scale), []
+    for first, fits, count, pull, rows in parts:
+        fits.sigma = fits.sigma * scale
+        flag = flags(fits, count > 0, rows, task.height, setting, misfit, pull)
+        fits.sigma = np.hypot(fits.sigma, pull) if pull.any() else fits.sigma
+        made.append((first, fits, flag, count))
+    return made, noise
+
+
+def _block(rows: Rows, image: np.ndarray, setting: Setting, search: Search):
+    """Fits of the main peak of every row of a block, further peaks, the surface's pull (n,), and the number of rows."""
+    found = search.brightest(image)
+    fits = search.fits(found, rows, setting)
+    count, place, second = others(found, rows, fits, setting, search)
+    follow(fits, place, second, len(image), rows.height)
+    return fits, count, uneven_pull(rows, fits, setting.noise.read), len(image)
+
+
+def _joined(parts: list[Fits]) -> Fits:
+    return Fits(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Fits)))
+
+
+def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> Stripes:
+    fits = _joined([part[1] for part in parts])
+    frame = np.concatenate([first + part.row // task.height for first, part, *_ in parts])
+    flag, count = (np.concatenate([part[k] for part in parts]) for k in (2, 3))
+    sound = ~((flag & WEAK > 0) & (flag & ALONE > 0))
+    dropped = {name: int((flag[sound] & bit > 0).sum()) for bit, name in NAMES.items()}
+    made = Stripes(frame, fits.row % task.height, fits.centre, fits.sigma, fits.width, fits.peak, fits.background,
+                   fits.saturated, flag, count, dropped, noise, "columns" if task.turned else "rows", mode,
+                   resolution)  # fmt: skip
+    return made.select(sound)
+
+
+def exposures(pixels: np.ndarray, under: np.ndarray) -> np.ndarray:
+    """(F,) how much brighter pictures (F, h, w) are exposed than their backgrounds (F or 1, h, w)."""
+    noise = pixel_noise(pixels[0, :: max(1, pixels[0].size // 24_000)])
+    scale = [exposure_scale(picture, under[k % len(under)], noise) for k, picture in enumerate(pixels)]
+    return np.array(scale, np.float32)
+
+
+def _task(stack, along, background, region, saturation) -> Task:
+    if along not in ("rows", "columns"):
+        raise InputError(f"find_stripes: expected along rows or columns, found {along}; name one of them")
+    stack = _pictures(stack, "stack", 3)
+    if background is not None:
+        background = _pictures(background, "background", np.ndim(background))
+        background = background[None] if background.ndim == 2 else background
+        fits = background.shape[1:] == stack.shape[1:] and len(background) in (1, len(stack))
+        if not fits or background.dtype != stack.dtype:
+            raise InputError(f"background: expected {stack.dtype} pictures of the stack's shape {stack.shape}, found "
+                             f"{background.dtype} {background.shape}; read it as the stack was read")  # fmt: skip
+    if region is not None:
+        region = np.asarray(region)
+        if region.dtype != bool or region.shape != stack.shape[1:]:
+            raise InputError(f"region: expected a bool mask of shape {stack.shape[1:]}, found {region.dtype} "
+                             f"{region.shape}; draw it on one of the pictures")  # fmt: skip
+    turned = along == "columns"
+    return Task(stack, background, region, turned, clip_level(stack, saturation, 1 if turned else 2))
+
+
+def _pictures(stack, called: str, axes: int) -> np.ndarray:
+    """uint8, uint16 or float32, finite, large enough; InputError else."""
+    stack = np.asarray(stack)
+    if stack.ndim != axes or axes not in (2, 3) or min(stack.shape, default=0) == 0:
+        raise InputError(f"{called}: expected pictures (F, H, W), found shape {stack.shape}; convert colour to grey, "
+                         "stack single pictures")  # fmt: skip
+    if min(stack.shape[-2:]) < NARROWEST_PICTURE:
+        raise InputError(f"{called}: expected pictures of at least {NARROWEST_PICTURE} px, found {stack.shape[-2:]}; "
+                         "check the crop")  # fmt: skip
+    if stack.dtype not in (np.uint8, np.uint16):
+        if stack.dtype.kind not in "iuf":
+            raise InputError(f"{called}: expected uint8, uint16 or float pictures, found {stack.dtype}; convert them")
+        stack = stack.astype(np.float32)
+        if not np.isfinite(stack).all():
+            raise InputError(f"{called}: expected finite grey values, found nan or infinity; fill them first")
+    return stack

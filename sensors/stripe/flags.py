@@ -1,0 +1,190 @@
+"""Which fitted peaks are not to be trusted: other peaks in the row, no neighbours, too weak, cut, of a wrong shape."""
+
+import numpy as np
+
+from sensors.stripe.fit import Fits, Setting, fit_rows, smooth_log_width
+from sensors.stripe.pilot import Search
+from sensors.stripe.profile import bank, width_bin
+from sensors.stripe.rows import Brightest, Rows, _cut, floor, row_max, without_spikes
+from sensors.stripe.surface import NEGLIGIBLE
+
+DOUBLE, EDGE, WEAK, SHAPE, ALONE, UNEVEN = 1, 2, 4, 8, 16, 32
+NAMES = {DOUBLE: "double", EDGE: "edge", WEAK: "weak", SHAPE: "shape", ALONE: "alone", UNEVEN: "uneven"}
+STRONG = 7.0
+"""Matched filter over its sigma below which a peak is weak: below it noise next to the peak pulls it off too often."""
+SECOND = 0.25
+"""Part of the main peak's height from which a second one in its row is counted."""
+STEEPEST = 1.5
+"""px a row that a line may run; a steeper one is to be searched along the other axis."""
+SHORTEST = 12
+"""Rows of the shortest piece of a line that is told from a glint."""
+_WIDTH_CHANGE = 0.2
+"""ln: how much wider or narrower than in the rows around a line may be."""
+
+
+def others(found: Brightest, rows: Rows, fits: Fits, setting: Setting, search: Search):
+    """Peaks beside the main one: how many (n,), and the strongest as `Fits` with its place (m,) among `fits`.
+
+    Where the brightest peak is no line, by its width, and another one is, `fits` gets that one.
+    """
+    count = np.zeros(len(fits.row), np.int16)
+    limit = _limit(found, fits, setting, search)
+    place = np.flatnonzero(_suspicious(found, fits, limit, setting))
+    if not len(place):
+        return count, place, fits.take(place)
+    image = found.image[fits.row[place]].copy()
+    reach = (3 * fits.width[place] + 2)[:, None]
+    image[np.abs(np.arange(image.shape[1]) - fits.centre[place, None]) <= reach] = floor(image)
+    column = image.argmax(1)
+    if search.width is None:
+        column = without_spikes(image, np.arange(len(image)), column, setting.noise.read)
+    column = np.minimum(column, rows.width - 1)
+    second = _fit_in_order(rows, fits.row[place], column, setting)
+    keep = (second.strength > STRONG) & _plausible(second, setting)
+    spike = keep & ~_plausible(fits.take(place), setting)
+    fits.put(place[spike], second.take(spike))
+    keep &= ~spike & (second.peak > 0.8 * SECOND * fits.peak[place])
+    count[place[keep]] = runs(image[keep] > limit[place[keep], None], setting.width)
+    return count, place[keep], second.take(keep)
+
+
+def _plausible(fits: Fits, setting: Setting) -> np.ndarray:
+    """(n,) whether a peak is about as wide as the line: a hot pixel is not."""
+    return np.abs(np.log(fits.width / setting.width)) < 0.8 + 3 * fits.wide
+
+
+def _limit(found, fits, setting, search):
+    """(n,) value in the searched picture above which a pixel belongs to some other peak."""
+    if search.width is not None:
+        return np.maximum(SECOND * found.value[fits.row], 6 * search.noise)
+    noise = np.sqrt(setting.noise.variance(fits.background))
+    return fits.background + np.maximum(SECOND * fits.peak, 6 * noise)
+
+
+def _suspicious(found: Brightest, fits: Fits, limit, setting):
+    """(n,) whether a pixel beside the main peak is above `limit`: pieces of the row, then what is next to the peak."""
+    length, width = found.piece, found.image.shape[1]
+    half = int(3 * np.minimum(fits.width, 2 * setting.width).max(initial=0)) + 3
+    middle = np.rint(fits.centre).astype(np.intp)
+    pieces, every = found.pieces.take(fits.row, 0), np.arange(len(fits.row)) * found.pieces.shape[1]
+    first, last = ((middle + side) // length for side in (-half, half))
+    for own in range(int((last - first).max(initial=0)) + 1):
+        pieces.reshape(-1)[every + np.clip(np.minimum(first + own, last), 0, pieces.shape[1] - 1)] = floor(pieces)
+    made = row_max(pieces) > limit
+    start, size = middle - half - length, 2 * (half + length) + 1
+    inner = (start >= 0) & (start + size <= width)
+    made |= ~inner
+    place = slice(None) if inner.all() else np.flatnonzero(inner)
+    around = _cut(found.image, fits.row[place] * width + start[place], size)
+    for side in (slice(0, length), slice(size - length, size)):
+        made[place] |= row_max(around[:, side]) > limit[place]
+    return made
+
+
+def _fit_in_order(rows, row, column, setting):
+    """As `fit_rows`, but with an entry for every row asked, of strength 0 where there was only noise."""
+    made = Fits.empty(row)
+    made.width[:] = 1
+    made.peak[:] = 0
+    fits = fit_rows(rows, row, column, setting)
+    made.put(np.searchsorted(row, fits.row), fits)
+    return made
+
+
+def runs(high, width):
+    """(m,) stretches of True in rows (m, w), those nearer than three widths taken as one."""
+    import cv2
+
+    if not high.size:
+        return np.zeros(len(high), np.int16)
+    reach = np.ones((1, 2 * int(np.ceil(1.5 * width)) + 1), np.uint8)
+    high = cv2.morphologyEx(high.astype(np.uint8), cv2.MORPH_CLOSE, reach)
+    return (high[:, 0] + (np.diff(high.astype(np.int8), axis=1) == 1).sum(1)).astype(np.int16)
+
+
+def follow(fits: Fits, place: np.ndarray, second: Fits, rows: int, height: int) -> None:
+    """Where a row has two peaks, take the one that more of the neighbours within 24 rows agree with."""
+    if not len(place):
+        return
+    offset = np.r_[-24:0, 1:25]
+    near = np.clip(fits.row[place, None] + offset, 0, rows - 1)
+    same = near // height == fits.row[place, None] // height
+    for _ in range(8):
+        line = np.full(rows, np.nan)
+        line[fits.row] = fits.centre
+        agree = [(same & (np.abs(line[near] - peak[:, None]) < 1 + STEEPEST * np.abs(offset))).sum(1)
+                 for peak in (fits.centre[place], second.centre)]  # fmt: skip
+        swap = agree[1] > agree[0]
+        if not swap.any():
+            break
+        before = fits.take(place[swap])
+        fits.put(place[swap], second.take(swap))
+        second.put(swap, before)
+
+
+def supported(fits: Fits, height: int, sound: np.ndarray) -> np.ndarray:
+    """(n,) whether a peak stands in a chain with `SHORTEST` or more of the peaks that are `sound` (n,) bool.
+
+    Single strangers do not break a chain.
+    """
+    if len(fits.row) < 2:
+        return np.zeros(len(fits.row), bool)
+    loose = 0.5 + 4 * np.minimum(fits.sigma, fits.width)
+    linked = _linked(fits.row, fits.centre, loose, height)
+    made = np.zeros(len(fits.row), bool)
+    made[1:] = linked
+    made[:-1] |= linked
+    kept = np.flatnonzero(made)
+    if len(kept) < 2:
+        return made & False
+    if len(kept) < len(made):
+        linked = _linked(fits.row[kept], fits.centre[kept], loose[kept], height)
+    chain = np.zeros(len(linked) + 1, np.intp)
+    np.cumsum(~linked, out=chain[1:])
+    made[kept] = np.bincount(chain, sound[kept])[chain] >= min(SHORTEST, height // 8)
+    return made
+
+
+def _linked(row, centre, loose, height) -> np.ndarray:
+    """(n - 1,) whether a peak continues the line of the one before it, over a gap of at most three rows."""
+    step = np.diff(row)
+    linked = np.abs(np.diff(centre)) < loose[1:] + loose[:-1] + STEEPEST * step
+    return linked & (step <= 4) & (row[1:] % height >= step)
+
+
+def flags(fits: Fits, double: np.ndarray, rows: int, height: int, setting: Setting, misfit: float,
+          pull: np.ndarray | float = 0.0, strong: float = STRONG) -> np.ndarray:  # fmt: skip
+    """(n,) uint8, sums of `NAMES`. `double` (n,) bool; `misfit` as `usual_misfit`, `pull` as `uneven_pull` gives it."""
+    around = smooth_log_width(fits, rows, setting.width, 65)
+    change = np.abs(np.log(fits.width) - around) / np.hypot(_WIDTH_CHANGE, 4.5 * fits.wide)
+    allowed = 1 + 6 * np.sqrt(2 / _freedom(setting)) + 8 * misfit * fits.strength**2
+    odd = (change > 1) | ~_plausible(fits, setting) | (fits.misfit > allowed) | ~np.isfinite(fits.sigma)
+    made = EDGE * fits.cut + WEAK * (fits.strength < strong) + SHAPE * odd
+    made = made + DOUBLE * double + ALONE * ~supported(fits, height, made == 0)
+    if np.any(pull):
+        made = made + UNEVEN * (pull > np.maximum(fits.sigma, NEGLIGIBLE * fits.width))
+    return made.astype(np.uint8)
+
+
+def usual_misfit(fits: Fits) -> float:
+    """How far real profiles are from a Gaussian, as the excess of chi-square over strength^2: the median."""
+    strong = fits.strength > STRONG
+    excess = np.maximum(fits.misfit[strong] - 1, 0) / fits.strength[strong] ** 2
+    return float(np.median(excess)) if strong.any() else 0.0
+
+
+def noise_scale(fits: Fits, setting: Setting) -> float:
+    """What all fits' chi-square says that the noise of the first look has to be multiplied by.
+
+    Read noise alone: with photon noise the tabulated weights are too coarse to tell.
+    """
+    clean = (fits.strength > STRONG) & ~fits.cut & ~fits.saturated
+    if setting.noise.gain > 0 or clean.sum() < 100:
+        return 1.0
+    left = fits.misfit[clean]
+    return float(np.sqrt(left[left < (1 + 4.5 * np.sqrt(2 / _freedom(setting))) * np.median(left)].mean()))
+
+
+def _freedom(setting: Setting) -> int:
+    """Degrees of freedom of a row's fit."""
+    return 2 * bank(int(width_bin(np.log(setting.width))), 0).half - 3

@@ -1,0 +1,91 @@
+"""What the pictures themselves tell about noise: read noise, photon noise, exposure of the background, speckle."""
+
+import numpy as np
+
+from sensors.stripe.profile import Noise, speckle_floor
+
+_CLIP, _KEPT = 3.0, 0.97334
+"""Sigma beyond which a difference is no noise, and the part of a normal variance that lies within."""
+
+
+def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
+    """Grey values, 1 sigma, of rows (n, width), in `region` (n, width) where one is given.
+
+    Second differences along rows, outliers beyond 3 sigma cut off: light that changes evenly drops
+    out, and the line is an outlier. Right where neighbouring pixels have independent noise;
+    `fitted_noise` needs no such thing.
+    """
+    image = image.astype(np.float32)
+    rough = np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]) / np.float32(np.sqrt(6))
+    rough = rough.ravel() if region is None or not region[:, 1:-1].any() else rough[region[:, 1:-1]]
+    sigma = max(1.4826 * float(np.median(rough)), 0.3)
+    for _ in range(10):
+        kept = rough[rough < _CLIP * sigma]
+        sigma = max(float(np.sqrt((kept**2).mean() / _KEPT)), 1e-6) if len(kept) else sigma
+    floor = image.min()
+    if (image == floor).mean() > 0.2:  # clipped at black: only the upper half of the noise is there to be seen
+        sigma = max(sigma, float(np.quantile(image[::2], 0.977) - floor) / 2)
+    return sigma
+
+
+def fitted_noise(squares: np.ndarray, level: np.ndarray, freedom: np.ndarray, least: float) -> Noise | None:
+    """Read noise and photon gain from squared residuals (n,) of fits, by the level (n,) that the model gives them.
+
+    E(squares) = freedom (read^2 + gain level), freedom (n,) = 1 - leverage; weighted by
+    freedom^2 / variance^2, because what is left where the fit has no freedom is the fit's own
+    curvature; residuals beyond 4.5 sigma are cut off. No gain where it is less than three times its sigma.
+    None where there are too few residuals.
+    """
+    if len(squares) < 500:
+        return None
+    x, y = level, squares / freedom
+    variance = np.full(len(squares), float(np.median(y)) / 0.455)
+    for _ in range(6):
+        use = (y < 20 * variance) * freedom**2
+        weight = use / variance**2
+        total, mean = weight.sum(), (weight * x).sum() / weight.sum()
+        gain = (weight * (x - mean) * y).sum() / (weight * (x - mean) ** 2).sum()
+        slope = weight * (x - mean)
+        uncertain = np.sqrt(2 * (slope**2 * variance**2).sum()) / (slope * (x - mean)).sum()
+        gain = gain if gain > 3 * uncertain else 0.0
+        read = max((weight * y).sum() / total - gain * mean, least**2)
+        variance = read + gain * np.maximum(x, 0)
+    return Noise(float(np.sqrt(read)), float(gain))
+
+
+def exposure_scale(image: np.ndarray, under: np.ndarray, noise: float) -> float:
+    """How much brighter `image` (h, w) is exposed than its background `under`: least squares, the line cut off.
+
+    Of what varies over the picture, because a black level is in both, whatever the exposure; of the
+    levels themselves where the background is even. 1 where it is too dark to tell (sigma of the scale above 0.02).
+    """
+    a, b = (v[::7, ::5].astype(np.float64).ravel() for v in (image, under))
+    uneven = noise <= 0.02 * np.sqrt(len(b)) * b.std()
+    scale, use = 1.0, np.ones(len(a), bool)
+    for _ in range(8):
+        light = b - b[use].mean() * uneven
+        power = (light[use] ** 2).sum()
+        if not use.any() or noise > 0.02 * np.sqrt(power):
+            return 1.0
+        scale = float((a[use] * light[use]).sum() / power)
+        rest = a - scale * b
+        spread = max(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), 0.5 * noise, 1e-9)
+        use = np.abs(rest - np.median(rest) * uneven) < 3 * spread
+    return scale
+
+
+def speckle_contrast(centre, sigma, width, height, lag: int = 8) -> float:
+    """Contrast that explains how much rougher a smooth surface's line is than `sigma`, for grains as wide as the line.
+
+    centre, sigma, width (pictures * height,) px, nan where there is no line. Second differences over
+    `lag` rows (more than a grain; the line must be smooth over twice as many): their variance is
+    6 (sigma^2 + floor^2), `stripe_profile.speckle_floor`. 0 where there is no excess.
+    """
+    c, s, w = (np.reshape(v, (-1, height)) for v in (centre, sigma, width))
+    rough = (c[:, 2 * lag :] - 2 * c[:, lag:-lag] + c[:, : -2 * lag]) ** 2 / 6
+    here = slice(lag, -lag)
+    seen = np.isfinite(rough)
+    if seen.sum() < 50:
+        return 0.0
+    excess = np.median(rough[seen]) / 0.455 - np.mean(s[:, here][seen] ** 2)
+    return float(np.sqrt(max(excess, 0) / np.mean(speckle_floor(w[:, here][seen], 1.0) ** 2)))
