@@ -79,6 +79,19 @@ def flaw(picture: Picture | np.ndarray) -> str | None:
     return None
 
 
+def unlit(grey: np.ndarray) -> str | None:
+    """Why no laser line can be seen in a picture (H, W) taken to show one: "all black", "saturated"; None where it may.
+
+    A line fills less of a picture than `flaw` asks for: one pixel that is not black is enough.
+    """
+    full = 255 if grey.dtype == np.uint8 else _full_scale(grey)
+    if (brightest := int(grey.max(initial=0))) <= BLACK * full:
+        return f"all black: no pixel above {brightest} of {full}"
+    if (share := float(np.mean(grey >= full))) > FULL:
+        return f"saturated: {100 * share:.0f} % of the pixels at full scale"
+    return None
+
+
 def odd_sizes(sizes: Iterable[tuple[int, int]]) -> dict[int, str]:
     """Position of every picture of another size than most, and the reason in words; sizes (width, height) px."""
     sizes = list(sizes)
@@ -93,12 +106,15 @@ def stacks(paths: Iterable[str | Path], frames: int = 16, called: Callable[[str 
            channel: str = "grey") -> Iterator[np.ndarray]:
     """(F, H, W) arrays of at most `frames` pictures each, in order: never all of them in memory.
 
-    Raises InputError for a picture that cannot be read or is not as large as the first one.
+    Raises InputError for a picture that cannot be read, or is not as large or as deep as the first one.
     """
-    held, shape = [], None
+    held, shape, depth = [], None, None
     for path in paths:
         grey = read_grey(path, called(path), channel)
-        shape = shape or grey.shape
+        shape, depth = shape or grey.shape, depth or grey.dtype
+        if grey.dtype != depth:
+            raise InputError(f"{called(path)}: expected {8 * depth.itemsize} bits a pixel as in the pictures before, "
+                             f"found {8 * grey.dtype.itemsize}; save all of them with the same depth")
         if grey.shape != shape:
             raise InputError(f"{called(path)}: expected {shape[1]} x {shape[0]} px as in the pictures before, found "
                              f"{grey.shape[1]} x {grey.shape[0]} px; take it again with the same settings")

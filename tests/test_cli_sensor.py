@@ -161,7 +161,8 @@ def test_the_run_folder_is_the_last_line(workbench, tmp_path):
     done = workbench("camera", scanner_recording()[0], "--out", "out")
     assert done.returncode == 0, done.stderr
     assert done.stdout.rstrip().endswith(str(tmp_path / "out" / "report.html"))
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["answer.json", "camera.toml", "report.html"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "answer.json", "camera.toml", "report.html", "summary.png"]
 
 
 def copied(folder: Path, to: Path) -> Path:

@@ -64,7 +64,7 @@ def test_a_board_with_a_row_too_many_says_what_was_found(here, capsys):
     (folder / "recording.toml").write_text(text.replace("rows = 5", "rows = 6"))
     assert run("camera", folder) == 2
     said = capsys.readouterr().err
-    assert "7 x 5 corners found, 7 x 6 expected" in said and "columns and rows" in said and said.count("\n") == 1
+    assert "expected 7 x 6 chessboard as written there in the pictures, found 7 x 5 in" in said and "columns and rows" in said and said.count("\n") == 1
 
 
 def test_a_file_is_wanted_where_a_folder_is_named(here, capsys):

@@ -15,7 +15,7 @@ from sensors.stripe.clipping import Counts, clip_level
 from sensors.stripe.find import find_stripes
 from workbench.pictures import full_scale
 from workbench.scan import scan
-from workbench.scanner import _stripes
+from workbench.scanner import board_stripes
 
 SIDE = 256
 TRUTH = 60.37 + 0.3 * np.arange(SIDE)
@@ -146,7 +146,7 @@ def test_stripes_on_boards_know_the_full_scale_of_their_camera(tmp_path, monkeyp
     assert cv2.imwrite(str(tmp_path / "dark.png"), twelve_bits(left, peak=0.0, frames=1, seed=1)[0])
     pixels = np.stack(np.meshgrid(np.linspace(30, 225, 9), np.linspace(30, 225, 9))).reshape(2, 81)
     view = View("dark.png", "1", np.arange(81), pixels, (SIDE, SIDE), np.full(81, 0.1), row={"image": "dark.png"})
-    found = _stripes(made, [(view, list(made.images))], BOARD, lambda text: None)
+    found = board_stripes(made, [(view, list(made.images))], BOARD, lambda text: None)
     u, v = found.pixels
     assert found.n > 300 and np.sqrt(np.mean((u - TRUTH[v.astype(int)]) ** 2)) < 0.005
     assert set(told) == {full}

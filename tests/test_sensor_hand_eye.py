@@ -257,15 +257,16 @@ def open3dv(real):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", OPEN3DV)
 def test_open3dv_board_scatter(open3dv, kind):
-    """Mean distance and angle of the board from its mean place; and RMS against OpenCV's closed forms.
+    """RMS of the least scatter, mean distance and angle of the most likely hand-eye; and RMS against OpenCV's closed forms.
 
-    Both with the camera as stated; at the board's middle also with the camera as adjusted. Where the maker's sheet gives a camera no distortion at all, it is adjusted, the sheet its prior.
+    With the camera as stated; at the board's middle also with the camera as adjusted. Where the maker's sheet gives a camera no distortion at all, it is adjusted, the sheet its prior.
     """
     views, target, camera, flange = open3dv(kind)
     prior = None if any(camera.distortion) else camera_prior(camera)
     found = hand_eye_from_views(views, target, camera, flange, kind, camera_covariance=prior)
     assert not found.outliers and not found.suspicions and found.held_out["folds"] == len(flange)
     most_mm, most_deg = OPEN3DV[kind][3:]
+    assert found.fit["least_origin_mm"] <= most_mm and found.fit["least_turn_deg"] <= most_deg
     assert found.fit["mean_origin_mm"] <= most_mm and found.fit["mean_centre_mm"] <= most_mm
     assert found.fit["mean_turn_deg"] <= most_deg
     for other, keys in ((camera, ("centre_mm", "origin_mm")), (found.camera, ("centre_mm",))):
@@ -315,3 +316,17 @@ def test_spherescan_hand_eye(spherescan, which, radius, limit):
     free = hand_eye_from_profiles(points, pose, flange, None)
     assert abs(free.radius - radius) < 3 * free.std["target.radius"]
     assert free.fit["rms_mm"] <= limit
+
+
+@pytest.mark.slow
+def test_the_answer_of_profiles_says_scale_noise_and_free_radius(real):
+    """As a person reads it: the profiler's scale and the radius, where they are fitted, each with its sigma."""
+    import datasets
+    from workbench import handeye
+
+    real("spherescan_handeye_pan")
+    told = handeye.as_json(handeye.calibrate(datasets.read("spherescan_handeye_pan:r12"), None, None, lambda text: None))
+    assert told["radius_mm"] == 12.7 and told["radius_std_mm"] is None and told["noise"] == pytest.approx(0.1, abs=0.02)
+    assert abs(told["free_radius_mm"] - 12.7) < 3 * told["free_radius_std_mm"] < 3
+    assert abs(told["range_scale"]) < 3 * told["range_scale_std"] < 0.3
+    assert told["free_radius_rms_mm"] <= told["fit"]["rms_mm"] <= 0.22

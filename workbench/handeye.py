@@ -27,7 +27,8 @@ IN_HAND, TO_HAND = "in-hand", "to-hand"
 class HandEyeRun:
     """A recording's hand-eye: `made`, and `flange` (P, 4, 4) T_base_flange of its poses, called `names` (P).
 
-    Of pictures: the `board`, its `views`, those `rejected`, and the `camera` calibration where it was made here.
+    Of pictures: the `board`, its `views`, those `rejected`, and the `camera` calibration where it was made here. Of
+    profiles of a ball whose radius is certified: `free`, the same with a radius that the profiles tell themselves.
     """
 
     recording: Recording
@@ -40,6 +41,7 @@ class HandEyeRun:
     views: tuple[View, ...] = ()
     rejected: tuple[Rejected, ...] = ()
     source: str = ""
+    free: HandEye | None = None
 
 
 def calibrate(
@@ -122,9 +124,13 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
     ball = recording.balls.get(int(balls[0]))
     flange = flange_poses(recording)[first]
     made = hand_eye_from_profiles(recording.points.T, pose, flange, None if ball is None else ball[3])
+    free = None
+    if ball is not None:
+        progress("the same with a radius of its own")
+        free = hand_eye_from_profiles(recording.points.T, pose, flange, None)
     named = recording.columns.get("pose", labels)
     names = tuple(f"pose {named[row]:g}" for row in first)
-    return HandEyeRun(recording, made, flange, names)
+    return HandEyeRun(recording, made, flange, names, free=free)
 
 
 def as_json(run: HandEyeRun) -> dict:
@@ -156,6 +162,7 @@ def as_json(run: HandEyeRun) -> dict:
         ],
         "radius_mm": made.radius,
         "radius_std_mm": made.std.get("target.radius"),
+        **profiler_json(run),
         "camera": None if run.camera is None else {**cameras.camera_json(run.camera, made.std), "source": run.source},
         "rejected": [{"image": one.image, "why": one.why} for one in run.rejected],
         "undetermined": list(made.undetermined),
@@ -164,6 +171,23 @@ def as_json(run: HandEyeRun) -> dict:
         "outcome": made.outcome,
         "converged": made.converged,
         "provenance": provenance(run.recording),
+    }
+
+
+def profiler_json(run: HandEyeRun) -> dict:
+    """Of profiles: the scale of the profiler's z, as one plus it, and the ball's radius where it is fitted; sigmas None
+    where a number is held."""
+    made, free = run.made, run.made if run.free is None else run.free
+    if made.radius is None:
+        return {}
+    return {
+        "range_scale": made.range_scale,
+        "range_scale_std": made.std.get("sensor.range_scale"),
+        "free_radius_mm": free.radius,
+        "free_radius_std_mm": free.std.get("target.radius"),
+        "free_radius_range_scale": free.range_scale,
+        "free_radius_range_scale_std": free.std.get("sensor.range_scale"),
+        "free_radius_rms_mm": free.fit["rms_mm"],
     }
 
 

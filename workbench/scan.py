@@ -1,7 +1,7 @@
 """From pictures of scans to clouds and ball centres with their uncertainty."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
-from sensors.ball.point_errors import plane_error
+from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.search import find_balls
 from sensors.pictures import flaw, read, stacks
 from sensors.scanner.model import Scanner
@@ -23,6 +23,7 @@ from workbench.pace import paced
 from workbench.pictures import by_role, check_size, full_scale, path_of, streamed
 from workbench.runs import slug
 from workbench.scan_surface import reconstructed
+from workbench.spool import Spool
 
 CLOUDS = "clouds"
 INCIDENCE_DEG = 60.0
@@ -74,12 +75,13 @@ class Scan:
 
 @dataclass(frozen=True)
 class Scans:
-    """All scans of a recording; `calibration` is the scanner's run, None where a file was given."""
+    """All scans of a recording, of which few are in memory; `calibration` is the scanner's run, None where a file was
+    given."""
 
     recording: Recording
     scanner: Scanner
     calibration: object
-    scans: tuple[Scan, ...]
+    scans: Sequence[Scan]
 
 
 def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress: Callable[[str], None]) -> Scans:
@@ -101,7 +103,7 @@ def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress
     check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
     (folder / CLOUDS).mkdir()
     work = _Work(recording, scanner, folder, full_scale(recording, sum(groups.values(), [])))
-    return Scans(recording, scanner, made, tuple(streamed(list(groups.items()), work, paced(progress, "scan"))))
+    return Scans(recording, scanner, made, Spool(streamed(list(groups.items()), work, paced(progress, "scan"))))
 
 
 def scans_of(recording: Recording) -> dict[str, list[Mapping]]:
@@ -208,13 +210,15 @@ class _Work:
         trimmed = np.deg2rad(INCIDENCE_DEG)
         found = find_balls(points, radii, free=True, incidence=trimmed, **each) if points.shape[1] else []
         numbers, outcome = named(self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found])
+        if not found:
+            outcome = "; ".join(filter(None, (outcome, _perhaps_cut(each["at_limit"]))))
         made = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
             own = (
                 {key: value[..., on] for key, value in each.items()}
                 | {"incidence": trimmed}
-                | self._together(points, place, on)
+                | self._together(points, pixels, place, error, on)
             )
             radius = self._radius(number, free.radius, radii)
             start = np.append(free.centre, free.radius if radius is None else radius)
@@ -227,12 +231,15 @@ class _Work:
             made.append(Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond))
         return tuple(made), outcome
 
-    def _together(self, points, place, on) -> dict:
-        """What the errors of points have in common: their light plane's, where its covariance is known."""
+    def _together(self, points, pixels, place, error, on) -> dict:
+        """What the errors of points have in common: their light plane's, where its covariance is known, and their
+        stripe's."""
         if self.scanner.covariance is None:
             return {"groups": place[on]}
         planes, covariance = self.scanner.planes, self.scanner.covariance
-        return {"shared": plane_error(points[:, on], planes, place[on], covariance), "ordered": True}
+        along = pixels[1 if self.along == "rows" else 0, on]
+        own = stripe_error(error[:, on], place[on], along)
+        return {"shared": plane_error(points[:, on], planes, place[on], covariance, own), "ordered": True}
 
     def _at_limit(self, pixels, steps, swept):
         """(n,) whether points lie at the edge of the picture, or in the first or last plane of the steps `swept`."""
@@ -257,6 +264,14 @@ class _Work:
         if number is not None:
             return self.recording.balls[number][3]
         return None if radii is None else min(radii, key=lambda radius: abs(radius - found))
+
+
+def _perhaps_cut(at_limit) -> str:
+    """What to look for where no ball is found: one that the field cuts shows too little of itself."""
+    if not at_limit.any():
+        return ""
+    return (f"{at_limit.sum()} of {at_limit.size} points lie at the field's limit: a ball there is cut by the field; "
+            "move it to the middle")  # fmt: skip
 
 
 def _fitted(points, lit, radius, start, own) -> BallFit:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.boards.detection import Board, View
+from sensors.boards.detection import Board, Rejected, View
 from sensors.light.board_stripes import BoardStripes, joined
-from sensors.pictures import read_grey, stacks
+from sensors.pictures import read_grey, stacks, unlit
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.model import Scanner
 from sensors.stripe.find import find_stripes
@@ -29,13 +29,15 @@ _TRIED = 3  # placements from which the direction of the stripes is read
 class ScannerRun:
     """A recording's scanner: the `camera` from its corners alone, and `calibration` of everything together.
 
-    `unusable`: placements with laser pictures whose stripes could not be used, and why.
+    `unusable`: placements with laser pictures whose stripes could not be used, and why; `rejected` every picture under
+    the laser that was left out, these and those that are black or overexposed.
     """
 
     recording: Recording
     camera: cameras.CameraRun
     calibration: ScannerCalibration
     unusable: tuple[Mapping, ...]
+    rejected: tuple[Rejected, ...] = ()
 
     @property
     def scanner(self) -> Scanner:
@@ -70,12 +72,17 @@ def calibrate(
             f"{recording.name}, images.csv: expected the board to be found at a placement with laser pictures, "
             f"found it at none of {len(groups)} ({unusable[0]['why']}); take the board pictures again"
         )
-    stripes = _stripes(recording, usable, camera.calibration.board, progress)
+    rejected = [
+        Rejected(row["image"], f"the board was not found at its placement ({one['why']})", one["placement"])
+        for one in unusable
+        for row in groups[one["placement"]]
+    ]
+    stripes = board_stripes(recording, usable, camera.calibration.board, progress, rejected)
     calibration = calibrate_scanner(
         camera.calibration.views, stripes, camera.calibration.board, camera.calibration.camera.size,
         camera=camera.calibration, provenance={k: v for k, v in provenance(recording).items() if v}, progress=progress,
     )  # fmt: skip
-    return ScannerRun(recording, camera, calibration, unusable)
+    return ScannerRun(recording, camera, calibration, unusable, tuple(rejected))
 
 
 def _why(camera, placement):
@@ -83,12 +90,20 @@ def _why(camera, placement):
     return reasons[0] if reasons else "no board picture at this placement"
 
 
-def _stripes(recording, usable, board: Board, progress) -> BoardStripes:
-    """The laser's line on every board."""
+def board_stripes(recording, usable, board: Board, progress, rejected: list[Rejected] | None = None) -> BoardStripes:
+    """The laser's line on every board: `usable` pairs of a view and the rows of its pictures under the laser.
+
+    rejected: given those in which no line can be seen.
+    """
     saturation = full_scale(recording, [row for _, rows in usable for row in rows])
     along = _direction(recording, usable[:_TRIED], board, saturation)
     work = _Work(recording, board, along, saturation)
-    return joined(list(streamed(usable, work, paced(progress, "laser on placement"))))
+    parts = []
+    for stripes, unseen in streamed(usable, work, paced(progress, "laser on placement")):
+        parts += stripes
+        if rejected is not None:
+            rejected += unseen
+    return joined(parts)
 
 
 def _direction(recording, usable, board, saturation) -> str:
@@ -97,25 +112,26 @@ def _direction(recording, usable, board, saturation) -> str:
     for view, rows in usable:
         middle = rows[len(rows) // 2 : len(rows) // 2 + 1]
         for along in found:
-            found[along] += _Work(recording, board, along, saturation)((view, middle)).n
+            found[along] += sum(part.n for part in _Work(recording, board, along, saturation)((view, middle))[0])
     return max(found, key=found.get)
 
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with the laser pictures of one placement; `along` and `saturation` as in `find_stripes`."""
+    """What is done with the laser pictures of one placement: their stripes, and pictures in which no line can be seen;
+    `along` and `saturation` as in `find_stripes`."""
 
     recording: Recording
     board: Board
     along: str
     saturation: float | None = None
 
-    def __call__(self, placed: tuple[View, list[Mapping]]) -> BoardStripes:
+    def __call__(self, placed: tuple[View, list[Mapping]]) -> tuple[list[BoardStripes], list[Rejected]]:
         view, rows = placed
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
-        region, first, parts = region_of(view, self.board), 0, []
+        region, first, parts, rejected = region_of(view, self.board), 0, [], []
         for stack in stacks(paths, _FRAMES, called.get):
             background = dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
             if stack.shape[1:] != region.shape:
@@ -123,12 +139,16 @@ class _Work:
                     f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
                     f"picture, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
                 )
-            found = find_stripes(
-                stack, self.along, background=background, region=region, saturation=self.saturation
-            )
-            parts.append(_told(found, rows[first : first + len(stack)], view.placement))
+            mine, why = rows[first : first + len(stack)], [unlit(frame) for frame in stack]
+            rejected += [Rejected(row["image"], said, view.placement) for row, said in zip(mine, why) if said]
+            lit = [k for k, said in enumerate(why) if not said]
+            if lit:
+                found = find_stripes(
+                    stack[lit], self.along, background=background, region=region, saturation=self.saturation
+                )
+                parts.append(_told(found, [mine[k] for k in lit], view.placement))
             first += len(stack)
-        return joined(parts)
+        return parts, rejected
 
 
 def _told(found, rows, placement) -> BoardStripes:
@@ -161,9 +181,10 @@ def as_json(made: ScannerRun) -> dict:
     calibration, scanner = made.calibration, made.scanner
     joint = cameras.camera_json(calibration.camera, calibration.std)
     planes = [{"step": int(step), "normal": plane[:3].tolist(), "offset_mm": float(plane[3]), "rms_mm": float(rms),
-               "rms_px": float(px), "sigma_mm": float(sigma)}
-              for step, plane, rms, px, sigma in zip(scanner.steps, scanner.planes.T, calibration.rms_mm,
-                                                    calibration.rms_px, calibration.sigma_plane_mm)]  # fmt: skip
+               "rms_px": float(px), "sigma_mm": float(sigma), "sigma_best_frame_mm": float(apart)}
+              for step, plane, rms, px, sigma, apart in zip(
+                  scanner.steps, scanner.planes.T, calibration.rms_mm, calibration.rms_px, calibration.sigma_plane_mm,
+                  calibration.sigma_apart_mm)]  # fmt: skip
     good = ~calibration.wrong
     return {
         "camera": {**cameras.as_json(made.camera), **joint},
@@ -172,14 +193,23 @@ def as_json(made: ScannerRun) -> dict:
         "plane_rms_mm": float(np.sqrt((calibration.residual_mm[good] ** 2).mean())),
         "plane_rms_px": calibration.sigma_stripe_px,
         "corner_rms_coordinate_px": calibration.sigma_corner_px,
+        "shared_px": shared_json(calibration),
         "stripe_points": int(good.sum()),
         "left_out": left_out_json(calibration.left_out),
         "dropped": dict(calibration.dropped),
         "unusable_placements": list(made.unusable),
+        "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
         "volume_mm": list(calibration.volume),
         "sentences": list(calibration.sentences),
         "provenance": provenance(made.recording),
     }
+
+
+def shared_json(calibration: ScannerCalibration) -> dict:
+    """1 sigma, px, by which points of stripes err together, by kind, with its own sigma (None: not known)."""
+    together = calibration.made.sheets.together
+    return {name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
+            for (name, sigma), std in zip(together.named.items(), together.std)}  # fmt: skip
 
 
 def mirror_json(calibration: ScannerCalibration) -> dict | None:

@@ -12,6 +12,9 @@ from workbench.core.rigid import nearest_rotation
 
 # The search goes over a thinned cloud; its cells are this part of the smallest radius.
 _CELL, _THINNED, _DRAWN, _NEIGHBOURS = 1 / 12, 40_000, 250_000, 24
+# Where no radius is known, the smallest has this many spacings of points: the neighbours that make a normal then lie
+# on a third of it.
+_SMALLEST = 5
 # Votes for one centre fall within this part of the radius when normals are good to some 0.1 rad.
 _VOTE_CELL, _RANGE_STEP = 1 / 5, 1.5
 # A ball shows at least this part of the points of a cap of 30 degrees, however it is cut.
@@ -30,7 +33,7 @@ def find_balls(points: np.ndarray, radii=None, *, between: tuple[float, float] |
     """The balls in points (3, n) mm, or organised (3, H, W) with nan where nothing was seen; most points first.
 
     `radii` mm that occur (one or several), or `between` (smallest, largest) mm where they are not known;
-    with neither, from 15 times the points' spacing to 0.6 of the cloud's extent. `view` (3,) or (3, n)
+    with neither, from 5 times the points' spacing to 0.6 of the cloud's extent. `view` (3,) or (3, n)
     direction in which the sensor looks; without it the points are in the camera's frame. `at_limit` (n,)
     True for points at the limit of the field; of an organised scan these are the border's. `free`: fit
     the radius even where it is known. `form`: what of the RMS is not noise between neighbours, over the
@@ -82,7 +85,7 @@ def _range(points, known, between):
     some = np.random.default_rng(0).permutation(points.shape[1])[:_THINNED]
     spacing = np.median(cKDTree(points[:, some].T).query(points[:, some[:2000]].T, 2)[0][:, 1])
     spacing *= np.sqrt(len(some) / points.shape[1])  # points on surfaces
-    return 15 * spacing, max(np.ptp(np.quantile(points, [0.01, 0.99], axis=1), axis=0).max() * 0.6, 30 * spacing)
+    return _SMALLEST * spacing, max(np.ptp(np.quantile(points, [0.01, 0.99], axis=1), axis=0).max() * 0.6, 30 * spacing)
 
 
 class _Cloud:
@@ -92,7 +95,9 @@ class _Cloud:
         self.between = between
         chosen, self.cell = _thinned(points, between[0] * _CELL, np.random.default_rng(seed))
         self.points, rays = points[:, chosen], rays[:, chosen]
-        self.near = cKDTree(self.points.T).query(self.points.T, min(_NEIGHBOURS, len(chosen)))[1]
+        apart, self.near = cKDTree(self.points.T).query(self.points.T, min(_NEIGHBOURS, len(chosen)))
+        # points scattered at random over a surface, one a cell, are half a cell from the next
+        self.cell = max(self.cell, 2 * float(np.median(apart[:, 1])))
         self.normals = _normals(self.points, self.near)
         self.normals *= -np.sign(np.einsum("dn,dn->n", self.normals, rays))
 

@@ -1,13 +1,19 @@
-"""A ball whose points share errors: those of a step's light plane are estimated with it, under their covariance."""
+"""A ball whose points share errors: those of a step's light plane are estimated with it, under their covariance.
 
-from dataclasses import dataclass
+What the points of a stripe share beyond that (grains of speckle longer than a row, uneven light) is of
+unknown size: its variance is estimated from the ball itself.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sensors.ball.solve import Linear, Loss, Problem, Solved, linearise, memory, spread
+from sensors.components import components
 
 # Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
 _STEPS, _SETTLE = 40, 8
+_TOLD, _STILL = 6, 0.05  # rounds of the variances, and by which part of them they may still change
 
 
 @dataclass(frozen=True)
@@ -16,19 +22,32 @@ class Shared:
 
     `labels` (n,) int from 0 to G - 1; `derivative` (k, d, n) mm by which a point moves for one unit
     of each of the k errors of its group; `covariance` (k G, k G), group after group, singular
-    where groups err together (the planes of one mirror).
+    where groups err together (the planes of one mirror). `unknown` (m, d, n), as `derivative`, of
+    errors that each group has of its own, each kind of one variance, which is not known.
     """
 
     labels: np.ndarray
     derivative: np.ndarray
     covariance: np.ndarray
+    unknown: np.ndarray | None = None
 
     def some(self, chosen: np.ndarray) -> "Shared":
         """Of the chosen points, and of their groups alone."""
         k = len(self.derivative)
         groups, labels = np.unique(np.asarray(self.labels)[chosen], return_inverse=True)
         rows = (groups[:, None] * k + np.arange(k)).ravel()
-        return Shared(labels, self.derivative[..., chosen], np.asarray(self.covariance)[np.ix_(rows, rows)])
+        return Shared(labels, self.derivative[..., chosen], np.asarray(self.covariance)[np.ix_(rows, rows)],
+                      None if self.unknown is None else self.unknown[..., chosen])  # fmt: skip
+
+    def told(self, variance: np.ndarray) -> "Shared":
+        """The same with the variances (m,) of the unknown ones."""
+        k, m, groups = len(self.derivative), len(variance), int(self.labels.max()) + 1
+        whole = np.zeros((groups, k + m, groups, k + m))
+        whole[:, :k, :, :k] = self.covariance.reshape(groups, k, groups, k)
+        for kind in range(m):
+            whole[np.arange(groups), k + kind, np.arange(groups), k + kind] = variance[kind]
+        return Shared(self.labels, np.concatenate([self.derivative, self.unknown]),
+                      whole.reshape(groups * (k + m), -1))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -51,6 +70,49 @@ def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared,
     the robust weights are those of the points' own errors. ordered: points follow one another along
     stripes, and their own errors, grains of speckle, last for several: they count for fewer.
     """
+    fit = _solve(problem, solved, loss, shared, ordered)
+    if shared.unknown is None:
+        return fit[:2]
+    variance = np.zeros(len(shared.unknown))
+    for _ in range(_TOLD):
+        before, variance = variance, _variances(problem, fit[0], shared, fit[2])
+        if (np.abs(variance - before) <= _STILL * (variance + before)).all():
+            break
+        start = replace(solved, values=fit[0].values, at=fit[0].at)
+        fit = _solve(problem, start, loss, shared.told(variance), ordered)
+    return fit[:2]
+
+
+def _variances(problem, solved, shared, weight):
+    """(m,) variances of the unknown errors, by restricted maximum likelihood (`components`).
+
+    R and g are those of the points' weights W, less what ball and known errors, with derivatives A and
+    covariance K, take: Z'W Z - Z'W A K A'W Z and Z'W r - Z'W A K A'W r.
+    """
+    known, unknown = _by_error(solved.at, shared), _by_error(solved.at, replace(shared, derivative=shared.unknown))
+    k, m, groups = len(known), len(unknown), int(shared.labels.max()) + 1
+    normal = _normal(solved.at, problem.size, np.concatenate([known, unknown]), weight, shared.labels, k + m)
+    kind = np.tile(np.arange(k + m), groups)
+    old, new = kind < k, kind >= k
+    part = _Normal(normal.ball, normal.between[:, old], normal.groups[np.ix_(old, old)], normal.pull,
+                   normal.pull_groups[old])  # fmt: skip
+    taken = np.concatenate([normal.between[:, new], normal.groups[np.ix_(old, new)]])
+    whole = taken.T @ _posterior(part, shared.covariance)
+    own = normal.groups[np.ix_(new, new)] - whole @ taken
+    pull = normal.pull_groups[new] - whole @ np.concatenate([part.pull, part.pull_groups])
+    return components(own, pull, kind[new] - k).variance
+
+
+def _posterior(normal, covariance):
+    """(p + kG, p + kG) covariance of ball and known errors."""
+    inner = _inner(normal, covariance)
+    mixed = normal.between @ inner
+    ball = np.linalg.pinv(normal.ball - mixed @ normal.between.T, hermitian=True)
+    return np.block([[ball, -ball @ mixed], [-mixed.T @ ball, inner + mixed.T @ ball @ mixed]])
+
+
+def _solve(problem, solved, loss, shared, ordered):
+    """The fit, its covariance, and the points' weights, with errors of known covariance alone."""
     values, at, errors = solved.values, solved.at, np.zeros(len(shared.covariance))
     by_error, keep = _by_error(at, shared), solved.keep
     k = len(by_error)
@@ -75,7 +137,7 @@ def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared,
             break
     own = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
     made = Solved(values, scale, keep, at, own, step)
-    return made, _covariance(problem, made, by_error, loss, shared, lasting)
+    return made, _covariance(problem, made, by_error, loss, shared, lasting), weight
 
 
 def _by_error(at: Linear, shared: Shared) -> np.ndarray:

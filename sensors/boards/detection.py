@@ -183,8 +183,8 @@ def detect_all(recording: "Recording", progress: Callable[[int, int, str], None]
     found = _of_one_size(found)
     views = tuple(v for v, _ in found if isinstance(v, View))
     rejected = tuple(v for v, _ in found if isinstance(v, Rejected))
-    if not views:
-        raise _nothing(recording, board, rejected)
+    if not views or _of_another_size(board, views, rejected):
+        raise _nothing(recording, board, rejected, len(found))
     return Detection(board, views, rejected)
 
 
@@ -214,16 +214,24 @@ def _of_one_size(found: list) -> list:
             for k, (v, size) in enumerate(found)]
 
 
-def _nothing(recording: "Recording", board: Board, rejected: tuple[Rejected, ...]) -> InputError:
+def _of_another_size(board: Board, views: tuple[View, ...], rejected: tuple[Rejected, ...]) -> bool:
+    """Whether no picture shows every column and row as written, and more show a whole board of another size than not:
+    a board of fewer columns near the picture's edge passes for one that is cut there."""
+    whole = any(len(set((view.index % board.columns).tolist())) == board.columns
+                and len(set((view.index // board.columns).tolist())) == board.rows for view in views)  # fmt: skip
+    return not whole and sum(one.found is not None for one in rejected) > len(views)
+
+
+def _nothing(recording: "Recording", board: Board, rejected: tuple[Rejected, ...], count: int) -> InputError:
     """The sentence where no picture shows the board: the size that most of them do show, else the first reason."""
     sizes = [r.found for r in rejected if r.found]
     where = f"{recording.name}/recording.toml, [board]"
     if sizes:
         size = max(set(sizes), key=sizes.count)
         return InputError(f"{where}: expected {board.title} as written there in the pictures, "
-                          f"found {size[0]} x {size[1]} in {sizes.count(size)} of {len(rejected)}; "
+                          f"found {size[0]} x {size[1]} in {sizes.count(size)} of {count}; "
                           "correct columns and rows")
-    return InputError(f"{where}: expected a {board.title} in the pictures, found it in none of {len(rejected)} "
+    return InputError(f"{where}: expected a {board.title} in the pictures, found it in none of {count} "
                       f"({rejected[0]}); correct the board or take the pictures again")
 
 

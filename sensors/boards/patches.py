@@ -205,7 +205,7 @@ def _levenberg(model, p, spots, grey, weight):
     cost, normal, slope = _normal(model, p, spots, grey, weight)
     for _ in range(STEPS):
         damped = normal + damping[:, None, None] * _diagonal(normal)
-        step = np.linalg.solve(damped, slope[:, :, None])[:, :, 0]
+        step = _solved(damped, slope)
         new_cost, new_normal, new_slope = _normal(model, p + step, spots, grey, weight)
         better = new_cost <= cost
         p = np.where(better[:, None], p + step, p)
@@ -215,6 +215,16 @@ def _levenberg(model, p, spots, grey, weight):
         if settled.all():
             break
     return _with_sigma(model, p, spots, grey, weight, normal, cost)
+
+
+def _solved(matrices, right):
+    """(n, P) solutions; 0 where a patch shows nothing of one of its numbers, and its matrix is singular."""
+    try:
+        return np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        flat = np.abs(np.linalg.slogdet(matrices)[0]) == 0
+        whole = np.where(flat[:, None, None], np.eye(right.shape[1]), matrices)
+        return np.where(flat[:, None], 0, _solved(whole, right)) if flat.any() else np.zeros_like(right)
 
 
 def _normal(model, p, spots, grey, weight):

@@ -18,7 +18,7 @@ from sensors.hand_eye.known import knowledge
 from sensors.hand_eye.motion import motion, suspicions
 from sensors.hand_eye.poses import check_pixels, checked_flange
 from sensors.hand_eye.result import HandEye, PoseRow, held_row, of_block, placement, rms
-from sensors.hand_eye.scatter import held_scatter, scatter
+from sensors.hand_eye.scatter import held_least, held_scatter, least_scatter, scatter
 from sensors.hand_eye.start import board_poses, nearest_turns, start_from_boards
 from workbench.core.errors import InputError
 
@@ -221,9 +221,9 @@ def _result(chain, points, found, doubts, notes):
         robot_sigma={"position_mm": float(adjusted.variances.spread[0]),
                      "rotation_deg": float(np.degrees(adjusted.variances.spread[1]))},
         fit={"rms_px": rms(exact, used[chain.pose]), "sensor_rms_px": rms(free, used[chain.pose]),
-             **scatter(chain, points, values, used)},
+             **scatter(chain, points, values, used), **least_scatter(chain, points, values, used)},
         held_out={"rms_px": rms(held, used[chain.pose]), "folds": int(used.sum()),
-                  **held_scatter(chain, points, left_out, used)},
+                  **held_scatter(chain, points, left_out, used), **held_least(chain, points, values, used)},
         poses=tuple(held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders) for k in range(count)),
         undetermined=known.sentences, suspicions=doubts, outcome=adjusted.outcome,
         converged=adjusted.converged, history=adjusted.history, notes=notes,

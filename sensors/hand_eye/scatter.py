@@ -5,6 +5,10 @@ time: flange pose, hand-eye, and the board's pose in the camera from that pictur
 three root mean squares over pictures: of the 3-D distance of the board's origin, and of its
 middle, from their mean (mm), and of the angle to the mean rotation (deg). Held out, the hand-eye
 comes from the other poses, and so does the mean.
+
+The most likely hand-eye is not the one of least scatter: it weighs turns and places by what each of
+them errs by. `least_scatter` is that of the hand-eye which makes the squares of both least, with a
+radian counted as `LEVER` mm; it says what other programmes' figures are to be compared with.
 """
 
 import numpy as np
@@ -13,6 +17,9 @@ from scipy.spatial.transform import Rotation
 from sensors.hand_eye.result import placement
 from sensors.hand_eye.start import board_poses
 from workbench.core.rigid import inverse
+
+LEVER = 300.0
+"""mm of the board's origin that count as much as one radian of its turn."""
 
 
 def placed_boards(flange: np.ndarray, sensor: np.ndarray, seen: np.ndarray, kind: str) -> np.ndarray:
@@ -56,6 +63,49 @@ def held_scatter(chain, points, left_out, used) -> dict[str, float]:
     return board_scatter({name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
 
 
+def least_scatter(chain, points, values, used) -> dict[str, float]:
+    """`least_origin_mm` and `least_turn_deg`, RMS of the used poses with the hand-eye that makes both least together.
+
+    Each board's pose from its picture alone, camera as found; started at the hand-eye of `values`.
+    """
+    seen, flange = _seen(chain, values)[used], chain.flange[used]
+    away = deviations(placed_boards(flange, _least(flange, seen, chain.kind, values[:6]), seen, chain.kind), points)
+    return _named(away)
+
+
+def held_least(chain, points, values, used) -> dict[str, float]:
+    """The same with every used pose's hand-eye and mean from the others alone."""
+    seen, flange, rows = _seen(chain, values)[used], chain.flange[used], []
+    for k in range(len(flange)):
+        others = np.arange(len(flange)) != k
+        placed = placed_boards(flange, _least(flange[others], seen[others], chain.kind, values[:6]), seen, chain.kind)
+        rows.append(deviations(placed[[k]], points, placed[others]))
+    return _named({name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
+
+
+def _named(away):
+    found = board_scatter(away)
+    return {"least_origin_mm": found["origin_mm"], "least_turn_deg": found["turn_deg"]}
+
+
+def _least(flange, seen, kind, start):
+    """(4, 4) hand-eye of least scatter."""
+    from scipy.optimize import least_squares
+
+    def scattered(values):
+        placed = placed_boards(flange, placement(values), seen, kind)
+        turns = Rotation.from_matrix(placed[:, :3, :3])
+        away = LEVER * (turns.mean().inv() * turns).as_rotvec()
+        return np.concatenate([placed[:, :3, 3] - placed[:, :3, 3].mean(0), away]).ravel()
+
+    scale = np.array([1, 1, 1, 1 / LEVER, 1 / LEVER, 1 / LEVER])
+    return placement(least_squares(scattered, start, x_scale=scale, method="lm").x)
+
+
 def _placed(chain, values):
-    seen = board_poses(chain.board_at(values), chain.pixels, chain.pose, chain.camera_at(values))
-    return placed_boards(chain.flange, placement(values[:6]), seen, chain.kind)
+    return placed_boards(chain.flange, placement(values[:6]), _seen(chain, values), chain.kind)
+
+
+def _seen(chain, values):
+    """(P, 4, 4) T_camera_board, each from its picture alone."""
+    return board_poses(chain.board_at(values), chain.pixels, chain.pose, chain.camera_at(values))

@@ -115,7 +115,7 @@ def wrong_points(chain: Sheets, here: Evaluation) -> np.ndarray:
     """
     group, count = groups(chain.labels["placement"], chain.labels["step"])
     along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
-    place = _centred(along, group, count)
+    place = centred(along, group, count)
     shape = np.stack([np.ones_like(place), place, place**2])
     residual, sigma = here.residual[0], np.broadcast_to(chain.sigma, (1, chain.n))[0]
     away, weights = residual, np.ones(chain.n)
@@ -127,8 +127,8 @@ def wrong_points(chain: Sheets, here: Evaluation) -> np.ndarray:
     return away > _FAR * spread
 
 
-def _centred(values, group, count):
-    """(n,) values about the middle of their group, over its half width."""
+def centred(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """(n,) values about the middle of their group (n,), of `count`, over its half width."""
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(low, group, values)
     np.maximum.at(high, group, values)
@@ -180,7 +180,7 @@ def _independent(chain: Sheets) -> int:
     """
     group, count = groups(chain.labels["placement"], chain.labels["step"])
     along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
-    order, place = np.lexsort((along, group)), _centred(along, group, count)
+    order, place = np.lexsort((along, group)), centred(along, group, count)
     residual = chain.evaluate(chain.parameters.values, {}).residual[0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
     shape = np.stack([np.ones_like(place), place, place**2])

@@ -17,6 +17,7 @@ from sensors.camera.corners import camera_parameters
 from sensors.camera.model import Camera
 from sensors.light.mirror import MovedMirror, mirror_parameters
 from sensors.light.planes import moved, moved_rows
+from sensors.light.together import Together, decorrelated
 from sensors.state import SensorState, stripe_direction
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters
@@ -47,6 +48,7 @@ class Sheets:
     angles: np.ndarray | None = None
     change: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
+    together: Together | None = None
     _start: "Sheets | None" = field(default=None, repr=False, compare=False)
 
     @cached_property
@@ -77,6 +79,16 @@ class Sheets:
         return np.abs((self.at_start.by_pixel * self.scan).sum(0))
 
     @cached_property
+    def _apart(self):
+        if self._start is not None:
+            return self._start._apart
+        return self.together.steps(np.broadcast_to(self.sigma, (1, self.n))[0])
+
+    def decorrelated(self, rows: np.ndarray) -> np.ndarray:
+        """(..., n) residuals or their derivatives without what points share: left is noise of `sigma` in each."""
+        return rows if self.together is None else decorrelated(self._apart, rows)
+
+    @cached_property
     def state(self) -> SensorState:
         """At the start's camera, poses and planes, which effects go on reading while a solve moves them."""
         if self._start is not None:
@@ -98,6 +110,7 @@ class Sheets:
             scan=self.scan if self.scan.shape[1] == 1 else self.scan[:, samples],
             sigma=self.sigma if self.sigma.shape[1] == 1 else self.sigma[:, samples],
             covariates={name: column[samples] for name, column in self.covariates.items()},
+            together=None if self.together is None else self.together.at(samples),
             _start=None if self._start is None else self._start.at(samples),
         )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -68,7 +69,8 @@ def make_recording(scene: Scene, folder: Path, progress: Callable[[int, int], No
     these are then; truth: TOML file to write the truth to. Raises InputError for a scene that cannot be.
     """
     folder = Path(folder)
-    (folder / "images").mkdir(parents=True, exist_ok=True)
+    with _writing(folder):
+        (folder / "images").mkdir(parents=True, exist_ok=True)
     boards, artefacts = _places(scene, stations)
     takes = list(_takes(scene, boards, artefacts, stations))
     sweeps = len(scene.instrument.steps)
@@ -204,7 +206,18 @@ def _save(path, picture):
     """Written as bytes: a full disk then is an error, where OpenCV only says so beside its result."""
     import cv2
 
-    path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
+    with _writing(path):
+        path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
+
+
+@contextmanager
+def _writing(path):
+    """A disk that is full or write-protected is a sentence, not a fault of the programme."""
+    try:
+        yield
+    except OSError as problem:
+        raise InputError(f"{path}: expected a place to write a recording to, found the system's "
+                         f"'{problem.strerror or problem}'; make room or choose another folder") from problem
 
 
 def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) -> None:
@@ -229,7 +242,7 @@ def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) ->
 
 def _write_csv(path, rows) -> None:
     names = dict.fromkeys(name for row in rows for name in row)
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with _writing(path), path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerows([names, *([row.get(name, "") for name in names] for row in rows)])
 
@@ -237,7 +250,8 @@ def _write_csv(path, rows) -> None:
 def _write_toml(path, keys) -> None:
     import tomli_w
 
-    path.write_text(tomli_w.dumps(keys), encoding="utf-8", newline="\n")
+    with _writing(path):
+        path.write_text(tomli_w.dumps(keys), encoding="utf-8", newline="\n")
 
 
 def _truth(scene: Scene, boards: np.ndarray, artefacts: np.ndarray, takes: list[_Take]) -> dict:

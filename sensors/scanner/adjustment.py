@@ -90,6 +90,12 @@ def models(corners: Corners, sheets: Sheets, effects: Sequence[Effect]) -> tuple
     return Model(corners, both), Model(sheets, tuple(effects))
 
 
+def stripe_model(sheets: Sheets, effects: Sequence[Effect], known: Parameters) -> tuple[Model, Parameters]:
+    """The model of stripes that start where they are, and its table with the effects' `known` values."""
+    model, own = Model(sheets, tuple(effects)), sheets.parameters
+    return model, model.parameters.take_over(known).update({key: own[key] for key in own.keys})
+
+
 def shared(two: Sequence[Model], known: Parameters | None, free: Sequence[str]) -> Parameters:
     """One table for both models, at the chains' start and the effects' `known` values; all free but the mirror's."""
     every = {p.key: p for model in two for p in model.parameters.table}

@@ -14,6 +14,7 @@ from sensors.scanner.adjustment import Adjustment, adjust
 from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
 from sensors.scanner.model import Scanner
+from sensors.scanner.shared import with_shared_errors
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
@@ -42,8 +43,8 @@ class ScannerCalibration:
     result and `wrong` (n,) those left out; `rms_px`, `rms_mm` (S,) of each step's good points;
     `sigma_plane_mm` (S,) RMS over the working volume of each plane's 1 sigma in the camera's frame,
     most of which is that frame's own and moves nothing against anything else: `apart` says what is
-    left without it; `dropped` numbers of points, by
-    reason; `volume` nearest and farthest depth, mm; `sentences` what was dropped, what is not
+    left without it; what points of a stripe err by together (`made.sheets.together`) is in both; `dropped` numbers
+    of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was dropped, what is not
     determined and what was refused.
     """
 
@@ -75,6 +76,11 @@ class ScannerCalibration:
     def poses(self) -> np.ndarray:
         """(G, 6) T_camera_board of each of `placements`."""
         return self.made.sheets.poses
+
+    @property
+    def sigma_apart_mm(self) -> np.ndarray:
+        """(S,) mm, as `sigma_plane_mm` but in the frame that fits best: what planes err by against one another."""
+        return _over_volume(self.made, self.apart.planes, self.volume)
 
     @property
     def std(self) -> dict[str, float]:
@@ -124,13 +130,13 @@ def calibrate_scanner(
     progress(f"light planes of {len(found.steps)} steps from {found.whole.n} points of stripes")
     thin, _ = thinned(found.whole.at(~found.wrong))
     still = tuple(effect for effect in every if effect.where != "mirror" and effect.port != "mirror")
-    free = adjust(camera.chain, thin, still, camera.parameters, progress=progress)
+    free = with_shared_errors(adjust(camera.chain, thin, still, camera.parameters, progress=progress))
     made, checked = free, None
     if mirror and len(found.steps) >= FEWEST:
         by_step = found.commanded is None or np.ptp(found.commanded) < _STILL
         numbers = found.steps.astype(float) if by_step else found.commanded
         tried, checked = try_mirror(free, numbers, by_step, found.volume, every, progress)
-        made = tried if checked.supported else free
+        made = with_shared_errors(tried) if checked.supported else free
     left = leave_out(made, found.whole, progress) if check else None
     return _result(camera, found, free, made, checked, left, provenance)
 
@@ -146,9 +152,10 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         made.camera, found.steps, made.sheets.planes, made.sheets.mirror,
         None if made.sheets.mirror is None else made.sheets.angles, _effects(made),
         float(np.sqrt((pixels[good] ** 2).mean())), apart.planes, found.volume, last.scan[:, 0], dict(provenance or {}),
-        apart.frame,
+        apart.frame, made.sheets.together.named,
     )  # fmt: skip
-    said = (*_on_dropped(dropped), *camera.undetermined, *_on_mirror(checked), *_on_fit(made))
+    said = (*_on_dropped(dropped), *camera.undetermined, *_on_mirror(checked), made.sheets.together.sentence,
+            *_on_fit(made))  # fmt: skip
     step = last.labels["step"]
     return ScannerCalibration(
         scanner, camera, made, free, checked, left, tuple(camera.placements), last, pixels, millimetres, ~good,
@@ -251,9 +258,15 @@ def _effects(made: Adjustment):
 
 def _sigma_planes(made: Adjustment, volume) -> np.ndarray:
     """(S,) mm in the camera's frame as it stands, RMS over the working volume."""
-    planes, joint = made.sheets.planes, made.joint()[len(made.camera.values) :]
+    joint = made.joint()[len(made.camera.values) :]
+    return _over_volume(made, joint @ joint.T, volume)
+
+
+def _over_volume(made, covariance, volume):
+    """(S,) mm, RMS over the working volume, of planes with a covariance (3 S, 3 S)."""
+    planes = made.sheets.planes
     points, step = field_points(made.camera, planes, *volume)
-    variance = plane_variance(planes, points, step, joint @ joint.T)
+    variance = plane_variance(planes, points, step, covariance)
     count = np.bincount(step, minlength=planes.shape[1])
     with np.errstate(invalid="ignore"):
         return np.sqrt(np.bincount(step, variance, planes.shape[1]) / count)

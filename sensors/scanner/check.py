@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.light.sheets import Sheets
-from sensors.scanner.adjustment import Adjustment, solve_once
+from sensors.scanner.adjustment import Adjustment, solve_once, stripe_model
 
 _FOLDS = 20
 _INLIER = 3.0  # robust sigmas
@@ -114,11 +114,6 @@ def _placements_of(sheets: Sheets) -> np.ndarray:
 
 def residuals(made: Adjustment, sheets: Sheets) -> tuple[np.ndarray, np.ndarray]:
     """(n,) px along the scan line and (n,) mm from the plane, of stripe points at an adjustment's solution."""
-    from workbench.core.model import Model
-
-    model = Model(sheets, made.effects)
-    table = model.parameters.take_over(made.parameters)
-    own = sheets.parameters
-    table = table.update({key: own[key] for key in own.keys})
+    model, table = stripe_model(sheets, made.effects, made.parameters)
     pixels = model.residual(table)[0]
     return pixels, pixels * sheets.gain

@@ -54,6 +54,7 @@ class _Light(_Section):
     planes: list[Plane]
     scan: Pair
     sigma_px: Annotated[Finite, Field(gt=0)]
+    shared_px: dict[str, Annotated[Finite, Field(ge=0)]] | None = None
     volume_mm: Pair | None = None
     sigma_tilt_rad: list[Pair] | None = None
     sigma_offset_mm: list[Finite] | None = None
@@ -107,6 +108,8 @@ def _list(values):
 def _light_keys(scanner):
     keys = {"steps": [int(step) for step in scanner.steps], "planes": _list(scanner.planes.T),
             "scan": _list(scanner.scan), "sigma_px": float(scanner.sigma_px)}  # fmt: skip
+    if scanner.shared_px:
+        keys["shared_px"] = {name: float(sigma) for name, sigma in scanner.shared_px.items()}
     if scanner.volume is not None:
         keys["volume_mm"] = _list(scanner.volume)
     if scanner.covariance is not None:
@@ -162,7 +165,7 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
     light = file.light
     volume = None if light.volume_mm is None else tuple(light.volume_mm)
     bare = Scanner(camera, steps, planes, mirror, angles, (), light.sigma_px, _covariance(light, where), volume,
-                   np.array(light.scan), file.provenance, _frame(light, where))  # fmt: skip
+                   np.array(light.scan), file.provenance, _frame(light, where), light.shared_px or {})  # fmt: skip
     effects = tuple(_effect(row, bare, where) for row in file.effect)
     return replace(bare, effects=effects)
 

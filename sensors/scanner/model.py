@@ -29,7 +29,9 @@ class Scanner:
     `covariance` (3 S, 3 S): of each plane's two tilts (rad), along the stripe and across it, and
     offset (mm), in the frame that fits best, None where unknown; `frame` (6, 6): of that frame itself
     in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest,
-    farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px.
+    farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px;
+    `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.together`): it is in the
+    covariance.
     """
 
     camera: Camera
@@ -44,6 +46,7 @@ class Scanner:
     scan: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0]))
     provenance: Mapping = field(default_factory=dict)
     frame: np.ndarray | None = None
+    shared_px: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def _table(self) -> tuple[int, np.ndarray | None] | None:

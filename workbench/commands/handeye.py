@@ -56,6 +56,9 @@ def command(
 
 def _report(made, folder) -> None:
     from workbench.report.page import write_sheet
+    from workbench.report.sensor import picture
     from workbench.report.sensor.handeye import page
 
-    write_sheet(page(made), folder)
+    sheet = page(made)
+    write_sheet(sheet, folder)
+    picture.write_summary(sheet, picture.handeye(made), folder)

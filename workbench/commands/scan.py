@@ -34,6 +34,9 @@ def command(
 
 def _report(made, folder) -> None:
     from workbench.report.page import write_sheet
+    from workbench.report.sensor import picture
     from workbench.report.sensor.scan import page
 
-    write_sheet(page(made), folder)
+    sheet = page(made)
+    write_sheet(sheet, folder)
+    picture.write_summary(sheet, picture.scan(made), folder)

@@ -44,7 +44,7 @@ def rejected(console, rows: Sequence[Mapping], most: int = 12) -> None:
         console.print()
 
 
-_PLANE = ("rms_mm", "sigma_mm")
+_PLANE = ("rms_mm", "sigma_best_frame_mm")
 
 
 def scanner(console, answer: Mapping) -> None:
@@ -66,6 +66,7 @@ def scanner(console, answer: Mapping) -> None:
     for sentence in answer["sentences"]:
         console.print(f"- {sentence}", markup=False, soft_wrap=True)
     console.print()
+    rejected(console, answer["rejected"])
 
 
 def scan(console, answer: Mapping) -> None:
@@ -112,6 +113,17 @@ def _valued(row: Mapping) -> tuple:
     return (100 * row["value"], "%") if row["unit"] == "1" and row["value"] is not None else (row["value"], row["unit"])
 
 
+def _profiler(answer: Mapping) -> list[str]:
+    """Lines on the scale of a profiler's z, its noise and the ball's radius where that is fitted."""
+    told = [f"noise of a profile: {number(answer['noise'])} {answer['noise_unit']}"]
+    if answer.get("range_scale_std"):
+        told.append(f"scale of the profiler's z: {answer['range_scale']:+.2%}, 1 sigma {answer['range_scale_std']:.2%}")
+    if answer.get("free_radius_std_mm") and not answer["radius_std_mm"]:
+        radius, std = measured(answer["free_radius_mm"], answer["free_radius_std_mm"])
+        told.append(f"with a radius of its own: {radius} mm, 1 sigma {std} mm")
+    return told
+
+
 _ERRORS = {
     "rms_px": "corners, RMS distance, px",
     "rms_mm": "points from the ball, RMS, mm",
@@ -122,6 +134,8 @@ _ERRORS = {
     "mean_origin_mm": "board's origin, mean, mm",
     "mean_centre_mm": "board's middle, mean, mm",
     "mean_turn_deg": "board's turn, mean, deg",
+    "least_origin_mm": "least scatter of any hand-eye: origin, RMS, mm",
+    "least_turn_deg": "its turn (1 rad as 300 mm), RMS, deg",
 }
 
 
@@ -137,7 +151,10 @@ def handeye(console, answer: Mapping) -> None:
     grid(console, title, ["", "value", "1 sigma"], rows)
     if answer.get("radius_mm") is not None:
         radius, std = measured(answer["radius_mm"], answer["radius_std_mm"])
-        console.print(f"radius of the ball: {radius} mm, {'known' if std == '–' else f'1 sigma {std} mm'}\n")
+        console.print(f"radius of the ball: {radius} mm, {'known' if std == '–' else f'1 sigma {std} mm'}")
+        for line in _profiler(answer):
+            console.print(line, markup=False)
+        console.print()
     keys = [key for key in answer["fit"] if key in answer["held_out"]]
     rows = [[_ERRORS.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]] for key in keys]
     grid(console, "How far apart what stands still seems to be, pose by pose", ["", "fit", "held out"], rows)

@@ -114,11 +114,12 @@ def solve_bundle(
 
     parameters: one table that holds every key of every model. A chain with families offers, beside
     what `model.Chain` asks, `labels` (family -> (n,) int group of each sample), `with_families`
-    (mapping family -> values) and, in its evaluation, `family_rows(name)` (L, m, n). The state that
-    its effects read stays that of the start. loss: "linear", "huber" or "cauchy", a model's samples
-    reweighted with the noise's scale from their own median. progress is called with each step's
-    number and cost. Damping and stopping are those of `solve.solve`. InputError where a model has a
-    parameter that the table lacks, or a group without a start.
+    (mapping family -> values) and, in its evaluation, `family_rows(name)` (L, m, n). One whose samples
+    share errors offers `decorrelated(rows)` (..., m, n), which makes residuals and derivatives independent
+    ones of its `sigma`. The state that its effects read stays that of the start. loss: "linear", "huber"
+    or "cauchy", a model's samples reweighted with the noise's scale from their own median. progress is
+    called with each step's number and cost. Damping and stopping are those of `solve.solve`.
+    InputError where a model has a parameter that the table lacks, or a group without a start.
     """
     problem = _Problem(models, parameters, families, eliminate, LOSSES[loss])
     for step in range(steps):

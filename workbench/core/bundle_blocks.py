@@ -172,7 +172,7 @@ class Part:
     def residual(self, parameters: Parameters, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """(m, N) residual of the tiles, padding included."""
         model, own = self.at(parameters, values)
-        return model.residual(own)
+        return _decorrelated(model.chain, model.residual(own))
 
     def linearise(self, parameters, values) -> tuple[np.ndarray, np.ndarray]:
         """Residual (m, N) and rows (K + 1, m, N): free parameters, each family's, and room for the residual.
@@ -190,7 +190,8 @@ class Part:
         for name in self.families:
             free, start = free + self.layout.length[name], free
             rows[start:free] = evaluation.family_rows(name)
-        return evaluation.residual, rows
+        rows[:-1] = _decorrelated(model.chain, rows[:-1])
+        return _decorrelated(model.chain, evaluation.residual), rows
 
     def add_to(self, blocks: Blocks, rows: np.ndarray, residual: np.ndarray, root: np.ndarray) -> None:
         """Add what these samples know to the normal equations; root (m, N) 1/sigma times root of weight."""
@@ -223,6 +224,11 @@ class Part:
             place.add_shared(self.columns, mine[:, :, :free], mine[:, :, -1])
             for other, where in spans.items():
                 place.add_family(other, self.tiles.groups[other], mine[:, :, where])
+
+
+def _decorrelated(chain, rows):
+    """Rows (..., n) of a chain whose samples share errors, as if they did not: see `solve_bundle`."""
+    return chain.decorrelated(rows) if hasattr(chain, "decorrelated") else rows
 
 
 class _Place:

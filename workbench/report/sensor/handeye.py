@@ -21,6 +21,8 @@ _WORDS = {
     "mean_origin_mm": "board’s origin, mean distance from its mean (mm)",
     "mean_centre_mm": "board’s middle, mean distance from its mean (mm)",
     "mean_turn_deg": "board’s turn, mean from its mean (deg)",
+    "least_origin_mm": "the least scatter of any hand-eye: board’s origin, RMS (mm)",
+    "least_turn_deg": "its turn, RMS, a radian counted as 300 mm (deg)",
 }
 
 _RAGGED = " points left out, off the circle or at its ragged ends"
@@ -215,6 +217,24 @@ def _transform(run):
             else f"{rounded(made.radius, 6)} mm, as certified"
         )
         yield words(f"Radius of the ball: {told}.")
+        yield from _profiler(run)
+
+
+def _profiler(run):
+    """The profiler's noise and scale, and the ball's radius where it is fitted, with certified and with free radius."""
+    head, rows = ["", "radius certified", "radius free"], []
+    both = [run.made, run.free] if run.free else [run.made]
+    for title, key, values, unit in (
+        ("radius of the ball", "target.radius", [one.radius for one in both], "mm"),
+        ("scale of the profiler’s z, beyond 1", "sensor.range_scale", [100 * one.range_scale for one in both], "%"),
+    ):
+        spread = [one.std.get(key) for one in both]
+        spread = [std and (100 * std if unit == "%" else std) for std in spread]
+        rows.append((title, *(f"{' ± '.join(_valued(v, s)) if s else f'{rounded(v, 5)}, held'} {unit}" for v, s in
+                              zip(values, spread))))  # fmt: skip
+    rows.append(("points from the ball, RMS", *(f"{rounded(one.fit['rms_mm'])} mm" for one in both)))
+    rows.append(("noise of a profile", *(f"{rounded(one.noise)} mm" for one in both)))
+    yield table(head[: 1 + len(both)] if run.free else ["", "found"], rows)
 
 
 def _valued(value, std):

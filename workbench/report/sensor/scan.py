@@ -1,6 +1,7 @@
 """The page of scans: clouds in space, what the balls leave, and acceptance figures as metrologists name them."""
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 import plotly.graph_objects as go
@@ -23,13 +24,12 @@ _MAP_POINTS = 4000
 
 def page(made: Scans) -> Page:
     """The whole page of `workbench scan`."""
-    balls = [ball for _, ball in every(made) if ball.fit]
-    whole = [ball for ball in balls if ball.whole]
+    whole = [(ball.whole, ball.fit.rms, ball.fit.std[:3].max()) for _, ball in every(made) if ball.fit]
     numbers = [
-        ("form of a ball, RMS", rounded(max((b.fit.rms for b in whole), default=None)), "mm"),
-        ("centre, largest 1 σ, best frame", rounded(max((b.fit.std[:3].max() for b in whole), default=None)), "mm"),
+        ("form of a ball, RMS", rounded(max((rms for good, rms, _ in whole if good), default=None)), "mm"),
+        ("centre, largest 1 σ, best frame", rounded(max((std for good, _, std in whole if good), default=None)), "mm"),
         ("scans", str(len(made.scans)), ""),
-        ("balls found", str(len(balls)), ""),
+        ("balls found", str(len(whole)), ""),
     ]
     tail = [cameras.provenance(made.recording, made.calibration.camera if made.calibration else made)]
     own = scanners.sections(made.calibration) if made.calibration else ()
@@ -90,10 +90,12 @@ def lead(made: Scans) -> list[str]:
 
 def _frames(made: Scans) -> list[str]:
     """What the sigmas of centres are measured from."""
-    balls = [ball.fit for _, ball in every(made) if ball.fit]
-    if made.scanner.frame is None or not balls:
+    fits = (ball.fit for _, ball in every(made) if ball.fit)
+    if made.scanner.frame is None:
         return []
-    most = max(float(np.sqrt(np.diag(camera_covariance(made.scanner, fit)).max())) for fit in balls)
+    most = max((float(np.sqrt(np.diag(camera_covariance(made.scanner, fit)).max())) for fit in fits), default=None)
+    if most is None:
+        return []
     return [
         "σ of a centre is told in the frame that fits the scanner's points best, which is what distances between balls "
         "and a hand-eye calibration need. In the camera's own frame, whose place all points share, it is up to "
@@ -137,18 +139,19 @@ _HEAD = (
 
 
 def _balls(made: Scans):
-    shown = [(one, ball) for one, ball in every(made) if ball.fit]
+    shown = list(islice(_found(made), _ROWS))  # a long session is not held in memory
     if not shown:
         yield words("No ball was found in any scan.")
         return
-    yield table(_HEAD, [_row(one, ball) for one, ball in shown[:_ROWS]], left=3)
-    if len(shown) > _ROWS:
-        yield words(f"The JSON names the other {len(shown) - _ROWS} balls.", quiet=True)
-    if doubts := _doubts(made, shown):
+    yield table(_HEAD, [_row(one, ball) for one, ball in shown], left=3)
+    if (others := sum(1 for _ in _found(made)) - len(shown)) > 0:
+        yield words(f"The JSON names the other {others} balls.", quiet=True)
+    if doubts := _doubts(made):
         more = [f"And {len(doubts) - _DOUBTS} more, which the JSON holds."] if len(doubts) > _DOUBTS else []
         yield note("To be known", doubts[:_DOUBTS] + more)
     residual = 1000 * np.concatenate([ball.fit.residual[ball.fit.inliers] for _, ball in shown])
-    told = "Distances of all points used from the surface of their ball."
+    of = ", of those in the table" if others > 0 else ""
+    told = f"Distances of all points used from the surface of their ball{of}."
     yield figure("form", scanners.spread(residual, "µm"), told)
     yield words(
         "Where on the balls the distances are, as the scanner sees them. A pattern that all balls share belongs to the "
@@ -160,6 +163,11 @@ def _balls(made: Scans):
         for ball in both[1:]
     ]
     yield pair(*maps)
+
+
+def _found(made: Scans) -> Iterator[tuple[Scan, Ball]]:
+    """Each ball that was fitted, with its scan."""
+    return ((one, ball) for one, ball in every(made) if ball.fit)
 
 
 def _called(one: Scan, ball: Ball) -> str:
@@ -184,17 +192,19 @@ def _row(one: Scan, ball: Ball) -> tuple:
     )
 
 
-def _doubts(made: Scans, shown) -> list[str]:
+def _doubts(made: Scans) -> list[str]:
     """What is not as it should be, scan by scan and ball by ball; what several scans share is said once."""
     same: dict[str, list[str]] = {}
     for one in made.scans:
         for part in filter(None, one.outcome.split("; ")):
             same.setdefault(part, []).append(one.name)
-    doubts = [f"{_scans(names)}: {sentence(part)}" for part, names in same.items()]
-    odd = [(one, ball) for one, ball in shown if not ball.whole and ";" in ball.fit.outcome]
-    doubts += [f"{_called(one, ball)}: {sentence(ball.fit.outcome)}" for one, ball in odd]
-    known = [(one, ball) for one, ball in shown if ball.whole and ball.fit.warnings]
-    return doubts + [f"{_called(one, ball)}: {sentence('; '.join(ball.fit.warnings))}" for one, ball in known]
+    odd, known = [], []
+    for one, ball in _found(made):
+        if not ball.whole and ";" in ball.fit.outcome:
+            odd.append(f"{_called(one, ball)}: {sentence(ball.fit.outcome)}")
+        elif ball.whole and ball.fit.warnings:
+            known.append(f"{_called(one, ball)}: {sentence('; '.join(ball.fit.warnings))}")
+    return [f"{_scans(names)}: {sentence(part)}" for part, names in same.items()] + odd + known
 
 
 def _scans(names: list[str]) -> str:

@@ -39,7 +39,7 @@ def sections(made: ScannerRun) -> tuple[Section, ...]:
     calibration = made.calibration
     return (
         Section("planes", "Light planes", tuple(_planes(calibration))),
-        Section("stripes", "What the stripes leave", tuple(_stripes(calibration))),
+        Section("stripes", "What the stripes leave", (*_stripes(calibration), *_rejected(made))),
         Section("mirror", "One mirror for all planes", tuple(_mirror(calibration))),
         Section("leftout", "Placements left out", tuple(_left_out(calibration))),
         *cameras.sections(made.camera, "camera-"),
@@ -67,6 +67,19 @@ def lead(made: ScannerRun) -> list[str]:
     return [first, *(sentence(calibration.left_out.sentence) for _ in (1,) if calibration.left_out)]
 
 
+def _rejected(made: ScannerRun):
+    """Pictures under the laser that were left out, by reason, and what is to be said of the adjustment."""
+    by_reason: dict[str, list[str]] = {}
+    for one in made.rejected:
+        by_reason.setdefault(one.why, []).append(one.image)
+    if by_reason:
+        yield note("Pictures under the laser that were left out", [
+            f"{counted(len(names), 'picture')} ({', '.join(names[:6])}{' …' * (len(names) > 6)}): {why}."
+            for why, names in by_reason.items()
+        ])  # fmt: skip
+    yield note("What was left out, and what the sigmas hold", [sentence(line) for line in made.calibration.sentences])
+
+
 def _rms(values) -> float:
     return float(np.sqrt((values**2).mean())) if values.size else float("nan")
 
@@ -86,6 +99,7 @@ def _planes(calibration):
             f"{len(chosen)} of {len(scanner.steps)} planes; scanner.toml and the JSON hold all of them.", quiet=True
         )
     head = ["step", "nx", "ny", "nz", "offset (mm)", "RMS (mm)", "RMS (px)", "1 σ (mm)"]
+    sigma = calibration.sigma_apart_mm
     rows = [
         (
             str(scanner.steps[k]),
@@ -93,7 +107,7 @@ def _planes(calibration):
             f"{scanner.planes[3, k]:.4f}".replace("-", "−"),
             rounded(calibration.rms_mm[k]),
             rounded(calibration.rms_px[k]),
-            rounded(calibration.sigma_plane_mm[k]),
+            rounded(sigma[k]),
         )
         for k in chosen
     ]
@@ -139,7 +153,7 @@ def per_step(calibration) -> go.Figure:
     made = style.figure(340, "mirror step", "mm")
     for name, values, colour in (
         ("RMS of its points", calibration.rms_mm, style.BLUE),
-        ("1 σ of the plane", calibration.sigma_plane_mm, style.ORANGE),
+        ("1 σ of the plane", calibration.sigma_apart_mm, style.ORANGE),
     ):
         made.add_scatter(
             x=calibration.scanner.steps,

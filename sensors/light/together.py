@@ -1,0 +1,103 @@
+"""What the points of one stripe err by together: errors that no number of points along a stripe averages out.
+
+A printed edge under the light, light that falls unevenly on a tilted board, blur that changes with
+depth: each moves many points of a stripe, or all stripes of a placement, alike. They are random
+effects: a shift of each stripe, a tilt of it along itself, and a shift of each placement, each with
+one variance for all, and stand in the covariance of the measurements as blocks.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+NAMES = ("stripe", "tilt", "placement")
+WORDS = ("shift of a whole stripe", "tilt of a stripe, at its ends", "shift of all stripes of a placement")
+
+
+@dataclass(frozen=True)
+class Together:
+    """Shared errors of n points: `sigma` (3,) px of each of `NAMES`, `std` (3,) px of these sigmas themselves.
+
+    `labels` (3, n) int which error of its kind a point has, `shapes` (3, n) what a unit of it does
+    to the point; `number` (n,) int names a point: one that stands there twice counts once.
+    """
+
+    sigma: np.ndarray
+    std: np.ndarray
+    labels: np.ndarray
+    shapes: np.ndarray
+    number: np.ndarray
+
+    @property
+    def named(self) -> dict[str, float]:
+        """1 sigma, px, by kind."""
+        return dict(zip(NAMES, self.sigma.tolist()))
+
+    @property
+    def sentence(self) -> str:
+        """What the covariance holds of them."""
+        every = zip(WORDS, self.sigma, self.std)
+        told = [f"{word} {1000 * sigma:.2g} +- {1000 * std:.1g}" for word, sigma, std in every if np.isfinite(std)]
+        if not told:
+            return ("too few stripes to tell what the points of a stripe err by together: the sigmas of light planes "
+                    "do not hold it")  # fmt: skip
+        return f"points of a stripe err together too, in 0.001 px (1 sigma): {', '.join(told)}; it is in the sigmas"
+
+    @classmethod
+    def of(cls, labels: Mapping[str, np.ndarray], along: np.ndarray) -> "Together":
+        """Of points with `placement` and `step`, at places `along` (n,) px their stripes; none erring yet."""
+        from sensors.light.board_stripes import centred, groups
+
+        stripe, count = groups(labels["placement"], labels["step"])
+        one = np.ones(len(along))
+        return cls(np.zeros(3), np.full(3, np.inf), np.stack([stripe, stripe, groups(labels["placement"])[0]]),
+                   np.stack([one, centred(along, stripe, count), one]), np.arange(len(along)))  # fmt: skip
+
+    def at(self, samples: np.ndarray) -> "Together":
+        """Of some of the points (indices or mask)."""
+        return replace(self, labels=self.labels[:, samples], shapes=self.shapes[:, samples],
+                       number=self.number[samples])  # fmt: skip
+
+    def steps(self, sigma: np.ndarray) -> list["Step"]:
+        """The factors of V^-1/2 but for the division by sigma (n,) px, in their order, of the kinds that err.
+
+        Of independent errors and one shared by a group with the shape b, V = D^2 + t^2 b b', that
+        factor is r - c b (b'w r) / (b'w b), w = 1 / sigma^2 and c = 1 - 1 / sqrt(1 + t^2 b'w b): what
+        is done to panels with random effects (Fuller & Battese, J. Econometrics 2 (1974)). Further
+        kinds follow in turn, their shapes first taken through those before.
+        """
+        weight = sigma**-2.0 / np.bincount(self.number)[self.number]
+        made: list[Step] = []
+        for spread, label, shape in zip(self.sigma, self.labels, self.shapes):
+            if spread > 0:
+                made.append(_step(spread, label, decorrelated(made, shape), weight))
+        return made
+
+
+@dataclass(frozen=True)
+class Step:
+    """One factor: sums (groups, n) sparse, and what of its group's sum a point (n,) of group `label` loses."""
+
+    sums: object
+    label: np.ndarray
+    share: np.ndarray
+
+
+def _step(spread, label, shape, weight) -> Step:
+    from scipy.sparse import csr_array
+
+    n, count = len(label), int(label.max(initial=-1)) + 1
+    known = np.maximum(np.bincount(label, weight * shape**2, count), 1e-300)
+    lost = 1 - 1 / np.sqrt(1 + spread**2 * known)
+    sums = csr_array((weight * shape, (label, np.arange(n))), shape=(count, n))
+    return Step(sums, label, shape * (lost / known)[label])
+
+
+def decorrelated(steps: list[Step], rows: np.ndarray) -> np.ndarray:
+    """(..., n) residuals or their derivatives, made as independent as their points' own noise."""
+    shape = rows.shape
+    rows = rows.reshape(-1, shape[-1])
+    for step in steps:
+        rows = rows - (step.sums @ rows.T)[step.label].T * step.share
+    return rows.reshape(shape)

@@ -1,0 +1,129 @@
+"""`summary.png` of the sensor's commands: the figures at the head of the page, and two graphs, in one picture."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from workbench.report import style
+from workbench.report.page import PICTURE
+from workbench.report.sections import Page
+
+_INK, _MOST = "#222222", 5000
+_log = logging.getLogger(__name__)
+Panel = Callable[[object], None]
+
+
+def write_summary(page: Page, panels: tuple[Panel, ...], folder: Path) -> bool:
+    """Write `summary.png` into a folder; False, with a sentence in the log, where it cannot be drawn."""
+    try:
+        summary(page, panels).savefig(Path(folder) / PICTURE, dpi=150)
+    except (ImportError, OSError, RuntimeError) as error:
+        _log.warning("%s was not drawn, because of: %s; the page is complete without it.", PICTURE, error)
+        return False
+    return True
+
+
+def summary(page: Page, panels: tuple[Panel, ...]):
+    """A matplotlib figure: the page's numbers above, each panel drawn into axes of its own."""
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=(13, 4.9), facecolor="white")
+    grid = made.add_gridspec(1, len(panels), left=0.06, right=0.98, bottom=0.13, top=0.7, wspace=0.2)
+    for k, panel in enumerate(panels):
+        axes = made.add_subplot(grid[k])
+        panel(axes)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.title.set_size(10.5)
+    made.text(0.015, 0.94, page.over, size=11, color=_INK, va="center")
+    made.text(0.985, 0.94, page.title, size=11, color=_INK, ha="right", va="center")
+    for k, (name, value, unit) in enumerate(page.numbers[:4]):
+        made.text(0.015 + 0.245 * k, 0.855, f"{value} {unit}", size=18, weight="bold", color=_INK, va="center")
+        made.text(0.015 + 0.245 * k, 0.795, name, size=9, color=_INK, va="center")
+    return made
+
+
+def camera(run) -> tuple[Panel, ...]:
+    """RMS picture by picture, and every residual."""
+    made = run.calibration
+
+    def pictures(axes):
+        axes.bar(np.arange(1, len(made.views) + 1), made.view_rms_px, color=style.BLUE)
+        axes.set(xlabel="picture", ylabel="RMS distance (px)", title="error of each picture")
+
+    def residuals(axes):
+        x, y = made.residual[:, :: max(1, made.residual.shape[1] // _MOST)]
+        axes.scatter(x, y, s=3, lw=0, alpha=0.4, color=style.ORANGE)
+        axes.set(xlabel="x (px)", ylabel="y (px)", title="residuals of the corners")
+        axes.set_aspect("equal", adjustable="datalim")
+
+    return pictures, residuals
+
+
+def scanner(run) -> tuple[Panel, ...]:
+    """Step by step, and how far points lie from their planes."""
+    made = run.calibration
+
+    def steps(axes):
+        steps = made.scanner.steps
+        axes.plot(steps, made.rms_mm, ".-", color=style.BLUE, label="points from their plane, RMS")
+        axes.plot(steps, made.sigma_apart_mm, ".-", color=style.ORANGE, label="1 sigma of the plane")
+        axes.set(xlabel="mirror step", ylabel="mm", title="light plane by light plane", ylim=(0, None))
+        axes.legend(frameon=False)
+
+    def spread(axes):
+        _ecdf(axes, np.abs(made.residual_mm[~made.wrong]), "fit", style.GREEN)
+        if made.left_out is not None:
+            _ecdf(axes, np.abs(made.left_out.residual_mm), "placement left out", style.BLUE)
+        axes.set(xlabel="distance from the plane (mm)", title="share of stripe points that err by less")
+        axes.legend(frameon=False, loc="lower right")
+
+    return steps, spread
+
+
+def scan(run) -> tuple[Panel, ...]:
+    """Form of the balls, and how well their centres are known."""
+    balls = [(one.name, ball) for one in run.scans for ball in one.balls if ball.fit]
+
+    def form(axes):
+        for name, ball in balls[:12]:
+            _ecdf(axes, 1000 * np.abs(ball.fit.residual[ball.fit.inliers]), name, None)
+        axes.set(xlabel="distance from the ball (um)", title="share of points that err by less, ball by ball")
+        if 0 < len(balls) <= 12:
+            axes.legend(frameon=False, loc="lower right", fontsize=7)
+
+    def centres(axes):
+        place = np.arange(1, len(balls) + 1)
+        for k, (axis, colour) in enumerate(zip("xyz", (style.BLUE, style.ORANGE, style.GREEN))):
+            axes.bar(place + 0.27 * (k - 1), [1000 * b.fit.std[k] for _, b in balls], 0.26, color=colour, label=axis)
+        axes.set(xlabel="ball, scan by scan", ylabel="1 sigma (um)", title="how well the centres are known")
+        axes.legend(frameon=False)
+
+    return form, centres
+
+
+def handeye(run) -> tuple[Panel, ...]:
+    """Errors pose by pose, and by how much the adjustment thinks the robot was off."""
+    rows, unit = run.made.poses, run.made.unit
+    place = np.arange(1, len(rows) + 1)
+
+    def errors(axes):
+        axes.bar(place - 0.2, [row.residual for row in rows], 0.38, color=style.GREEN, label="fit")
+        axes.bar(place + 0.2, [row.held_out for row in rows], 0.38, color=style.BLUE, label="held out")
+        axes.set(xlabel="pose", ylabel=f"RMS ({unit})", title="error pose by pose, robot held exact")
+        axes.legend(frameon=False)
+
+    def moved(axes):
+        axes.bar(place, [row.moved_mm for row in rows], color=style.ORANGE)
+        axes.set(xlabel="pose", ylabel="mm", title="by how much the robot was off, as these data say")
+
+    return errors, moved
+
+
+def _ecdf(axes, values, label, colour):
+    values = values[np.isfinite(values)]
+    if values.size:
+        axes.ecdf(values, label=label, color=colour, lw=1.8)
+        axes.set_xlim(0, 1.05 * float(np.quantile(values, 0.998)))
+        axes.yaxis.set_major_formatter("{x:.0%}")
