@@ -216,6 +216,17 @@ def groups_constrain(table: Table, context: Context) -> None:
                                 "give rows that belong together the same number")
 
 
+def lengths_agree(table: Table, context: Context) -> None:
+    """Both rows of a pair say the same length."""
+    if "pair" in context.kind.columns:
+        order = np.argsort(table.columns["pair"], kind="stable").reshape(-1, 2)
+        length = table.columns["length_mm"][order]
+        row = first(np.abs(np.diff(length)).ravel() > 1e-6)
+        if row is not None:
+            raise complaint(table.where(order[row, 1], "length_mm"), f"{length[row, 0]:g}, as in the pair's other row",
+                            f"{length[row, 1]:g}", "give both rows of a pair the length between them")
+
+
 def some_row_moves(table: Table, context: Context) -> None:
     """At least one row belongs to the arm."""
     if "fixed_to" in table.columns and not np.any(table.columns["fixed_to"] == "tool"):
@@ -224,7 +235,7 @@ def some_row_moves(table: Table, context: Context) -> None:
 
 RULES = (has_columns, joints_are_named, joints_match_robot, numbers_are_finite, flange_is_whole, integers_are_whole,
          samples_are_unique, lengths_are_positive, approach_is_a_sign, fixed_to_is_known, directions_are_unit,
-         balls_are_known, groups_constrain, some_row_moves)
+         balls_are_known, groups_constrain, lengths_agree, some_row_moves)
 """Every rule, in the order in which a user should hear of it."""
 
 

@@ -12,6 +12,8 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 FLANGE = ("flange_x_mm", "flange_y_mm", "flange_z_mm", "flange_qw", "flange_qx", "flange_qy", "flange_qz")
 """T_base_flange of an arm whose controller gave poses instead of joint readings."""
 AXES = (("nx", "ny", "nz"), ("ox", "oy", "oz"))
+OTHER = "other_"
+"""Before the name of a column, in memory only: what it holds in the second row of a pair."""
 
 
 @dataclass(frozen=True)

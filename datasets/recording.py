@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, joint_columns
+from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, joint_columns
 from datasets.errors import complaint
 from workbench.core.rigid import transform
 
@@ -109,7 +109,8 @@ class Recording:
         repeats of one pose; so do rows whose joint readings agree.
         """
         # readings that agree to 1e-4 rad (1e-4 mm) are one commanded pose, whatever the columns say
-        readings = self.joints
+        second = [c for c in self.columns if c.startswith(OTHER) and joint_columns([c.removeprefix(OTHER)])]
+        readings = np.column_stack([self.joints, *(self.columns[c] for c in second)])
         if FLANGE[0] in self.columns and not readings.size:
             readings = np.stack([self.columns[c] for c in FLANGE], axis=1)
         posture = np.unique(readings.round(4), axis=0, return_inverse=True)[1].ravel()

@@ -7,7 +7,7 @@ import numpy as np
 
 from robot_model import chain as kinematics
 from robot_model.chain import BETA, D, forward
-from robot_model.measurements import measurement_of
+from robot_model.measurements import looks_of, measurement_of
 from robot_model.poses import pose_parameters
 from robot_model.robot import Robot
 from robot_model.state import State
@@ -60,6 +60,11 @@ class RobotChain:
     def n(self) -> int:
         return self.variables.shape[1]
 
+    @property
+    def looks(self) -> int:
+        """How many columns of `variables` and `state` make one sample, all first looks before all second ones."""
+        return getattr(self.measurement, "looks", 1)
+
     @cached_property
     def turns(self) -> tuple[np.ndarray, np.ndarray]:
         """(J, n) cosines and sines of the joint variables, which every evaluation needs."""
@@ -67,20 +72,21 @@ class RobotChain:
 
     def at(self, samples: np.ndarray) -> "RobotChain":
         """The same robot and start on some of the samples."""
+        seen = _columns_of(samples, self.looks, self.n)
         state = replace(
             self.state,
-            variables=self.state.variables[:, samples],
-            covariates={k: v[samples] for k, v in self.state.covariates.items()},
-            payload=self.state.payload[samples],
-            measured=self.state.measured[:, samples],
-            index=self.state.index[samples],
-            target=self.state.target[:, samples],
+            variables=self.state.variables[:, seen],
+            covariates={k: v[seen] for k, v in self.state.covariates.items()},
+            payload=self.state.payload[seen],
+            measured=self.state.measured[:, seen],
+            index=self.state.index[seen],
+            target=self.state.target[:, seen],
         )
         measurement = self.measurement.at(samples)
         return replace(
             self,
             measurement=measurement,
-            variables=self.variables[:, samples],
+            variables=self.variables[:, seen],
             sigma=self.sigma[:, samples],
             state=state,
             stated_sigma=self.stated_sigma[:, samples],
@@ -125,7 +131,8 @@ class RobotChain:
         pose = self.split(values)[0]
         turn = rotation_matrix(pose[3:])
         arrows = evaluation.closure.to_world(residual[: len(evaluation.residual)])
-        return turn.T @ (evaluation.closure.point - pose[:3, None]), turn.T @ arrows
+        points = evaluation.closure.point[:, : residual.shape[1]]  # of a length, its first end
+        return turn.T @ (points - pose[:3, None]), turn.T @ arrows
 
     def frames(self, values: np.ndarray, deltas: dict) -> tuple[kinematics.Frames, dict]:
         """Frames in the world with all deltas of joints, geometry and frames; and the twists."""
@@ -256,23 +263,30 @@ def bind(
             f"recording '{recording.name}': {recording.joints.shape[1]} joint readings a sample, but robot "
             f"'{robot.name}' has {robot.mixing.shape[1]} joints; correct samples.csv or robot.toml"
         )
-    variables = robot.mixing @ recording.joints.T
+    looks = looks_of(recording)
+    variables = np.concatenate([robot.mixing @ look.joints.T for look in looks], 1)
     if start is None:
-        frames = forward(robot, variables[:, start_on])
+        frames = forward(robot, variables[:, _columns_of(start_on, len(looks), variables.shape[1])])
         if hasattr(measurement, "oriented"):
             measurement = replace(measurement, facing=measurement.at(start_on).oriented(frames).facing)
         start = np.concatenate(measurement.at(start_on).start(frames))
     tool = start if measurement.grounded else start[_BASE:]
-    state = _state(robot, recording, variables, measurement, tool)
+    state = _state(robot, looks, variables, measurement, tool)
     sigma = measurement.sigma(recording)
     return RobotChain(robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None)
 
 
-def _state(robot, recording, variables, measurement, tool) -> State:
+def _columns_of(samples, looks: int, columns: int):
+    """What picks the columns of some samples, given as a mask, indices or a slice."""
+    return samples if looks == 1 else np.arange(columns).reshape(looks, -1)[:, samples].ravel()
+
+
+def _state(robot, looks, variables, measurement, tool) -> State:
     """What effects read; a load without a known centre hangs where the measured point is."""
-    covariates = dict(recording.covariates)
-    covariates.setdefault("row", np.arange(recording.n, dtype=float))
-    payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(recording.n))
+    held = [look.covariates for look in looks]
+    covariates = {name: np.concatenate([columns[name] for columns in held]) for name in held[-1]}
+    covariates.setdefault("row", np.tile(np.arange(looks[0].n, dtype=float), len(looks)))
+    payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
     centre = robot.payload_com if robot.payload_mass > 0 else tool[:3]
     seen = measurement.measured, measurement.numbers, measurement.targets(tool)
     return State(robot, variables, covariates, robot.gravity, payload, centre, *seen)

@@ -16,7 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 
 EVERY_KIND = pytest.mark.parametrize("measures", KINDS)
-CLOSED = {"touch-point", "laser-spot", "plane-touch", "ball-surface"}  # each has a test file of its own
+CLOSED = {"touch-point", "laser-spot", "plane-touch", "ball-surface", "distance"}  # each has a test file of its own
 COPLANAR = {k: (x, y, 0.0, r) for k, (x, y, _, r) in BALLS.items()}
 
 
@@ -173,8 +173,8 @@ def test_sample_numbers_are_those_of_the_file():
 
 def test_a_kind_that_moves_no_chain_is_a_sentence():
     made = scene("external-point", n=12)
-    with pytest.raises(InputError, match="'distance' cannot be calibrated; expected one of ball-centre"):
-        measurement_of(replace(made.recording, measures="distance"))
+    with pytest.raises(InputError, match="'board-images' cannot be calibrated; expected one of ball-centre"):
+        measurement_of(replace(made.recording, measures="board-images"))
 
 
 def test_arrows_and_points_stand_in_the_root_frame():

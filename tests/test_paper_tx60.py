@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datasets import write
 from datasets.makers import poses
 from datasets.makers.tx60 import geometries, tx60
 from robot_model import load_robot
 from robot_model.chain import forward
 from workbench.calibrate import calibrate
+from workbench.core.errors import InputError
 from workbench.identify import identifiability
-from workbench.significance import significance
+from workbench.significance import robot_called, significance
 
 PLAN = Path("mdh-partial-pose")
 OPEN = "joint 6's twist (alpha) has no effect at all on these measurements"
@@ -100,3 +102,21 @@ def test_significance_by_plain_matrix_products():
 def test_what_a_plan_holds_stays_held():
     found = calibrated("op")
     assert all(found.solution.parameters[f"{place}.{axis}"] == 0 for place in ("base", "tool") for axis in ("x", "rz"))
+
+
+def test_a_recording_is_asked_about_its_own_poses(tmp_path):
+    robot, readings = robot_called(str(write(tx60("op", 40).recording(), tmp_path / "op")))
+    found = significance(robot, points=25, readings=readings)
+    assert found.points == 25 and found.place == "of its recorded configurations"
+    whole = significance(robot, points=500, readings=readings)
+    assert whole.points == 40
+    row = whole.index[whole.keys.index("joint-3.a3")]
+    assert row[0] == pytest.approx(0.1) and row[1:] == pytest.approx([0, 0, 0], abs=1e-12)
+    assert robot_called("elastic-arm")[1].shape == (300, 6) and robot_called("staubli_tx60")[1] is None
+
+
+def test_significance_of_nothing_known_is_a_sentence(tmp_path):
+    with pytest.raises(InputError, match="nosuch: expected a robot .*abb_irb120.* or a recording .*elastic-arm"):
+        robot_called("nosuch")
+    with pytest.raises(InputError, match="nothing.toml"):
+        robot_called(str(tmp_path / "nothing.toml"))

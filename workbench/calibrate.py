@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
+from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from robot_model.system import bind
 from workbench.core.effect import make_effects
@@ -31,6 +32,7 @@ from workbench.gauge import lengths_beside, resized, size_of
 from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
+from workbench.shrinkage import settled
 from workbench.suspicion import suspicion
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
@@ -96,6 +98,7 @@ class _Step:
     free: int
     rank: int
     loss: str = "linear"
+    settle: bool = False
 
 
 def calibrate(
@@ -113,7 +116,7 @@ def calibrate(
     error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
     Raises InputError for a recording that this cannot calibrate.
     """
-    moving = recording.select(recording.moving)
+    moving = samples_of(recording)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
@@ -248,12 +251,14 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
     free, tied = _canonical(model.at(split.fit), trial, wanted) if stage.canonical else (wanted, {})
     fit = solve(model.at(split.fit), free, stage.loss, stage.steps)
+    if stage.canonical:
+        fit = settled(model.at(split.fit), fit, stage.loss, stage.steps)
     if size is not None:
         fit = solve(model.at(split.fit), resized(fit.parameters, size), stage.loss, stage.steps)
         tied = tied | {size: lengths_beside(wanted, size)}
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
-    held_out = _held_out(model, fit, split, stage.loss, stage.steps)
-    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, asked, known.rank, stage.loss)
+    held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
+    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, asked, known.rank, stage.loss, stage.canonical)
 
 
 def _canonical(model, trial: Fit, wanted: Parameters):
@@ -294,16 +299,16 @@ def _extra_variance(squares, sigma):
     return brentq(excess, least, high) if high > least and excess(least) > 0 else least * (not sigma.any())
 
 
-def _held_out(model, fit, split, loss, steps) -> HeldOut:
+def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
     """Judged on folds of the fit samples alone: test samples have no part in choosing stages."""
-    return cross_validate(model, fit.parameters, split.fold, loss, steps)
+    return cross_validate(model, fit.parameters, split.fold, loss, steps, settle)
 
 
 def _final_held_out(step: _Step, split: Split) -> HeldOut:
     """The error on the named test samples, else that over the folds."""
     if not split.test.any():
         return step.held_out
-    return hold_out(step.model, step.parameters, split.test, split.fit, step.loss)
+    return hold_out(step.model, step.parameters, split.test, split.fit, step.loss, settle=step.settle)
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:

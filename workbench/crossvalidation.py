@@ -9,6 +9,7 @@ from scipy.stats import wilcoxon
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solve import solve
+from workbench.shrinkage import settled
 
 
 @dataclass(frozen=True)
@@ -62,29 +63,37 @@ def blocks(poses: np.ndarray, folds: int) -> np.ndarray:
     return place * min(folds, len(order)) // len(order)
 
 
-def cross_validate(model: Model, start: Parameters, fold: np.ndarray, loss: str, steps: int = 50) -> HeldOut:
-    """Fit on all folds but one and predict that one, for every fold; start from `start`."""
+def cross_validate(
+    model: Model, start: Parameters, fold: np.ndarray, loss: str, steps: int = 50, settle: bool = False
+) -> HeldOut:
+    """Fit on all folds but one and predict that one, for every fold; start from `start`.
+
+    settle: every fit finds by itself how large effects of one kind are (`workbench.shrinkage`).
+    """
     residual, located = np.full((3, len(fold)), np.nan), {}
     for k in np.unique(fold[fold >= 0]):
-        residual[:, fold == k], found = _predict(model, start, fold == k, (fold >= 0) & (fold != k), loss, steps)
+        residual[:, fold == k], found = _predict(model, start, fold == k, (fold >= 0) & (fold != k), loss, steps,
+                                                settle)  # fmt: skip
         located |= found
     return HeldOut(residual, fold, located)
 
 
 def hold_out(
-    model: Model, start: Parameters, test: np.ndarray, fit_on: np.ndarray, loss: str, steps: int = 50
-) -> HeldOut:
-    """Fit on the samples `fit_on` (n,) bool and predict those of `test` (n,) bool."""
+    model: Model, start: Parameters, test: np.ndarray, fit_on: np.ndarray, loss: str, steps: int = 50,
+    settle: bool = False,
+) -> HeldOut:  # fmt: skip
+    """Fit on the samples `fit_on` (n,) bool and predict those of `test` (n,) bool; settle as above."""
     residual = np.full((3, len(test)), np.nan)
-    residual[:, test], located = _predict(model, start, test, fit_on, loss, steps)
+    residual[:, test], located = _predict(model, start, test, fit_on, loss, steps, settle)
     return HeldOut(residual, np.where(test, 0, -1), located)
 
 
-def _predict(model, start, test, fit_on, loss, steps):
+def _predict(model, start, test, fit_on, loss, steps, settle):
     """Residual (3, tested) of a fit on other samples, and what had to be located on the tested ones."""
-    fitted = solve(model.at(fit_on), start, loss, steps).parameters
-    seen = model.at(test)
-    unseen = _unseen(model.at(fit_on), seen, fitted)
+    known, seen = model.at(fit_on), model.at(test)
+    fit = solve(known, start, loss, steps)
+    fitted = (settled(known, fit, loss, steps) if settle else fit).parameters
+    unseen = _unseen(known, seen, fitted)
     if unseen.any():
         placed = solve(seen, fitted.only(unseen), loss, steps).parameters
         fitted = replace(fitted, values=placed.values)

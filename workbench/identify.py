@@ -6,6 +6,7 @@ import numpy as np
 
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
+from robot_model.measurements import samples_of
 from robot_model.system import bind, geometry_free
 from workbench.core.effect import make_effects
 from workbench.core.identifiability import identifiability as look
@@ -23,7 +24,7 @@ def identifiability(recording, plan: Path | None = None) -> dict:
     without sigma is taken to have 0.05 mm. plan: a plan file or its name; each of its stages is then
     judged with all before it. Keys as the command prints them.
     """
-    moving = recording.select(recording.moving)
+    moving = samples_of(recording)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     chain = bind(robot, moving)
     scale = _NOMINAL_SIGMA_MM if recording.sigma is None else 1.0
@@ -59,5 +60,5 @@ def _judged(stage, model, parameters, scale) -> dict:
     known = look(normal_matrix(model, parameters), parameters, scale)
     return {
         "name": stage.name, "free": len(known.keys), "identifiable": known.rank,
-        "undetermined": known.sentences(), **known.observability(model.chain.n),
+        "undetermined": known.sentences(), **known.observability(model.chain.sigma.shape[1]),
     }  # fmt: skip

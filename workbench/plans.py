@@ -46,7 +46,10 @@ def stage_mask(parameters: Parameters, stage: Stage, effects, chain) -> np.ndarr
     """(P,) True for what a stage frees: its patterns, or with "*" all that its effects bring."""
     if stage.free != ("*",):
         present = [p for p in stage.free if p not in FRAMES or p in frames_of(parameters)]
-        return parameters.matching(*present)
+        try:
+            return parameters.matching(*present)
+        except InputError as problem:
+            raise InputError(f"stage '{stage.name}' of the plan, key free: {problem}; correct the pattern") from None
     own = [p.key for effect in effects for p in effect.parameters(chain)]
     return np.isin(parameters.keys, own)
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from datasets.columns import joint_columns
 from robot_model import load_robot
-from robot_model.clearance import hidden_by_others, self_clearance, view_clearance
+from robot_model.clearance import self_clearance
 from robot_model.effects import CATALOGUE
+from robot_model.measurements import looks_of, samples_of
 from robot_model.system import bind, geometry_free
 from workbench.core.design import Design, choose
 from workbench.core.effect import make_effects
@@ -17,6 +18,7 @@ from workbench.core.identifiability import identifiability, independent
 from workbench.core.model import Model
 from workbench.core.solve import normal_matrix
 from workbench.plans import default_plan, frames_of
+from workbench.sight import EVERYTHING, Sight, unseen
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5", "task")
 _NOMINAL_SIGMA_MM = 0.05
@@ -51,23 +53,31 @@ class Chosen:
 
 
 def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: bool = False,
-                 link_radius_mm: float = LINK_RADIUS_MM, seed: int = 0) -> Chosen:  # fmt: skip
+                 link_radius_mm: float = LINK_RADIUS_MM, seed: int = 0,
+                 sight: Sight = EVERYTHING) -> Chosen:  # fmt: skip
     """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
 
     recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
     robot and kind, whose predicted error is to be small. link_radius_mm: half the thickness of the
-    arm's links, for the check that it is not in its own way; 0 leaves the check out.
+    arm's links, for the check that it is not in its own way; 0 leaves the check out. sight: what the
+    sensor on the arm can see.
     Raises InputError where there are too few candidates or the criterion is not known.
     """
-    if criterion not in CRITERIA or (criterion == "task") != (tasks is not None):
-        raise InputError(f"--criterion {criterion}: expected one of {', '.join(CRITERIA)}, and task together with "
-                         "--tasks FILE, found otherwise; correct the call")
-    moving = recording.select(recording.moving)
+    if criterion not in CRITERIA:
+        raise InputError(f"--criterion {criterion}: expected one of {', '.join(CRITERIA)}, found none of them; "
+                         "correct it")
+    if (criterion == "task") != (tasks is not None):
+        raise InputError(f"--criterion {criterion}: expected --tasks RECORDING with the criterion task and with no "
+                         f"other, found {'none' if tasks is None else 'one'}; correct the call")
+    moving = samples_of(recording)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
-    good, left_out = _usable(robot, moving, link_radius_mm)
+    good, left_out = _usable(robot, moving, link_radius_mm, sight.checked(recording.measures))
     moving = moving.select(good)
     poses = np.unique(moving.poses, return_inverse=True)[1]
     count = poses.max(initial=-1) + 1
+    if count < 2:
+        raise InputError(f"{recording.name}: expected at least 2 poses that can be used, found {count} "
+                         f"({_told(left_out)}); bring other candidates, or ask for less of the sensor and the arm")
     if not 2 <= n <= count:
         raise InputError(f"--count {n}: expected 2 to {count}, the poses of {recording.name} that can be used "
                          f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates")
@@ -76,7 +86,7 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     design = choose(rows, n, criterion, None if tasks is None else _task_rows(robot, model, tasks, free), seed)
     picked = np.isin(poses, design.chosen)
     known = identifiability(normal_matrix(model.at(picked), everything), everything)
-    samples = tuple(int(i) for i in moving.sample_ids[picked])
+    samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
     return Chosen(recording, samples, design, criterion, tuple(known.sentences()), int(count), left_out,
                   int(free.mask.sum()))  # fmt: skip
 
@@ -116,50 +126,31 @@ def _by_pose(rows, poses) -> np.ndarray:
 
 def _task_rows(robot, model, tasks, free):
     """(T, m, F) rows of the tasks, with base and tool as the candidates have them."""
-    tasks = tasks.select(tasks.moving)
+    tasks = samples_of(tasks)
     chain = bind(robot, replace(tasks, sigma_mm=1.0), start=model.chain.start)
     seen = Model(chain, model.effects)
     return _whitened(seen, seen.parameters.take_over(free).only(free.mask))
 
 
-def _usable(robot, recording, link_radius):
-    """(n,) which rows may be driven to and show what they should, and how many may not, by reason."""
-    variables = robot.mixing @ recording.joints.T
+def _usable(robot, recording, link_radius, sight):
+    """(n,) which rows may be driven to and show what they should, and how many may not, by the first reason."""
+    left, taken = {}, np.zeros(recording.n, bool)
+    for look in looks_of(recording):
+        variables = robot.mixing @ look.joints.T
+        reasons = {"beyond a joint's limit": _beyond(robot, look.joints)}
+        reasons["in the arm's own way"] = (self_clearance(robot, variables, link_radius) < 2 * link_radius
+                                           if link_radius > 0 else np.zeros(recording.n, bool))  # fmt: skip
+        for why, rows in (reasons | unseen(robot, recording, link_radius, sight)).items():
+            left[why] = left.get(why, 0) + int((rows & ~taken).sum())
+            taken |= rows
+    return ~taken, left
+
+
+def _beyond(robot, joints):
+    """(n,) True where a reading (n, R) passes a limit that the robot states."""
     low, high = robot.limits.T
-    beyond = ~(np.where(np.isnan(low), True, recording.joints >= low - 1e-9)
-               & np.where(np.isnan(high), True, recording.joints <= high + 1e-9)).all(1)  # fmt: skip
-    own_way = np.zeros(recording.n, bool)
-    if link_radius > 0:
-        own_way = self_clearance(robot, variables, link_radius) < 2 * link_radius
-    hidden = _hidden(robot, recording, variables, link_radius)
-    reasons = {"beyond a joint's limit": beyond, "in the arm's own way": own_way & ~beyond,
-               "ball hidden": hidden & ~own_way & ~beyond}  # fmt: skip
-    return ~(beyond | own_way | hidden), {why: int(rows.sum()) for why, rows in reasons.items()}
-
-
-def _hidden(robot, recording, variables, link_radius):
-    """(n,) True where another ball or a link stands between sensor and ball; nothing hides in other kinds."""
-    if recording.measures != "ball-centre":
-        return np.zeros(recording.n, bool)
-    chain = bind(robot, recording)
-    values = chain.parameters.values
-    frames, _ = chain.frames(values, {})
-    base, _, hand = chain.split(values)
-    eye, target = frames.point(hand[:3]), chain.measurement.targets(hand)
-    numbers = np.asarray(chain.measurement.ids)
-    balls = np.array([recording.balls[int(i)] for i in numbers])
-    hidden = hidden_by_others(eye, target, balls[:, :3], balls[:, 3], chain.measurement.index)
-    if link_radius > 0:
-        inward = chain.to_root(values, chain.evaluate(values, {}), np.zeros((3, recording.n)))[0]
-        eye_root = _into_root(base, eye)
-        hidden |= view_clearance(robot, variables, eye_root, inward, link_radius) < link_radius
-    return hidden
-
-
-def _into_root(base, points):
-    from workbench.core.rigid import rotation_matrix
-
-    return rotation_matrix(base[3:]).T @ (points - base[:3, None])
+    return ((joints < np.where(np.isnan(low), -np.inf, low - 1e-9))
+            | (joints > np.where(np.isnan(high), np.inf, high + 1e-9))).any(1)  # fmt: skip
 
 
 def write_poses(chosen: Chosen, folder: Path) -> Path:
@@ -168,7 +159,7 @@ def write_poses(chosen: Chosen, folder: Path) -> Path:
 
     rows = np.isin(chosen.recording.sample_ids, chosen.samples)
     joints = joint_columns(chosen.recording.columns)
-    named = [k for k in ("sample", "ball", "reflector", "point") if k in chosen.recording.columns]
+    named = [k for k in ("sample", "ball", "reflector", "point", "pair") if k in chosen.recording.columns]
     columns = {k: chosen.recording.columns[k][rows] for k in (*named, *joints)}
     lines = [",".join(columns)] + [",".join(f"{v:.10g}" for v in row) for row in zip(*columns.values())]
     path = Path(folder) / "poses.csv"

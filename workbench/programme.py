@@ -66,6 +66,18 @@ def _readings(table, joints, robot):
     return readings
 
 
+def doubts(programme: Programme, robot: Robot) -> list[str]:
+    """What looks wrong with targets that are not impossible: joint readings that may be radians, poses in metres."""
+    turning = np.rad2deg(programme.readings[:, ~sliding(robot)])
+    if programme.poses is None and turning.size and np.abs(turning).max() <= 2 * np.pi and np.ptp(turning) > 0:
+        return [f"{programme.table.called}: no joint reading is beyond {np.abs(turning).max():.3g} deg; if these are "
+                "radians, multiply them by 57.29578."]
+    if programme.poses is not None and np.abs(programme.poses[:, :3, 3]).max(initial=0) < 10:
+        return [f"{programme.table.called}: every place is within 10 mm of the robot's root; if these are metres, "
+                "multiply them by 1000."]
+    return []
+
+
 def _home(robot):
     """(R,) the middle of every joint's limits, 0 where unknown: where the search for a posture starts."""
     return np.nan_to_num(robot.limits.mean(1))

@@ -61,7 +61,9 @@ class Scene(_Table):
     """One file; lengths mm, angles deg.
 
     `robot`: a built-in name, or a .toml or .urdf file, relative to the scene. Poses are random within
-    `share_of_limits` of the joints' limits; in a ball-centre scene they look at `balls`. Optional
+    `share_of_limits` of the joints' limits; in a ball-centre scene they look at `balls`, `stand_off_mm` away
+    along the sensor's z axis, up to `field_deg` off it (15 mm each way where not said) and `cap_deg` off
+    the vertical. Optional
     covariates: `payload_kg` [low, high] and `approach` at random; `speeds_deg_s`, each joint's speed at
     random up to it (mm/s of a slide); `temperature_c` [first, last], a smooth ramp over the recording.
     """
@@ -77,6 +79,9 @@ class Scene(_Table):
     reflectors: Annotated[list[Vector], Field(min_length=1)] = [[0.0, 0.0, 100.0]]
     balls: list[Ball] = []
     errors: Errors = Errors()
+    stand_off_mm: Annotated[tuple[float, float], AfterValidator(_rising)] = (115.0, 135.0)
+    field_deg: float | None = Field(None, gt=0, lt=80)
+    cap_deg: float = Field(50.0, gt=0, le=90)
     share_of_limits: float = Field(0.7, gt=0, le=1)
     payload_kg: Annotated[tuple[Mass, Mass], AfterValidator(_rising)] | None = None
     approach: bool = False

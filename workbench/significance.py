@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from robot_model.chain import forward
-from robot_model.robot import Robot, load_robot
+from robot_model.measurements import looks_of, samples_of
+from robot_model.robot import Robot, builtin_robots, load_robot
 from robot_model.state import sliding
 from robot_model.system import geometry_free
+from workbench.core.errors import InputError
 
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
 PARTS = ("position", "x", "y", "z")
@@ -21,7 +23,7 @@ PARTS = ("position", "x", "y", "z")
 class Significance:
     """`index` (P, 4) average significance of each parameter for place (mm) and axes, `sensitivity` (P, 4) the
     same per unit of the parameter for small changes (mm or 1 per mm or rad); `keys` (P,) of the parameters,
-    `step_mm` and `step_rad` by which they were moved, at `points` configurations.
+    `step_mm` and `step_rad` by which they were moved, at `points` configurations; `place` says which.
     """
 
     robot: Robot
@@ -31,6 +33,7 @@ class Significance:
     points: int
     step_mm: float
     step_rad: float
+    place: str = "random configurations"
 
     def unseen(self) -> dict[str, list[str]]:
         """part -> keys of the parameters that do not move it at all."""
@@ -46,39 +49,64 @@ class Significance:
         ]  # fmt: skip
         return {
             "command": "significance", "robot": self.robot.name, "points": self.points, "step_mm": self.step_mm,
-            "step_rad": self.step_rad, "parameters": rows, "without_effect": self.unseen(),
+            "step_rad": self.step_rad, "configurations": self.place, "parameters": rows,
+            "without_effect": self.unseen(),
         }  # fmt: skip
 
 
 def significance(
-    robot: Robot, points: int = 50, seed: int = 0, step_mm: float = 0.1, step_rad: float = 0.1
-) -> Significance:
+    robot: Robot, points: int = 50, seed: int = 0, step_mm: float = 0.1, step_rad: float = 0.1,
+    readings: np.ndarray | None = None,
+) -> Significance:  # fmt: skip
     """The average significance index of every parameter of the geometry, at random configurations.
+
+    readings (n, R) rad, mm: draw from these, where a recording's own poses are asked about.
 
     Mathematics 2023, 11, 4802, eq. 8-10: the change of the end's place and axes by one parameter,
     projected on the whole change, in the mean over configurations drawn over the joints' ranges.
     Each parameter is moved alone, so that the projection is the length of the change. Ranges
     that the robot does not state are taken as half a turn each way.
     """
-    variables = _drawn(robot, points, seed)
+    variables = _drawn(robot, points, seed) if readings is None else _some(robot, readings, points, seed)
     keys = tuple(geometry_free(robot))
     places = [(int(key[6 : key.index(".")]) - 1, COLUMNS.index(key.split(".")[1].rstrip("0123456789"))) for key in keys]
     steps = np.array([step_mm if COLUMNS[c] in ("d", "a") else step_rad for _, c in places])
     index = np.array([_moved(robot, variables, *place, step) for place, step in zip(places, steps)])
     small = np.array([_moved(robot, variables, *place, 1e-6) for place in places]) / 1e-6
-    return Significance(robot, keys, index, small, points, step_mm, step_rad)
+    place = "random configurations" if readings is None else "of its recorded configurations"
+    return Significance(robot, keys, index, small, variables.shape[1], step_mm, step_rad, place)
 
 
-def robot_called(name: str) -> Robot:
-    """The robot of a recording (folder or known name), of a robot.toml or URDF, or one that comes with the workbench.
+def robot_called(name: str) -> tuple[Robot, np.ndarray | None]:
+    """A robot, and the readings (n, R) of the recording that it was taken from, None where it was taken from none.
 
+    name: a recording (folder or known name), a robot.toml or URDF, or a robot that comes with the workbench.
     Raises InputError.
     """
     import datasets
+    from datasets.reading import bundled
 
-    known = {row["name"] for row in datasets.listing()}
-    if Path(name).is_dir() or name.partition(":")[0] in known:
-        return load_robot(datasets.read(name).robot, f"robot of {name}")
+    known = {row["name"] for row in datasets.listing()} | set(bundled())
+    folder = Path(name).parent if Path(name).name == "recording.toml" else Path(name)
+    if not folder.is_dir() and name.partition(":")[0] not in known:
+        return _robot(name, known), None
+    recording = datasets.read(name)
+    if not recording.robot or not recording.joints.size:
+        raise InputError(f"{name}: expected a recording with a robot and joint readings q1_deg ..., found "
+                         f"{recording.measures} without; name a robot, or another recording")
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    readings = np.concatenate([look.joints for look in looks_of(samples_of(recording))])
+    if readings.shape[1] != robot.mixing.shape[1]:
+        raise InputError(f"{name}: expected {robot.mixing.shape[1]} joint readings as {robot.name} has, found "
+                         f"{readings.shape[1]}; correct samples.csv or robot.toml")
+    return robot, readings
+
+
+def _robot(name, recordings):
+    """The robot of a file or of a name; InputError that also says which recordings there are."""
+    if Path(name).suffix.lower() not in (".toml", ".urdf") and name not in builtin_robots():
+        raise InputError(f"{name}: expected a robot ({', '.join(builtin_robots())}), a robot.toml or URDF, or a "
+                         f"recording ({', '.join(sorted(recordings))}, or a folder), found none of these; correct it")
     return load_robot(name)
 
 
@@ -88,6 +116,12 @@ def _drawn(robot, points, seed):
     low, high = np.where(np.isfinite(robot.limits), robot.limits, half).T
     readings = np.random.default_rng(seed).uniform(low, high, (points, len(low)))
     return robot.mixing @ readings.T
+
+
+def _some(robot, readings, points, seed):
+    """(J, at most points) joint variables of recorded readings, each row once."""
+    chosen = np.random.default_rng(seed).permutation(len(readings))[:points]
+    return robot.mixing @ readings[chosen].T
 
 
 def _moved(robot, variables, joint, column, step):
@@ -134,5 +168,5 @@ def picture(found: Significance):
         axes.grid(axis="y", alpha=0.25)
     charts[1].legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 0.98))
     made.suptitle(f"{found.robot.name}: average significance of {found.step_mm:g} mm or {found.step_rad:g} rad, "
-                  f"{found.points} random configurations", size=11.5)  # fmt: skip
+                  f"{found.points} {found.place}", size=11.5)  # fmt: skip
     return made

@@ -42,8 +42,13 @@ class Truth:
 
 
 def truth_of(path: Path) -> Truth:
-    """Everything of a scene but the noise; raises InputError for a scene that cannot be."""
-    scene = read_scene(path)
+    """Everything of a scene file but the noise; raises InputError for a scene that cannot be."""
+    return truth_from(read_scene(path), path)
+
+
+def truth_from(scene: Scene, path: Path) -> Truth:
+    """As `truth_of`, of a scene that is read already; `path` is what sentences call it, and what its robot lies
+    beside."""
     keys = _robot_keys(scene, Path(path))
     robot = load_robot(keys, f"scene {path}, key robot")
     keys |= {"gravity": robot.gravity.tolist()} if "gravity" in keys else {}  # which recordings hold at length 1
@@ -185,14 +190,22 @@ def _looking_at_balls(scene, robot, limits, rng):
     middle, half = robot.mixing @ limits.mean(1), np.abs(robot.mixing) @ np.ptp(limits, axis=1) / 2
     box = np.stack([middle - half, middle + half], 1)
     angles, ball = scanning(
-        rng, robot.geometry, box, balls, robot.flange @ _matrix(scene.tool), scene.samples * (1 + coupled), middle
-    )
+        rng, robot.geometry, box, balls, robot.flange @ _matrix(scene.tool), scene.samples * (1 + coupled), middle,
+        tilt=np.deg2rad(scene.cap_deg), stand_off=scene.stand_off_mm, half_field=_half_field(scene),
+    )  # fmt: skip
     joints = np.linalg.solve(robot.mixing, angles.T).T
     allowed = np.flatnonzero(((joints >= limits[:, 0]) & (joints <= limits[:, 1])).all(1) | (not coupled))
     if len(allowed) < scene.samples:
         raise ValueError(f"only {len(allowed)} of the {scene.samples} wanted views can be reached")
     chosen = allowed[: scene.samples]
     return joints[chosen], ball[chosen] + 1
+
+
+def _half_field(scene) -> float:
+    """mm: half the side of a square that lies in the field at its nearest."""
+    if scene.field_deg is None:
+        return 15.0
+    return scene.stand_off_mm[0] * float(np.tan(np.deg2rad(scene.field_deg))) / 2**0.5
 
 
 def _matrix(pose: Pose) -> np.ndarray:

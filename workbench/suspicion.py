@@ -8,6 +8,8 @@ import numpy as np
 
 from datasets.columns import MEASURED, POINT, QUATERNION, joint_columns
 from datasets.errors import complaint
+from datasets.recording import OTHER
+from robot_model.measurements import second_ends
 from robot_model.robot import Robot
 from robot_model.system import bind
 from workbench.core.model import Model
@@ -108,7 +110,11 @@ def _reach(robot, recording):
 
 
 def _spread_after(robot, recording, guess: _Guess):
-    undone = replace(recording, columns={**recording.columns, **guess.undo(recording.columns)})
+    columns = {**recording.columns, **guess.undo(recording.columns)}
+    if recording.measures == "distance":  # the same mistake was made at both ends
+        other = guess.undo({**recording.columns, **second_ends(recording).columns})
+        columns |= {OTHER + name: column for name, column in other.items()}
+    undone = replace(recording, columns=columns)
     return _spread(robot, undone) * max(1.0, 1 / guess.scale)
 
 
@@ -148,8 +154,9 @@ def _guesses(robot, recording) -> Iterator[_Guess]:
     yield from (_sign((c,)) for c in joints)
     yield from (_swapped(a, b) for a, b in combinations(joints, 2) if a[-3:] == b[-3:])
     yield from _radians(recording, turning)
+    lengths = [c for c in (*POINT, "length_mm") if c in recording.columns]
+    yield from (_unit(lengths, factor, unit) for factor, unit in _UNITS.items() if lengths)
     if set(POINT) <= set(recording.columns):
-        yield from (_unit(factor, unit) for factor, unit in _UNITS.items())
         yield from _mirrors(recording)
     yield from (_shifted(recording, step) for step in (1, -1))
     if recording.measures == "ball-centre":
@@ -191,10 +198,12 @@ def _radians(recording, turning) -> Iterator[_Guess]:
         )  # fmt: skip
 
 
-def _unit(factor, unit) -> _Guess:
+def _unit(names, factor, unit) -> _Guess:
+    one = len(names) == 1
     return _Guess(
-        f"columns {_listed(POINT)}", f"hold {unit}", f"multiply them by {factor:g}, or check the robot's lengths",
-        lambda columns: {c: factor * columns[c] for c in POINT}, factor,
+        f"column{'s' * (not one)} {_listed(names)}", f"{'holds' if one else 'hold'} {unit}",
+        f"multiply {'it' if one else 'them'} by {factor:g}, or check the robot's lengths",
+        lambda columns: {c: factor * columns[c] for c in names}, factor,
     )  # fmt: skip
 
 

@@ -17,6 +17,8 @@ from datasets.pictures import read_images
 from datasets.plausible import check_plausible
 from datasets.recording import Recording
 
+_NOMINAL_RADIUS_MM = 10.0
+
 
 def read_recording(folder: Path) -> Recording:
     """The recording in `folder`.
@@ -31,6 +33,7 @@ def read_recording(folder: Path) -> Recording:
     robot = read_robot(folder, keys["robot"], called) if "robot" in keys else {}
     balls = _read_artefact(folder, keys, called)
     columns = _read_samples(folder, keys, called, robot, balls)
+    balls = balls or _unknown_ball(keys, columns, called)
     if KINDS[keys["measures"]].joints and joint_columns(columns):
         _has_section(keys, "robot", "robot.toml", called)
     images = ()
@@ -44,14 +47,35 @@ def read_recording(folder: Path) -> Recording:
     )
 
 
+def read_head(folder: Path) -> tuple[Recording, Path, Context]:
+    """A recording of joint readings without its samples, the file that holds them, and what they are checked against.
+
+    Raises InputError as `read_recording` does.
+    """
+    called = f"{folder.resolve().name}/recording.toml"
+    keys = read_toml(folder / "recording.toml", called)
+    _check_recording(keys, called)
+    for section in ("robot", "samples"):
+        _has_section(keys, section, f"{section}.{'toml' if section == 'robot' else 'parquet'}", called)
+    robot, balls = read_robot(folder, keys["robot"], called), _read_artefact(folder, keys, called)
+    head = Recording(
+        measures=keys["measures"], columns={}, robot=robot, title=keys.get("title", ""), sigma_mm=keys.get("sigma_mm"),
+        balls=balls, guess=keys.get("guess", {}), name=keys.get("name", folder.resolve().name), folder=folder,
+        source=keys.get("source", ""), licence=keys.get("licence", ""),
+    )  # fmt: skip
+    path = inside(folder, keys["samples"]["file"], "key samples.file", called)
+    small = keys["samples"].get("small_range", False)
+    return head, path, Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small)
+
+
 def _check_recording(keys: Mapping, called: str) -> None:
     check_keys(keys, RECORDING, called)
     for section, wanted in SECTIONS.items():
         if section in keys:
             check_keys(keys[section], wanted, f"{called}, [{section}]")
     kind = KINDS[keys["measures"]]
-    needed = {"artefact": kind.artefact, "images": kind.images, "board": kind.images,
-              "samples": kind.joints}
+    balls = kind.artefact and keys["measures"] != "ball-centre"  # of one ball alone, the place may be unknown
+    needed = {"artefact": balls, "images": kind.images, "board": kind.images, "samples": kind.joints}
     for section, wanted in needed.items():
         if wanted:
             _has_section(keys, section, "" if section == "board" else f"{section}.csv", called)
@@ -96,6 +120,19 @@ def _read_artefact(folder: Path, keys: Mapping, called: str) -> dict[int, tuple]
     return balls
 
 
+def _unknown_ball(keys: Mapping, columns: Mapping, called: str) -> dict[int, tuple]:
+    """Centres of one ball need no artefact.csv: its place is where the artefact's frame then stands.
+
+    Its radius enters nothing that centres tell; a nominal one stands for it where a ball may hide another.
+    """
+    if keys["measures"] != "ball-centre" or "artefact" in keys:
+        return {}
+    numbers = np.unique(columns["ball"])
+    if len(numbers) > 1:
+        _has_section(keys, "artefact", "artefact.csv", called)
+    return {int(numbers[0]): (0.0, 0.0, 0.0, _NOMINAL_RADIUS_MM)}
+
+
 def _check_ball(table: Table, k: int, cells: list[float], balls: Mapping) -> None:
     for name, value in zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), cells):
         if not abs(value) < 1e9:
@@ -112,11 +149,15 @@ def _read_samples(folder: Path, keys: Mapping, called: str, robot: Mapping, ball
     if "samples" not in keys:
         return {}
     path = inside(folder, keys["samples"]["file"], "key samples.file", called)
-    table = read_table(path, label(path), TEXT)
+    context = Context(keys["measures"], robot, balls, keys.get("sigma_mm"), keys["samples"].get("small_range", False))
+    return checked(read_table(path, label(path), TEXT), context)
+
+
+def checked(table: Table, context: Context) -> dict[str, np.ndarray]:
+    """The columns of a table of samples, or of some of its rows; InputError for the first cell that cannot be."""
     if "fixed_to" in table.columns:
         fixed = table.columns["fixed_to"]
         table.columns["fixed_to"] = np.where(fixed == "", "tool", fixed)
-    context = Context(keys["measures"], robot, balls, keys.get("sigma_mm"), keys["samples"].get("small_range", False))
     check_samples(table, context)
     check_plausible(table, context)
     return dict(table.columns)

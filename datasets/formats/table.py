@@ -147,10 +147,16 @@ def _read_parquet(path: Path, called: str, text: tuple[str, ...]) -> Table:
     except (pyarrow.ArrowException, OSError, ValueError, TypeError, KeyError) as problem:
         raise complaint(called, "a Parquet file", f"one that cannot be read ({str(problem)[:80]})",
                         "write it again, or save the samples as samples.csv") from None
+    return arrow_table(found, called, text)
+
+
+def arrow_table(found, called: str, text: tuple[str, ...] = (), first_row: int = 1) -> Table:
+    """Columns of a pyarrow table or record batch whose first row is row `first_row` of the file; InputError where one
+    cannot be."""
     for name in found.column_names:
         if found.column_names.count(name) > 1:
             raise complaint(f"{called}, column {name}", "every column once", "it twice", "rename one of them")
-    rows = np.arange(1, found.num_rows + 1)
+    rows = np.arange(first_row, first_row + found.num_rows)
     columns = {k: _arrow_column(found.column(k), k, called, k in text) for k in found.column_names}
     return Table(called, columns, rows)
 

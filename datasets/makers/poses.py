@@ -73,19 +73,21 @@ def looking_down(rng: np.random.Generator, n: int, tilt: float, roll: float) -> 
 
 
 def scanning(rng, geometry, limits, balls_base, hand_eye, n, start, roll: float = np.pi,
-             tilt: float = np.deg2rad(50)):  # fmt: skip
+             tilt: float = np.deg2rad(50), stand_off=(115.0, 135.0), half_field: float = 15.0):  # fmt: skip
     """Configurations that see the balls in the middle of the sensor's field.
 
     balls_base: (B, 3) mm; hand_eye: (4, 4) sensor in flange; start: (J,) posture
     near which the inverse starts. Returns joints (n, J) and ball index (n,).
-    Views come from above, up to `tilt` rad off, 115 to 135 mm away, as the
-    sensor of Ye 2024 works. Raises ValueError where too few can be reached.
+    Views come from above, up to `tilt` rad off, with the ball `stand_off` mm along
+    the sensor's axis and up to `half_field` mm beside it each way; what is given
+    here is how the sensor of Ye 2024 works. Raises ValueError where too few can be
+    reached.
     """
     many = 8 * n
     ball = rng.integers(len(balls_base), size=many)
     view = np.tile(np.eye(4), (many, 1, 1))
     view[:, :3, :3] = looking_down(rng, many, tilt, roll)
-    seen = np.column_stack([rng.uniform(-15, 15, (many, 2)), rng.uniform(115, 135, many)])
+    seen = np.column_stack([rng.uniform(-half_field, half_field, (many, 2)), rng.uniform(*stand_off, many)])
     view[:, :3, 3] = balls_base[ball] - np.einsum("nij,nj->ni", view[:, :3, :3], seen)
     targets = view @ np.linalg.inv(hand_eye)
     begin = start + rng.uniform(-0.3, 0.3, (many, len(start)))

@@ -9,6 +9,7 @@ A kind is a frozen dataclass made from a `datasets.recording.Recording` by `of(r
   arm itself says where the base is, so that there is no base pose (6,) but (0,);
 - `at(samples)`: the same for some of the samples;
 - `columns(residual)`: what the model predicts, as columns of samples.csv;
+- `looks`, where it is not 1: how many looks at the arm make one sample;
 - `numbers`, `targets(values)`, `sigma(recording)`: which target, where it is nominally, how sure.
 
 The first three of the m components are a position in mm; a kind with fewer has only lengths. A kind
@@ -17,6 +18,8 @@ that must look at the poses before it can number its parameters has `oriented(fr
 
 from importlib import import_module
 
+from datasets.recording import OTHER
+from robot_model.measurements.distance import paired, second_ends
 from workbench.core.errors import InputError
 
 KINDS = {
@@ -28,7 +31,29 @@ KINDS = {
     "laser-spot": "LaserSpot",
     "plane-touch": "PlaneTouch",
     "ball-surface": "BallSurface",
+    "distance": "Distance",
 }
+
+
+def samples_of(recording):
+    """The rows of a recording that a calibration takes, one a sample: those of the tool, and of a pair its first.
+
+    Raises InputError where a pair is not whole.
+    """
+    moving = recording.select(recording.moving)
+    return paired(moving) if recording.measures == "distance" else moving
+
+
+def looks_of(recording) -> tuple:
+    """A recording of samples for every look at the arm that they are made of: itself, or first and second ends."""
+    if recording.measures != "distance":
+        return (recording,)
+    if OTHER + "sample" not in recording.columns:  # `samples_of` was not asked
+        raise InputError(
+            f"recording '{recording.name}', key measures: lengths between two rows are not taken by this command, "
+            "found 'distance'; use `workbench calibrate`, `compare`, `identifiability` or `poses`"
+        )
+    return recording, second_ends(recording)
 
 
 def measurement_of(recording):

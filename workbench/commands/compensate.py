@@ -23,7 +23,7 @@ def command(
     answer.check_target(json)
     with answer.progress(f"reading {solution}") as say:
         from workbench.compensate import checked, compensate
-        from workbench.programme import as_csv, corrected_columns, read_programme
+        from workbench.programme import as_csv, corrected_columns, doubts, read_programme
         from workbench.solution_file import read_solution
 
         arm = checked(read_solution(solution), solution, force)
@@ -31,8 +31,10 @@ def command(
         say("inverting the model")
         found = compensate(arm, programme.readings, programme.poses, programme.covariates)
         with runs.opened("compensate", targets.stem, out) as run:
-            result = {**_summary(arm, found), "targets": targets, "solution": solution, "run": run.path,
-                      "corrected": run.path / "corrected.csv"}  # fmt: skip
+            result = {
+                **_summary(arm, found), "warnings": doubts(programme, arm.robot), "targets": targets,
+                "solution": solution, "run": run.path, "corrected": run.path / "corrected.csv",
+            }  # fmt: skip
             runs.replace_file(run.partial / "corrected.csv", as_csv(corrected_columns(programme, arm.robot, found)))
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
@@ -45,7 +47,7 @@ def _summary(arm, found) -> dict:
     return {
         "command": "compensate", "count": len(good), "reached": int(good.sum()),
         "unreached_rows": [int(k) + 1 for k in (~good).nonzero()[0]],
-        "correction_rms_mm": _rms(found.correction_mm), "left_rms_mm": _rms(found.left_mm[good]),
+        "correction_rms_mm": _rms(found.correction_mm[good]), "left_rms_mm": _rms(found.left_mm[good]),
         "sigma_rms_mm": _rms(found.sigma_mm[good]), "expected_error_mm": arm.held_out_mm,
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
         "why_expected": "held-out RMS of the calibration: what the model does not explain comes back at every target",
@@ -63,6 +65,8 @@ def _show(console, result) -> None:
             ["the corrections, at the flange", result["correction_rms_mm"]],
             ["left by the inversion", result["left_rms_mm"]]]  # fmt: skip
     tables.grid(console, f"{result['reached']} of {result['count']} targets corrected", head, rows)
+    for sentence in result["warnings"]:
+        console.print(sentence, markup=False)
     if result["unreached_rows"]:
         console.print(f"Out of reach or limits: target {', '.join(map(str, result['unreached_rows'][:12]))}.")
     console.print(str(result["run"]), soft_wrap=True, markup=False)

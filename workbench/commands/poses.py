@@ -8,6 +8,10 @@ import typer
 from workbench import runs
 from workbench.commands import answer, tables
 
+StandOff = Annotated[
+    tuple[float, float] | None,
+    typer.Option("--stand-off", metavar="NEAR FAR", help="Distance of a ball from the sensor, mm."),
+]
 Tasks = Annotated[str | None, typer.Option("--tasks", metavar="RECORDING", help="Poses whose error shall be small.")]
 
 
@@ -18,6 +22,9 @@ def command(
     tasks: Tasks = None,
     effects: Annotated[bool, typer.Option("--effects", help="Determine transmission and compliance too.")] = False,
     link_radius: Annotated[float, typer.Option("--link-radius", min=0, help="Half the links' thickness, mm.")] = 50.0,
+    stand_off: StandOff = None,
+    field: Annotated[float | None, typer.Option("--field", help="Half the sensor's field of view, deg.")] = None,
+    cap: Annotated[float | None, typer.Option("--cap", help="How far off its top a ball is seen from, deg.")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the random sets that it is compared with.")] = 0,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
@@ -26,11 +33,12 @@ def command(
     answer.check_target(json)
     with answer.progress(f"reading {candidates}") as say:
         from workbench.poses import choose_poses, write_poses
+        from workbench.sight import Sight
 
         found = _read(candidates)
         wanted = None if tasks is None else _read(tasks)
         say("choosing")
-        chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed)
+        chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed, Sight(stand_off, field, cap))
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
             told = chosen.as_json()

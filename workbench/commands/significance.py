@@ -10,7 +10,7 @@ from workbench.commands import answer, tables
 
 def command(
     robot: Annotated[str, typer.Argument(help="A robot by name, a robot.toml or URDF, or a recording.")],
-    points: Annotated[int, typer.Option("--points", min=1, help="Random configurations.")] = 50,
+    points: Annotated[int, typer.Option("--points", min=1, help="Configurations: random, or of a recording.")] = 50,
     seed: Annotated[int, typer.Option("--seed", help="Of the configurations.")] = 0,
     step_mm: Annotated[float, typer.Option("--mm", min=1e-6, help="Error of a length, mm.")] = 0.1,
     step_rad: Annotated[float, typer.Option("--rad", min=1e-9, help="Error of an angle, rad.")] = 0.1,
@@ -22,7 +22,8 @@ def command(
     with answer.progress(f"reading {robot}") as say:
         from workbench.significance import robot_called, save, significance
 
-        found = significance(robot_called(robot), points, seed, step_mm, step_rad)
+        arm, readings = robot_called(robot)
+        found = significance(arm, points, seed, step_mm, step_rad, readings)
         say("drawing")
         with runs.opened("significance", robot, out) as run:
             save(found, run.partial)
@@ -35,7 +36,8 @@ def command(
 def _show(console, result) -> None:
     keys = [f"index_{part}" for part in ("position", "x", "y", "z")]
     rows = [[row["parameter"], *(row[key] for key in keys)] for row in result["parameters"]]
-    title = f"{result['robot']}: mean change by {result['step_mm']:g} mm or {result['step_rad']:g} rad"
+    step = f"{result['step_mm']:g} mm or {result['step_rad']:g} rad"
+    title = f"{result['robot']}: mean change by {step}, {result['points']} {result['configurations']}"
     tables.grid(console, title, ["parameter", "place, mm", "x axis", "y axis", "z axis"], rows)
     for part, left in result["without_effect"].items():
         angles = [key for key in left if ".d" not in key and (".a" not in key or "alpha" in key)]

@@ -31,16 +31,18 @@ class Design:
 
 
 def choose(rows: np.ndarray, n: int, criterion: str = "D", tasks: np.ndarray | None = None, seed: int = 0,
-           draws: int = 200) -> Design:  # fmt: skip
+           draws: int = 200, known: np.ndarray | None = None) -> Design:  # fmt: skip
     """The n of N candidates with the best criterion.
 
     rows (N, m, F): whitened rows of each candidate, columns scaled to like sizes. criterion: "D"
     (det^(1/F) of the normal matrix), "O1" ... "O5" (see `Identifiability.observability`), or
-    "task": the least mean variance of the rows `tasks` (T, m, F). Deterministic for a seed.
+    "task": the least mean variance of the rows `tasks` (T, m, F). known (F, F): normal matrix of what
+    has been measured already. Deterministic for a seed.
     """
     rng = np.random.default_rng(seed)
     grams = np.swapaxes(rows, 1, 2) @ rows
     ridge = _RIDGE * np.linalg.eigvalsh(grams.sum(0))[-1] * np.eye(rows.shape[2])
+    ridge = ridge if known is None else ridge + known
     weight = None if tasks is None else np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
     score, swap = _criterion(criterion, n, weight)
     chosen = _grow(rows, grams, n, ridge, swap)

@@ -1,4 +1,4 @@
-"""The one exception that a user's mistake may raise."""
+"""The exception that a user's mistake may raise, and the one of work that was stopped and can go on."""
 
 
 class InputError(ValueError):
@@ -10,3 +10,7 @@ class InputError(ValueError):
 
     def __init__(self, sentence: str):
         super().__init__(sentence if sentence.endswith(".") else f"{sentence}.")
+
+
+class Stopped(Exception):
+    """Work that a person stopped; the message says, in one sentence, what is kept and how it goes on."""

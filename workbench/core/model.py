@@ -85,7 +85,7 @@ class Model:
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """(m, n) predicted minus measured, in the units of the measurement (mm, rad)."""
-        return self.evaluate(parameters).residual
+        return self._joined(self.evaluate(parameters).residual)
 
     def sigma(self, parameters: Parameters) -> np.ndarray:
         """(m, n) 1 sigma of each component, with the effects that act on the noise."""
@@ -96,7 +96,12 @@ class Model:
         """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
         evaluation = self.evaluate(parameters)
         rows = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
-        return evaluation.residual, self.fill_rows(evaluation, parameters, rows)
+        return self._joined(evaluation.residual), self._joined(self.fill_rows(evaluation, parameters, rows))
+
+    def _joined(self, columns: np.ndarray) -> np.ndarray:
+        """(..., n) sums of (..., looks n): where a chain looks several times for one sample, its looks add up."""
+        looks = getattr(self.chain, "looks", 1)
+        return columns if looks == 1 else columns.reshape(*columns.shape[:-1], looks, -1).sum(-2)
 
     def fill_rows(self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray) -> np.ndarray:
         """Into `rows` (F, m, n) the derivative of the residual of `evaluation`, made at `parameters`."""

@@ -53,6 +53,25 @@ class Fit:
         return self.outcome in (CONVERGED, SETTLED, STALLED)
 
 
+@dataclass(frozen=True)
+class Equations:
+    """Whitened normal matrix (F, F) and gradient (F,) of the free parameters, in their own units.
+
+    A model that never holds all rows of its derivative at once hands these on from `linearise` instead (no robust
+    loss then, whose weights need all residuals first).
+    """
+
+    normal: np.ndarray
+    gradient: np.ndarray
+
+
+def _equations(rows, residual, root) -> Equations:
+    """Of rows (F, m, n), which are whitened in place by `root` (m, n)."""
+    rows *= root
+    flat = rows.reshape(len(rows), residual.size)
+    return Equations(flat @ flat.T, flat @ (residual * root).ravel())
+
+
 def huber(z: np.ndarray, limit: float) -> np.ndarray:
     """Weights of squared whitened distances z (n,): 1 inside `limit`, limit / distance outside.
 
@@ -136,10 +155,9 @@ class _Problem:
         """Make this the present point: normal equations and gradient, whitened and scaled."""
         self.parameters, self.residual, self.weights = parameters, residual, weights
         root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
-        rows *= root
-        flat = rows.reshape(len(rows), residual.size)
-        self.normal = (flat @ flat.T) * np.outer(self.scale, self.scale)
-        self.gradient = (flat @ (residual * root).ravel()) * self.scale
+        made = rows if isinstance(rows, Equations) else _equations(rows, residual, root)
+        self.normal = made.normal * np.outer(self.scale, self.scale)
+        self.gradient = made.gradient * self.scale
         self.trust = self.trust_in_priors(residual)
         self.normal += np.diag(self.trust * self.scale**2)
         self.gradient += self.trust * self.scale * (parameters.pack() - self.nulls)

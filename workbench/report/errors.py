@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
-from scipy.stats import maxwell
+from scipy.stats import chi
 
 from workbench.report import style
 from workbench.report.text import rounded
@@ -18,11 +18,13 @@ class Errors:
 
     Held-out where there is one (`held`, (n,) bool), that of the fit elsewhere; `distance` (n,)
     its length; `sigma` mm of one coordinate (root mean square over the samples), None if unknown.
+    `parts` of the three are measured: one where a sample is a length.
     """
 
     residual: np.ndarray
     held: np.ndarray
     sigma: float | None
+    parts: int = 3
 
     @property
     def distance(self) -> np.ndarray:
@@ -38,6 +40,7 @@ def errors_of(calibration) -> Errors:
         np.where(held, held_out, calibration.fit_residual),
         held,
         None if sigma is None else float(np.sqrt(np.mean(sigma**2))),
+        int((calibration.fit_residual != 0).any(1).sum()) or 3,  # a length stands beside zeros
     )
 
 
@@ -46,23 +49,27 @@ def section(calibration, errors: Errors) -> dict:
     return {
         "histogram": style.packed(histogram(errors, calibration.held_out)),
         "cumulative": style.packed(cumulative(calibration, errors)),
-        "noise": noise_sentence(errors.sigma, calibration.held_out),
+        "noise": noise_sentence(errors.sigma, calibration.held_out, errors.parts),
     }
 
 
-def noise_sentence(sigma: float | None, held_out: dict) -> str:
+def noise_sentence(sigma: float | None, held_out: dict, parts: int = 3) -> str:
     """What the instrument's noise alone would leave, beside what is left."""
     if sigma is None:
         return (
             "The recording states no noise of the instrument, so that these errors cannot be "
             "split into noise and what the model lacks."
         )
-    floor = np.sqrt(3) * sigma
+    floor = np.sqrt(parts) * sigma
     ratio = held_out["rms_mm"] / floor
     return (
         f"The recording states σ = {sigma:.3g} mm a coordinate; noise alone would leave an RMS distance of "
-        f"√3 σ = {rounded(floor)} mm. The held-out RMS is {rounded(ratio)} times that."
+        f"{_root(parts)} = {rounded(floor)} mm. The held-out RMS is {rounded(ratio)} times that."
     )
+
+
+def _root(parts: int) -> str:
+    return "σ" if parts == 1 else f"√{parts} σ"
 
 
 def histogram(errors: Errors, held_out: dict) -> go.Figure:
@@ -80,7 +87,7 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
         hovertemplate="%{x:.4f} mm: %{y} samples<extra></extra>",
     )
     top = float(counts.max(initial=1)) * 1.06
-    for name, x, colour, dash in _marks(errors.sigma, held_out):
+    for name, x, colour, dash in _marks(errors, held_out):
         figure.add_scatter(
             x=[x, x],
             y=[0, top],
@@ -107,7 +114,7 @@ def cumulative(calibration, errors: Errors) -> go.Figure:
         _add_curve(
             figure,
             "noise alone",
-            maxwell.ppf(share, scale=errors.sigma),
+            chi.ppf(share, errors.parts, scale=errors.sigma),
             100 * share,
             dict(color=style.ORANGE, width=2, dash="dashdot"),
         )
@@ -116,10 +123,13 @@ def cumulative(calibration, errors: Errors) -> go.Figure:
     return figure.update_layout(margin_t=84).update_yaxes(range=[0, 101])
 
 
-def _marks(sigma, held_out):
+def _marks(errors, held_out):
     """Name, place (mm), colour and dash of the upright lines of the histogram."""
     marks = [("RMS", held_out["rms_mm"], style.ORANGE, "solid"), ("95 %", held_out["p95_mm"], style.VIOLET, "dash")]
-    return marks + ([("noise alone, RMS √3 σ", np.sqrt(3) * sigma, style.GREY, "dot")] if sigma else [])
+    if not errors.sigma:
+        return marks
+    name = f"noise alone, RMS {_root(errors.parts)}"
+    return [*marks, (name, np.sqrt(errors.parts) * errors.sigma, style.GREY, "dot")]
 
 
 def _bins(distance):
