@@ -1,0 +1,35 @@
+"""`workbench calibrate-large`: a recording that is too long for memory, calibrated in chunks of its samples."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench import runs
+from workbench.commands import answer, tables
+from workbench.commands.calibrate import Folds
+
+Plan = Annotated[Path | None, typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file.")]
+
+
+def command(
+    recording: Annotated[Path, typer.Argument(help="Folder of a recording whose samples are a samples.parquet.")],
+    plan: Plan = None,
+    folds: Folds = 10,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Calibrate from millions of samples: stages are chosen on some of them, all are solved, in little memory."""
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        from workbench.chunked import calibrate_chunks, save
+
+        with runs.opened("calibrate-large", recording, out) as run:
+            made = calibrate_chunks(recording, plan, folds, say)
+            save(made, run.partial)
+            result = {**made.as_json(), "run": run.path}
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    console = answer.console(json)
+    tables.calibration(console, result)
+    answer.last_line(console, run.path)

@@ -1,0 +1,131 @@
+"""The course of a study: runs handed out a part at a time, each part kept as it comes, the rest when it is resumed."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from workbench.core.errors import InputError
+from workbench.study.executors import one_thread
+from workbench.study.robots import Row
+from workbench.study.spec import Study
+from workbench.study.tables import parts_done, write_part
+from workbench.study.variation import count
+
+_PARTS = 400
+"""About so many parts: few enough files, and none so long that much is lost when a study is stopped."""
+_LONGEST = 500
+_ATTEMPTS = 3
+Parts = Callable[[Study, range], tuple[list[Row], float]]
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a study took: `runs` in all, `made` now, their own `seconds` on the workers, and those of the `wall`."""
+
+    runs: int
+    made: int
+    seconds: float
+    wall: float
+    workers: int
+
+    @property
+    def overhead(self) -> float | None:
+        """Share of the workers' time that was not spent in runs; None where nothing was left to do."""
+        spent = self.wall * self.workers
+        return None if not self.made else max(spent / self.seconds - 1, 0.0)
+
+
+def part_size(study: Study) -> int:
+    """Runs to a part: as the file says, else by the number of runs alone, so that any machine makes the same parts."""
+    return study.part or min(max(count(study) // _PARTS, 1), _LONGEST)
+
+
+def parts_of(study: Study) -> list[range]:
+    """Run numbers of each part."""
+    size, runs = part_size(study), count(study)
+    return [range(first, min(first + size, runs + 1)) for first in range(1, runs + 1, size)]
+
+
+def do_part(study: Study, runs: range) -> tuple[list[Row], float]:
+    """Rows of some runs and the seconds that they took: what a worker is sent."""
+    one_thread()
+    from workbench.study.runs import row_of
+
+    start = time.perf_counter()
+    return [row_of(study, run) for run in runs], time.perf_counter() - start
+
+
+def carry_out(study: Study, folder: Path, executor: Callable[[], object], workers: int,
+              tick: Callable[[int, int], None], work: Parts = do_part) -> Done:  # fmt: skip
+    """Make every part that `folder` lacks and write it there as it comes.
+
+    executor: makes a context manager that yields a `concurrent.futures.Executor`, again where one breaks; workers: how
+    many runs it does at a time; tick: called with runs done and in all. No more than a few parts are in flight, so that
+    memory does not grow with the runs. Raises InputError, and what a run raises that is no InputError.
+    """
+    parts, start = parts_of(study), time.perf_counter()
+    left = sorted(set(range(len(parts))) - parts_done(folder))
+    total, seconds, made = count(study), 0.0, 0
+    done = total - sum(len(parts[k]) for k in left)
+    tick(done, total)
+
+    def submit(pool, k):
+        return pool.submit(work, study, parts[k])
+
+    for k, (rows, spent) in _results(left, submit, executor, 2 * workers + 1):
+        write_part(folder, k, rows)
+        seconds, made = seconds + spent, made + len(rows)
+        tick(done + made, total)
+    return Done(total, made, seconds, time.perf_counter() - start, workers)
+
+
+def _results(left: Sequence[int], submit, executor, ahead: int) -> Iterator[tuple[int, tuple]]:
+    """Number and result of each part, as they come; a pool whose process died is made anew for those it held."""
+    for _ in range(_ATTEMPTS):
+        waiting: list[int] = list(left)
+        lost: list[int] = []
+        if not waiting:
+            return
+        with executor() as pool:
+            yield from _streamed(waiting, lost, lambda k: submit(pool, k), ahead)
+        left = sorted(lost)
+    if left:
+        raise InputError(f"study, part {left[0] + 1}: expected runs that end, found that their process died "
+                         f"{_ATTEMPTS} "
+                         "times; see whether memory suffices, with fewer workers (--workers 1)")  # fmt: skip
+
+
+def _streamed(waiting: list[int], lost: list[int], submit, ahead: int) -> Iterator[tuple[int, tuple]]:
+    flying: dict[Future, int] = {}
+    order = iter(waiting)
+    try:
+        while True:
+            for k in islice(order, ahead - len(flying)):
+                try:
+                    flying[submit(k)] = k
+                except BrokenProcessPool:
+                    lost += [k, *order]
+            if not flying:
+                return
+            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                k = flying.pop(future)
+                try:
+                    result = future.result()
+                except BrokenProcessPool:
+                    lost.append(k)
+                    continue
+                yield k, result
+    finally:
+        for future in flying:
+            future.cancel()
+
+
+@contextmanager
+def given(pool: Executor):
+    """An executor that somebody else opened and closes."""
+    yield pool

@@ -1,0 +1,286 @@
+"""One run of a simulated robot: its truth, its calibrations, and how far off each of them is where it matters."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from robot_model.effects import CATALOGUE
+from robot_model.state import sliding
+from robot_model.system import RobotChain, bind
+from workbench.calibrate import Calibration, calibrate
+from workbench.compensate import compensate
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+from workbench.core.solution import Stage
+from workbench.core.solve import solve
+from workbench.plans import PLAN_FILES, default_plan, frames_of, geometry, plan_names
+from workbench.simulate import Truth, truth_from
+from workbench.solution_file import CalibratedArm
+from workbench.study.spec import Study, Tasks, validated
+
+MODELS = ("geometry", "joint-compliance", "default")
+"""Those that need no plan file."""
+Row = dict[str, float | int | str | None]
+
+
+@dataclass(frozen=True)
+class World:
+    """A simulated robot: `truth` of all its poses; `measured` with noise, what is calibrated; `tests` by name, each a
+    recording whose points are the true ones, at which models are judged."""
+
+    truth: Truth
+    measured: Recording
+    tests: dict[str, Recording]
+
+
+def world(study: Study, seed: int) -> World:
+    """The robot of a study's scene with these random numbers. Raises InputError."""
+    from workbench.scene import Scene
+
+    keys = validated(Scene, study.scene | {"seed": seed}, "study, scene")
+    wanted = study.test.samples
+    scene = keys.model_copy(update={"samples": keys.samples + wanted})
+    truth = truth_from(scene, Path("study"))
+    residual, sigma = truth.model.residual(truth.parameters), truth.model.sigma(truth.parameters)
+    noisy = residual + truth.rng.normal(size=residual.shape) * sigma
+    shown = truth.shown
+    every = replace(shown, columns=shown.columns | truth.model.chain.measurement.columns(noisy), name="study")
+    measured = every.select(_designed(study, every.select(np.arange(keys.samples)), truth.rng))
+    return World(truth, measured, dict(_tests(study, truth, np.arange(keys.samples, shown.n))))
+
+
+def _designed(study: Study, candidates: Recording, rng) -> np.ndarray:
+    """Rows of the candidates that are measured, in order."""
+    design = study.design
+    if design is None:
+        return np.arange(candidates.n)
+    if design.count > candidates.n:
+        raise InputError(
+            f"study, key design.count: expected at most {candidates.n}, the scene's samples, found {design.count}; "
+            "raise scene.samples or lower it"
+        )
+    if design.choice in ("first", "random"):
+        chosen = np.arange(candidates.n) if design.choice == "first" else rng.permutation(candidates.n)
+        return np.sort(chosen[: design.count])
+    from workbench.poses import choose_poses
+
+    chosen = choose_poses(candidates, design.count, design.choice, link_radius_mm=0.0, seed=int(rng.integers(2**31)))
+    return np.flatnonzero(np.isin(candidates.sample_ids, chosen.samples))
+
+
+def _tests(study: Study, truth: Truth, rows: np.ndarray):
+    """name -> recording with true points: the test poses under each load and temperature asked for, and the tasks."""
+    shown = truth.shown.select(rows)
+    for payload in study.test.payload_kg or [None]:
+        for temperature in study.test.temperature_c or [None]:
+            changed = {"payload_kg": payload, "temperature_c": temperature}
+            changed = {name: np.full(shown.n, value) for name, value in changed.items() if value is not None}
+            name = "test" + _told(payload, "kg") + _told(temperature, "c")
+            yield name, _true_points(truth, replace(shown, columns=shown.columns | changed))
+    if study.tasks is not None:
+        yield "tasks", _true_points(truth, task_rows(study.tasks, truth.shown, truth.model.chain))
+
+
+def _told(value, unit) -> str:
+    return "" if value is None else f"_{value:g}{unit}"
+
+
+def task_rows(tasks: Tasks, shown: Recording, chain: RobotChain) -> Recording:
+    """The rows of a recording at the task poses; InputError where they do not fit the robot."""
+    slides = sliding(chain.robot)
+    if any(len(row) != len(slides) for row in tasks.joints_deg):
+        raise InputError(f"study, key tasks.joints_deg: expected {len(slides)} readings a pose, as many as "
+                         f"{chain.robot.name} has, found another number; correct it")  # fmt: skip
+    n = len(tasks.joints_deg)
+    columns = {name: np.full(n, values[0]) for name, values in shown.columns.items()}
+    columns |= {"sample": np.arange(n, dtype=float), "time_s": np.zeros(n)}
+    columns |= {f"q{k}_{'mm' if s else 'deg'}": np.array([row[k - 1] for row in tasks.joints_deg], float)
+                for k, s in enumerate(slides, 1)}  # fmt: skip
+    return replace(shown, columns=columns | {"payload_kg": np.full(n, float(tasks.payload_kg))})
+
+
+def _true_points(truth: Truth, rows: Recording) -> Recording:
+    """The same rows with the points at which the true robot shows them, without noise."""
+    blank = replace(rows, columns=rows.columns | dict.fromkeys(("x_mm", "y_mm", "z_mm"), np.zeros(rows.n)))
+    model = Model(bind(truth.model.chain.robot, blank, truth.model.chain.start), truth.model.effects)
+    residual = model.residual(model.parameters.take_over(truth.parameters))
+    return replace(rows, columns=rows.columns | model.chain.measurement.columns(residual))
+
+
+def simulated(world: World, stiffer: bool = False) -> Row:
+    """What the uncalibrated robot errs by, of a geometry that is believed and a base and tool that are known; with
+    `stiffer` also each joint's `stiffened`."""
+    row: Row = {"samples": world.measured.n}
+    for name, test in world.tests.items():
+        row |= _errors(f"uncalibrated_{name}", believed(world.truth, test))
+    return row | (stiffened(world) if stiffer else {})
+
+
+def stiffened(world: World) -> Row:
+    """The same error with one joint twice as stiff, for each that yields: which of them to stiffen."""
+    truth, row = world.truth, {}
+    name = list(world.tests)[-1]  # the tasks, or the test under the last load
+    for effect in truth.model.effects:
+        if effect.effect != "joint-compliance" or len(effect.parameters(truth.model.chain)) != 1:
+            continue
+        key = effect.parameters(truth.model.chain)[0].key
+        stiff = replace(truth, parameters=truth.parameters.update({key: truth.parameters[key] / 2}))
+        points = believed(truth, _true_points(stiff, world.tests[name]))
+        row[f"{effect.where}_twice_as_stiff_{name}_mm"] = _rms(points)
+    return row
+
+
+def believed(truth: Truth, test: Recording) -> np.ndarray:
+    """(3, n) mm, what the nominal robot with the true base and tool says, less the true points."""
+    model = Model(bind(truth.model.chain.robot, test, truth.model.chain.start))
+    return model.residual(model.parameters)[:3]
+
+
+def _rms(residual: np.ndarray) -> float:
+    return float(np.sqrt((residual**2).sum(0).mean()))
+
+
+def _errors(name: str, residual: np.ndarray) -> Row:
+    distance = np.sqrt((residual**2).sum(0))
+    return {f"{name}_mm": _rms(residual), f"{name}_max_mm": float(distance.max())}
+
+
+def plan_of(name: str, recording: Recording) -> Path | tuple[Stage, ...] | None:
+    """What `calibrate` takes for the name of a model."""
+    if name == "default":
+        return None
+    if name not in MODELS:
+        return Path(name)
+    from robot_model import load_robot
+
+    robot = load_robot(recording.robot, "robot of the study")
+    stages = (geometry(robot),)
+    if name == "joint-compliance":
+        loaded = next(s for s in default_plan(bind(robot, recording)) if s.name == "compliance")
+        torsion = tuple(row for row in loaded.effects if row[0] == "joint-compliance")
+        stages += (Stage("compliance", "joints yield to the weight of links and load", torsion, earn=False),)
+    return stages
+
+
+def check_models(study: Study, folder: Path) -> Study:
+    """The study with its plan files named from anywhere; InputError for a model that is neither known nor a file."""
+    from workbench.plans import read_plan
+
+    named = []
+    for name in study.models:
+        if name not in MODELS and name not in plan_names():
+            read_plan(folder / name)
+            name = str((folder / name).resolve())
+        elif name not in MODELS:
+            make_effects(CATALOGUE, [row for stage in read_plan(PLAN_FILES / f"{name}.toml") for row in stage.effects])
+        named.append(name)
+    return study.model_copy(update={"models": named})
+
+
+def calibrations(study: Study, measured: Recording) -> dict[str, Calibration]:
+    """Each model's calibration of one recording."""
+    return {Path(name).stem: calibrate(measured, plan_of(name, measured), folds=study.folds) for name in study.models}
+
+
+def judged(made: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
+    """Held-out errors, and those at the tests, of the nominal robot and of each model."""
+    first = next(iter(made.values()))
+    row: Row = {"nominal_held_out_mm": first.nominal["rms_mm"]}
+    for name, test in tests.items():
+        row |= _errors(f"nominal_{name}", nominal_residual(first, test))
+    for name, one in made.items():
+        row |= {f"{name}_fit_mm": one.fit["rms_mm"], f"{name}_held_out_mm": one.held_out["rms_mm"],
+                f"{name}_identifiable": one.solution.known.rank,
+                f"{name}_converged": int(one.solution.converged)}  # fmt: skip
+        for test, rows in tests.items():
+            row |= _errors(f"{name}_{test}", residual_of(one, rows))
+    return row
+
+
+def residual_of(calibration: Calibration, test: Recording) -> np.ndarray:
+    """(3, n) mm: what a calibrated robot predicts, less the points of `test`."""
+    chain = bind(calibration.robot, test, calibration.model.chain.start)
+    model = Model(chain, calibration.model.effects)
+    return model.residual(model.parameters.take_over(calibration.solution.parameters))[:3]
+
+
+def nominal_residual(calibration: Calibration, test: Recording) -> np.ndarray:
+    """(3, n) mm of the nominal geometry, with base and tool fitted to the calibration's own samples."""
+    fitted = _with_frames(calibration.robot, calibration.recording)
+    model = Model(bind(calibration.robot, test, calibration.model.chain.start))
+    return model.residual(model.parameters.take_over(fitted))[:3]
+
+
+def _with_frames(robot, recording: Recording) -> Parameters:
+    model = Model(bind(robot, recording))
+    return solve(model, model.parameters.free(*frames_of(model.parameters))).parameters
+
+
+def compensated(made: dict[str, Calibration], world: World) -> Row:
+    """How well the real arm does what the nominal one was programmed to, before and after each model's correction.
+
+    The measured points of both are compared after base and tool were fitted at the nominal geometry, as one who
+    teaches frames does; what is left is the arm's own. Corrected are the poses whose share is `…_reached`.
+    """
+    name, programmed = next(iter(world.tests.items()))
+    row: Row = {"programmed_mm": _as_nominal(world.truth, programmed, programmed.joints)}
+    covariates = {k: v for k, v in programmed.covariates.items() if k != "range_mm"}
+    for called, calibration in made.items():
+        found = compensate(arm_of(calibration), programmed.joints, covariates=covariates)
+        there = np.flatnonzero(found.reached)  # beside a singular posture no small correction turns the flange
+        if there.size:
+            row[f"{called}_compensated_mm"] = _as_nominal(world.truth, programmed.select(there), found.readings[there])
+        row[f"{called}_reached"] = float(found.reached.mean())
+    return row
+
+
+def _as_nominal(truth: Truth, programmed: Recording, readings: np.ndarray) -> float:
+    """RMS mm by which the true points at `readings` are no nominal arm's at the programmed ones."""
+    robot = truth.model.chain.robot
+    driven = {f"q{k}_{'mm' if s else 'deg'}": values if s else np.rad2deg(values)
+              for k, (values, s) in enumerate(zip(readings.T, sliding(robot)), 1)}  # fmt: skip
+    points = _true_points(truth, replace(programmed, columns=programmed.columns | driven))
+    names = ("x_mm", "y_mm", "z_mm")
+    seen = replace(programmed, columns=programmed.columns | {k: points.columns[k] for k in names}, sigma_mm=1.0)
+    model = Model(bind(robot, seen))
+    return _rms(solve(model, model.parameters.free(*frames_of(model.parameters))).residual[:3])
+
+
+def arm_of(calibration: Calibration) -> CalibratedArm:
+    """What `compensate` takes."""
+    solution, chain = calibration.solution, calibration.model.chain
+    parameters = solution.parameters
+    free = tuple(key for key, mine in zip(parameters.keys, parameters.mask) if mine)
+    return CalibratedArm(
+        calibration.robot, calibration.model.effects, dict(zip(parameters.keys, parameters.values.tolist())), free,
+        solution.covariance, np.asarray(chain.state.load_centre), calibration.held_out["rms_mm"], True, "", {},
+    )  # fmt: skip
+
+
+def parameter_row(made: dict[str, Calibration]) -> Row:
+    """Value and stated sigma of every free parameter of each model; no sigma where it is known only with others."""
+    row: Row = {}
+    for name, one in made.items():
+        for parameter in one.parameters:
+            if parameter["free"]:
+                key = f"{name}:{parameter['where']}.{parameter['name']}"
+                row |= {key: parameter["value"], f"{key}:std": parameter["std"]}
+    return row
+
+
+def diagnosed(study: Study, measured: Recording) -> Row:
+    """The verdict of `workbench.diagnosis`, and what it names."""
+    from workbench.diagnosis import diagnose
+
+    found = diagnose(measured).as_json()
+    effects = [f"{one['effect']}@{one['where']}" for one in found["effects"]]
+    true = [f"{one['effect']}@{one['where']}" for one in (study.scene or {}).get("effect", [])]
+    row: Row = {"verdict": found["verdict"], "found": " ".join(effects)}
+    if true:
+        row |= {"found_true": len(set(true) & set(effects)), "found_false": len(set(effects) - set(true))}
+    held = found.get("held_out") or {}
+    return row | {f"diagnosis_{name}": held.get(name) for name in ("before_mm", "after_mm", "noise_mm")}

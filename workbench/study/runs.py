@@ -1,0 +1,72 @@
+"""One run of a study, from its number and nothing else: the same row on any machine, in any order."""
+
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.study import resampling, robots
+from workbench.study.robots import Row
+from workbench.study.spec import Study
+from workbench.study.variation import values_of, with_values
+
+
+def row_of(study: Study, run: int) -> Row:
+    """The row of run 1, 2, …: its number, the values that were varied, figures, and the outcome.
+
+    A run whose input cannot be used (too few poses, an unreachable ball) has its sentence as `outcome`, and no
+    figures; "done" otherwise.
+    """
+    values = values_of(study, run)
+    row: Row = {"run": run, **{name: _cell(value) for name, value in values.items()}}
+    try:
+        own = with_values(study, values)
+        figures = _figures(own, seed_of(study, run))
+    except InputError as problem:
+        return row | {"outcome": str(problem)}
+    kept = {k: _cell(v) for k, v in figures.items() if any(fnmatchcase(k, pattern) for pattern in study.keep)}
+    return row | kept | {"outcome": "done"}
+
+
+def seed_of(study: Study, run: int) -> int:
+    """The run's own random numbers: child `run` of the study's seed (numpy's SeedSequence); with `same_noise` all
+    points share those of their repeat."""
+    vary = study.vary
+    child = (run - 1) % vary.repeats + 1 if vary.same_noise else run
+    return int(np.random.SeedSequence(study.seed, spawn_key=(child,)).generate_state(1, np.uint64)[0] >> 1)
+
+
+def _figures(study: Study, seed: int) -> Row:
+    if study.kind == "sensor":
+        from workbench.study.sensors import figures
+
+        return figures(study, seed)
+    if study.recording is not None:
+        return _of_recording(study, seed)
+    world = robots.world(study, seed)
+    row = robots.simulated(world, study.kind == "compliance") if "simulate" in study.do else {}
+    made = {}
+    if "calibrate" in study.do:
+        made = robots.calibrations(study, world.measured)
+        row |= robots.judged(made, world.tests) | (robots.parameter_row(made) if study.parameters else {})
+    if "compensate" in study.do:
+        row |= robots.compensated(made, world)
+    return row | (robots.diagnosed(study, world.measured) if "diagnose" in study.do else {})
+
+
+def _of_recording(study: Study, seed: int) -> Row:
+    recording = resampling.resampled(study, np.random.default_rng(seed))
+    row: Row = {"samples": recording.n}
+    if "calibrate" in study.do:
+        made = robots.calibrations(study, recording)
+        row |= robots.judged(made, {}) | (robots.parameter_row(made) if study.parameters else {})
+    return row | (robots.diagnosed(study, recording) if "diagnose" in study.do else {})
+
+
+def _cell(value):
+    """A value as one cell of the table: a list becomes text."""
+    if isinstance(value, list):
+        return " ".join(f"{v:g}" if isinstance(v, int | float) else str(v) for v in value)
+    if isinstance(value, np.generic):
+        return value.item()
+    return value

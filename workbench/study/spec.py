@@ -1,0 +1,200 @@
+"""Study files: what is simulated or resampled, what is varied, done and kept; read from TOML, checked key by key."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from workbench.core.errors import InputError
+
+STUDY_FILES = Path(__file__).parents[1] / "study_files"
+METHODS = ("grid", "random", "latin-hypercube", "sobol", "saltelli")
+ROOTS = ("scene", "test", "design", "resample")
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", max_length=60)]
+Step = Literal["simulate", "calibrate", "diagnose", "compensate"]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Axis(_Table):
+    """One thing that is varied: `path` (one or several keys that get the same value) between `low` and `high`, on a
+    linear or logarithmic `scale`, or one of `values`. In a grid a range is cut into `levels`."""
+
+    name: Name
+    path: str | list[str]
+    low: float | None = None
+    high: float | None = None
+    scale: Literal["linear", "log"] = "linear"
+    levels: int = Field(5, ge=2, le=10_000)
+    values: Annotated[list[int | float | str | list], Field(min_length=1)] | None = None
+
+    @property
+    def paths(self) -> list[str]:
+        return [self.path] if isinstance(self.path, str) else self.path
+
+    @model_validator(mode="after")
+    def _possible(self):
+        if (self.values is None) == (self.low is None or self.high is None):
+            raise ValueError("expected either low and high, or values")
+        if self.values is None and not self.low < self.high:
+            raise ValueError(f"expected low below high, found {self.low:g} and {self.high:g}")
+        if self.values is None and self.scale == "log" and not self.low > 0:
+            raise ValueError(f"expected low above 0 on a logarithmic scale, found {self.low:g}")
+        odd = [path for path in self.paths if path.partition(".")[0] not in ROOTS or "." not in path]
+        if odd or not self.paths:
+            raise ValueError(f"expected a path that begins with {', '.join(f'{r}.' for r in ROOTS)} found {odd}")
+        return self
+
+
+class Vary(_Table):
+    """`runs` points by `method` (a grid counts its own), each made `repeats` times with other random numbers."""
+
+    method: Literal[METHODS] = "random"
+    runs: int | None = Field(None, ge=1, le=100_000_000)
+    repeats: int = Field(1, ge=1, le=1_000_000)
+    same_noise: bool = False
+    parameter: list[Axis] = []
+
+
+class Test(_Table):
+    """Where a calibrated robot is judged: `samples` further poses of the scene, at each of `payload_kg` and each of
+    `temperature_c`; as the scene draws them where these are left out."""
+
+    samples: int = Field(200, ge=4, le=1_000_000)
+    payload_kg: list[Annotated[float, Field(ge=0)]] = []
+    temperature_c: list[float] = []
+
+
+class Tasks(_Table):
+    """Poses that matter: joint readings in the robot's own units (deg, mm for a slide), and the load there."""
+
+    joints_deg: Annotated[list[Annotated[list[float], Field(min_length=1)]], Field(min_length=1)]
+    payload_kg: float = Field(0.0, ge=0)
+    names: list[str] = []
+
+
+class Design(_Table):
+    """Which of the scene's samples are measured: `count` of them by `choice`; what is left is not used."""
+
+    count: int = Field(30, ge=2)
+    choice: Literal["random", "first", "D", "O1", "O2", "O3", "O4", "O5"] = "random"
+
+
+class Resample(_Table):
+    """How a recording is made again: `how` "poses" (poses drawn with replacement) or "noise" (the fitted model with
+    new noise); `count` of poses drawn, all of them where left out; `noise` times the fitted sigma."""
+
+    how: Literal["poses", "noise"] = "poses"
+    count: int | None = Field(None, ge=4)
+    noise: float = Field(1.0, ge=0)
+
+
+class Study(_Table):
+    """One file. `models`: "geometry", "joint-compliance", "default", or plans by name or file; each calibrates every
+    run. `parameters`: keep every calibrated value with its sigma; `keep`: shell patterns of columns; `part`: runs to
+    a part of the table, which is also the unit of work that is handed out."""
+
+    kind: Literal["compliance", "sensor", "uncertainty", "design"]
+    title: str = ""
+    seed: int = Field(0, ge=0)
+    scene: str | dict | None = None
+    recording: str | None = None
+    do: list[Step] = ["simulate", "calibrate"]
+    models: list[str] = ["geometry"]
+    folds: int = Field(5, ge=2, le=100)
+    parameters: bool = False
+    outcome: str | None = None
+    vary: Vary = Vary()
+    test: Test = Test()
+    tasks: Tasks | None = None
+    design: Design | None = None
+    resample: Resample = Resample()
+    keep: Annotated[list[str], Field(min_length=1)] = ["*"]
+    part: int | None = Field(None, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _whole(self):
+        if (self.scene is None) == (self.recording is None):
+            raise ValueError("expected either scene or recording")
+        if len(set(self.do)) < len(self.do) or not self.do:
+            raise ValueError(f"expected each step of do once, found {self.do}")
+        if not set(self.do) & {"simulate", "calibrate"} or ("compensate" in self.do and "calibrate" not in self.do):
+            raise ValueError(f"expected do to hold simulate or calibrate, and calibrate before compensate, found "
+                             f"{self.do}")
+        names = [axis.name for axis in self.vary.parameter]
+        if len(set(names)) < len(names) or set(names) & {"run", "outcome"}:
+            raise ValueError(f"expected names of parameters that differ, and neither run nor outcome, found {names}")
+        return self
+
+
+def read_study(path: Path) -> Study:
+    """The study of a TOML file, or of one that comes with the workbench, by its name.
+
+    What it names is whole afterwards: the scene's keys stand in it and paths are absolute, so that it can be sent
+    to another process. Raises InputError with the file, the key and what was expected.
+    """
+    path = home_of(path) / Path(path).with_suffix(".toml").name if str(path) in study_names() else Path(path)
+    study = validated(Study, _toml(path, "study"), f"study {path}")
+    if isinstance(study.scene, str):
+        file = path.parent / study.scene
+        return study.model_copy(update={"scene": _beside(_toml(file, "scene"), file.parent)})
+    if study.scene is not None:
+        return study.model_copy(update={"scene": _beside(study.scene, path.parent)})
+    return study.model_copy(update={"recording": _recording(study.recording, path.parent)})
+
+
+def home_of(path: Path) -> Path:
+    """The folder beside which a study's other files lie."""
+    return STUDY_FILES if str(path) in study_names() else Path(path).parent
+
+
+def study_names() -> list[str]:
+    """Studies that come with the workbench."""
+    return sorted(path.stem for path in STUDY_FILES.glob("*.toml") if not path.stem.startswith(("scene-", "plan-")))
+
+
+def _toml(path: Path, what: str) -> dict:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        known = f", or one of {', '.join(study_names())}" if what == "study" else ""
+        raise InputError(f"{path}: expected a {what} (TOML){known}, found no such file; correct its name") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise InputError(f"{path}: expected a {what} (TOML), found what cannot be read ({problem}); correct "
+                         "it") from None
+
+
+def _beside(scene: dict, folder: Path) -> dict:
+    """A scene whose robot, where it is a file, is named from anywhere."""
+    robot = scene.get("robot")
+    if isinstance(robot, str) and Path(robot).suffix.lower() in (".toml", ".urdf"):
+        return scene | {"robot": str((folder / robot).resolve())}
+    return scene
+
+
+def _recording(name: str, folder: Path) -> str:
+    """A folder beside the study made whole; a known name as it is."""
+    return str((folder / name).resolve()) if (folder / name).is_dir() else name
+
+
+def validated(kind, keys: dict, called: str):
+    """A pydantic table of `keys`; InputError with one sentence that names `called` and the key."""
+    try:
+        return kind(**keys)
+    except ValidationError as problem:
+        raise InputError(_sentence(problem.errors()[0], called)) from None
+    except TypeError:
+        raise InputError(f"{called}: expected keys and values, found {keys!r:.60}; correct it") from None
+
+
+def _sentence(first: dict, called: str) -> str:
+    key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in first["loc"])
+    what = first["msg"].removeprefix("Value error, ")
+    what = what[0].lower() + what[1:]
+    found = "" if first["type"] == "value_error" else f", found {first['input']!r:.80}"
+    if first["type"] == "extra_forbidden":
+        what, found = "this key is not known", ""
+    return f"{called}{f', key {key}' if key else ''}: {what}{found}; correct or remove it"

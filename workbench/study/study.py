@@ -1,0 +1,132 @@
+"""A study from its file to its folder: checked before anything starts, carried out, put together and summed up."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from workbench.core.errors import InputError, Stopped
+from workbench.pace import paced
+from workbench.study import executors, folder, robots, tables
+from workbench.study.engine import Done, carry_out, given, parts_of
+from workbench.study.spec import Study, home_of, read_study
+from workbench.study.variation import count, ends, values_of, with_values
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A study with its table in `path`; `done` is None where it was finished before."""
+
+    name: str
+    study: Study
+    path: Path
+    done: Done | None
+
+
+def read(path: Path) -> tuple[Study, str]:
+    """The study of a file, checked at both ends of everything that is varied; and what tells its data from others.
+
+    Raises InputError.
+    """
+    study = read_study(path)
+    study = robots.check_models(study, home_of(path))
+    count(study)
+    _check_kind(study)
+    first = values_of(study, 1)
+    for axis in study.vary.parameter:
+        for value in ends(axis):
+            _check_scene(with_values(study, first | {axis.name: value}), f"parameter {axis.name} = {value}")
+    _check_scene(with_values(study, first), "its first run")
+    return study, _data_of(study)
+
+
+def _check_kind(study: Study) -> None:
+    if study.kind == "sensor" and (study.recording or set(study.do) - {"simulate", "calibrate"}):
+        raise InputError("study, key do: expected a sensor study with a scene to simulate, or to simulate and "
+                         f"calibrate, found {study.do}; correct it")  # fmt: skip
+    if study.recording is not None and {"compensate", "simulate"} & set(study.do):
+        raise InputError("study, key do: expected calibrate or diagnose of a recording, found "
+                         f"{study.do}; take the others out")  # fmt: skip
+
+
+def _check_scene(study: Study, called: str) -> None:
+    """InputError where the scene with these values cannot be."""
+    try:
+        if study.kind == "sensor":
+            from workbench.study.sensors import scene_of
+
+            scene_of(study, 0)
+        elif study.scene is not None:
+            from workbench.scene import Scene
+            from workbench.study.spec import validated
+
+            validated(Scene, study.scene, "scene")
+            small = study.model_copy(update={"scene": study.scene | {"samples": 8}, "design": None})
+            robots.world(small.model_copy(update={"test": study.test.model_copy(update={"samples": 4})}), 0)
+    except InputError as problem:
+        raise InputError(f"study, {called}: {problem}") from None
+
+
+def _data_of(study: Study) -> str:
+    """The digest of the recording, or of the files of the scene's robot; "" where there is none."""
+    if study.recording is not None:
+        from workbench.study.resampling import original
+
+        return original(study.recording).sha256
+    robot = Path(str((study.scene or {}).get("robot", "")))
+    return robot.read_text(encoding="utf-8") if robot.is_absolute() and robot.is_file() else ""
+
+
+def carried_out(path: Path, out: Path | None, workers: int | None, scheduler: str | None, say: Say,
+                close: Callable[[Finished, Path, Say], None] = lambda *_: None) -> Finished:  # fmt: skip
+    """Do the study of a file, or go on with it where it was stopped.
+
+    out: the folder instead of `runs/study-<name>-<digest>`; workers: processes of this machine, all its cores where
+    None; scheduler: a Dask cluster instead. close: called with the study and its folder when the table is there, to
+    write what else belongs to it. Raises InputError, and Stopped when a person interrupts it.
+    """
+    study, data = read(path)
+    name = Path(path).stem
+    place = folder.place_of(name, study, data, out)
+    if place.holds(study, data):
+        return Finished(name, study, place.path, None)
+    with folder.opened(place, study, data) as partial_folder:
+        done = _made(study, partial_folder, workers, scheduler, paced(say, "run"))
+        say("putting the table together")
+        tables.put_together(partial_folder, len(parts_of(study)))
+        close(Finished(name, study, partial_folder, done), place.path, say)
+    return Finished(name, study, place.path, done)
+
+
+def _made(study: Study, where: Path, workers: int | None, scheduler: str | None, tick) -> Done:
+    with _pool(workers, scheduler) as (executor, count_of):
+        try:
+            return carry_out(study, where, executor, count_of, tick)
+        except KeyboardInterrupt:
+            kept = sum(len(parts_of(study)[k]) for k in tables.parts_done(where))
+            raise Stopped(f"Stopped: {kept:,} of {count(study):,} runs are kept in {where}; the same command goes on "
+                          "with the rest.") from None  # fmt: skip
+
+
+def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager:
+    if scheduler is None:
+        wanted = workers or executors.cores()
+        return nullcontext((partial(executors.local, wanted), wanted))
+    return _cluster(scheduler)
+
+
+class _cluster:
+    """A Dask cluster for as long as the block lasts, as `carry_out` takes executors."""
+
+    def __init__(self, address: str):
+        self.opened = executors.dask(address)
+
+    def __enter__(self):
+        pool, threads = self.opened.__enter__()
+        return partial(given, pool), threads
+
+    def __exit__(self, *failure):
+        return self.opened.__exit__(*failure)

@@ -1,0 +1,123 @@
+"""The table of a study: parts written whole as they come, and put together at the end without holding them all."""
+
+import errno
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.study.robots import Row
+
+PARTS, TABLE, CSV = "parts", "table.parquet", "table.csv"
+
+
+def write_part(folder: Path, number: int, rows: Sequence[Row]) -> None:
+    """Part `number` (0, 1, …) of the table: whole under its name, or not there. InputError where it cannot be."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = folder / PARTS / _name(number)
+    names = dict.fromkeys(name for row in rows for name in row)
+    table = pa.table({name: _column(pa, [row.get(name) for row in rows]) for name in names})
+    with whole(path) as partial:
+        pq.write_table(table, partial)
+
+
+def _column(pa, cells):
+    """Whole numbers, numbers or text: the narrowest that holds all cells; a column of nothing is of numbers."""
+    kinds = {type(cell) for cell in cells if cell is not None}
+    if kinds and kinds <= {int, bool}:
+        return pa.array(cells, pa.int64())
+    if kinds <= {int, bool, float}:
+        return pa.array([None if cell is None else float(cell) for cell in cells], pa.float64())
+    return pa.array([None if cell is None else str(cell) for cell in cells], pa.string())
+
+
+def _name(number: int) -> str:
+    return f"part-{number:08d}.parquet"
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A temporary name beside `path`, moved there when the block ends well and removed when it does not.
+
+    InputError, in one sentence, where the system refuses: a full disk, no permission.
+    """
+    partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
+    try:
+        yield partial
+        partial.replace(path)
+    except OSError as problem:
+        full = problem.errno in (errno.ENOSPC, errno.EDQUOT)
+        why = "the disk is full" if full else f"the system says '{problem.strerror}'"
+        raise InputError(f"{path} cannot be written, because {why}; make room or name another place with --out, and "
+                         "the study goes on where it was") from problem  # fmt: skip
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def parts_done(folder: Path) -> set[int]:
+    """Numbers of the parts that are there."""
+    names = (path.name for path in (folder / PARTS).glob("part-*.parquet"))
+    return {int(name.removeprefix("part-").removesuffix(".parquet")) for name in names}
+
+
+def put_together(folder: Path, parts: int) -> None:
+    """Write table.parquet and table.csv from parts 0 … `parts` - 1, one part in memory at a time.
+
+    A column that some runs lack is empty there. A part's rows are in order of their run, and so is the table.
+    """
+    import pyarrow as pa
+    import pyarrow.csv as pc
+    import pyarrow.parquet as pq
+
+    paths = [folder / PARTS / _name(number) for number in range(parts)]
+    schema = _schema(pa, (pq.read_schema(path) for path in paths))
+    with whole(folder / TABLE) as table, whole(folder / CSV) as text:
+        with pq.ParquetWriter(table, schema) as writer, pc.CSVWriter(text, schema) as lines:
+            for path in paths:
+                made = _as(pa, pq.read_table(path), schema)
+                writer.write_table(made)
+                lines.write_table(made)
+
+
+def _schema(pa, schemas):
+    """All columns in the order in which they are met; numbers where parts differ in kind, text before numbers."""
+    rank, kinds = [pa.int64(), pa.float64(), pa.string()], {}
+    for schema in schemas:
+        for field in schema:
+            kinds[field.name] = max(kinds.get(field.name, 0), rank.index(field.type))
+    kinds["outcome"] = kinds.pop("outcome", 2)
+    return pa.schema([(name, rank[kind]) for name, kind in kinds.items()])
+
+
+def _as(pa, table, schema):
+    columns = [
+        table.column(field.name).cast(field.type) if field.name in table.column_names
+        else pa.nulls(table.num_rows, field.type)
+        for field in schema
+    ]  # fmt: skip
+    return pa.table(columns, schema=schema)
+
+
+def column_names(folder: Path) -> list[str]:
+    """Columns of the whole table."""
+    import pyarrow.parquet as pq
+
+    return list(pq.read_schema(folder / TABLE).names)
+
+
+def columns(folder: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Some columns of the whole table: numbers (n,) with nan where empty, text as object arrays."""
+    import pyarrow.parquet as pq
+    from pyarrow import types
+
+    table = pq.read_table(folder / TABLE, columns=list(names), memory_map=True)
+    return {
+        name: np.array(column.to_pylist(), object) if types.is_string(column.type)
+        else column.cast("float64").to_numpy().astype(float)
+        for name, column in zip(table.column_names, table.columns)
+    }  # fmt: skip
