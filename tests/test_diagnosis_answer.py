@@ -1,0 +1,204 @@
+"""What a diagnosis proves, says and proposes: held-out blocks, controls, smallest sizes, shares, sentences."""
+
+import numpy as np
+import pytest
+import tomli_w
+
+from conftest import ROOT
+from robot_model.effects import CATALOGUE
+from sensors.effects import CATALOGUE as SENSOR
+from workbench.diagnosis import against, proof, visible, words
+from workbench.diagnosis.controls import controls, of_order
+from workbench.diagnosis.experiment import Doubt, compared, told
+from workbench.diagnosis.problem import Alternative, Finding
+from workbench.diagnosis.result import Term, verdict_of
+from workbench.diagnosis.robot import bench_of
+from workbench.simulate import simulate
+
+SCENE = {"robot": "abb_irb120", "samples": 90, "seed": 4, "sigma_mm": 0.02, "reflectors": [[0.0, 30.0, 120.0]],
+         "share_of_limits": 0.6, "approach": True, "payload_kg": [0.0, 0.5],
+         "errors": {"length_mm": 0.1, "angle_deg": 0.02}}  # fmt: skip
+GAP = {"effect": "backlash", "where": "joint-2", "values": {"half_gap": 2e-4}}
+
+
+def made(tmp_path, **more):
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(SCENE | more), encoding="utf-8")
+    return simulate(path)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A recording with backlash of joint 2."""
+    return made(tmp_path_factory.mktemp("gap"), effect=[GAP])
+
+
+@pytest.fixture(scope="module")
+def bench(recording):
+    return bench_of(recording)
+
+
+def gap():
+    return CATALOGUE["backlash"]("joint-2")
+
+
+def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
+    rng = np.random.default_rng(0)
+    columns, y = rng.normal(size=(40, 5)), rng.normal(size=40)
+    fold = np.arange(40) // 8
+    q = np.linalg.qr(columns)[0]
+
+    class Problem:
+        basis, residual, sample, weights, sigma, n = q, y, np.arange(40), np.ones(40), np.ones(40), 40
+
+        @staticmethod
+        def clear(columns):
+            return columns - q @ (q.T @ columns)
+
+    again = np.empty(40)
+    for k in range(5):
+        again[fold == k] = y[fold == k] - columns[fold == k] @ np.linalg.lstsq(columns[fold != k], y[fold != k])[0]
+    assert np.allclose(proof._left_out(Problem, fold), np.abs(again))
+
+
+def test_folds_never_part_a_pose(bench):
+    problem = bench.problem(()).keeping()
+    pose = np.arange(90) // 3
+    for scheme in proof._schemes(pose, problem):
+        assert all(len(np.unique(scheme.fold[pose == p])) == 1 for p in range(30))
+        assert len(np.unique(scheme.fold)) == len(scheme.folds)
+
+
+def test_paired_gains_count_poses_and_not_samples():
+    rng = np.random.default_rng(1)
+    before, after = np.sqrt(rng.uniform(1, 3, 50)), np.sqrt(rng.uniform(0.8, 2.8, 50))
+    once = proof.paired(np.arange(50), before, after, np.ones(50, bool))
+    often = proof.paired(np.repeat(np.arange(50), 7), np.repeat(before, 7), np.repeat(after, 7), np.ones(350, bool))
+    assert often == pytest.approx(once)
+
+
+def test_a_real_cause_passes_its_control_and_a_wrong_one_gains_nothing(bench):
+    (permuted,) = controls(bench, (), (gap(),))
+    assert permuted.passed and permuted.share < 0.05 and permuted.p_value <= 0.01
+    wrong = [controls(bench, (gap(),), (CATALOGUE["backlash"](f"joint-{k}"),))[0] for k in (1, 3, 5, 6)]
+    assert sum(one.passed for one in wrong) == 0
+
+
+def test_what_reads_the_clock_is_known(bench):
+    assert of_order(bench, (CATALOGUE["zero-shift"]("joint-2", after=400.0),))
+    assert not of_order(bench, (gap(),))
+
+
+def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
+    problem = bench.problem(()).keeping()
+    rows = visible.smallest(problem, problem.sigma, lambda c: [p.unit for e in c.effects for p in e.parameters(bench.chain)])
+    k = next(i for i, c in enumerate(problem.candidates) if (c.effect, c.where) == ("backlash", "joint-3"))
+    column = problem.clear(problem.candidates[k].columns[:, 0] * rows[k].parameter)
+    level = 1 - (1 - visible.FAMILY) ** (1 / len(rows))
+    from scipy.stats import chi2
+
+    noise = np.random.default_rng(2).normal(size=(4000, len(column)))
+    gain = (column @ column + noise @ column) ** 2 / (column @ column)
+    assert (gain > chi2.isf(level, 1)).mean() == pytest.approx(visible.POWER, abs=0.015)
+    assert rows[k].unit == "rad" and rows[k].surviving < rows[k].size
+
+
+def test_told_apart_is_where_the_likelihoods_say_so():
+    d = visible.told_apart()
+    ratio = np.random.default_rng(3).normal(d**2 / 2, d, 200_000)
+    assert (ratio > np.log(19)).mean() == pytest.approx(0.95, abs=0.003)
+
+
+def test_noise_comes_from_replicates_else_from_what_is_stated():
+    rng = np.random.default_rng(4)
+    residual = 0.03 * rng.normal(size=(3, 200)) + np.repeat(rng.normal(size=(3, 20)), 10, 1)
+    found, source = proof.noise(np.arange(200) // 10, np.zeros(200), residual, 0.5, 600)
+    assert source == "from replicates" and found == pytest.approx(np.sqrt(3) * 0.03, rel=0.1)
+    assert proof.noise(np.arange(200), np.zeros(200), residual, 0.5, 600) == (np.sqrt(3) * 0.5, "as the recording states")
+    lack = proof.lack_of_fit(np.arange(200) // 10, np.zeros(200), residual, 6)
+    assert lack["p_value"] < 1e-6 and lack["f"] > 10
+
+
+def test_shares_of_a_difference_add_up_and_only_structure_is_missing_physics(recording, tmp_path):
+    path = tmp_path / "other.toml"
+    path.write_text(tomli_w.dumps(SCENE | {"seed": 9, "base": {"xyz_mm": [1.0, 0.0, 0.0]}}), encoding="utf-8")
+    reference = against.reference_of(path, None)
+    model, values = against.bound(reference, recording)
+    found = against.shares(model, values, lambda residual, degrees: np.sqrt(3) * 0.02, reference.name)
+    assert found.parameters_mm2 + found.noise_mm2 + found.structure_mm2 == pytest.approx(found.total_mm2, rel=1e-9)
+    assert found.noise_mm2 == pytest.approx(3 * 0.02**2, rel=0.01)
+    assert found.structure_mm2 == pytest.approx(_of_gap(recording), rel=0.5) and found.placing_mm2 > 0.9
+
+
+def _of_gap(recording):
+    """mm^2 that the gap makes and the fitted geometry does not take up."""
+    problem = bench_of(recording).problem((gap(),))
+    left = problem.clear(problem.added[0] @ problem.values[0]) * problem.sigma
+    return float((left**2).sum() / problem.n)
+
+
+def test_a_second_load_tells_two_compliances_apart(bench):
+    doubt = Doubt((CATALOGUE["joint-compliance"]("joint-2"),), np.array([2e-6]),
+                  (CATALOGUE["link-self-weight"]("joint-2"),), "one", "other")  # fmt: skip
+    rows = compared(bench, (), doubt)
+    assert rows[0][0]["plan"] == "the same poses with more load"
+    assert rows[0][0]["apart_then_sigma"] > 1.5 * rows[0][0]["apart_now_sigma"]
+    assert "kg more on the flange" in told(doubt, rows)
+
+
+def test_what_is_proposed_separates_as_far_as_was_said(bench):
+    """The stated distance is what a fit of the whole plan finds: no step is lost between the two."""
+    doubt = Doubt((gap(),), np.array([1e-5]), (CATALOGUE["joint-thermal-drift"]("joint-2"),), "one", "other")
+    rows = compared(bench, (), doubt)
+    assert all(row["apart_then_sigma"] >= row["apart_now_sigma"] for row, _ in rows)
+
+
+@pytest.mark.parametrize("name, kind", [*CATALOGUE.items(), *(("sensor " + n, k) for n, k in SENSOR.items())])
+def test_every_effect_has_a_sentence_with_its_place(name, kind):
+    place = kind.places[0]
+    where = f"{place}-3" if place in ("joint", "link", "ball") else place
+    said = words.law(kind.effect, where, kind=kind)
+    assert said[0].isupper() and not said.endswith(".") and " K " not in f"{said} "
+    if place in ("joint", "link", "ball") and name != "ye-compliance":
+        assert f"{place} 3".lower() in said.lower()
+
+
+@pytest.mark.parametrize("value, std, unit, said", [
+    (1.3e-4, 1e-5, "rad", "0.130 ± 0.010 mrad"), (-2.04e-6, 3e-7, "rad/(N m)", "−2.04 ± 0.30 µrad/(N m)"),
+    (1.2e-5, 1e-6, "1/K", "12.0 ± 1.0 ppm/K"), (0.25, None, "mm", "0.25 mm"), (0.0, 0.0, "mm", "0 µm"),
+])  # fmt: skip
+def test_figures_are_told_in_units_without_rows_of_zeros(value, std, unit, said):
+    assert words.measured(value, std, unit) == said
+
+
+def term(probability, *others, effect="backlash", depends=()):
+    rivals = tuple(Alternative(name, "joint-3", "", p, 1.0, "same signature in these poses") for name, p in others)
+    found = Finding(effect, "joint-3", "", (), 1e-9, probability, 0.3, 40.0, depends, rivals)
+    row = {"name": "half_gap", "label": "half gap", "value": 1.3e-4, "std": 1e-5, "unit": "rad"}
+    return Term(found, (row,), 0.08, 5.2, 4.1, 0.013, 9, 9)
+
+
+def test_the_statement_names_effect_place_size_and_proof():
+    said = words.statement(term(0.99), "the ball", "mm")
+    assert said == ("Joint 3 stops short of its reading on the side that it came from: half gap 0.130 ± 0.010 mrad, "
+                    "0.08 mm RMS at the ball. It takes 0.013 mm off the held-out error (t = 5.2), and the search found it "
+                    "again in 9 of 9 folds.")  # fmt: skip
+    doubtful = words.statement(term(0.6, ("zero-shift", 0.4)), "the ball", "mm")
+    assert "its name is not certain: this (0.60) or zero-shift at joint 3 (0.40)" in doubtful
+
+
+def test_the_verdict_follows_from_the_terms():
+    assert verdict_of((), 0.5) == "consistent"
+    assert verdict_of((), 1e-9) == "unexplained"
+    assert verdict_of((term(0.99),), 1e-9) == "explained"
+    assert verdict_of((term(0.6, ("zero-shift", 0.4)),), 1e-9) == "ambiguous"
+    assert verdict_of((term(0.99), term(0.9, effect="unknown", depends=("q2",))), 1e-9) == "unexplained"
+
+
+def test_the_catalogue_page_has_every_effect_and_its_small_picture():
+    page = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
+    for name in {*CATALOGUE, *SENSOR}:
+        assert f"### {name}\n" in page or f"- `{name}`: " in page
+    pictures = list((ROOT / "docs" / "catalogue").glob("*.png"))
+    assert page.count("](catalogue/") == len(pictures) > 30
+    assert max(path.stat().st_size for path in pictures) < 40_000

@@ -1,0 +1,93 @@
+"""Entries of the catalogue page: an effect added to a perfect recording, fitted without it, and what that leaves.
+
+Sizes, twins and, for the robot, the experiment that separates them come out of the diagnosis.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnosis.answer import unwhitened
+from workbench.diagnosis.problem import Problem
+
+SURVIVING = 6.0
+"""Sigmas of one coordinate, RMS, that each effect is made so large as to leave."""
+_MOST = 40.0  # typical sizes: larger than that nothing is made
+_TWINS, _LEAST = 3, 0.3
+_BROAD = 10.0  # typical sizes that a twin may well have
+FAINT = 8.0
+"""Sigmas of all samples together at which twins are hard to tell: where the experiment that separates them is asked."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One effect at one place. Sizes in `unit`; `survives` the share of the square that a fit without it leaves.
+
+    `twins`: (what, share of what survives that it makes). `separates`: a sentence. `problem`: of the fit without it.
+    `points` (3, n) mm or (2, n) px: where its samples are, for the picture.
+    """
+
+    name: str
+    kind: type
+    where: str
+    values: tuple[str, ...]
+    size: float
+    left: float
+    survives: float
+    unit: str
+    twins: tuple[tuple[str, float], ...]
+    separates: str
+    problem: Problem
+    points: np.ndarray
+
+
+def direction(typical: np.ndarray) -> np.ndarray:
+    """A direction in the parameters in which all take part: typical sizes, every other one negative."""
+    return typical * np.resize([1.0, -1.0], len(typical)) / np.sqrt(len(typical))
+
+
+def large_enough(problem: Problem, typical: np.ndarray) -> np.ndarray:
+    """(P,) values of the first added effect that leave `SURVIVING` sigmas RMS once the baseline is fitted."""
+    along = direction(typical)
+    left = problem.clear(problem.added[0] @ along)
+    size = float(np.sqrt((left**2).mean()))
+    return along * min(SURVIVING / max(size, 1e-12), _MOST)
+
+
+def sizes(problem: Problem, values: np.ndarray) -> tuple[float, float, float]:
+    """RMS displacement of the first added effect at `values`, of what survives of it, and the share of the square.
+
+    problem: of the perfect recording, so that everything is linearised where nothing acts.
+    """
+    moved = problem.added[0] @ values
+    left = problem.clear(moved)
+    scale = unwhitened(problem)
+    whole, rest = (float(np.sqrt(((x * scale) ** 2).sum() / problem.n)) for x in (moved, left))
+    return whole, rest, float((left**2).sum() / (moved**2).sum())
+
+
+def twins(problem: Problem, values: np.ndarray, family: str) -> list[tuple[object, float]]:
+    """(candidate, share of the surviving signature that it makes), the most alike first, one a family."""
+    own = problem.clear(problem.added[0] @ values)
+    best: dict[str, tuple[object, float]] = {}
+    for c in problem.candidates:
+        if c.family == family:
+            continue
+        share = made_by(problem, c.columns * c.typical, own)
+        if share > best.get(c.family, (None, 0.0))[1]:
+            best[c.family] = c, share
+    ranked = sorted(best.values(), key=lambda row: -row[1])[:_TWINS]
+    return [row for row in ranked if row[1] >= _LEAST]
+
+
+def made_by(problem: Problem, columns: np.ndarray, own: np.ndarray) -> float:
+    """Share of `own` (N,), already cleared, that columns (N, P), in typical sizes, make at a likely size."""
+    clear = problem.clear(columns)
+    along = clear.T @ own
+    return float(along @ np.linalg.solve(clear.T @ clear + _BROAD**-2 * np.eye(len(along)), along) / (own @ own))
+
+
+def listed(candidates: Sequence[tuple[object, float]]) -> tuple[tuple[str, float], ...]:
+    """Names of twins with their shares."""
+    return tuple((f"`{c.effect}`{f' ({c.label})' if c.label else ''} at {c.where}", share) for c, share in candidates)

@@ -1,0 +1,91 @@
+"""`workbench diagnose`: where recording and model differ, which physics was left out, and the proof."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from workbench import runs
+from workbench.commands import answer, tables
+from workbench.core.errors import InputError
+
+Simulation = Annotated[
+    Path | None, typer.Option("--simulation", metavar="SCENE", help="Compare with this scene (TOML).")
+]
+Solution = Annotated[
+    Path | None, typer.Option("--solution", metavar="FILE", help="Compare with an earlier calibration (solution.json).")
+]
+Baseline = Annotated[
+    Literal["geometry", "joint-compliance"], typer.Option("--baseline", help="What is already in the model.")
+]
+
+
+def command(
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    simulation: Simulation = None,
+    solution: Solution = None,
+    baseline: Baseline = "geometry",
+    scanner: answer.ScannerFile = None,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Say what the model of a recording leaves out: where, what, how sure, and how much better it predicts with it."""
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        import datasets
+        from workbench.diagnosis.answer import diagnose
+        from workbench.diagnosis.files import save
+
+        if simulation is not None and solution is not None:
+            raise InputError("--simulation and --solution: expected one of them, found both; leave one out.")
+        found = datasets.read(recording)
+        _check_scanner(found, scanner)
+        with runs.opened("diagnose", recording, out) as run:
+            made = diagnose(found, baseline=baseline, simulation=simulation, solution=solution, scanner=scanner,
+                            progress=say)  # fmt: skip
+            result = {**made.as_json(), "run": run.path}
+            save(made, run.partial)
+            if not no_report:
+                say("writing the report")
+                _report(made, run.partial)
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    show(answer.console(json), result)
+    answer.last_line(answer.console(json), run.path)
+
+
+def _check_scanner(found, scanner: Path | None) -> None:
+    if scanner is not None and found.measures != "scan-images":
+        raise InputError(f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
+                         "leave the option out.")
+
+
+def _report(made, folder: Path) -> None:
+    from workbench.report.diagnosis import page
+    from workbench.report.diagnosis_picture import write_picture
+    from workbench.report.page import write_sheet
+
+    write_sheet(page(made), folder)
+    write_picture(made, folder / "summary.png")
+
+
+def show(console, result) -> None:
+    """The answer of `diagnose --json`, for a person."""
+    unit, held_out = result["unit"], result["held_out"]
+    console.print(f"{result['recording']}: {result['verdict']}", style="bold", markup=False)
+    console.print()
+    for found in result["effects"]:
+        console.print(f"- {found['statement']}", markup=False)
+    for found in result["refused"]:
+        console.print(f"- not kept: {found['statement']}", markup=False, style="dim")
+    console.print()
+    told = {"before": "baseline", "after": "with what was found", "noise": "noise"}
+    rows = [[name, held_out[f"{key}_{unit}"]] for key, name in told.items()]
+    title = f"Held-out error, RMS, {held_out['folds']} folds; noise {held_out['noise_from']}"
+    tables.grid(console, title, ["", f"{unit}"], rows)
+    if (shares := result["against"]) is not None:
+        names = ("parameters", "noise", "structure")
+        tables.grid(console, f"Difference from {shares['reference']}", ["", "mm²"],
+                    [[name, shares[f"{name}_mm2"]] for name in names])  # fmt: skip
+    console.print(f"Next: {result['next_experiment']}", markup=False)

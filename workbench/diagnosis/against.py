@@ -1,0 +1,155 @@
+"""A recording against a simulation or an earlier calibration: the three kinds of difference, told apart.
+
+What a simulation and a recording differ by is, first, parameter values that are merely not those of this machine
+(where base and tool stand, lengths, offsets, the sizes of effects that the simulation already holds); second, noise;
+third, structure that no value of those parameters makes. Only the third is missing physics.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_model.measurements import samples_of
+from robot_model.system import bind, geometry_free
+from workbench.core.errors import InputError
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+from workbench.core.solve import solve
+from workbench.crossvalidation import in_space
+from workbench.plans import frames_of
+from workbench.simulate import truth_of
+from workbench.solution_file import read_solution
+
+_LENGTH_MM, _TURN_RAD = 1.0, 0.01
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a recording is compared with: a robot, the effects that it holds, and their values by key."""
+
+    name: str
+    robot: object
+    effects: tuple
+    values: dict[str, float]
+    masses: dict[str, object]
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Mean squared 3-D distance between prediction and measurement, mm^2, in three parts that add up.
+
+    `parameters_mm2`: falls when the values that the reference has are found anew; `placing_mm2` of it when base and
+    tool alone are. `noise_mm2`: what the instrument leaves. `structure_mm2`: the rest, which no value makes.
+    `told_mm2` (values, sorted) the fall that each group of parameters owes, one group after another.
+    """
+
+    reference: str
+    total_mm2: float
+    parameters_mm2: float
+    placing_mm2: float
+    noise_mm2: float
+    structure_mm2: float
+    moved: tuple[dict, ...]
+
+    def as_json(self) -> dict:
+        """Keys with their unit; the three shares add up to the total."""
+        return {
+            "reference": self.reference,
+            "total_mm2": self.total_mm2,
+            "parameters_mm2": self.parameters_mm2,
+            "placing_mm2": self.placing_mm2,
+            "noise_mm2": self.noise_mm2,
+            "structure_mm2": self.structure_mm2,
+            "moved": list(self.moved),
+        }
+
+
+def reference_of(simulation: Path | None, solution: Path | None) -> Reference | None:
+    """The scene or the solution that was named; None where neither was. InputError for both, or an unreadable one."""
+    if simulation is not None and solution is not None:
+        raise InputError(
+            "--simulation and --solution: expected one of them, found both; leave out the one that the recording is "
+            "not to be compared with."
+        )
+    if simulation is not None:
+        truth = truth_of(Path(simulation))
+        robot, parameters = truth.model.chain.robot, truth.parameters
+        values = dict(zip(parameters.keys, parameters.values.tolist()))
+        return Reference(f"simulation {simulation}", robot, truth.model.effects, values, {})
+    if solution is None:
+        return None
+    arm = read_solution(Path(solution))
+    return Reference(f"solution {solution}", arm.robot, arm.effects, arm.values, {})
+
+
+def bound(reference: Reference, recording) -> tuple[Model, Parameters]:
+    """The reference's model on the moving rows of a recording, with its values; InputError where the arms differ.
+
+    Where the recording has reflectors or balls that the reference does not place, those start in closed form.
+    """
+    moving = samples_of(recording)
+    readings = reference.robot.mixing.shape[1]
+    if moving.joints.shape[1] != readings:
+        raise InputError(
+            f"recording '{recording.name}' against {reference.name}: expected {readings} joint readings a sample as "
+            f"{reference.robot.name} has, found {moving.joints.shape[1]}; name a simulation or solution of this arm."
+        )
+    model = Model(bind(reference.robot, moving), reference.effects)
+    known = {key: value for key, value in reference.values.items() if key in model.parameters.index}
+    return model, model.parameters.update(known)
+
+
+def shares(
+    model: Model,
+    parameters: Parameters,
+    noise_mm: Callable[[np.ndarray, float], float],
+    name: str = "",
+) -> Shares:
+    """Split what the model at `parameters` leaves of its recording into its three parts.
+
+    noise_mm: from the residual (3, n) mm of the best values, and the degrees of freedom left of its 3 n, the noise
+    as the RMS of a 3-D distance, mm. A fit swallows the noise of as many coordinates as it has parameters; that part
+    is booked as noise, too, so that it is not taken for parameters that were wrong.
+    """
+    total = _square(model, parameters)
+    placed = solve(model, _free(parameters, frames_of(parameters)))
+    every = _free(placed.parameters, (*frames_of(parameters), *geometry_free(model.chain.robot)), model)
+    fitted = solve(model, every)
+    residual = in_space(fitted.residual)
+    left = float((residual**2).sum(0).mean())
+    free = fitted.residual.size - fitted.degrees
+    noise = noise_mm(residual, fitted.degrees) ** 2
+    swallowed = min(noise * free / fitted.residual.size, max(total - left, 0.0))
+    noise = min(noise - swallowed, left) + swallowed
+    placing = max(total - float((in_space(placed.residual) ** 2).sum(0).mean()), 0.0)
+    return Shares(
+        name, total, total - left - swallowed, placing, noise, left + swallowed - noise,
+        _moved(parameters, fitted.parameters),
+    )  # fmt: skip
+
+
+def _square(model, parameters) -> float:
+    return float((in_space(model.residual(parameters)) ** 2).sum(0).mean())
+
+
+def _free(parameters: Parameters, patterns, model: Model | None = None) -> Parameters:
+    """Those of the patterns free, and of a model also what its effects bring."""
+    mask = parameters.matching(*patterns)
+    if model is not None:
+        own = len(model.chain.parameters)
+        mask = mask | (np.arange(len(mask)) >= own)
+    return parameters.only(mask)
+
+
+def _moved(before: Parameters, after: Parameters) -> tuple[dict, ...]:
+    """The values of the reference that moved most, in typical sizes, base and tool left out."""
+    frames = before.matching(*frames_of(before))
+    change = np.where(frames | ~after.mask, 0.0, (after.values - before.values) / after.typical)
+    order = [int(k) for k in np.argsort(-np.abs(change), kind="stable")[:8] if change[k]]
+    return tuple(
+        {"name": after.keys[k], "before": float(before.values[k]), "after": float(after.values[k]),
+         "unit": after.table[k].unit}
+        for k in order
+    )  # fmt: skip

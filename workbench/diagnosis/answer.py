@@ -1,0 +1,253 @@
+"""The whole diagnosis: from a recording to findings that are located, named, proved and told in words."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.diagnosis import against, proof, words
+from workbench.diagnosis.experiment import next_experiment
+from workbench.diagnosis.problem import Bench, Finding, Found
+from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, told, verdict_of
+from workbench.diagnosis.robot import RobotBench, bench_of
+from workbench.diagnosis.select import find
+from workbench.diagnosis.visible import smallest
+from workbench.provenance import provenance
+
+PICTURES = ("board-images", "scan-images")
+SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
+Say = Callable[[str], None]
+
+
+def diagnose(
+    recording,
+    *,
+    baseline: str = "geometry",
+    simulation: Path | None = None,
+    solution: Path | None = None,
+    scanner: Path | None = None,
+    progress: Say = lambda text: None,
+    seed: int = 0,
+) -> Diagnosis:
+    """What physics the baseline of a recording leaves out.
+
+    baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
+    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans.
+    Raises InputError.
+    """
+    if recording.measures in PICTURES:
+        return _of_sensor(recording, simulation or solution, progress)
+    reference = against.reference_of(simulation, solution)
+    progress("the baseline")
+    bench = bench_of(recording, baseline)
+    shares = None
+    if reference is not None:
+        bench, shares = _against(bench, reference, recording)
+        baseline = reference.name
+    return _whole(recording, bench, baseline, shares, progress)
+
+
+def _of_sensor(recording, reference, progress) -> Diagnosis:
+    from workbench.diagnosis import sensor
+
+    if reference is not None:
+        raise InputError(
+            f"recording '{recording.name}': --simulation and --solution expect a recording of an arm, found pictures; "
+            "leave the option out."
+        )
+    return _whole(recording, sensor.bench_of(recording, progress), "camera, mirror and poses", None, progress)
+
+
+def _against(bench: RobotBench, reference: against.Reference, recording):
+    """The bench whose baseline holds the reference's effects, and the three shares of the difference."""
+    model, values = against.bound(reference, recording)
+    effects = (*(e for e in bench.baseline if not _held(e, reference.effects)), *reference.effects)
+    chain = replace(model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates))
+    wider = RobotBench(chain, bench.pose, effects, bench.recording)
+    pose, index = bench.pose, chain.state.index
+
+    def noise_of(residual, degrees):
+        return proof.noise(pose, index, residual, _sigma(bench.recording), degrees)[0]
+
+    return wider, against.shares(model, values, noise_of, reference.name)
+
+
+def _held(effect, others) -> bool:
+    return any((e.effect, e.where) == (effect.effect, effect.where) for e in others)
+
+
+def _whole(recording, bench: Bench, baseline: str, shares, say: Say) -> Diagnosis:
+    """Find, prove, say what cannot be seen and what to measure next."""
+    found = find(bench, progress=say)
+    unit = getattr(bench, "unit", "mm")
+    last = _Final(bench, found, unit)
+    terms, refused, proved = _proved(bench, found, last.noise, say)
+    last = _Final(bench, found, unit, terms)
+    say("what these data could have shown")
+    visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
+    say("the next experiment")
+    certain = [e for t in terms if t.certain for e in t.finding.effects]
+    experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
+    verdict = verdict_of(terms, found.p_first)
+    if verdict == UNEXPLAINED and not terms:
+        terms = (_somewhere(found),)
+    made = Diagnosis(
+        recording.name, recording.title or recording.name, recording.measures, found.before.n, baseline, unit,
+        verdict, terms, refused, found.located, found.rest,
+        replace(proved, lack=last.lack()), visible, experiment, found, last.views(),
+        shares, last.outliers(), _not_recorded(terms), (), dict(provenance(recording)),
+    )  # fmt: skip
+    return told(made, [words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
+                       for term in (*terms, *refused)])  # fmt: skip
+
+
+def _proved(bench, found: Found, noise, say):
+    """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
+    proved, kept, refused = proof.prove(bench, found, find, noise, say)
+    effects = [e for term in kept for e in term.finding.effects]
+    rows = bench.parameters(effects)
+    stay = tuple(_with_numbers(bench, term, effects, rows) for term in kept)
+    gone = tuple(_with_numbers(bench, term, (*effects, *term.finding.effects), None) for term in refused)
+    return stay, gone, proved
+
+
+def _with_numbers(bench, term: Term, effects, rows) -> Term:
+    """The term with its parameters and the RMS displacement that it makes."""
+    rows = bench.parameters(list(effects)) if rows is None else rows
+    own = {(e.effect, e.where) for e in term.finding.effects}
+    mine = tuple(row for row in rows if (row["effect"], row["where"]) in own and _of(row, term, bench))
+    return replace(term, parameters=mine, size=_size(bench, effects, term))
+
+
+def _of(row, term: Term, bench) -> bool:
+    chain = getattr(bench, "chain", None)
+    if chain is None:
+        return True
+    return row["key"] in {p.key for e in term.finding.effects for p in e.parameters(chain)}
+
+
+def _size(bench, effects, term: Term) -> float | None:
+    """RMS displacement of the measured point (mm, px) that the term makes by itself, to first order."""
+    problem = bench.problem(list(effects))
+    own = [i for i, e in enumerate(effects) if any(e is mine for mine in term.finding.effects)]
+    if not own or not problem.added:
+        return None
+    moved = sum(problem.added[i] @ problem.values[i] for i in own) * unwhitened(problem)
+    return float(np.sqrt((moved**2).sum() / problem.n))
+
+
+def unwhitened(problem) -> np.ndarray:
+    """(N,) what a whitened coordinate of the problem is worth in mm (px)."""
+    return problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+
+
+def _somewhere(found: Found) -> Term:
+    """What is there though nothing that was found carries to samples that were not fitted: where, and on what."""
+    at = found.located[0]
+    label = "a smooth function of " + " and ".join(at.depends_on)
+    return Term(Finding("unknown", at.where, label, (), at.p_value, 0.0, at.size, 0.0, at.depends_on), share=at.share)
+
+
+def _units(bench, candidate) -> list[str]:
+    """Units of a candidate's parameters."""
+    chain = getattr(bench, "chain", None)
+    if chain is None:  # a sensor's: the last of its chains knows light and balls, too
+        chain = list(bench.chains.parts.values())[-1]
+    return [p.unit for e in candidate.effects for p in e.parameters(chain)]
+
+
+def _sigma(recording) -> float | None:
+    """RMS of the stated 1 sigma of a coordinate."""
+    return None if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
+
+
+def _not_recorded(terms) -> tuple[str, ...]:
+    return tuple(sorted({one.missing for term in terms for one in term.finding.alternatives if one.missing}))
+
+
+class _Final:
+    """The residuals of baseline and final model of a bench, and what follows from them."""
+
+    def __init__(self, bench, found: Found, unit: str, terms=None):
+        self.bench, self.unit, self.found = bench, unit, found
+        self.before = found.before
+        effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
+        self.after = found.after if effects is None else bench.problem(effects).keeping()
+
+    @property
+    def noise(self) -> tuple[float, str]:
+        left = residuals_of(self.after)
+        if self.unit != "mm":
+            return float(np.sqrt(np.nansum(left**2, 0).mean())), "what is left in the end"
+        usual = ~self.found.outliers
+        recording = self.bench.recording
+        return proof.noise(self.bench.pose[usual], self._index()[usual], left[:, usual], _sigma(recording),
+                           self.after.degrees)  # fmt: skip
+
+    def _index(self):
+        return self.bench.chain.state.index[: self.before.n]
+
+    def lack(self):
+        """Lack of fit of baseline and final model against replicates; None without these."""
+        if self.unit != "mm":
+            return None
+        rows = {name: proof.lack_of_fit(self.bench.pose, self._index(), residuals_of(p), p.basis.shape[1])
+                for name, p in (("before", self.before), ("after", self.after))}  # fmt: skip
+        return rows if all(rows.values()) else None
+
+    def outliers(self) -> tuple[int, ...]:
+        """Sample numbers of those that nothing brings near."""
+        ids = self.bench.recording.sample_ids if self.unit == "mm" else np.arange(self.before.n)
+        return tuple(int(i) for i in ids[self.found.outliers])
+
+    def views(self) -> Views:
+        """What the page draws."""
+        if self.unit != "mm":
+            return self._sensor_views()
+        chain = self.bench.chain
+        model, fit, _ = self.bench.solve(self.before.effects)
+        own = fit.parameters.values[: len(chain.parameters)]
+        points = model.chain.to_root(own, model.chain.evaluate(own, {}), np.zeros((3, self.before.n)))[0]
+        named = [f"joint-{k}" for k in range(1, chain.robot.joints + 1)]
+        places = ("base", *(w for k, joint in enumerate(named, 1) for w in (joint, f"link-{k}")), "tool",
+                  *(("sensor", "artefact") if chain.measurement.place == "sensor" else ()))  # fmt: skip
+        return Views(residuals_of(self.before), residuals_of(self.after), points, _plain(self.before), places,
+                     self.bench.recording.sample_ids, self._links())  # fmt: skip
+
+    def _links(self):
+        """(3, J+2) mm: the arm at the pose nearest to the middle of all, root frame."""
+        state = self.bench.chain.state
+        middle = np.median(state.variables, axis=1, keepdims=True)
+        at = int(np.argmin(((state.variables - middle) ** 2).sum(0)))
+        frames = state.frames
+        return np.vstack([frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]).T
+
+    def _sensor_views(self) -> Views:
+        before, after = (residuals_of(p) for p in (self.before, self.after))
+        points = np.stack([self.before.covariates.get(c, np.zeros(self.before.n)) for c in ("u", "v")])
+        return Views(before, after, points, _plain(self.before), SENSOR_CHAIN, np.arange(self.before.n), None,
+                     ("u", "v", "along")[: len(before)])  # fmt: skip
+
+
+def _plain(problem) -> dict:
+    """Covariates that vary, each told once."""
+    out = {}
+    for name, x in problem.covariates.items():
+        if np.ptp(x) > 0 and not any(np.array_equal(x, other) for other in out.values()):
+            out[name] = x
+    return out
+
+
+def residuals_of(problem) -> np.ndarray:
+    """(m, n) residual in mm (px), not weighted; nan where a sample has fewer coordinates than others."""
+    value = problem.residual * unwhitened(problem)
+    order = np.argsort(problem.sample, kind="stable")
+    counts = np.bincount(problem.sample, minlength=problem.n)
+    place = np.empty(len(value), int)
+    place[order] = np.arange(len(value)) - np.repeat(np.cumsum(counts) - counts, counts)
+    out = np.full((counts.max(), problem.n), np.nan)
+    out[place, problem.sample] = value
+    return out

@@ -1,0 +1,180 @@
+"""Controls: a cause that is scrambled explains nothing, and one that depends on the order of rows not backwards.
+
+The derivative of the measurement stays as it is; only what the effect reads of its samples (angles, torques, sides of
+approach, temperatures, time) is given to other poses, or taken from the rows in reverse. A gain that survives
+this was never owed to the cause.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.core.model import NOISE, STATE_PORTS
+from workbench.diagnosis.problem import Bench
+from workbench.diagnosis.result import Control
+
+_TRIALS = 199
+_LEVEL, _LEFT, _ALIKE = 0.01, 0.2, 0.2
+_SAME = 1e-3  # of a column's length, by which two that mean the same differ from rounding and refitting
+PERMUTED, REVERSED = "permuted", "reversed"
+_CLOCKS = ("time_s", "time", "row", "order")
+
+
+def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed: int = 0) -> tuple[Control, ...]:
+    """The controls that can be made of the effects `own` beside a model that holds `others`.
+
+    A linearised gain: the fall of the whitened sum of squares when the effects' columns join. Permuted: 199 times
+    over poses. Passed where fewer than one in a hundred gains as much, and the median trial gains, beyond what as
+    many columns gain by chance, less than a fifth.
+    """
+    if any(e.port in (*STATE_PORTS, NOISE) for e in own):
+        return (Control(PERMUTED, None, None, True, why="it acts through other effects or on the noise alone"),)
+    trial = _Trial(bench, others, own)
+    rng = np.random.default_rng(seed)
+    gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
+    p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
+    share = trial.beyond(float(np.median(gains)))
+    made = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
+    return (*made, *_reversed(trial))
+
+
+def _reversed(trial: "_Trial"):
+    backwards = trial.backwards()
+    if backwards is None or np.allclose(backwards, trial.small, rtol=0, atol=_SAME * np.abs(trial.small).max()):
+        return ()
+    share = trial.beyond(trial.gain(backwards))
+    if trial.alike(backwards) > _ALIKE:
+        why = "backwards in time its functions are nearly the same"
+        return (Control(REVERSED, share, None, True, 1, why),)
+    return (Control(REVERSED, share, None, share < 0.5, 1),)
+
+
+def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
+    """Whether an effect reads the time or the order of the rows, so that it says nothing of times not measured."""
+    chain = getattr(bench, "chain", None)
+    if chain is None or not effects:
+        return any("time" in getattr(e, "names", ()) for e in effects)
+    backwards = _backwards_state(chain)
+    return any(_clocked(e, chain.state, backwards) for e in effects)
+
+
+def _clocked(effect, state, backwards) -> bool:
+    moves = [name for name in getattr(effect, "names", ()) if name.startswith("move")]
+    if moves or effect.port in (*STATE_PORTS, NOISE):
+        return False
+    here, there = effect.basis(state), effect.basis(backwards)
+    return not np.allclose(here, there, rtol=0, atol=_SAME * np.abs(here).max())
+
+
+def _backwards_state(chain):
+    """The state with its clock running backwards, and the last moves taken from the rows after."""
+    from workbench.diagnosis.robot import covariates_of
+
+    held = dict(chain.state.covariates)
+    turned = {name: x.max() + x.min() - x for name, x in held.items() if name in _CLOCKS}
+    state = replace(chain.state, covariates=held | turned)
+    return replace(state, covariates=covariates_of(replace(chain, state=state)))
+
+
+class _Trial:
+    """Whitened residual beside `others`, and what the effects' columns gain when they read other samples.
+
+    `small` (P, k, n): what the effects do to their slots; `rows` (k, m, n) whitened derivatives by the slots. A bench
+    that knows no robot gives the columns themselves, (P, 1, N), whose coordinates are then exchanged.
+    """
+
+    def __init__(self, bench, others, own):
+        self.problem = bench.problem(others).keeping()
+        self.y = self.problem.clear(self.problem.residual)
+        self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
+        self.chain, self.effects = getattr(bench, "chain", None), tuple(own)
+        self.starts = _starts(self.problem.pose)
+        if self.chain is None:
+            self.small, self.rows = _columns(bench, self.problem, own), None
+        else:
+            self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others)
+        self.own = self.gain(self.small)
+
+    def basis(self, state):
+        """(P, K, n) the effects side by side, each on slots of its own."""
+        made = [e.basis(state) for e in self.effects]
+        whole = np.zeros((sum(len(b) for b in made), sum(b.shape[1] for b in made), made[0].shape[2]))
+        p = k = 0
+        for b in made:
+            whole[p : p + len(b), k : k + b.shape[1]] = b
+            p, k = p + len(b), k + b.shape[1]
+        return whole
+
+    def _rows(self, bench, others):
+        model, fit, _ = bench.solve(others)
+        here = model.evaluate(fit.parameters)
+        rows = np.concatenate([here.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects])
+        root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
+        return rows * root.reshape(rows.shape[1:])
+
+    def columns(self, small):
+        """(N, P) whitened columns."""
+        made = small if self.rows is None else np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
+        return made.reshape(len(small), -1).T
+
+    def gain(self, small) -> float:
+        """Fall of the whitened sum of squares."""
+        clear = self.problem.clear(self.columns(small))
+        length = np.sqrt((clear**2).sum(0))
+        seen = length > 1e-9 * length.max(initial=1e-300)
+        clear = clear[:, seen] / length[seen]
+        values, vectors = np.linalg.eigh(clear.T @ clear)
+        kept = values > 1e-9
+        along = (vectors[:, kept].T @ (clear.T @ self.y)) / np.sqrt(values[kept])
+        return float(along @ along)
+
+    def beyond(self, gain: float) -> float:
+        """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
+        chance = len(self.small) * self.noise
+        return max(gain - chance, 0.0) / max(self.own - chance, 1e-300)
+
+    def permuted(self, rng):
+        """What the effects would do if every pose were another."""
+        if self.chain is None:
+            return self.small[:, :, rng.permutation(self.small.shape[2])]
+        return self.small[:, :, _other_poses(self.problem.pose, self.starts, rng)]
+
+    def backwards(self):
+        """What they would do if the rows had been measured in reverse; None where that is not known."""
+        return None if self.chain is None else self.basis(_backwards_state(self.chain))
+
+    def alike(self, other) -> float:
+        """Share (0-1) of other columns that these make, but for what the baseline makes."""
+        here, there = (self.problem.clear(self.columns(s)) for s in (self.small, other))
+        q = np.linalg.qr(here)[0]
+        return float(((q.T @ there) ** 2).sum() / max((there**2).sum(), 1e-300))
+
+
+def _columns(bench, problem, own):
+    """(P, 1, N) columns of the effects where the problem has them as candidates."""
+    keys = {_key(e) for e in own}
+    found = [c.columns for c in problem.candidates if any(_key(e) in keys for e in c.effects)]
+    if not found:
+        return np.zeros((0, 1, len(problem.sample)))
+    return np.concatenate(found, axis=1).T[:, None]
+
+
+def _key(effect) -> str:
+    return f"{effect.effect} {effect.where} {effect.options}"
+
+
+def _starts(pose):
+    """Rows of each pose, in order."""
+    order = np.argsort(pose, kind="stable")
+    edges = np.flatnonzero(np.diff(pose[order])) + 1
+    return np.split(order, edges)
+
+
+def _other_poses(pose, rows, rng) -> np.ndarray:
+    """(n,) row that each row reads: the rows of one pose read those of one other, again and again if need be."""
+    out = np.empty(len(pose), int)
+    for mine, theirs in zip(rows, rng.permutation(len(rows))):
+        out[mine] = np.resize(rows[theirs], len(mine))
+    return out

@@ -1,0 +1,58 @@
+"""Files of a diagnosis in its run folder: residuals, smallest sizes, and the next experiment as a scene that runs."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from workbench.diagnosis.result import Diagnosis
+from workbench.diagnosis.scenes import ROBOT, SCENE
+
+RESIDUALS, VISIBLE, POSES = "residuals.csv", "smallest-visible.csv", "next-experiment-poses.csv"
+
+
+def save(made: Diagnosis, folder: Path) -> None:
+    """Write residuals.csv, smallest-visible.csv and, where there is one, next-experiment.toml with its poses."""
+    folder = Path(folder)
+    if made.views is not None:
+        (folder / RESIDUALS).write_text(_residuals(made), encoding="utf-8")
+    if made.visible:
+        rows = made.as_json()["smallest_visible"]
+        keys = [key for key in rows[0] if key != "twin"]
+        lines = [[*(row[key] for key in keys), *(row["twin"] or {"effect": "", "where": ""}).values()] for row in rows]
+        (folder / VISIBLE).write_text(_csv([*keys, "twin", "twin_where"], lines), encoding="utf-8")
+    _experiment(made, folder)
+
+
+def _residuals(made: Diagnosis) -> str:
+    """One line a sample: residual before and after (predicted minus measured), held-out errors, fold, outlier."""
+    views, proof, unit = made.views, made.proof, made.unit
+    names = [f"{when}_{name}_{unit}" for when in ("before", "after") for name in views.names[: len(views.before)]]
+    head = ["sample", *names, f"held_out_before_{unit}", f"held_out_after_{unit}", "fold", "outlier"]
+    out = set(made.outliers)
+    columns = np.concatenate([views.before, views.after, proof.errors])
+    lines = [[int(i), *(f"{v:.6g}" for v in row), int(fold), int(int(i) in out)]
+             for i, row, fold in zip(views.sample, columns.T, proof.fold)]  # fmt: skip
+    return _csv(head, lines)
+
+
+def _experiment(made: Diagnosis, folder: Path) -> None:
+    import tomli_w
+
+    plan = made.experiment
+    if plan.scene is not None:
+        (folder / SCENE).write_text(f"# {plan.sentence}\n" + tomli_w.dumps(plan.scene), encoding="utf-8")
+    if plan.robot is not None:
+        (folder / ROBOT).write_text(tomli_w.dumps(dict(plan.robot)), encoding="utf-8")
+    if plan.poses is not None:
+        head = [f"joint {k}" for k in range(1, plan.poses.shape[1] + 1)]
+        (folder / POSES).write_text(_csv(head, plan.poses.round(6).tolist()), encoding="utf-8")
+
+
+def _csv(head, rows) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return out.getvalue()

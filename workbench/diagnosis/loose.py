@@ -1,0 +1,94 @@
+"""Elastic laws whose masses are not trusted: what yields, yields to a torque that a data sheet only estimates.
+
+Masses and centres of links are seldom measured. A law with the wrong ones leaves a share of itself
+behind, and whatever has the shape of a torque (a harmonic, the bending of another link) is then
+taken for it. So beside each elastic law there stands the same law with a few numbers more: what it
+would make of first moments that the data sheet does not know.
+"""
+
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.core.parameters import Parameter
+
+_SHARE, _CENTRE_MM = 0.2, 20.0  # a data sheet's mass is good to a fifth, a centre to 20 mm
+_MOST, _LEAST = 4, 0.03  # mixtures of first moments, and the share of the law below which one says nothing
+LABEL = "with its masses found"
+
+
+class Loose(Effect):
+    """An elastic law with `mixtures` (R, J + 1, 3) kg mm of first moments as further parameters.
+
+    `inner`: the law with P parameters; `shares` (R, P): the part of itself that each mixture makes and that is
+    left out of it, so that the law's own numbers keep their meaning. P (1 + R) parameters.
+    """
+
+    elastic = True
+    source = "first moments as in rigid-body identification: Atkeson, An & Hollerbach, Int. J. Robot. Res. 5 (1986)"
+
+    def __init__(self, where: str, inner: Effect, mixtures: tuple, shares: tuple):
+        super().__init__(where)
+        self.inner, self.mixtures, self.shares = inner, mixtures, shares
+        self.effect, self.port, self.components = inner.effect, inner.port, inner.components
+        self.places, self.equation = inner.places, f"{inner.equation}, first moments of the links found"
+
+    def table(self, chain):
+        own = self.inner.table(chain)
+        more = [
+            Parameter(f"{p.key}_mass_{r + 1}", p.unit, 0.0, p.typical, f"{p.label}, masses {r + 1}", p.prior)
+            for r in range(len(self.mixtures)) for p in own
+        ]  # fmt: skip
+        return (*own, *more)
+
+    def basis(self, state):
+        own = self.inner.basis(state)
+        made = responses(self.inner, state)
+        parts = [own]
+        for mixture, share in zip(self.mixtures, self.shares):
+            parts.append(np.tensordot(np.ravel(mixture), made, 1) - np.asarray(share)[:, None, None] * own)
+        return np.concatenate(parts)
+
+
+def responses(law: Effect, state) -> np.ndarray:
+    """(3 J + 3, P, m, n) what a law makes of one kg mm more of each first moment: of the links, then of the load."""
+    own = law.basis(state)
+    return np.stack([law.basis(other) - own for other in _altered(state)])
+
+
+def _altered(state) -> tuple:
+    """The state under each unit of first moment; made once a state."""
+    if "_altered" not in state.__dict__:
+        count, one = 3 * state.robot.joints + 3, np.ones((1, state.n))
+        state.__dict__["_altered"] = tuple(state.altered([("mass", (k,), one)]) for k in range(count))
+    return state.__dict__["_altered"]
+
+
+def loosened(law: Effect, state) -> Loose | None:
+    """The law with the mixtures of first moments that move it most in these poses; None where none does."""
+    own, made = law.basis(state), responses(law, state) * _sizes(state)[:, None, None, None]
+    length = (own**2).sum((1, 2))
+    shares = (made * own).sum((2, 3)) / np.maximum(length, 1e-300)
+    left = (made - shares[:, :, None, None] * own) / np.sqrt(np.maximum(length, 1e-300))[:, None, None]
+    u, s, _ = np.linalg.svd(left.reshape(len(left), -1), full_matrices=False)
+    kept = np.flatnonzero(s[:_MOST] > _LEAST)
+    if not len(kept):
+        return None
+    weights = u[:, kept].T  # (R, 3 J + 3) in units of what is likely
+    mixtures = (weights * _sizes(state)).reshape(len(kept), -1, 3)
+    return Loose(law.where, law, _plain(mixtures), _plain(weights @ shares))
+
+
+def _plain(values) -> tuple:
+    return tuple(_plain(v) for v in values) if np.ndim(values) else float(values)
+
+
+def _sizes(state) -> np.ndarray:
+    """(3 J + 3,) kg mm: by how much each first moment may be off."""
+    robot = state.robot
+    masses = np.append(robot.mass, state.payload.max(initial=0.0))
+    centres = np.vstack([robot.com, state.load_centre])
+    return (masses[:, None] * (_SHARE * np.abs(centres) + _CENTRE_MM)).ravel()
+
+
+__all__ = ["LABEL", "Loose", "loosened"]

@@ -1,0 +1,266 @@
+"""What a diagnosis looks at: a fitted baseline's residual and everything that might explain it, as arrays.
+
+Robot samples and the sensor chain's own residuals become the same `Problem`; all that follows
+(evidence, rivals, selection, place) knows no robot and no camera. A `Bench` makes problems: it can
+put effects into the model, solve it again non-linearly and linearise it there.
+
+Coordinates: a recording of n samples with m measured components has N = m n whitened coordinates,
+component by component as `residual.ravel()` of an (m, n) array leaves them; `Problem.sample` says
+which sample each belongs to. Everything in a problem is already whitened by the stated sigma and by
+the square root of the sample's robust weight.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from workbench.core.effect import Effect
+
+NAMED, UNNAMED = "named", "unnamed"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One library effect at one place, as columns beside the baseline's.
+
+    `effect`, `where`: words of the vocabulary. `label`: tells variants apart ("order 2", "seated by
+    gravity", "from joint 5", ""). `effects`: what would join the model. `columns` (N, P): whitened
+    derivative of the residual at the null. `typical` (P,): what size each parameter would have
+    before measuring, in its own unit; the prior's scale. `family`: candidates that differ only in
+    an option that is searched (order, instant, the other joint) share one, and share its prior.
+    `mass`: this variant's share of its family's prior, relative to the family's others.
+    `missing`: a covariate that the law needs and the recording does not hold ("temperature"), for
+    which another stands in (time); "" where nothing is missing. `together`: whether another of the
+    family may act beside it (a second order), or they exclude one another (a gap has one law).
+    `positive`: how many of its first parameters cannot be negative (what yields to a load yields with it).
+    """
+
+    effect: str
+    where: str
+    label: str
+    effects: tuple[Effect, ...]
+    columns: np.ndarray
+    typical: np.ndarray
+    family: str
+    mass: float = 1.0
+    missing: str = ""
+    together: bool = False
+    positive: int = 0
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A family of candidates with one option on a fine grid, never held as columns all at once.
+
+    `kind` "step": columns rows * (x > option); "wave": rows * cos(option x), rows * sin(option x).
+    `rows` (k, N) whitened derivatives of the slots that move together (k = 1 at a joint); `x` (n,)
+    covariate; `options` (V,) ascending; `make` gives the effects for an option, or None where the
+    family has no name (a periodic movement of the floor). `typical`: prior size of an amplitude in
+    the port's unit, one a row. `mass` (V,): prior of each option, relative to the others.
+    `unnamed`: the covariates it would depend on, for a family without a name.
+    """
+
+    effect: str
+    where: str
+    kind: str
+    rows: np.ndarray
+    x: np.ndarray
+    options: np.ndarray
+    mass: np.ndarray
+    typical: np.ndarray
+    family: str
+    make: object = None
+    word: str = ""  # of the label: "order {:g}", "after {:g}"
+    unnamed: tuple[str, ...] = ()
+    together: bool = False
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place where something unnamed may act.
+
+    `where`: a word of the vocabulary; `port`: the port there; `rows` (k, N): whitened derivatives of
+    its k slots; `unit`: of the slots, one a slot or one for all; `typical` (k,): the size that a
+    disturbance of each slot would have before measuring. `covariates`: names of those that an
+    unnamed function here may depend on, one at a time; `pairs`: two at a time.
+    """
+
+    where: str
+    port: str
+    rows: np.ndarray
+    unit: str
+    typical: np.ndarray
+    covariates: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A fitted baseline, linearised. n samples, N coordinates, R the baseline's rank.
+
+    `residual` (N,): whitened, predicted minus measured. `basis` (N, R): orthonormal basis of the
+    baseline's Jacobian (with the effects found so far). `sample` (N,): which sample each coordinate
+    is of. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
+    out as an outlier. `sigma` (N,): what one whitened unit is, in the coordinate's own unit (mm, rad,
+    px); `widened`: by how much it exceeds the stated sigma. `pose` (n,): labels; repeats share one.
+    `order` (n,): time or row. `covariates` name -> (n,). `effects`: those in the model beside the
+    baseline's. `added`, `values`: columns (N, P) and fitted values
+    (P,) of each of them, where they are not in the basis yet; `keeping` puts them there, or back into the
+    residual. `loose`: variants of candidates with numbers more for what their law takes from a data sheet.
+    `growing`: places that are looked at only for what moves from sample to sample (the length of a link).
+    `given`: whitened sum of squares of what elastic laws of the baseline make beyond its geometry.
+    """
+
+    residual: np.ndarray
+    basis: np.ndarray
+    sample: np.ndarray
+    weights: np.ndarray
+    sigma: np.ndarray
+    pose: np.ndarray
+    order: np.ndarray
+    covariates: Mapping[str, np.ndarray]
+    sites: tuple[Site, ...]
+    candidates: tuple[Candidate, ...]
+    scans: tuple[Scan, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    widened: float = 1.0
+    added: tuple[np.ndarray, ...] = ()
+    values: tuple[np.ndarray, ...] = ()
+    loose: tuple[Candidate, ...] = ()
+    growing: tuple[Site, ...] = ()
+    given: float = 0.0
+
+    def keeping(self, kept: Sequence[int] | None = None) -> "Problem":
+        """The problem with some of the effects (None: all) in the basis and the others back in the residual.
+
+        To first order, about the solution with all of them; so each can be questioned without a new solve.
+        """
+        kept = range(len(self.added)) if kept is None else kept
+        back = [self.added[i] @ self.values[i] for i in range(len(self.added)) if i not in kept]
+        residual = self.residual - sum(back) if back else self.residual
+        basis = self.basis
+        if len(kept) and self.added:
+            basis = np.concatenate([basis, _unit(self.clear(np.concatenate([self.added[i] for i in kept], 1)))], 1)
+        effects = tuple(self.effects[i] for i in kept)
+        return replace(self, residual=residual, basis=basis, effects=effects, added=(), values=())
+
+    def clear(self, columns: np.ndarray) -> np.ndarray:
+        """(N,) or (N, P) with all that the baseline can make of it taken out: M x = x - Q Q' x."""
+        return columns - self.basis @ (self.basis.T @ columns)
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return len(self.pose)
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom that the baseline has left: coordinates in use less its rank."""
+        return int((self.weights[self.sample] > 0).sum()) - self.basis.shape[1]
+
+
+def _unit(columns: np.ndarray) -> np.ndarray:
+    """(N, R) orthonormal basis of columns (N, P), without what rounding leaves."""
+    length = np.sqrt((columns**2).sum(0))
+    u, s, _ = np.linalg.svd(columns / np.maximum(length, 1e-300), full_matrices=False)
+    return u[:, s > 1e-6]
+
+
+class Bench(Protocol):
+    """What makes problems out of data: a robot with samples, or a sensor chain."""
+
+    baseline: tuple[Effect, ...]  # effects that the baseline already holds
+
+    def problem(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> Problem:
+        """Baseline and effects solved non-linearly on `samples` (n,) bool (None: all), linearised there."""
+
+    def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
+        """(n,) error (mm or px, 3-D or 2-D distance) of each sample predicted from the other folds (n,) int."""
+
+    def parameters(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> tuple[dict, ...]:
+        """Of every effect's parameters: key, name, where, effect, value, std, unit, typical, size_mm."""
+
+    def smooth(self, site: "Site", names: tuple[str, ...]) -> Effect:
+        """An effect that is a smooth function of the covariates `names` at a site: an unknown, fitted."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Something that explains a finding about as well.
+
+    `probability`: its share of the posterior; `alike`: how much of the finding's signature it makes
+    in these poses (squared canonical correlation, 0-1); `why`: a short reason; `missing`: the
+    covariate that was not recorded and that it would need.
+    """
+
+    effect: str
+    where: str
+    label: str
+    probability: float
+    alike: float
+    why: str
+    missing: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that the baseline does not hold.
+
+    `effect` is "unknown" for a function without a name; then `depends_on` names its covariates and
+    `effects` is empty. `p_value`: valid under the whole search. `probability`: posterior that it is
+    this effect at this place, among all named and unnamed. `size`: RMS over all coordinates of what
+    survives of it after the baseline has swallowed what it can, in sigmas. `gain`: fall of the
+    whitened sum of squares.
+    """
+
+    effect: str
+    where: str
+    label: str
+    effects: tuple[Effect, ...]
+    p_value: float
+    probability: float
+    size: float
+    gain: float
+    depends_on: tuple[str, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    alarms: tuple[str, ...] = ()
+    function: object = None  # of an unknown: rivals.Function, to be drawn and described
+
+
+@dataclass(frozen=True)
+class Located:
+    """Share of the mismatch that a smooth function of some covariate at a place explains.
+
+    `p_value` is family-wise over all places; `depends_on`: the covariate that does it best.
+    """
+
+    where: str
+    port: str
+    depends_on: tuple[str, ...]
+    share: float
+    p_value: float
+    size: float = 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What `select.find` returns, in the order found.
+
+    `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise
+    p-value that anything at all is missing; `p_rest` that anything is left at the end. `located`:
+    of the baseline's mismatch, and of what is left (`rest`). `outliers`: (n,) bool. `spread`:
+    findings on the variance. `trail`: lines that say what was tried and why.
+    """
+
+    findings: tuple[Finding, ...]
+    before: Problem
+    after: Problem
+    p_first: float
+    p_rest: float
+    located: tuple[Located, ...]
+    rest: tuple[Located, ...]
+    outliers: np.ndarray
+    spread: tuple[Finding, ...] = ()
+    trail: tuple[str, ...] = field(default_factory=tuple)

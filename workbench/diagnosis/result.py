@@ -1,0 +1,234 @@
+"""What a diagnosis hands on: findings that have been proved, what was refused, and the JSON of the contract."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from workbench.diagnosis.against import Shares
+from workbench.diagnosis.problem import Finding, Found, Located
+from workbench.diagnosis.visible import Visible
+
+CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = "consistent", "explained", "ambiguous", "unexplained"
+CERTAIN = 0.95
+
+
+@dataclass(frozen=True)
+class Control:
+    """A term's gain when what it depends on is scrambled.
+
+    `kind` "permuted" or "reversed"; `share` of the term's own gain that is left, the median over `trials`; `p_value`
+    that a scrambled one gains as much; `passed`: nothing real is left. `why` it was not made, where it was not.
+    """
+
+    kind: str
+    share: float | None
+    p_value: float | None
+    passed: bool
+    trials: int = 0
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Term:
+    """A finding with its proof and its words.
+
+    `t` of the paired gains of poses, and `t_anew` where each fold knows only what was found without it; `gain` (mm, px)
+    the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the search found it
+    anew; `size` (mm, px) RMS displacement of the measured point; `kept` False where a proof failed, and `reason` then
+    says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of what is located and not modelled.
+    """
+
+    finding: Finding
+    parameters: tuple[Mapping, ...] = ()
+    size: float | None = None
+    t: float | None = None
+    t_anew: float | None = None
+    gain: float | None = None
+    again: int = 0
+    chances: int = 0
+    controls: tuple[Control, ...] = ()
+    kept: bool = True
+    reason: str = ""
+    statement: str = ""
+    share: float | None = None
+
+    @property
+    def certain(self) -> bool:
+        """Whether no other named or unnamed thing explains it as well."""
+        return self.finding.probability >= CERTAIN or not self.finding.alternatives
+
+    @property
+    def title(self) -> str:
+        """Effect, variant and place."""
+        found = self.finding
+        return f"{found.effect}{f' ({found.label})' if found.label else ''} at {found.where}"
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Errors of samples that no step of the selection saw, in mm or px: RMS of their 3-D (2-D) distance.
+
+    `before` with the baseline, `after` with what the selection made of the other folds, whole and anew in each;
+    `fixed` with the terms of all data, fitted on the other folds. `t` of the paired gains. `errors` (2, n): before
+    and after, nan where not predicted; `fold` (n,) of the scheme by time. `schemes`: name -> before, after, t, folds.
+    `noise` and `noise_from`: what the instrument leaves, and how it is known. `lack`: lack of fit against replicates.
+    """
+
+    before: float
+    after: float
+    fixed: float
+    t: float
+    folds: int
+    noise: float
+    noise_from: str
+    errors: np.ndarray
+    fold: np.ndarray
+    schemes: tuple[Mapping, ...] = ()
+    lack: Mapping | None = None
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The recording that would separate an ambiguity group: `sentence`, the `rows` compared, and the `scene` (TOML).
+
+    `poses`: sample numbers to be measured again, or joint readings of new poses (k, J) in file units.
+    """
+
+    sentence: str
+    rows: tuple[Mapping, ...] = ()
+    scene: Mapping | None = None
+    poses: np.ndarray | None = None
+    robot: Mapping | None = None
+
+
+@dataclass(frozen=True)
+class Views:
+    """What the page draws. n samples; residuals (c, n) in `unit`, predicted minus measured.
+
+    `points` (3, n) mm in the robot's root frame or (2, n) px in the picture; `names` of the residual's components;
+    `chain`: places of the measuring chain in order; `covariates` name -> (n,).
+    """
+
+    before: np.ndarray
+    after: np.ndarray
+    points: np.ndarray
+    covariates: Mapping[str, np.ndarray]
+    chain: tuple[str, ...]
+    sample: np.ndarray
+    links: np.ndarray | None = None
+    names: tuple[str, ...] = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer of `workbench diagnose`; `unit` "mm" or "px" of all errors and sizes."""
+
+    recording: str
+    title: str
+    measures: str
+    samples: int
+    baseline: str
+    unit: str
+    verdict: str
+    terms: tuple[Term, ...]
+    refused: tuple[Term, ...]
+    located: tuple[Located, ...]
+    rest: tuple[Located, ...]
+    proof: Proof
+    visible: tuple[Visible, ...]
+    experiment: Experiment
+    found: Found
+    views: Views | None = None
+    shares: Shares | None = None
+    outliers: tuple[int, ...] = ()
+    not_recorded: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def as_json(self) -> dict:
+        """The object of the JSON contract, with more keys."""
+        return {
+            "command": "diagnose", "recording": self.recording, "measures": self.measures, "samples": self.samples,
+            "baseline": self.baseline, "verdict": self.verdict, "unit": self.unit,
+            "effects": [_effect(term, self.unit) for term in self.terms],
+            "located": [_located(one, self.unit) for one in self.located],
+            "held_out": _held_out(self.proof, self.unit),
+            "smallest_visible": [_visible(one, self.unit) for one in self.visible],
+            "next_experiment": self.experiment.sentence,
+            "experiments": [dict(row) for row in self.experiment.rows],
+            "refused": [_effect(term, self.unit) | {"reason": term.reason} for term in self.refused],
+            "left": [_located(one, self.unit) for one in self.rest],
+            "p_anything_missing": self.found.p_first, "p_anything_left": self.found.p_rest,
+            "outliers": list(self.outliers), "not_recorded": list(self.not_recorded),
+            "against": self.shares.as_json() if self.shares else None,
+            "warnings": list(self.warnings), "provenance": dict(self.provenance),
+        }  # fmt: skip
+
+
+def verdict_of(terms, first_p: float, level: float = 0.01) -> str:
+    """The word of the contract.
+
+    `unexplained` where a kept term has no name, or nothing was kept though structure is there; `ambiguous`
+    where a kept term is less than certain and has alternatives.
+    """
+    if any(term.finding.effect == "unknown" for term in terms):
+        return UNEXPLAINED
+    if not terms:
+        return UNEXPLAINED if first_p < level else CONSISTENT
+    return EXPLAINED if all(term.certain for term in terms) else AMBIGUOUS
+
+
+def told(diagnosis: Diagnosis, statements) -> Diagnosis:
+    """The diagnosis with a statement for each of its terms, then of those refused."""
+    said = iter(statements)
+    fresh = [tuple(replace(term, statement=next(said)) for term in some)
+             for some in (diagnosis.terms, diagnosis.refused)]  # fmt: skip
+    return replace(diagnosis, terms=fresh[0], refused=fresh[1])
+
+
+def _effect(term: Term, unit: str) -> dict:
+    found = term.finding
+    return {
+        "effect": found.effect, "where": found.where, "variant": found.label,
+        "p_value": found.p_value, "probability": found.probability,
+        "alternatives": [_alternative(one) for one in found.alternatives],
+        "parameters": [dict(row) for row in term.parameters],
+        "depends_on": list(found.depends_on),
+        f"size_{unit}": term.size, "t": term.t, "t_searched_anew": term.t_anew, f"held_out_gain_{unit}": term.gain,
+        "found_again": {"folds": term.again, "of": term.chances},
+        "controls": [_control(one) for one in term.controls],
+        "alarms": list(found.alarms), "statement": term.statement,
+    }  # fmt: skip
+
+
+def _alternative(one) -> dict:
+    return {"effect": one.effect, "where": one.where, "variant": one.label, "why": one.why,
+            "probability": one.probability, "alike": one.alike, "not_recorded": one.missing}  # fmt: skip
+
+
+def _control(one: Control) -> dict:
+    return {"control": one.kind, "share_of_gain_left": one.share, "p_value": one.p_value, "passed": one.passed,
+            "trials": one.trials, "why": one.why}  # fmt: skip
+
+
+def _located(one: Located, unit: str) -> dict:
+    return {"where": one.where, "port": one.port, "depends_on": list(one.depends_on),
+            "share_of_mismatch": one.share, "p_value": one.p_value}  # fmt: skip
+
+
+def _held_out(proof: Proof, unit: str) -> dict:
+    return {
+        f"before_{unit}": proof.before, f"after_{unit}": proof.after, f"noise_{unit}": proof.noise,
+        "folds": proof.folds, "noise_from": proof.noise_from, "t": proof.t, f"after_same_terms_{unit}": proof.fixed,
+        "schemes": [dict(row) for row in proof.schemes], "lack_of_fit": dict(proof.lack) if proof.lack else None,
+    }  # fmt: skip
+
+
+def _visible(one: Visible, unit: str) -> dict:
+    return {
+        "effect": one.effect, "where": one.where, "variant": one.label, f"size_{unit}": one.size,
+        f"surviving_{unit}": one.surviving, "survives": one.survives, "parameter": one.parameter, "unit": one.unit,
+        f"separable_{unit}": one.separable, "separable_parameter": one.separable_parameter,
+        "twin": {"effect": one.twin, "where": one.twin_where} if one.twin else None,
+    }  # fmt: skip

@@ -1,0 +1,296 @@
+"""The bench of a robot with samples: solves baseline and effects, and makes the problem of a diagnosis there."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import brentq
+
+from robot_model import load_robot
+from robot_model.measurements import samples_of
+from robot_model.system import RobotChain, bind
+from workbench.core.covariates import clock
+from workbench.core.effect import Effect
+from workbench.core.errors import InputError
+from workbench.core.model import NOISE, STATE_PORTS, Model
+from workbench.core.parameters import Parameters
+from workbench.core.solve import Fit, solve
+from workbench.crossvalidation import cross_validate
+from workbench.diagnosis import loose
+from workbench.diagnosis.library import Option, options
+from workbench.diagnosis.outliers import robust_weights
+from workbench.diagnosis.places import lengths, scans, sites
+from workbench.diagnosis.problem import Candidate, Problem, Site
+from workbench.diagnosis.rivals import Smooth
+from workbench.plans import geometry, stage_mask
+
+BASELINES = ("geometry", "joint-compliance")
+# a direction that moves all measurements together by less than this many sigmas for one typical size of
+# the geometry can neither hide nor imitate anything
+_SEEN = 1e-2
+_PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be off together
+# how many of the first parameters of what yields to a load cannot be negative
+_POSITIVE = {"joint-compliance": 1, "link-self-weight": 1, "link-compliance": 1, "bearing-compliance": 1,
+             "pedestal-compliance": 2}  # fmt: skip
+_LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
+_LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
+_TOGETHER = ("transmission-harmonic", "joint-coupling")
+
+
+def bench_of(recording, baseline: str = "geometry") -> "RobotBench":
+    """The bench of a robot's recording (its moving rows); InputError for a baseline that is not known."""
+    if baseline not in BASELINES:
+        raise InputError(f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one")
+    moving = samples_of(recording)
+    chain = bind(load_robot(recording.robot, f"robot of {recording.name}"), moving)
+    chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain)))
+    effects = ()
+    if baseline == "joint-compliance":
+        effects = tuple(o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance")
+    return RobotBench(chain, moving.poses, effects, moving)
+
+
+def covariates_of(chain: RobotChain) -> dict[str, np.ndarray]:
+    """Recorded covariates, and what follows from the readings: q, move (from the row before), tau, payload.
+
+    Angles rad, slides mm, torques N m. `move<k>` needs the rows in the order in which they were measured.
+    """
+    recorded = dict(chain.state.covariates)
+    made = {}
+    order = np.argsort(clock(chain.state), kind="stable")
+    for k, q in enumerate(chain.variables, 1):
+        made[f"q{k}"] = q
+        move = np.empty(chain.n)
+        move[order] = np.diff(q[order], prepend=q[order[:1]])
+        made[f"move{k}"] = move
+    made |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
+    made["time"] = clock(chain.state)
+    attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)
+    made |= dict(zip(("down_x", "down_y", "down_z"), attitude))
+    made |= dict(zip(("moment_x", "moment_y"), chain.state.moment[0]))
+    made["payload"] = chain.state.payload
+    if chain.measurement.place == "sensor":
+        made |= dict(zip(("seen_x", "seen_y", "seen_z"), chain.state.measured))
+    return recorded | made
+
+
+class RobotBench:
+    """Implements `workbench.diagnosis.problem.Bench` for a chain bound to n samples.
+
+    `pose` (n,) labels of repeats; `baseline` the effects that the baseline holds.
+    """
+
+    def __init__(self, chain: RobotChain, pose: np.ndarray, baseline: tuple[Effect, ...], recording=None):
+        self.chain, self.pose, self.baseline, self.recording = chain, pose, baseline, recording
+        self._solved: dict = {}
+        self._start = None
+
+    def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
+        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
+        model, fit, weights = self.solve(effects, samples)
+        every = np.ones(self.chain.n, bool) if samples is None else samples
+        return _problem(model, fit, weights, self.pose[every], tuple(effects), self.loose)
+
+    @cached_property
+    def loose(self) -> tuple[Option, ...]:
+        """Elastic laws with the masses of links as further unknowns."""
+        known = [o for o in options(self.chain, False) if o.effect.effect in _LOOSE]
+        laws = [(o, loose.loosened(o.effect, self.chain.state)) for o in known]
+        return tuple(replace(o, effect=law, label=loose.LABEL, mass=_LOOSE_MASS) for o, law in laws if law)
+
+    def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
+        """Model on the samples with sigmas widened to what is left unexplained, fit, robust weights (n,)."""
+        key = tuple((e.effect, e.where, *map(repr, e.options.values())) for e in effects), _key(samples)
+        if key not in self._solved:
+            self._solved[key] = self._solve(effects, samples)
+        return self._solved[key]
+
+    def _solve(self, effects, samples):
+        chain = self.chain if samples is None else self.chain.at(samples)
+        model = Model(chain, (*self.baseline, *effects))
+        free = self.free(model)
+        fit = solve(model, free, "huber")
+        for _ in range(2):
+            widened = _widened(chain, fit)
+            model = replace(model, chain=widened, _bases={})
+            fit = solve(model, fit.parameters, "huber")
+        white = fit.residual / model.sigma(fit.parameters)
+        if self._start is None:
+            self._start = fit.parameters
+        return model, fit, robust_weights(white)
+
+    def free(self, model: Model) -> Parameters:
+        """Base, geometry, tool and all that the effects bring, free; from the last solution of the baseline."""
+        stage = geometry(model.chain.robot)
+        start = model.parameters
+        mask = stage_mask(start, stage, (), model.chain)
+        mask[len(model.chain.parameters) :] = True
+        if self._start is not None:
+            start = start.take_over(self._start)
+        return start.only(mask)
+
+    def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
+        """(n,) mm: 3-D error of each sample, predicted from the other folds (n,) int; nan where fold < 0."""
+        model, fit, _ = self.solve(effects)
+        return np.sqrt(cross_validate(model, fit.parameters, folds, "huber").squares)
+
+    def parameters(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> tuple[dict, ...]:
+        """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate."""
+        model, fit, _ = self.solve(effects, samples)
+        covariance = np.linalg.pinv(fit.normal, hermitian=True) * fit.sigma_scale**2
+        std = np.zeros(len(fit.parameters))
+        std[fit.parameters.mask] = np.sqrt(np.maximum(np.diag(covariance), 0))
+        rows = []
+        first = len(self.baseline)
+        for effect, span in zip(model.effects[first:], model.spans[first:]):
+            own = np.isin(np.arange(len(std)), range(span.start, span.stop))
+            columns = model.linearise(fit.parameters.only(own))[1]
+            for row, k in zip(columns, range(span.start, span.stop)):
+                p, value = fit.parameters.table[k], float(fit.parameters.values[k])
+                size = float(np.sqrt(((row[:3] * value) ** 2).mean()))
+                rows.append({"key": p.key, "name": p.key.rpartition(".")[2], "where": effect.where, "label": p.label,
+                             "effect": effect.effect, "value": value, "std": float(std[k]), "unit": p.unit,
+                             "typical": p.typical, "size_mm": size})  # fmt: skip
+        return tuple(rows)
+
+    def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
+        """A smooth function of the covariates at a site, as an effect that can join the model."""
+        held = [self.chain.state.covariates[name] for name in names]
+        spans = [(float(x.min()), float(x.max())) for x in held]
+        return Smooth(site.where, site.port, names, tuple(spans), site.unit, tuple(site.typical.tolist()))
+
+
+def _key(samples):
+    return None if samples is None else samples.tobytes()
+
+
+def _widened(chain: RobotChain, fit: Fit) -> RobotChain:
+    """Sigmas widened by one variance until robustly weighted residuals agree (Paule & Mandel 1982)."""
+    stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
+    widened = chain.sigma.copy()
+    spent = fit.residual.size / fit.degrees
+    weights = fit.weights / fit.weights.mean()
+    for rows in (slice(0, 3), slice(3, 6)):
+        squares = fit.residual[rows] ** 2 * weights * spent
+        if squares.size:
+            widened[rows] = np.sqrt(stated[rows] ** 2 + _extra(squares, stated[rows]))
+    return replace(chain, sigma=widened)
+
+
+def _extra(squares, sigma):
+    """The variance v, at least 0, with mean(squares / (sigma^2 + v)) = 1; floor: a nanometre."""
+
+    def excess(v):
+        return float((squares / (sigma**2 + v)).mean() - 1)
+
+    high, least = 2 * float(squares.mean()) + 1e-12, 1e-12
+    return brentq(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
+
+
+def _problem(model: Model, fit: Fit, weights, pose, effects, loosened) -> Problem:
+    evaluation = model.evaluate(fit.parameters)
+    sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
+    white = np.sqrt(weights) / sigma
+    rows = _Rows(model, evaluation, white)
+    first = len(model.effects) - len(effects)
+    bare = replace(model, effects=model.effects[:first], _bases={})
+    added = tuple(_derivative(model, fit, white, span) for span in model.spans[first:])
+    state = model.chain.state
+    elastic = any(effect.elastic for effect in model.effects)
+    return Problem(
+        (evaluation.residual * white).ravel(), _baseline(bare, fit, white),
+        np.tile(np.arange(model.chain.n), len(sigma)), weights,
+        sigma.ravel().copy(), pose, clock(state), {k: v for k, v in state.covariates.items() if k != "row"},
+        sites(model.chain, rows), _candidates(model, fit, rows, white, options(model.chain, elastic)),
+        scans(model.chain, rows), effects,
+        float(np.median(sigma / model.chain.stated_sigma)), added,
+        tuple(fit.parameters.values[span] for span in model.spans[first:]),
+        _candidates(model, fit, rows, white, loosened), lengths(model.chain, rows), _given(bare, fit, white),
+    )  # fmt: skip
+
+
+def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
+    """(N, R) basis of what the baseline can make, with no effect but its own in the model.
+
+    An effect at work lifts degeneracies of the geometry by its own small size: directions in which
+    the arm could only move by centimetres to hide a micrometre, which no prior allows.
+    """
+    start = model.parameters.take_over(fit.parameters)
+    own = start.only(start.mask & ~_noise(model))
+    sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in own.table])[own.mask]
+    jacobian = (model.linearise(own)[1] * white).reshape(len(sizes), -1)
+    return _basis(jacobian.T * sizes)
+
+
+def _given(bare: Model, fit: Fit, white) -> float:
+    """Whitened sum of squares of what the baseline's elastic laws make and its geometry does not."""
+    own = [span for effect, span in zip(bare.effects, bare.spans) if effect.elastic and effect.port not in STATE_PORTS]
+    if not own:
+        return 0.0
+    made = sum(_derivative(bare, fit, white, span) @ fit.parameters.values[span] for span in own)
+    plain = _baseline(replace(bare, effects=(), _bases={}), fit, white)
+    return float(((made - plain @ (plain.T @ made)) ** 2).sum())
+
+
+def _derivative(model, fit, white, span):
+    """(N, P) whitened derivative of the residual by the parameters of a span."""
+    own = np.isin(np.arange(len(model.parameters)), range(span.start, span.stop))
+    start = model.parameters.take_over(fit.parameters)
+    return (model.linearise(start.only(own))[1] * white).reshape(own.sum(), -1).T
+
+
+def _noise(model):
+    mask = np.zeros(len(model.parameters), bool)
+    for effect, span in zip(model.effects, model.spans):
+        mask[span] = effect.port == NOISE
+    return mask
+
+
+def _basis(columns: np.ndarray) -> np.ndarray:
+    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
+    q, r = np.linalg.qr(columns)
+    u, s, _ = np.linalg.svd(r)
+    return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]
+
+
+class _Rows:
+    """Whitened derivatives of the residual by the slots of a port, made once a port."""
+
+    def __init__(self, model, evaluation, white):
+        joints = model.chain.robot.joints
+        sizes = {"joint": joints, "frame": 6 * (joints + 2), "geometry": 5 * joints, "target": 3, "sensor": 3}
+        self._made, self._sizes, self._evaluation, self._white = {}, sizes, evaluation, white
+
+    def __call__(self, port, slots):
+        """(k, m, n)."""
+        if port not in self._made:
+            made = self._evaluation.rows(port, np.arange(self._sizes[port]))
+            self._made[port] = made * self._white
+        return self._made[port][np.asarray(slots)]
+
+
+def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Candidate, ...]:
+    made = []
+    for option in library:
+        effect = option.effect
+        columns = _columns(model, fit, rows, white, effect)
+        typical = np.array([p.typical for p in effect.parameters(model.chain)])
+        kind = effect.effect in _TOGETHER, _POSITIVE.get(effect.effect, 0)
+        made.append(Candidate(effect.effect, effect.where, option.label, (effect,), columns, typical,
+                              option.family, option.mass, option.missing, *kind))  # fmt: skip
+    return tuple(made)
+
+
+def _columns(model, fit, rows, white, effect):
+    """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
+    if effect.port in STATE_PORTS:
+        present = tuple(e for e in model.effects if (e.effect, e.where) != (effect.effect, effect.where))
+        wider = replace(model, effects=(*present, effect), _bases={})
+        start = wider.parameters.take_over(fit.parameters)
+        own = np.arange(len(start)) >= wider.spans[-1].start
+        derivative = wider.linearise(start.only(own))[1] * white
+    else:
+        basis = effect.basis(model.chain.state)
+        derivative = np.einsum("pkn,kmn->pmn", basis, rows(effect.port, effect.slots(model.chain)))
+    return derivative.reshape(len(derivative), -1).T

@@ -1,0 +1,208 @@
+"""Places that move by chance from sample to sample: what no recorded covariate explains still has a direction.
+
+A joint whose cause was not recorded (its temperature, the side that it came from) and an encoder that rounds leave
+no smooth function of anything, but residuals that lie along what that joint does. The test compares the direction
+of each residual with the port's, given its length, so that neither heavy tails nor a wrong sigma counts.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from workbench.diagnosis.problem import Alternative, Candidate, Finding, Located, Problem, Scan, Site
+
+_NEAR, _SPREADS, _SAME = 0.5, (0.05, 50.0), 1e-3
+_FAR = 3.0  # median lengths, from which on a sample counts no more
+_PERIODS, _ORDERS, _CLEAR = 1.6, 60000, 1e-4  # how far a count may be from what its spread says; how many are tried
+LABEL = "from sample to sample, with nothing that was recorded"
+_COLUMNS = {"approach": "approach", "temperature": "temperature", "payload": "payload", "speed": "qdot"}
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """`site` that scatters, `p_value` over all sites, `spread` of its slots in typical sizes and its `ratio` to
+    the noise left, `kurtosis` (excess) and
+    its standard error of what it does (joints alone; else nan), `rounds` the chance of so clear a sawtooth of its
+    reading (1 where there is none)."""
+
+    site: Site
+    p_value: float
+    spread: float
+    ratio: float
+    kurtosis: float
+    error: float
+    rounds: float
+
+
+def scattered(problem: Problem, level: float) -> Scatter | None:
+    """The place whose movement from sample to sample is clearest; None where none is beyond chance `level`.
+
+    For each site the sum over samples of z' A z, A the site's covariance in typical sizes less its trace and less
+    its mean over all samples (which a noise that is not round makes), over the root of its squares: normal where
+    directions are chance. Of those about as clear the likeliest is taken. After the score tests of variance
+    components: Lin, Biometrika 84 (1997) 309.
+    """
+    m = len(problem.residual) // problem.n
+    if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
+        return None
+    root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    whole = (problem.clear(problem.residual) / root).reshape(m, problem.n)
+    sites = [replace(site, rows=site.rows / root) for site in (*problem.sites, *problem.growing)]
+    length = np.sqrt((whole**2).sum(0))
+    z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
+    scores = np.array([_score(_tensor(site, m), z) for site in sites])
+    p = min(1.0, float(norm.sf(scores.max())) * len(scores))
+    if p > level:
+        return None
+    near = [site for site, score in zip(sites, scores) if score > _NEAR * scores.max()]
+    likely = [_likelihood(site, z) for site in near]
+    best = int(np.argmax([row[0] for row in likely]))
+    own, (_, ratio, noise) = near[best], likely[best]
+    spread = ratio * noise
+    return Scatter(own, max(p, 1e-300), spread, ratio, *_shape(own, whole),
+                   _rounds(own, whole, spread, problem.covariates))  # fmt: skip
+
+
+def _directions(site: Site, m: int) -> np.ndarray:
+    """(k, m, n) what each slot does, in typical sizes."""
+    return (site.rows * site.typical[:, None]).reshape(len(site.rows), m, -1)
+
+
+def _tensor(site, m):
+    d = _directions(site, m)
+    tensor = np.einsum("kan,kbn->abn", d, d)
+    return tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
+
+
+def _likelihood(site, z) -> tuple[float, float, float]:
+    """Log likelihood of residuals z (m, n) in noise and what a site does by chance; its likeliest spread over the
+    noise, and that noise."""
+    d = _directions(site, len(z))
+    values, vectors = np.linalg.eigh(np.einsum("kan,kbn->nab", d, d))
+    squares = np.einsum("nab,an->bn", vectors, z) ** 2
+    spreads = np.geomspace(*_SPREADS, 40) / np.sqrt(np.maximum(values.mean(), 1e-300))
+    widths = 1 + spreads[:, None, None] ** 2 * values.T
+    level = (squares / widths).mean((1, 2))
+    logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
+    best = int(np.argmax(logs))
+    return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
+
+
+def _score(tensor, z):
+    weight = (z**2).sum(0) ** 2
+    whole = (tensor**2).sum()
+    tensor = tensor - (tensor * weight).sum(-1, keepdims=True) / weight.sum()
+    if (tensor**2).sum() < _SAME * whole:  # the same for all samples, as of a frame that the instrument moves with
+        return 0.0
+    each = np.einsum("an,abn,bn->n", z, tensor, z)
+    return float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
+
+
+def _moved(site, z):
+    """(n,) what one slot did at each sample in typical sizes, (n,) the variance of that, (n,) how far it is seen."""
+    d = _directions(site, len(z))
+    own, along = (d[0] ** 2).sum(0), _along(d, z)
+    noise = max(float(((z**2).sum(0) - along).mean() / (len(z) - 1)), 1e-300)
+    return (d[0] * z).sum(0) / np.maximum(own, 1e-300), noise / np.maximum(own, 1e-300), own
+
+
+def _shape(site, z):
+    """Kurtosis (excess) of one slot's movement and its standard error, noise taken off; nan of several slots."""
+    if len(site.rows) > 1:
+        return np.nan, np.nan
+    made, error, own = _moved(site, z)
+    clear = own > np.median(own)
+    made, error = made[clear] - made[clear].mean(), error[clear]
+    second = float((made**2 - error).mean())
+    if second <= 0:
+        return np.nan, np.nan
+    fourth = float((made**4 - 6 * error * second - 3 * error**2).mean())
+    ratio = float((made**2).mean()) / second
+    return fourth / second**2 - 3, float(np.sqrt(24 / clear.sum()) * ratio**2)
+
+
+def _rounds(site, z, spread, covariates) -> float:
+    """Chance, over all tried, of so clear a wave of the joint's reading with the period of rounding of this spread.
+
+    A rounded reading errs by a sawtooth of one count, whose root mean square is the count over the root of twelve.
+    """
+    reading = covariates.get(site.where.replace("joint-", "q"))
+    if len(site.rows) > 1 or not site.where.startswith("joint") or reading is None or not np.ptp(reading):
+        return 1.0
+    made, error, _ = _moved(site, z)
+    weight = made / (error + spread**2)
+    count = spread * float(site.typical[0]) * np.sqrt(12)
+    step = np.pi / 2 / np.ptp(reading)
+    orders = np.arange(2 * np.pi / (_PERIODS * count), 2 * np.pi * _PERIODS / count, step)[:_ORDERS]
+    highest = max(float((np.abs(np.exp(1j * part[:, None] * reading) @ weight) ** 2).max())
+                  for part in np.array_split(orders, len(orders) // 500 + 1))  # fmt: skip
+    return float(min(1.0, len(orders) * np.exp(-highest / (weight**2).sum())))
+
+
+def _along(d, z):
+    """(n,) square of the part of z along the first slot."""
+    return (d[0] * z).sum(0) ** 2 / np.maximum((d[0] ** 2).sum(0), 1e-300)
+
+
+def evened_by(problem: Problem, scatter: Scatter) -> Problem:
+    """The problem with residuals, and all that is compared with them, whitened by what a site scatters as well."""
+    m = len(problem.residual) // problem.n
+    mine = scatter.site.where, scatter.site.port
+    site = next(s for s in (*problem.sites, *problem.growing) if (s.where, s.port) == mine)
+    d = _directions(site, m)
+    covariance = np.eye(m)[:, :, None] + scatter.ratio**2 * np.einsum("kan,kbn->abn", d, d)
+    values, vectors = np.linalg.eigh(covariance.transpose(2, 0, 1))
+    root = np.einsum("nab,nb,ncb->acn", vectors, 1 / np.sqrt(values), vectors)
+
+    def white(rows):
+        return np.einsum("abn,kbn->kan", root, rows.reshape(-1, m, problem.n)).reshape(rows.shape)
+
+    def candidate(c: Candidate) -> Candidate:
+        return replace(c, columns=white(np.ascontiguousarray(c.columns.T)).T)
+
+    def place(s: Site | Scan):
+        return replace(s, rows=white(s.rows))
+
+    return replace(
+        problem, residual=white(problem.residual),
+        basis=np.linalg.qr(white(np.ascontiguousarray(problem.basis.T)).T)[0],
+        sites=tuple(map(place, problem.sites)), growing=tuple(map(place, problem.growing)),
+        scans=tuple(map(place, problem.scans)),
+        candidates=tuple(map(candidate, problem.candidates)), loose=tuple(map(candidate, problem.loose)),
+        added=tuple(white(np.ascontiguousarray(a.T)).T for a in problem.added),
+    )  # fmt: skip
+
+
+def told(scatter: Scatter, problem: Problem) -> Finding:
+    """In words of the vocabulary: rounding where it follows the reading's counts, else an unknown and what may lack."""
+    size = float(np.sqrt((scatter.spread**2 * _directions(scatter.site, 1) ** 2).sum() / len(problem.residual)))
+    given = (scatter.p_value, 1.0 - scatter.p_value, size, size**2 * len(problem.residual))
+    if scatter.rounds < _CLEAR:
+        return Finding("encoder-quantisation", scatter.site.where, "", (), *given)
+    return Finding("unknown", scatter.site.where, LABEL, (), *given, alternatives=_hidden(scatter, problem))
+
+
+def _hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:
+    """What could do it through a covariate that the recording does not hold, the likelier first."""
+    site, held = scatter.site, problem.covariates
+    two = abs(scatter.kurtosis + 2) < min(2 * scatter.error, abs(scatter.kurtosis))  # two values: a coin's kurtosis
+    warm = ("link-thermal-growth" if site.port == "geometry" else "joint-thermal-drift", site.where, "", "temperature")
+    rows = [warm] if site.where.startswith(("joint", "link")) else []
+    if site.port == "joint":
+        rows = [("backlash", site.where, "by the side of approach", "approach"), *rows][:: 1 if two else -1]
+        rows.append(("joint-compliance", site.where, "", "payload"))
+    if site.port != "geometry":
+        rows.append(("time-offset", "time", "", "speed"))
+    rows = [row for row in rows if not any(_COLUMNS[row[-1]] in name and np.ptp(x) > 0 for name, x in held.items())]
+    shares = 0.5 ** np.arange(1, len(rows) + 1)
+    why = "it needs what was not recorded"
+    return tuple(Alternative(*row[:3], float(share), 1.0, why, row[3]) for row, share in zip(rows, shares))
+
+
+def place_of(scatter: Scatter) -> Located:
+    """The place as the answer lists it: nothing goes with its movement, its size is the spread."""
+    return Located(scatter.site.where, scatter.site.port, (), 0.0, scatter.p_value, scatter.spread)
+
+
+__all__ = ["Scatter", "evened_by", "told", "place_of", "scattered"]

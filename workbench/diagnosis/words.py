@@ -1,0 +1,206 @@
+"""Findings in sentences that an engineer understands, with the figures in millimetres (or pixels).
+
+What an effect is, its own class says in the first sentence of its docstring; here its place is put into that sentence,
+and beside it what was found. There is no second catalogue.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+from robot_model.effects import CATALOGUE as ROBOT
+from sensors.effects import CATALOGUE as SENSOR
+from workbench.diagnosis.problem import Finding
+from workbench.diagnosis.result import Term
+
+TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}  # fmt: skip
+_PLACES = {"time": "the clock", "noise": "the noise", "samples": "the samples", "world": "the floor"}
+_KINDS = {
+    "approach": "the side from which joint {} came", "tau": "the gravity torque on joint {}",
+    "q": "the angle of joint {}", "qdot": "the speed of joint {}", "move": "the last move of joint {}",
+    "lag": "the last move of joint {}", "temperature_j": "the temperature of joint {}",
+}  # fmt: skip
+_NAMES = {
+    "time": "time", "time_s": "time", "row": "the order of the rows", "order": "the order of the rows",
+    "temperature": "temperature", "temperature_c": "temperature", "payload": "the payload", "payload_kg": "the payload",
+    "range": "the range", "range_mm": "the range", "u": "the column in the picture", "v": "the row in the picture",
+    "incidence": "the angle of incidence", "ball": "which ball it is", "reflector": "which reflector it is",
+}  # fmt: skip
+_MOST = 3
+_EITHER = "with temperature, or with time where none was recorded"
+
+
+def place(where: str) -> str:
+    """'joint-3' as a sentence says it: 'joint 3'; 'base': 'the base'."""
+    kind, dash, number = where.rpartition("-")
+    return f"{kind} {number}" if dash else _PLACES.get(where, f"the {where}")
+
+
+def covariate(name: str) -> str:
+    """'approach3' as a sentence says it: 'the side from which joint 3 came'."""
+    if name in _NAMES:
+        return _NAMES[name]
+    found = re.fullmatch(r"([a-z_]+?)_?(\d+)(?:_[a-z_]+)?", name)
+    return _KINDS[found[1]].format(found[2]) if found and found[1] in _KINDS else name.replace("_", " ")
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return f" {last} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else list(words))
+
+
+def law(effect: str, where: str, label: str = "", kind: type | None = None) -> str:
+    """What an effect is, with its place in it and without a full stop; its class says it."""
+    if kind not in (*ROBOT.values(), *SENSOR.values()):  # a wrapper of one of them, or none known
+        kind = _kind(effect, where)
+    if kind is None:
+        return f"{effect} at {place(where)}"
+    said = " ".join((kind.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
+    return _placed(said, where) + (f" ({label})" if label else "")
+
+
+def _kind(effect, where):
+    """The class of a word of the vocabulary: the robot's where it sits on the arm, else the scanner's."""
+    kinds = [kind for catalogue in (ROBOT, SENSOR) for kind in catalogue.values() if kind.effect == effect]
+    fitting = [kind for kind in kinds if where.rpartition("-")[0] in kind.places or where in kind.places]
+    return (fitting or kinds or [None])[0]
+
+
+def _placed(said: str, where: str) -> str:
+    kind, _, number = where.rpartition("-")
+    if not kind:
+        return said
+    there = f"{kind} {number}"
+    said = re.sub(rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, said, flags=re.IGNORECASE)
+    said = re.sub(rf"\b{kind.capitalize()} {number}\b|\b{kind} {number}\b", there, said)
+    return said[0].upper() + said[1:]
+
+
+def measured(value: float, std: float | None, unit: str) -> str:
+    """'0.130 ± 0.010 mrad': value and its sigma with two digits of the sigma, in a unit that leaves no row of zeros."""
+    shown, factor = _unit(unit, abs(value) or (std or 0.0))
+    value, std = value * factor, None if std is None else std * factor
+    if std is None or not std > 0 or not math.isfinite(std):
+        return _signed(f"{value:.3g}") + (f" {shown}" if shown else "")
+    decimals = min(max(1 - math.floor(math.log10(std)), 0), 9)
+    return _signed(f"{value:z.{decimals}f} ± {std:.{decimals}f}") + (f" {shown}" if shown else "")
+
+
+def _signed(text: str) -> str:
+    return re.sub(r"(?<![\de])-", "−", text)
+
+
+def _unit(unit: str, size: float) -> tuple[str, float]:
+    """The unit with the prefix that brings a value of `size` between 0.1 and 1000, and the factor to it."""
+    if unit in ("1/K", "1/h"):
+        return "ppm" + unit[1:], 1e6
+    first = unit.split("/")[0]
+    steps = {"rad": (("rad", 1.0), ("mrad", 1e3), ("µrad", 1e6)), "mm": (("mm", 1.0), ("µm", 1e3)),
+             "s": (("s", 1.0), ("ms", 1e3), ("µs", 1e6))}.get(first)  # fmt: skip
+    if steps is None:
+        return ("" if unit == "1" else unit), 1.0
+    name, factor = next(((n, f) for n, f in steps if size * f >= 0.1), steps[-1])
+    return name + unit[len(first) :], factor
+
+
+def length(value: float | None, unit: str = "mm") -> str:
+    """'0.081 mm': two or three digits, in micrometres below 10 µm."""
+    if value is None or not math.isfinite(value):
+        return "no size"
+    if unit == "mm" and abs(value) < 0.00995:
+        return f"{value * 1e3:.2g} µm"
+    return f"{value:.2g} {unit}" if abs(value) < 1 else f"{value:.3g} {unit}"
+
+
+def figures(rows: Sequence[Mapping]) -> str:
+    """The parameters of a finding: pairs of cosine and sine as amplitudes, at most three, the surest first."""
+    parts = list(_waves(rows)) or [
+        (_name(row), row) for row in sorted(rows, key=lambda row: -_surety(row))
+    ]  # fmt: skip
+    told = [f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]]
+    return ", ".join(told) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
+
+
+def _name(row) -> str:
+    return str(row.get("label") or row["name"]).replace("_", " ")
+
+
+def _surety(row) -> float:
+    return abs(row["value"]) / row["std"] if row["std"] else 0.0
+
+
+def _waves(rows):
+    """(name, row) of the amplitude of each pair cosN, sinN; none where the rows are no such pairs."""
+    known = {row["name"].rpartition(".")[2]: row for row in rows}
+    pairs = [(name, f"sin{name[3:]}") for name in known if name.startswith("cos")]
+    if 2 * len(pairs) != len(known) or not all(other in known for _, other in pairs):
+        return
+    for first, second in pairs:
+        a, b = known[first], known[second]
+        size = math.hypot(a["value"], b["value"])
+        std = math.hypot(a["value"] * a["std"], b["value"] * b["std"]) / size if size else a["std"]
+        yield "amplitude", {"name": first, "value": size, "std": std, "unit": a["unit"]}
+
+
+def statement(term: Term, tip: str, unit: str) -> str:
+    """One paragraph on one finding. tip: what the displacement is of ('the ball')."""
+    found = term.finding
+    sentences = [_what(term, tip, unit), _proved(term, unit), _doubt(found)]
+    sentences += [f"Alarm: {alarm}." for alarm in found.alarms]
+    if not term.kept:
+        sentences.append(f"It was not kept: {term.reason}.")
+    return " ".join(one for one in sentences if one)
+
+
+def _what(term: Term, tip: str, unit: str) -> str:
+    found = term.finding
+    at = f"at {tip}" if unit == "mm" else "in the picture"
+    size = f"{length(term.size, unit)} RMS {at}" if term.size is not None else ""
+    if term.share is not None:
+        depends = listed([covariate(name) for name in found.depends_on])
+        return (f"There is structure that these data show and do not explain: a function of {depends} at "
+                f"{place(found.where)} makes {100 * term.share:.0f} % of the mismatch, and yet nothing that was fitted "
+                "to some of the poses predicts the others. No more is claimed.")  # fmt: skip
+    if found.effect == "unknown":
+        depends = listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
+        more = getattr(found.function, "sentence", "") if found.function is not None else ""
+        told = f"{place(found.where).capitalize()} errs with {depends}, by a law that no effect of the catalogue has"
+        return f"{told}{': ' + size if size else ''}.{' ' + more if more else ''}"
+    said = law(found.effect, found.where, found.label, type(found.effects[0]) if found.effects else None)
+    numbers = figures(term.parameters) if term.parameters else ""
+    by_time = any(row["unit"].endswith("/h") for row in term.parameters)
+    said = said.replace(_EITHER, "with time (no temperature was recorded)" if by_time else "with temperature")
+    return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
+
+
+def _proved(term: Term, unit: str) -> str:
+    if term.gain is None:
+        return ""
+    again = f", and the search found it again in {term.again} of {term.chances} folds" if term.chances else ""
+    falls = f"takes {length(term.gain, unit)} off" if term.gain > 0 else f"adds {length(-term.gain, unit)} to"
+    t = f" (t = {term.t:.1f})" if term.t is not None else ""
+    return f"It {falls} the held-out error{t}{again}."
+
+
+def _doubt(found: Finding) -> str:
+    """What else would do as well."""
+    if not found.alternatives or found.probability >= 0.95:
+        return ""
+    told = [f"this ({found.probability:.2f})", *(_other(one) for one in found.alternatives[:_MOST])]
+    more = len(found.alternatives) - _MOST
+    rest = f", or one of {more} less likely ones" if more > 0 else ""
+    return f"In these poses its name is not certain: {listed(told, 'or')}{rest}."
+
+
+def _other(one) -> str:
+    label = f" ({one.label})" if one.label else ""
+    missing = f", if {covariate(one.missing)}, which this recording does not hold, changed" if one.missing else ""
+    name = "something unnamed" if one.effect == "unknown" else one.effect
+    return f"{name}{label} at {place(one.where)} ({one.probability:.2f}{missing})"
+
+
+def errors(before: float, after: float, noise: float, source: str, unit: str) -> str:
+    """The held-out errors in one sentence."""
+    shown = f"{length(before, unit)} to {length(after, unit)}" if after < before else f"{length(before, unit)}"
+    verb = "falls from" if after < before else "stays at"
+    return f"Held-out error {verb} {shown} RMS; noise alone leaves {length(noise, unit)} ({source})."
