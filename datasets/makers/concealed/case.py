@@ -1,0 +1,145 @@
+"""One case of the examination, drawn from a seed: a recording that anyone may read and a truth that is sealed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.makers.concealed import data, outside, suites, surviving, workplace
+from datasets.makers.concealed.concealed import Sized, sized
+from datasets.makers.concealed.scatter import Scatter
+from datasets.makers.concealed.world import Push, World
+from datasets.mujoco_arm import StaticsError
+
+_TRIES = 60
+_HIDDEN = 0.25
+"""Most of a swallowed effect that may be left where a fit has seen the samples."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A recording's columns (file units), robot and balls, and its truth; `baseline` is part of the question.
+
+    balls: ball -> x, y, z, radius mm. sigma_mm: what the file says; None says nothing.
+    """
+
+    measures: str
+    columns: Mapping[str, np.ndarray]
+    robot: Mapping
+    balls: Mapping[int, tuple]
+    sigma_mm: float | None
+    baseline: str
+    truth: Mapping
+
+
+def draw(suite: str, index: int, seed: int) -> Case:
+    """Case `index` of a suite; the same for the same numbers. Raises ValueError for an unknown suite."""
+    rng = np.random.default_rng([seed, sum(map(ord, suite)), index])
+    asked = suites.asked(suite)
+    for _ in range(_TRIES):
+        question = asked(rng, index)
+        try:
+            world = workplace.draw(rng, question.wish)
+            found = _concealed(rng, world, question)
+        except (ValueError, StaticsError):  # an arm that cannot work where chance put it, or cannot carry itself
+            continue
+        if found is not None:
+            return _case(rng, suite, index, world, question, found)
+    raise ValueError(f"suite {suite}, case {index}: {_TRIES} tries made no case that can be measured")
+
+
+def _concealed(rng, world: World, question) -> list[Sized] | None:
+    """The effects of a question at their sizes; None where one of them cannot be here."""
+    base = surviving.basis(world)
+    found = []
+    for name, wanted in zip(question.names, question.sizes):
+        one = question.law(name)(rng, world)
+        if one is None:
+            return None
+        within = base if one.effect != "unknown" else outside.beside(world, base, one)
+        sign = 1.0 if question.one_sided(name) else float(rng.choice([-1, 1]))
+        at = sized(world, within, one, wanted, sign)
+        if at is None or (not one.fixed and at.survives < question.least):
+            return None
+        found.append(at)
+    if len({(s.concealed.effect, s.concealed.where) for s in found}) < len(found):
+        return None
+    return found if not world.part.any() or _hidden(world, found[0]) <= _HIDDEN else None
+
+
+def _hidden(world: World, one: Sized) -> float:
+    """What a fit of the samples outside the part leaves of the effect there, as a share of the whole effect's size."""
+    shown = world.only(~world.part)
+    change = world.measured(one.push) - world.clean
+    rest = surviving.left(surviving.basis(shown), change[~world.part])
+    return surviving.rms(rest) / surviving.rms(change)
+
+
+def _case(rng, suite, index, world: World, question, found) -> Case:
+    push = sum((one.push for one in found), Push())
+    exact = world.measured(push)
+    points = exact + _noise(rng, world, question.scatter, push)
+    columns = _columns(world, points)
+    for one in found:
+        if one.concealed.effect == "unit-or-frame":
+            columns = data.garbled(columns, one.concealed.detail)
+    order = _order(rng, world, question.shuffled)
+    columns = {
+        name: column if name == "pose" else column[order]  # poses are numbered as the file has them
+        for name, column in columns.items() if not _left_out(name, question.withheld)
+    }  # fmt: skip
+    columns = {"sample": np.arange(1, world.n + 1, dtype=float)} | columns
+    balls = {k + 1: (*map(float, place), 15.0) for k, place in enumerate(world.targets)}
+    stated = question.scatter.stated
+    truth = _truth(suite, index, world, question, found) | {"part": (np.flatnonzero(world.part[order]) + 1).tolist()}
+    return Case(
+        world.measures, columns, world.robot, balls if world.measures == "ball-centre" else {},
+        None if stated is None else float(f"{world.sigma * stated:.3g}"),
+        "joint-compliance" if world.elastic else "geometry", truth,
+    )  # fmt: skip
+
+
+def _order(rng, world: World, shuffled: bool) -> np.ndarray:
+    """(n,) rows as the file has them: as they were measured, or poses in any order, each kept whole."""
+    count = len(world.targets) if world.measures == "external-point" else 1
+    poses = np.arange(world.n).reshape(-1, count)
+    return (rng.permutation(poses) if shuffled else poses).ravel()
+
+
+def _truth(suite, index, world, question, found) -> dict:
+    return {
+        "suite": suite, "index": index, "effects": [one.truth() for one in found],
+        "robot": world.robot["name"], "measures": world.measures, "samples": world.n, "sigma_mm": world.sigma,
+        "noise": question.scatter.word, "covariates": sorted(world.covariates),
+        "withheld": question.withheld, "words": list(question.words), "split": question.wish.split,
+        "baseline": "joint-compliance" if world.elastic else "geometry",
+    }  # fmt: skip
+
+
+def _noise(rng, world, scatter: Scatter, push: Push) -> np.ndarray:
+    """(n, 3) mm of unit variance times sigma."""
+    unit = rng.normal(0, 1, (world.n, 3))
+    if scatter.degrees:
+        unit = rng.standard_t(scatter.degrees, (world.n, 3)) / np.sqrt(scatter.degrees / (scatter.degrees - 2))
+    spread = np.broadcast_to(push.spread, world.n)
+    return world.sigma * np.exp(spread)[:, None] * unit
+
+
+def _columns(world: World, points) -> dict:
+    columns = {f"q{k}_deg": column for k, column in enumerate(np.rad2deg(world.readings).T, 1)}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), points.T))
+    if world.measures == "ball-centre":
+        columns["ball"] = world.index + 1.0
+    elif len(world.targets) > 1:
+        columns |= {"reflector": world.index + 1.0, "pose": np.arange(world.n) // len(world.targets) + 1.0}
+    return columns | dict(world.covariates)
+
+
+_PREFIX = {
+    "approach": "approach", "payload": "payload_kg", "temperature": "temperature", "speed": "qdot", "time": "time_s",
+}  # fmt: skip
+
+
+def _left_out(name: str, kinds) -> bool:
+    return any(name.startswith(_PREFIX[kind]) for kind in kinds)
+

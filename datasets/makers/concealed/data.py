@@ -1,0 +1,53 @@
+"""Effects of the data themselves: outliers, a spread that depends on something, units and frames mistaken."""
+
+import numpy as np
+
+from datasets.makers.concealed.concealed import Concealed
+from datasets.makers.concealed.world import Push
+
+
+def outliers(rng, world):
+    """A few samples that are off by 8 to 25 sigma, each its own way: somebody stood in the beam."""
+    count = int(rng.integers(2, max(3, world.n // 50) + 1))
+    rows = rng.choice(world.n, count, replace=False)
+    way = rng.normal(0, 1, (count, 3))
+    off = np.zeros((world.n, 3))
+    off[rows] = way / np.linalg.norm(way, axis=1, keepdims=True) * rng.uniform(8, 25, (count, 1)) * world.sigma
+    detail = {"samples": sorted(int(r) + 1 for r in rows)}
+    return Concealed("outliers", "samples", lambda s: Push(sensed=s * off), 1.0, 1.0, "1", detail, fixed=True)
+
+
+def noise_heteroscedastic(rng, world):
+    """A spread that grows with something recorded; the mean stays."""
+    able = [name for name in ("temperature_c", "payload_kg", "time_s") if np.ptp(world.covariates.get(name, 0.0)) > 0]
+    if not able:
+        return None
+    name = str(rng.choice(able))
+    by = world.covariates[name]
+    by = (by - by.mean()) / by.std()
+    size = rng.uniform(0.35, 0.9)
+    return Concealed("noise-heteroscedastic", "noise", lambda s: Push(spread=s * by), size, size, "1",
+                     {"covariate": name}, fixed=True)  # fmt: skip
+
+
+def unit_or_frame(rng, world):
+    """What somebody mistook when the file was written; `garbled` makes it."""
+    kind = str(rng.choice(["axis-flipped", "joints-permuted", "joint-sign", "rows-shifted"]))
+    joint = int(rng.integers(1, world.joints - 1))
+    detail = {"kind": kind, "axis": str(rng.choice(["x_mm", "y_mm", "z_mm"])), "joint": joint + 1}
+    return Concealed("unit-or-frame", "samples", lambda s: Push(), 1.0, 1.0, "1", detail, fixed=True)
+
+
+def garbled(columns: dict, detail) -> dict:
+    """The columns of samples.csv with the mistake of `unit_or_frame` in them."""
+    out, k = dict(columns), detail["joint"]
+    if detail["kind"] == "axis-flipped":
+        out[detail["axis"]] = -out[detail["axis"]]
+    elif detail["kind"] == "joints-permuted":
+        out[f"q{k}_deg"], out[f"q{k + 1}_deg"] = out[f"q{k + 1}_deg"], out[f"q{k}_deg"]
+    elif detail["kind"] == "joint-sign":
+        out[f"q{k}_deg"] = -out[f"q{k}_deg"]
+    else:
+        for name in ("x_mm", "y_mm", "z_mm"):
+            out[name] = np.roll(out[name], 3)
+    return out

@@ -1,0 +1,109 @@
+"""Effects between a joint's reading and its angle, and heat: the maker's own laws, one function an effect.
+
+Each takes a generator and a world and returns a `Concealed`, or None where it cannot be here.
+"""
+
+import numpy as np
+
+from datasets.makers.concealed.concealed import Concealed
+from datasets.makers.concealed.world import Push, World
+
+_MOST_RAD = 4e-3
+
+
+def pick(rng: np.random.Generator, world: World) -> int:
+    """A joint, from 0."""
+    return int(rng.integers(world.joints))
+
+
+def on_joint(world: World, k: int, angle: np.ndarray) -> np.ndarray:
+    """(n, J) rad with `angle` (n,) on joint k, from 0."""
+    out = np.zeros((world.n, world.joints))
+    out[:, k] = angle
+    return out
+
+
+def transmission_harmonic(rng, world, order: int | None = None, joint: int | None = None):
+    """A gear or encoder that errs n times a turn; with gear ratios told, n may be a gear's."""
+    k = pick(rng, world) if joint is None else joint
+    gear = world.robot["joint"][k].get("gear_ratio", 2)
+    n = int(order or rng.choice([1, 2, 3, 4, 6, gear, 2 * gear], p=[0.3, 0.3, 0.1, 0.1, 0.06, 0.08, 0.06]))
+    wave = np.cos(n * world.angles[:, k] + rng.uniform(-np.pi, np.pi))
+    detail = {"order": n}
+    return Concealed("transmission-harmonic", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * wave)),
+                     1e-4, _MOST_RAD, "rad", detail)  # fmt: skip
+
+
+def backlash(rng, world, joint: int | None = None):
+    """A gap: the joint stops short of its reading on the side that it came from, half of it."""
+    k = pick(rng, world) if joint is None else joint
+    side = world.covariates[f"approach{k + 1}"]
+    return Concealed("backlash", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * side)),
+                     1e-4, _MOST_RAD, "rad", {"seat": "approach"})  # fmt: skip
+
+
+def backlash_by_gravity(rng, world):
+    """A gap that gravity closes: which side, the sign of the torque says."""
+    k = pick(rng, world)
+    torque = world.torque[:, k]
+    soft = rng.uniform(0.01, 0.1) * np.abs(torque).max()
+    if (torque > 0).mean() < 0.1 or (torque < 0).mean() < 0.1 or np.abs(torque).max() < 0.3:
+        return None
+    side = np.tanh(torque / soft)
+    return Concealed("backlash", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * side)),
+                     1e-4, _MOST_RAD, "rad", {"seat": "gravity", "width": float(soft)})  # fmt: skip
+
+
+def joint_coupling(rng, world):
+    """A joint that turns by a share of another's motion."""
+    k, other = (int(x) for x in rng.choice(world.joints, 2, replace=False))
+    swing = world.angles[:, other]
+    return Concealed("joint-coupling", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * swing)),
+                     1e-4, _MOST_RAD, "rad/rad", {"joint": other + 1})  # fmt: skip
+
+
+def zero_shift(rng, world):
+    """A belt that slips once, between a fifth and four fifths of the recording."""
+    k = pick(rng, world)
+    first = int(world.n * rng.uniform(0.2, 0.8))
+    count = len(world.targets) if world.measures == "external-point" else 1
+    first -= first % count
+    after = (np.arange(world.n) >= first).astype(float)
+    clock = world.covariates.get("time_s", np.arange(world.n, dtype=float))
+    detail = {"after": float((clock[first - 1] + clock[first]) / 2), "row": first}
+    return Concealed("zero-shift", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * after)),
+                     1e-4, _MOST_RAD, "rad", detail)  # fmt: skip
+
+
+def encoder_quantisation(rng, world):
+    """The drive stands on the nearest count and not where the reading says."""
+    k = pick(rng, world)
+    reading = world.readings[:, k]
+    return Concealed("encoder-quantisation", f"joint-{k + 1}",
+                     lambda s: Push(joint=on_joint(world, k, s * np.round(reading / s) - reading)),
+                     3e-4, 2e-3, "rad a count")  # fmt: skip
+
+
+def time_offset(rng, world):
+    """The readings are of another instant than the measurement, while the arm moves."""
+    speed = np.deg2rad(np.column_stack([world.covariates[f"qdot{k}_deg_s"] for k in range(1, world.joints + 1)]))
+    speed = speed @ world.arm.mixing.T
+    return Concealed("time-offset", "time", lambda s: Push(joint=s * speed), 1e-3, 0.1, "s")
+
+
+def joint_thermal_drift(rng, world):
+    """An encoder's zero that moves with temperature."""
+    k = pick(rng, world)
+    warm = world.covariates["temperature_c"] - 20.0
+    return Concealed("joint-thermal-drift", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * warm)),
+                     1e-5, 4e-4, "rad/K")  # fmt: skip
+
+
+def link_thermal_growth(rng, world):
+    """A link that grows with temperature, built anew at every temperature."""
+    lengths = np.abs(world.arm.geometry[:, 1:3]).max(axis=1)
+    k = int(rng.choice(np.flatnonzero(lengths > 50)))
+    warm = world.covariates["temperature_c"] - 20.0
+    # steel grows by 1.2e-5 a kelvin, aluminium by 2.3e-5; a link that is warmer than the air shows more
+    return Concealed("link-thermal-growth", f"link-{k + 1}", lambda s: Push(growth=on_joint(world, k, s * warm)),
+                     2e-5, 8e-5, "1/K")  # fmt: skip

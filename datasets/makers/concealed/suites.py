@@ -1,0 +1,131 @@
+"""What each suite asks: which effects, how large, in what world, with what noise, and what the file leaves out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.makers.concealed import library, outside
+from datasets.makers.concealed.scatter import Scatter
+from datasets.makers.concealed.workplace import Wish
+
+SUITES = ("clean", "library", "swallowed", "pairs", "outside", "covariate-withheld")
+"""Suites that this maker draws."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """names, sizes: the effects and what of each shall survive, sigma RMS a coordinate. least: what must.
+
+    withheld: kinds of covariates that are left out; words: by which of them an answer names what was.
+    shuffled: rows stand in no order of time.
+    """
+
+    names: tuple[str, ...] = ()
+    sizes: tuple[float, ...] = ()
+    wish: Wish = Wish()
+    scatter: Scatter = Scatter()
+    least: float = 0.0
+    withheld: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+    shuffled: bool = False
+
+    def law(self, name: str) -> Callable:
+        """The function that makes the effect of that name."""
+        return outside.CAUSES[name][0] if name in outside.CAUSES else library.ROWS[name].law
+
+    def one_sided(self, name: str) -> bool:
+        """Whether its size is above 0."""
+        return name not in outside.CAUSES and library.ROWS[name].one_sided
+
+
+def asked(suite: str) -> Callable[[np.random.Generator, int], Question]:
+    """The function that draws a suite's questions. Raises ValueError for a name that is none."""
+    if suite not in _ASKED:
+        raise ValueError(f"no suite is called {suite!r}: {', '.join(_ASKED)}")
+    return _ASKED[suite]
+
+
+def _clean(rng, index) -> Question:
+    """Nothing: with covariates that vary for no reason, heavy tails, a wrong sigma, or none at all."""
+    kind = index % 5
+    scatter = {
+        2: Scatter(degrees=float(rng.choice([4, 6, 10]))),
+        3: Scatter(stated=float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))),
+        4: Scatter(stated=None),
+    }.get(kind, Scatter())
+    need = {"time", "temperature", "payload", "approach", "speed"} if kind == 1 else set()
+    return Question(wish=Wish(need=frozenset(need), elastic=bool(rng.random() < 0.15)), scatter=scatter)
+
+
+def _library(rng, index) -> Question:
+    """Every effect in turn by weight; two thirds at 1 to 10 sigma, the others smaller, for the curve."""
+    name = _drawn(rng, library.ROWS)
+    row = library.ROWS[name]
+    wish = replace(row.wish, elastic=row.wish.elastic or (name not in _YIELDING and rng.random() < 0.15))
+    return Question((name,), (_size(rng, index),), wish)
+
+
+_YIELDING = {"joint-compliance", "link-self-weight"}
+
+
+def _size(rng, index: int) -> float:
+    low, high = (0.15, 1.0) if index % 3 == 2 else (1.0, 10.0)
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _swallowed(rng, index) -> Question:
+    """Effects that the fit hides, in samples of which a fifth tells them."""
+    name = str(rng.choice(list(library.SWALLOWED)))
+    row = library.ROWS[name]
+    wish = replace(row.wish, split=library.SWALLOWED[name], samples=(200, 800))
+    return Question((name,), (float(np.exp(rng.uniform(np.log(0.5), np.log(4)))),), wish, least=0.2)
+
+
+def _pairs(rng, index) -> Question:
+    """Two effects at once, one time in four on the same joint."""
+    able = {name: row for name, row in library.ROWS.items() if name not in _ALONE}
+    first, second = _drawn(rng, able), _drawn(rng, able)
+    if index % 4 == 0:
+        first, second = (str(x) for x in rng.choice(_ON_JOINTS, 2, replace=False))
+    wishes = [library.ROWS[name].wish for name in (first, second)]
+    if {w.measures for w in wishes} - {""} and "mount-tilt" in (first, second):
+        first = "joint-coupling"
+    wish = Wish(
+        measures=max(w.measures for w in wishes), need=wishes[0].need | wishes[1].need,
+        elastic=any(w.elastic for w in wishes), samples=(200, 1000),
+    )  # fmt: skip
+    sizes = tuple(float(np.exp(rng.uniform(0, np.log(8)))) for _ in range(2))
+    return Question((first, second), sizes, wish, least=0.5)
+
+
+_ALONE = {"unit-or-frame", "encoder-quantisation", "mount-tilt"}
+_ON_JOINTS = ("transmission-harmonic", "joint-compliance", "backlash", "zero-shift", "joint-thermal-drift")
+
+
+def _outside(rng, index) -> Question:
+    """Physics without a name."""
+    name = list(outside.CAUSES)[index % len(outside.CAUSES)]
+    wish = Wish(need=outside.CAUSES[name][1], samples=(200, 1000))
+    return Question((name,), (float(np.exp(rng.uniform(0, np.log(8)))),), wish, least=0.8)
+
+
+def _withheld(rng, index) -> Question:
+    """An effect whose covariate the file does not hold, in rows that stand in no order."""
+    name = list(library.WITHHELD)[index % len(library.WITHHELD)]
+    kind, words = library.WITHHELD[name]
+    gone = (kind, "time") if kind in ("temperature", "approach") else (kind,)  # time would tell what came before
+    wish = Wish(need=frozenset({kind}), samples=(200, 1000))
+    return Question((name,), (float(np.exp(rng.uniform(0, np.log(8)))),), wish, least=0.8,
+                    withheld=gone, words=words, shuffled=True)  # fmt: skip
+
+
+def _drawn(rng, rows) -> str:
+    weights = np.array([row.weight for row in rows.values()])
+    return str(rng.choice(list(rows), p=weights / weights.sum()))
+
+
+_ASKED: dict[str, Callable[[np.random.Generator, int], Question]] = {
+    "clean": _clean, "library": _library, "swallowed": _swallowed, "pairs": _pairs,
+    "outside": _outside, "covariate-withheld": _withheld,
+}  # fmt: skip

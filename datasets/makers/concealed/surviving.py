@@ -1,0 +1,84 @@
+"""How much of an effect a fit of the geometry leaves to be seen: the maker's own numerical baseline.
+
+The derivative of the measured point by every number of base, rows and tool is taken by finite
+differences of the maker's own rigid kinematics. What lies in its span, a calibration swallows.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from datasets.makers import poses
+from datasets.makers.concealed.world import World
+
+_STEP = 1e-5  # rad, and 1e-2 mm
+_RANK = 1e-7
+
+
+def basis(world: World) -> np.ndarray:
+    """(3 n, R) orthonormal: what a fit of the baseline can make of the measurement, to first order."""
+    start = world.arm.geometry
+    still = _at(world, start)
+    columns = [(_at(world, *moved) - still).ravel() for moved in _moves(world, start)]
+    columns += list(_yields(world, still)) if world.elastic else []
+    matrix = np.column_stack(columns)
+    size = np.linalg.norm(matrix, axis=0)
+    u, s, _ = np.linalg.svd(matrix[:, size > 0] / size[size > 0], full_matrices=False)
+    return u[:, s > _RANK * s[0]]
+
+
+def left(base: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """(3 n,) of a change (n, 3) what the baseline cannot make."""
+    flat = change.ravel()
+    return flat - base @ (base.T @ flat)
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square over measured coordinates."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _at(world, geometry, station=None, hand=None, targets=None) -> np.ndarray:
+    flange = poses.forward(geometry, world.angles)
+    hand, station = (world.hand if hand is None else hand), (world.station if station is None else station)
+    return world.seen(flange, hand, (world.targets if targets is None else targets)[world.index], station)
+
+
+def _moves(world, geometry) -> Iterator[tuple]:
+    """Every number of the baseline moved by a step: geometry, station, hand, targets."""
+    for k, c in np.ndindex(geometry.shape):
+        moved = geometry.copy()
+        moved[k, c] += _STEP * (1e3 if c in (1, 2) else 1)
+        yield moved, None, None, None
+    for twist in _twists():
+        yield geometry, twist @ world.station, None, None
+    if world.measures == "ball-centre":
+        for twist in _twists():
+            yield geometry, None, world.hand @ twist, None
+        return
+    for place in np.ndindex(world.targets.shape):
+        moved = world.targets.copy()
+        moved[place] += _STEP * 1e3
+        yield geometry, None, None, moved
+
+
+def _twists() -> Iterator[np.ndarray]:
+    for k in range(6):
+        twist = np.eye(4)
+        if k < 3:
+            twist[k, 3] = _STEP * 1e3
+        else:
+            twist[:3, :3] = Rotation.from_rotvec(_STEP * np.eye(3)[k - 3]).as_matrix()
+        yield twist
+
+
+def _yields(world, still) -> Iterator[np.ndarray]:
+    """A joint that yields to its torque, for every joint: the baseline's own where the arm is elastic."""
+    for k in range(world.joints):
+        geometry, angles = world.arm.geometry, world.angles.copy()
+        angles[:, k] += _STEP * world.torque[:, k]
+        if np.ptp(world.torque[:, k]) < 1e-3:
+            continue
+        flange = poses.forward(geometry, angles)
+        yield (world.seen(flange, world.hand, world.targets[world.index], world.station) - still).ravel()

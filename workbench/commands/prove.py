@@ -1,0 +1,72 @@
+"""`workbench prove`: the diagnosis on data in which the effect is concealed, and the scoreboard of it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.commands import answer, tables
+
+Suites = Annotated[
+    list[str] | None, typer.Option("--suite", metavar="NAME", help="Only this suite; once for each. All otherwise.")
+]
+
+
+def command(
+    suite: Suites = None,
+    cases: Annotated[int | None, typer.Option("--cases", min=1, help="Cases of each suite.")] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Other seeds are other cases.")] = 1,
+    folder: Annotated[
+        Path | None, typer.Option("--folder", metavar="DIR", help="Recordings and sealed answers of your own.")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; one a core otherwise.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="The folder of the examination.")] = None,
+    no_report: answer.NoReport = False,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Conceal effects, seal them, diagnose, open and score; an interrupted examination goes on where it was."""
+    answer.check_target(json)
+    with answer.progress("concealing") as say:
+        from workbench import prove, runs
+
+        place = out or prove.default_folder(seed, folder)
+        board = prove.prove(place, suite or (), cases, seed, folder, jobs, say)
+        result = {**board.as_json(), "run": place.resolve()}
+        runs.replace_file(place / "answer.json", answer.as_text(result))
+        if not no_report:
+            say("writing the scoreboard")
+            from workbench.report.scoreboard import write_scoreboard
+
+            write_scoreboard(board, place)
+    answer.deliver(result, json)
+    _show(answer.console(json), result)
+    answer.last_line(answer.console(json), place.resolve())
+
+
+def _show(console, result) -> None:
+    head = ["figure", "cases", "value", "95 %", "asked", ""]
+    rows = [
+        [f"{f['suite']}: {f['name']}", f["cases"], _value(f), _interval(f), f["asked"], _word(f)]
+        for f in result["figures"]
+    ]
+    tables.grid(console, f"{result['cases']} concealed cases, seed {result['seed']}", head, rows)
+    for suite, why in result["skipped"].items():
+        console.print(f"suite {suite} was left out: {why}", markup=False)
+
+
+def _value(figure) -> str:
+    if figure["value"] is None:
+        return "–"
+    share = figure["hits"] is not None or "limit" in figure["name"]
+    return f"{figure['value']:.1%}" if share else f"{figure['value']:.2f}"
+
+
+def _interval(figure) -> str:
+    if figure["low"] is None:
+        return ""
+    return f"{figure['low']:.1%} – {figure['high']:.1%}" if figure["hits"] is not None else (
+        f"{figure['low']:.2f} – {figure['high']:.2f}")  # fmt: skip
+
+
+def _word(figure) -> str:
+    return {True: "reached", False: "short", None: ""}[figure["reached"]]

@@ -1,0 +1,96 @@
+"""The scoreboard: every case, the failed ones first, every figure beside what is asked, and the files of both."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from workbench.proving import figures
+from workbench.runs import replace_file
+
+_ORDER = ("failed", "false alarm", "wrong", "missed", "abstained", "more", "part", "place", "group", "reference")
+_COLUMNS = ("case", "suite", "index", "outcome", "concealed", "survives_sigma", "verdict", "claims",
+            "confidently_wrong", "detected", "located", "located_in_group", "group_size", "covariates_right",
+            "asks_for_it",
+            "before_mm", "after_mm", "noise_mm", "oracle_before_mm", "oracle_after_mm",
+            "part_before_mm", "part_after_mm", "part_oracle_mm", "robot", "measures", "samples", "sigma_mm", "noise",
+            "seconds", "note", "seal")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Board:
+    """`rows` of all cases, the failed ones first; `figures`; `skipped` suite -> why; `command` that makes it again."""
+
+    rows: tuple[Mapping, ...]
+    figures: tuple[figures.Figure, ...]
+    skipped: Mapping[str, str]
+    seed: int
+    command: str
+
+    def as_json(self) -> dict:
+        """The answer of `workbench prove`."""
+        asked = [figure for figure in self.figures if figure.reached is not None]
+        return {
+            "command": "prove", "cases": len(self.rows), "seed": self.seed, "made_by": self.command,
+            "asked": len(asked), "reached": sum(figure.reached for figure in asked),
+            "suites": {suite: sum(r["suite"] == suite for r in self.rows) for suite in _seen(self.rows)},
+            "skipped": dict(self.skipped),
+            "figures": [figure.as_json() for figure in self.figures],
+            "detection": figures.detection(self.rows), "reliability": figures.reliability(self.rows),
+            "seals": {row["case"]: row["seal"] for row in self.rows},
+            "results": [dict(row) for row in self.rows],
+        }  # fmt: skip
+
+
+def board(rows: Sequence[Mapping], skipped: Mapping[str, str], seed: int, command: str) -> Board:
+    """The scoreboard of opened cases."""
+    ordered = sorted(rows, key=lambda row: (_rank(row), row["suite"], row["index"]))
+    return Board(tuple(ordered), tuple(figures.table(ordered)), skipped, seed, command)
+
+
+def _rank(row) -> tuple:
+    """Failed ones first; a confident wrong name stands before all others of its outcome."""
+    place = _ORDER.index(row["outcome"]) if row["outcome"] in _ORDER else len(_ORDER)
+    return (0 if row.get("confidently_wrong") else 1, place)
+
+
+def _seen(rows) -> list[str]:
+    return list(dict.fromkeys(row["suite"] for row in rows))
+
+
+def save(made: Board, folder: Path) -> None:
+    """Write results.csv and results.parquet, one row a case, and the summary picture."""
+    import pyarrow as pa
+    from pyarrow import csv, parquet
+
+    table = pa.Table.from_pylist([_flat(row) for row in made.rows], schema=_schema(pa))
+    for name, write in (("results.csv", csv.write_csv), ("results.parquet", parquet.write_table)):
+        partial = folder / f".partial-{name}"
+        write(table, partial)
+        partial.replace(folder / name)
+
+
+_TEXT = {"case", "suite", "outcome", "concealed", "verdict", "claims", "robot", "measures", "noise", "note", "seal"}
+_WHOLE = {"index", "samples", "group_size"}
+_YES_NO = {"confidently_wrong", "detected", "located", "located_in_group", "covariates_right", "asks_for_it"}
+
+
+def _schema(pa):
+    kinds = dict.fromkeys(_TEXT, pa.string()) | dict.fromkeys(_WHOLE, pa.int64()) | dict.fromkeys(_YES_NO, pa.bool_())
+    return pa.schema([(name, kinds.get(name, pa.float64())) for name in _COLUMNS])
+
+
+def _flat(row) -> dict:
+    out = {name: row.get(name) for name in _COLUMNS}
+    for name in ("concealed", "claims"):
+        out[name] = "; ".join(out[name] or ())
+    return out
+
+
+def publish_seals(folder: Path, seals: Mapping[str, str]) -> str:
+    """A page of its own that holds every seal before anything is diagnosed; the checksum of all of them together."""
+    import hashlib
+
+    lines = [f"{seal}  {name}" for name, seal in sorted(seals.items())]
+    text = "\n".join(lines) + "\n"
+    replace_file(folder / "SHA256SUMS", text)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,264 @@
+"""The scoreboard's figures: rates with Wilson intervals beside what is asked of them, and curves over all cases."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from workbench.proving.scoring import NAMED
+
+SEEN = 0.3
+"""Surviving size, in sigma of a coordinate, from which an effect must be seen."""
+_Z = 1.959964  # two-sided 95 %
+
+
+@dataclass(frozen=True)
+class Figure:
+    """`value`: a rate (hits of cases) or a median; `low`, `high`: 95 %; `reached`: None where nothing is asked."""
+
+    suite: str
+    name: str
+    hits: int | None
+    cases: int
+    value: float | None
+    low: float | None
+    high: float | None
+    asked: str
+    reached: bool | None
+
+    def as_json(self) -> dict:
+        return asdict(self)
+
+
+def wilson(hits: int, cases: int) -> tuple[float, float]:
+    """95 % interval of a rate: Wilson, J. Am. Stat. Assoc. 22 (1927). (0, 1) without cases."""
+    if not cases:
+        return 0.0, 1.0
+    rate, square = hits / cases, _Z**2 / cases
+    middle = (rate + square / 2) / (1 + square)
+    half = _Z / (1 + square) * np.sqrt(rate * (1 - rate) / cases + square / (4 * cases))
+    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
+
+
+def rate(suite: str, name: str, rows: Sequence[Mapping], hit: Callable[[Mapping], bool], asked: str = "",
+         limit: float | None = None, at_most: bool = False) -> Figure:
+    """Share of rows for which `hit`; reached where it is at least, or at most, the limit."""
+    hits, cases = sum(bool(hit(row)) for row in rows), len(rows)
+    value = hits / cases if cases else None
+    reached = None if limit is None or value is None else value <= limit if at_most else value >= limit
+    return Figure(suite, name, hits, cases, value, *wilson(hits, cases), asked, reached)
+
+
+def table(rows: Sequence[Mapping]) -> list[Figure]:
+    """All figures of the suites that there are cases of, in the order of the suites."""
+    made: list[Figure] = []
+    for suite, of in _SUITES.items():
+        own = [row for row in rows if row["suite"] == suite]
+        if own:
+            made += of(own)
+    return made + gain(rows)
+
+
+def _clean(rows):
+    alarms = rate("clean", "false alarms", rows, lambda r: not _kept(r), "≤ 1 % of ≥ 300", 0.01, at_most=True)
+    upper = Figure("clean", "upper 95 % limit of false alarms", None, len(rows), alarms.high, None, None, "≤ 2.5 %",
+                   alarms.high <= 0.025)  # fmt: skip
+    return [alarms, upper]
+
+
+def _library(rows):
+    large = [row for row in rows if (row["survives_sigma"] or 1.0) >= SEEN]
+    found = [row for row in large if row.get("detected")]
+    return [
+        rate("library", "detected, surviving size ≥ 0.3 σ", large, lambda r: r.get("detected"), "≥ 95 %", 0.95),
+        rate("library", "located, of detected", found, _located, "≥ 98 %", 0.98),
+        rate("library", "located, or place in the declared group", found, lambda r: r.get("located_in_group")),
+        rate("library", "right name or declared group, of detected", found, _right, "≥ 90 %", 0.90),
+        rate("library", "right name alone, of detected", found, lambda r: r["outcome"] == "exact"),
+        _confidently("library", rows, "≤ 1 %", 0.01),
+    ]
+
+
+def _swallowed(rows):
+    parts = [r for r in rows if _part_gain(r) is not None]
+    return [
+        rate("swallowed", "right name or declared group", rows, _right, "≥ 85 %", 0.85),
+        rate("swallowed", "a wrong name", rows, lambda r: r.get("wrong_name")),
+        rate("swallowed", "error on the part not fitted falls by half of the oracle's gain or more", parts,
+             lambda r: _part_gain(r) >= 0.5, "≥ half of the oracle's", 0.85),
+        _median("swallowed", "share of the oracle's gain on the part not fitted", [_part_gain(r) for r in parts], 0.5),
+        _confidently("swallowed", rows, "", None),
+    ]  # fmt: skip
+
+
+def _pairs(rows):
+    return [
+        rate("pairs", "both exact", rows, lambda r: r["outcome"] == "exact", "≥ 85 %", 0.85),
+        rate("pairs", "both exact or in declared groups", rows, _right),
+        rate("pairs", "a wrong name", rows, lambda r: r.get("wrong_name"), "≤ 3 %", 0.03, at_most=True),
+        _confidently("pairs", rows, "", None),
+    ]
+
+
+def _outside(rows):
+    return [
+        rate("outside", "`unexplained`", rows, lambda r: r["verdict"] == "unexplained", "≥ 95 %", 0.95),
+        rate("outside", "located", rows, _located, "≥ 90 %", 0.90),
+        rate("outside", "the right covariates", rows, lambda r: r.get("covariates_right")),
+        _confidently("outside", rows, "", None),
+    ]
+
+
+def _withheld(rows):
+    at_joints = [r for r in rows if r["effects"][0]["where"].startswith("joint")]
+    return [
+        rate("covariate-withheld", "located, effects at joints", at_joints, _located, "≥ 90 %", 0.90),
+        _confidently("covariate-withheld", rows, "none", 0.0),
+        rate("covariate-withheld", "the missing covariate is asked for", rows, lambda r: r.get("asks_for_it"),
+             "≥ 80 %", 0.80),
+    ]  # fmt: skip
+
+
+def _sensor(rows):
+    flawed, flawless = [r for r in rows if r["effects"]], [r for r in rows if not r["effects"]]
+    return [
+        rate("sensor", "right name or declared group", flawed, _right, "≥ 85 %", 0.85),
+        rate("sensor", "located", flawed, _located, "≥ 95 %", 0.95),
+        rate("sensor", "false alarms, flawless scanners", flawless, lambda r: not _kept(r)),
+    ]
+
+
+def _knocked_out(rows):
+    out = [r for r in rows if r["effects"]]
+    inside = [r for r in rows if not r["effects"]]
+    return [
+        rate("real-knocked-out", "terms named again", out, _right, "all", 1.0),
+        rate("real-knocked-out", "sets without a term named twice", inside, _kept, "all", 1.0),
+    ]
+
+
+def _planted(rows):
+    at_one = [r for r in rows if r["effects"] and r["effects"][0].get("times") == 1.0]
+    found = [r for r in at_one if r.get("detected")]
+    bare = [r for r in rows if not r["effects"] and r["outcome"] != "reference"]
+    return [
+        rate("real-planted", "detected at 1 × the real residual", at_one, lambda r: r.get("detected"), "≥ 95 %", 0.95),
+        rate("real-planted", "right name, of detected", found, _right, "≥ 95 %", 0.95),
+        rate("real-planted", "unplanted copies: verdict unchanged", bare, _kept, "all", 1.0),
+    ]
+
+
+def _real_withheld(rows):
+    return [rate("real-withheld", "rules kept", rows, lambda r: r["outcome"] in ("exact", "right"), "all", 1.0)]
+
+
+_SUITES = {
+    "clean": _clean, "library": _library, "swallowed": _swallowed, "pairs": _pairs, "outside": _outside,
+    "covariate-withheld": _withheld, "sensor": _sensor, "real-knocked-out": _knocked_out,
+    "real-planted": _planted, "real-withheld": _real_withheld,
+}  # fmt: skip
+
+
+def gain(rows: Sequence[Mapping]) -> list[Figure]:
+    """The median share of the oracle's held-out gain, over all cases in which the oracle gains what can be told."""
+    shares = [share for share in map(gain_share, rows) if share is not None]
+    return [_median("gain", "held-out gain as a share of the oracle's, median", shares, 0.9)] if shares else []
+
+
+def gain_share(row: Mapping) -> float | None:
+    """Fall of the held-out mean square over the oracle's fall; None where the oracle's is below 3 %."""
+    before, after = row.get("before_mm"), row.get("after_mm")
+    known, best = row.get("oracle_before_mm"), row.get("oracle_after_mm")
+    if None in (before, after, known, best) or best > 0.985 * known or (row["survives_sigma"] or 0) < SEEN:
+        return None
+    return (before**2 - after**2) / (known**2 - best**2)
+
+
+def _part_gain(row: Mapping) -> float | None:
+    before, best, after = (row.get(f"part_{key}_mm") for key in ("before", "oracle", "after"))
+    if None in (before, best, after) or best > 0.97 * before:
+        return None
+    return (before**2 - after**2) / (before**2 - best**2)
+
+
+def _median(suite, name, values, limit) -> Figure:
+    """A median with its 95 % interval from order statistics."""
+    values = np.sort(np.asarray(values, float))
+    n = len(values)
+    if not n:
+        return Figure(suite, name, None, 0, None, None, None, f"≥ {limit:g}", None)
+    off = _Z * np.sqrt(n) / 2
+    low, high = values[max(int(n / 2 - off), 0)], values[min(int(np.ceil(n / 2 + off)), n - 1)]
+    middle = float(np.median(values))
+    return Figure(suite, name, None, n, middle, float(low), float(high), f"≥ {limit:g}", middle >= limit)
+
+
+def _confidently(suite, rows, asked, limit) -> Figure:
+    return rate(suite, "confidently wrong", rows, lambda r: r.get("confidently_wrong"), asked, limit, at_most=True)
+
+
+def _right(row) -> bool:
+    return row["outcome"] in NAMED
+
+
+def _kept(row) -> bool:
+    """Whether a case in which nothing is concealed, or a rule that was to be kept, came out right."""
+    return row["outcome"] == "right"
+
+
+def _located(row) -> bool:
+    return bool(row.get("located"))
+
+
+# ---------------------------------------------------------------------- curves
+
+
+def detection(rows: Sequence[Mapping], edges: Sequence[float] = (0, 0.15, 0.2, 0.3, 0.5, 1, 2, 4, 20)) -> list[dict]:
+    """Share detected, and named right of all, by surviving size in sigma; a row a bin that has cases."""
+    single = [r for r in rows if r["suite"] in ("library", "sensor") and r["survives_sigma"]]
+    made = []
+    for low, high in pairwise(edges):
+        own = [r for r in single if low <= r["survives_sigma"] < high]
+        if own:
+            seen, named = sum(bool(r.get("detected")) for r in own), sum(map(_right, own))
+            made.append({"from_sigma": low, "to_sigma": high, "cases": len(own),
+                         "middle_sigma": float(np.exp(np.mean(np.log([r["survives_sigma"] for r in own])))),
+                         "detected": seen / len(own), "detected_interval": wilson(seen, len(own)),
+                         "named": named / len(own), "named_interval": wilson(named, len(own))})  # fmt: skip
+    return made
+
+
+def reliability(rows: Sequence[Mapping]) -> list[dict]:
+    """How often claims are right, by the probability that they state; a row a bin that has claims."""
+    beliefs = [pair for row in rows for pair in row.get("beliefs", ())]
+    made = []
+    for low, high in pairwise((0, 0.3, 0.5, 0.7, 0.85, 0.95, 0.99, 2)):
+        own = [(p, right) for p, right in beliefs if low <= p < high]
+        if own:
+            hits = sum(bool(right) for _, right in own)
+            stated = float(np.mean([p for p, _ in own]))
+            made.append({"from": low, "to": min(high, 1.0), "claims": len(own), "right": hits / len(own),
+                         "interval": wilson(hits, len(own)), "stated": stated})  # fmt: skip
+    return made
+
+
+def confusion(rows: Sequence[Mapping], of: str) -> tuple[list[str], list[str], np.ndarray]:
+    """Concealed (rows) against said (columns), counts, for cases of one effect; of: "effect" or "where".
+
+    What is said is the first claim; a declared group counts as the truth that it holds.
+    """
+    single = [r for r in rows if len(r["effects"]) == 1 and r.get("first") is not None]
+    pairs = [(r["effects"][0][of], _said(r, of)) for r in single]
+    truths = sorted({true for true, _ in pairs})
+    said = truths + sorted({claim for _, claim in pairs} - set(truths))
+    counts = np.zeros((len(truths), len(said)), int)
+    for true, claim in pairs:
+        counts[truths.index(true), said.index(claim)] += 1
+    return truths, said, counts
+
+
+def _said(row, of) -> str:
+    if row["outcome"] in NAMED or (of == "where" and row.get("located")):
+        return row["effects"][0][of]
+    return row["first"][of]

@@ -1,0 +1,128 @@
+"""The oracle: a fit that knows which effect was concealed, and how well it predicts what it was not fitted to.
+
+Runs after a case was opened. It uses the workbench's own models, as the diagnosis does, so that the share of its
+gain that a diagnosis reaches says how good the diagnosis is and not how good the models are.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from workbench import concealed
+from workbench.runs import replace_file
+
+_FOLDS = 5
+_UNMODELLED = {"unknown", "outliers", "noise-heteroscedastic", "unit-or-frame", "encoder-quantisation"}
+
+
+def weigh(folder: Path, name: str) -> None:
+    """Write the held-out errors of baseline and oracle on one opened case, and those on its part not fitted."""
+    exam = concealed.Examination(folder)
+    truth = concealed.opened(exam, name, concealed.published(exam))
+    record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
+    try:
+        found = _weighed(exam.recording(name), truth, record["answer"])
+    except Exception as error:  # an oracle that fails leaves its figures out, and says so
+        found = {"oracle_note": f"{type(error).__name__}: {error}"}
+    replace_file(exam.weighed(name), json.dumps(found, indent=1) + "\n")
+
+
+def _weighed(recording: Path, truth: Mapping, answer: Mapping | None) -> dict:
+    rows = rows_of(truth["effects"])
+    if truth["measures"] not in ("ball-centre", "external-point") or rows is None or "rule" in truth:
+        return {}
+    import datasets
+
+    found = datasets.read(recording)
+    bench = Bench(found, truth["baseline"])
+    before, after = bench.held_out(()), bench.held_out(rows)
+    out = {"oracle_before_mm": before, "oracle_after_mm": after}
+    if truth.get("part"):
+        part = np.isin(found.sample_ids, truth["part"])
+        claimed = claimed_rows(answer)
+        out |= {"part_before_mm": bench.part((), part), "part_oracle_mm": bench.part(rows, part)}
+        out["part_after_mm"] = None if claimed is None else bench.part(claimed, part)
+    return {key: None if value is None else float(value) for key, value in out.items()}
+
+
+class Bench:
+    """A recording with a baseline, to which effects of the catalogue are added."""
+
+    def __init__(self, recording, baseline: str):
+        from robot_model import load_robot
+        from robot_model.system import bind
+
+        self.recording = recording.select(recording.moving)
+        self.robot = load_robot(self.recording.robot, "robot")
+        self.chain = bind(self.robot, self.recording)
+        torque = self.chain.state.torque
+        yields = [k + 1 for k in range(self.robot.joints) if np.ptp(torque[k]) > 0.02]
+        self.baseline = tuple(("joint-compliance", f"joint-{k}", {}) for k in yields) * (baseline != "geometry")
+
+    def model(self, rows: Sequence[tuple]):
+        """Model and start, with base, geometry, tool and all of the effects free; effects start near their null."""
+        from robot_model.effects import CATALOGUE
+        from workbench.core.effect import make_effects
+        from workbench.core.model import Model
+        from workbench.plans import geometry, stage_mask
+
+        own = [row for row in self.baseline if row[:2] not in {r[:2] for r in rows}]
+        model = Model(self.chain, make_effects(CATALOGUE, [*own, *rows]))
+        mask = stage_mask(model.parameters, geometry(self.robot), (), self.chain)
+        mask[len(self.chain.parameters) :] = True
+        return model, model.parameters.only(mask).nudged()
+
+    def held_out(self, rows: Sequence[tuple]) -> float:
+        """RMS of 3-D distances, mm, over blocks of consecutive poses."""
+        return self.predicted(rows).rms
+
+    def predicted(self, rows: Sequence[tuple]):
+        """The `workbench.crossvalidation.HeldOut` of a fit with these effects."""
+        from workbench.crossvalidation import blocks, cross_validate
+
+        model, start = self.model(rows)
+        return cross_validate(model, start, blocks(self.recording.poses, _FOLDS), "linear")
+
+    def part(self, rows: Sequence[tuple], part: np.ndarray) -> float:
+        """RMS of 3-D distances, mm, on the samples `part` (n,) bool of a fit of all others."""
+        from workbench.crossvalidation import hold_out
+
+        model, start = self.model(rows)
+        return hold_out(model, start, part, ~part, "linear").rms
+
+
+def rows_of(effects: Sequence[Mapping]) -> tuple[tuple, ...] | None:
+    """Rows of the catalogue for what is true; None where it has none for one of them. What only scatters needs none."""
+    if any(one["effect"] in _UNMODELLED for one in effects) or not effects:
+        return None
+    options = {"order", "seat", "width", "joint", "after", "start", "end"}
+    return tuple(
+        (one["effect"], one["where"], _typed({k: v for k, v in one["detail"].items() if k in options}))
+        for one in effects
+    )
+
+
+def _typed(options: dict) -> dict:
+    return {k: float(v) if k in ("order", "width", "after", "start", "end") else v for k, v in options.items()}
+
+
+def claimed_rows(answer: Mapping | None) -> tuple[tuple, ...] | None:
+    """Rows of the catalogue for what was claimed; None where a claim has no row that the answer tells wholly."""
+    if answer is None:
+        return None
+    rows = []
+    for claim in answer["effects"]:
+        words = (claim.get("variant") or "").split()
+        options = dict(claim.get("options") or {})
+        if not options and words[:1] == ["order"]:
+            options = {"order": float(words[1])}
+        elif not options and words[:1] == ["from"]:
+            options = {"joint": int(words[-1])}
+        elif not options and "gravity" in words:
+            options = {"seat": "gravity"}
+        if claim["effect"] in _UNMODELLED | {"zero-shift", "base-drift"} and not options:
+            return None
+        rows.append((claim["effect"], claim["where"], options))
+    return tuple(rows)

@@ -1,0 +1,180 @@
+"""Takes fitted terms out of real readings, and plants effects into them, so that noise and structure stay real."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from workbench.proving.oracle import Bench
+
+_SUPPORT = 0.9
+"""A term is supported where it lowers the held-out RMS of all terms before it to this share, and not by luck."""
+_MOST_TERMS = 3
+_SMALL = 1e-4
+_kept: dict[str, tuple] = {}
+
+Term = tuple[str, str, tuple]
+"""Effect, place, and its options as pairs, so that it can be compared."""
+
+
+def supported(recording, name: str) -> tuple[Term, ...]:
+    """Terms that these data support, the strongest first: each lowers the held-out error beside those before it."""
+    if name not in _kept:
+        bench = Bench(recording, "geometry")
+        left, terms, best = _possible(bench), [], bench.predicted(())
+        while left and len(terms) < _MOST_TERMS:
+            tried = [bench.predicted([row_of(t) for t in (*terms, one)]) for one in left]
+            k = int(np.argmin([one.rms for one in tried]))
+            if tried[k].rms > _SUPPORT * best.rms or not tried[k].beats(best):
+                break
+            best = tried[k]
+            terms.append(left.pop(k))
+        _kept[name] = tuple(terms)
+    return _kept[name]
+
+
+def row_of(term: Term) -> tuple:
+    """The row of the catalogue."""
+    return term[0], term[1], dict(term[2])
+
+
+def _possible(bench: Bench) -> list[Term]:
+    """Compliance of the loaded joints where masses are known, and waves twice a turn of the joints that turn far."""
+    torque, angle = np.ptp(bench.chain.state.torque, axis=1), np.ptp(bench.chain.variables, axis=1)
+    yields = [("joint-compliance", f"joint-{k + 1}", ()) for k in np.flatnonzero(torque > 0.5)]
+    turns = np.flatnonzero((angle > 1.0) & ~bench.robot.prismatic)
+    return yields + [("transmission-harmonic", f"joint-{k + 1}", (("order", 2.0),)) for k in turns]
+
+
+def without(recording, name: str, terms):
+    """The recording with the fitted contribution of `terms` taken out of its points, all supported terms fitted."""
+    model, fitted = _fitted(name, recording)
+    bare = fitted
+    for effect, where, _ in terms:
+        bare = bare.update({key: 0.0 for key in fitted.keys if key.startswith(f"{where}.{effect}.")})
+    change = model.residual(fitted)[:3] - model.residual(bare)[:3]
+    return _moved(recording, -change)
+
+
+def _fitted(name: str, recording):
+    from workbench.core.solve import solve
+
+    rows = [row_of(term) for term in supported(recording, name)]
+    model, start = Bench(recording, "geometry").model(rows)
+    return model, solve(model, start, "huber").parameters
+
+
+def _moved(recording, change):
+    """The recording with its points (n, 3) moved by `change` (3, n) mm."""
+    columns = dict(recording.columns)
+    for axis, row in zip("xyz", change):
+        columns[f"{axis}_mm"] = columns[f"{axis}_mm"] + row
+    return replace(recording, columns=columns)
+
+
+def jittered(recording, rng):
+    """A copy in which nothing is changed but the last digit: readings by 5e-5 deg, points by 5e-5 mm."""
+    columns = dict(recording.columns)
+    for name in columns:
+        if name in ("x_mm", "y_mm", "z_mm") or (name.startswith("q") and name.endswith("_deg")):
+            columns[name] = columns[name] + rng.uniform(-5e-5, 5e-5, recording.n)
+    return replace(recording, columns=columns)
+
+
+def plant(recording, rng: np.random.Generator, times: float):
+    """The recording with an effect put into its joint readings, and its truth.
+
+    times: what survives of it after a fit of the geometry, RMS a coordinate, over the same of what is really left.
+    """
+    for _ in range(50):
+        effect, wave, unit = _drawn(recording, rng)
+        if np.ptp(wave) == 0:
+            continue
+        change, real = _surviving(recording, effect, wave)
+        if change < 1e-3 * _SMALL:
+            continue
+        size = times * real / change * _SMALL * float(rng.choice([-1, 1]))
+        if abs(size) * np.abs(wave).max() < 0.02:  # rad: more than any drive errs by
+            truth = {**effect, "value": size, "unit": unit, "survives_sigma": None, "times": times}
+            return _read_off(recording, effect, size * wave), truth
+    raise ValueError("no effect of a size that a drive could have can be planted here")
+
+
+def _drawn(recording, rng) -> tuple[dict, np.ndarray, str]:
+    """Effect, what it does to its joint's angle (n,) for a size of 1, and the unit of its size."""
+    joints = recording.joints.shape[1]
+    k = int(rng.integers(joints))
+    kind = str(rng.choice(["transmission-harmonic", "joint-coupling", "zero-shift"], p=[0.5, 0.2, 0.3]))
+    angle = _angles(recording)
+    if kind == "transmission-harmonic":
+        order = int(rng.choice([2, 3, 4]))
+        detail, wave = {"order": order}, np.cos(order * angle[k] + rng.uniform(-np.pi, np.pi))
+    elif kind == "joint-coupling":
+        other = int(rng.choice([j for j in range(joints) if j != k]))
+        detail, wave = {"joint": other + 1}, angle[other] - angle[other].mean()
+    else:
+        first = int(recording.n * rng.uniform(0.3, 0.7))
+        detail = {"row": first}
+        wave = (recording.poses >= recording.poses[first]).astype(float)
+    return {"effect": kind, "where": f"joint-{k + 1}", "detail": detail}, wave, "rad"
+
+
+def _angles(recording) -> np.ndarray:
+    """(J, n) rad: joint angles after sign and coupling."""
+    return _mixing(recording) @ recording.joints.T
+
+
+def _mixing(recording) -> np.ndarray:
+    from robot_model import load_robot
+
+    return load_robot(recording.robot, "robot").mixing
+
+
+def _read_off(recording, effect: Mapping, wave):
+    """The readings that a controller would have shown had the joint stood where it stood with the effect in it."""
+    joint = int(effect["where"].rpartition("-")[2]) - 1
+    off = np.zeros((recording.joints.shape[1], recording.n))
+    off[joint] = wave
+    moved = np.rad2deg(np.linalg.pinv(_mixing(recording)) @ off)
+    columns = dict(recording.columns)
+    for k, row in enumerate(moved, 1):
+        columns[f"q{k}_deg"] = columns[f"q{k}_deg"] - row
+    return replace(recording, columns=columns)
+
+
+def _surviving(recording, effect, wave) -> tuple[float, float]:
+    """RMS a coordinate, mm, of what a fit of the geometry leaves of a small effect, and of what it really leaves."""
+    basis, residual, model, start, fitted = _baseline(_Held(recording))
+    joint = int(effect["where"].rpartition("-")[2]) - 1
+    rows = model.chain.evaluate(fitted.values[: len(model.chain.parameters)], {}).rows("joint", np.array([joint]))[0]
+    change = (rows * (_SMALL * wave)).ravel()
+    change = change - basis @ (basis.T @ change)
+    return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(residual**2)))
+
+
+class _Held:
+    """A recording as a key: the same object is the same data."""
+
+    def __init__(self, recording):
+        self.recording = recording
+
+    def __hash__(self):
+        return id(self.recording)
+
+    def __eq__(self, other):
+        return self.recording is other.recording
+
+
+@lru_cache(maxsize=4)
+def _baseline(held: _Held):
+    """Orthonormal basis of the geometry's derivative (unweighted), residual, model, start and fit."""
+    from workbench.core.solve import solve
+
+    model, start = Bench(held.recording, "geometry").model(())
+    fitted = solve(model, start, "huber").parameters
+    residual, rows = model.linearise(fitted)
+    flat = rows.reshape(len(rows), -1).T
+    size = np.linalg.norm(flat, axis=0)
+    u, s, _ = np.linalg.svd(flat[:, size > 0] / size[size > 0], full_matrices=False)
+    return u[:, s > 1e-8 * s[0]], residual, model, start, fitted

@@ -1,0 +1,195 @@
+"""The fixed rules: what an answer is worth against a truth. Nothing but the answer's JSON and the truth is read.
+
+Outcomes of a case in which something is concealed:
+
+| outcome | when |
+|---|---|
+| exact | right effect at the right place for every concealed effect, and nothing else claimed |
+| group | as exact, but for at least one the truth stands among the alternatives that the answer declares |
+| more | every truth is named or in a declared group, and something else is claimed beside it |
+| part | of several truths some are named |
+| place | a wrong name or none, and the right place |
+| abstained | `unexplained`, at another place or none |
+| wrong | a wrong name at a wrong place |
+| missed | `consistent` |
+| failed | no answer, or it opened what it must not |
+
+Of a clean case: right, or false alarm. Confidently wrong is counted beside the outcome: something is claimed
+with a probability of 0.95 or more, is not true, and declares no truth among its alternatives.
+"""
+
+from collections.abc import Mapping, Sequence
+
+CONFIDENT = 0.95
+NAMED = ("exact", "group")
+
+
+def score(truth: Mapping, record: Mapping) -> dict:
+    """One row of the scoreboard. truth: as sealed; record: as `workbench.concealed.run` wrote it."""
+    answer = record["answer"]
+    row = {
+        "outcome": "failed", "verdict": answer["verdict"] if answer else None, "claims": claims(answer),
+        "seconds": record["seconds"], "note": record["refused"] or record["failed"],
+    }  # fmt: skip
+    if record["opened"]:
+        return row | {"note": "opened " + ", ".join(record["opened"][:3])}
+    if answer is None:
+        refused = record["refused"] and _is(truth, "unit-or-frame")
+        return row | ({"outcome": "exact", "detected": True, "located": True} if refused else {})
+    return row | judged(truth, answer)
+
+
+def judged(truth: Mapping, answer: Mapping) -> dict:
+    """Outcome, place, confidence and held-out errors of an answer that is there."""
+    true = truth["effects"]
+    found = {
+        "detected": answer["verdict"] != "consistent", "first": _first(answer),
+        "confidently_wrong": any(_confidently_wrong(one, true) for one in answer["effects"]),
+        "wrong_name": any(one["effect"] != "unknown" and not _stands_for(one, true) for one in answer["effects"]),
+        "beliefs": [(one["probability"], _right(one, true)) for one in answer["effects"]
+                    if one.get("probability") is not None],
+        **errors(answer),
+    }  # fmt: skip
+    if not true:
+        return found | {"outcome": "false alarm" if found["detected"] else "right", "located": None}
+    found |= {
+        "located": all(place_right(one, answer) for one in true),
+        "located_in_group": all(place_right(one, answer, groups=True) for one in true),
+        "group_size": max((1 + len(c.get("alternatives", ())) for c in answer["effects"] if _stands_for(c, true)),
+                          default=None),
+        "covariates_right": covariates_right(true[0], answer),
+        "asks_for_it": names_words(truth.get("words", ()), answer),
+    }  # fmt: skip
+    unnamed = all(one["effect"] == "unknown" for one in true)
+    return found | {"outcome": _outside(answer, found) if unnamed else _named(true, answer, found)}
+
+
+def _named(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
+    said = answer["effects"]
+    if not found["detected"]:
+        return "missed"
+    exact = [any(same(c, one) for c in said) for one in true]
+    group = [any(in_group(c, one) for c in said) for one in true]
+    extra = any(not _stands_for(c, true) for c in said)
+    if all(a or b for a, b in zip(exact, group)):
+        return "more" if extra else "exact" if all(exact) else "group"
+    if len(true) > 1 and any(a or b for a, b in zip(exact, group)):
+        return "part"
+    if found["located"]:
+        return "place"
+    return "abstained" if answer["verdict"] == "unexplained" else "wrong"
+
+
+def _outside(answer: Mapping, found: Mapping) -> str:
+    """For physics that has no name: exact is `unexplained` at the right place, with nothing named."""
+    if not found["detected"]:
+        return "missed"
+    if answer["verdict"] != "unexplained":
+        return "wrong"
+    if found["wrong_name"]:
+        return "more"
+    return "exact" if found["located"] else "abstained"
+
+
+def same(claim: Mapping, one: Mapping) -> bool:
+    """Whether a claim, or an alternative, is the truth `one` or what is the very same thing in these data."""
+    pairs = {(one["effect"], one["where"]), *(tuple(pair) for pair in one.get("accept", ()))}
+    return (claim["effect"], claim["where"]) in pairs
+
+
+def in_group(claim: Mapping, one: Mapping) -> bool:
+    """Whether the claim declares the truth as something that cannot be told from it."""
+    return any(same(other, one) for other in claim.get("alternatives", ()))
+
+
+def _stands_for(claim: Mapping, true: Sequence[Mapping]) -> bool:
+    return any(same(claim, one) or in_group(claim, one) for one in true)
+
+
+def _right(claim: Mapping, true: Sequence[Mapping]) -> bool:
+    """Whether a claim is right as it stands; one without a name is where nothing that has a name is true."""
+    if claim["effect"] != "unknown":
+        return any(same(claim, one) for one in true)
+    return any(one["effect"] == "unknown" and claim["where"] in _places(one) for one in true)
+
+
+def _confidently_wrong(claim: Mapping, true: Sequence[Mapping]) -> bool:
+    sure = (claim.get("probability") or 0.0) >= CONFIDENT and claim["effect"] != "unknown"
+    return sure and not _stands_for(claim, true)
+
+
+def _places(one: Mapping) -> set[str]:
+    return {one["where"], *one.get("places", ())}
+
+
+def place_right(one: Mapping, answer: Mapping, groups: bool = False) -> bool:
+    """Whether the answer puts something where the truth is: an effect's place, or the first that is located.
+
+    groups: the places of declared alternatives count too.
+    """
+    said = {claim["where"] for claim in answer["effects"]} | {row["where"] for row in answer["located"][:1]}
+    if groups:
+        said |= {other["where"] for claim in answer["effects"] for other in claim.get("alternatives", ())}
+    return bool(said & _places(one))
+
+
+def covariates_right(one: Mapping, answer: Mapping) -> bool | None:
+    """Whether what an unnamed law is said to depend on is among what it does depend on; None where not asked."""
+    if not one.get("depends_on"):
+        return None
+    known = {plain(name) for name in one["depends_on"]}
+    claims = [c for c in answer["effects"] if c["effect"] == "unknown"] + list(answer["located"][:1])
+    said = {plain(name) for claim in claims for name in claim.get("depends_on") or ()}
+    return bool(said) and bool(said & known)
+
+
+def plain(name: str) -> str:
+    """A covariate's name without its unit: q4 for q4_deg, tau2 for torque2."""
+    for unit in ("_deg", "_s", "_nm", "_mm", "_kg", "_c"):
+        name = name.removesuffix(unit)
+    return name.replace("torque", "tau").replace("moment", "tau").replace("move", "approach")
+
+
+def names_words(words: Sequence[str], answer: Mapping) -> bool | None:
+    """Whether the answer asks for the covariate that was withheld, by one of the words for it; None where none was.
+
+    It asks in `not_recorded`, in the next experiment, in what it says of alternatives, or in a statement that speaks
+    of recording; a statement that merely has the word in it does not ask.
+    """
+    if not words:
+        return None
+    texts = [answer.get("next_experiment") or "", *answer.get("not_recorded", ())]
+    for claim in answer["effects"]:
+        statement = claim.get("statement") or ""
+        texts += [statement] if "record" in statement else []
+        texts += [str(a.get(key) or "") for a in claim.get("alternatives", ()) for key in ("why", "not_recorded")]
+    text = " ".join(map(str, texts)).lower()
+    return any(word in text for word in words)
+
+
+def errors(answer: Mapping) -> dict:
+    """Held-out errors that the answer itself states: mm, and px beside them where it looked at pictures."""
+    held = answer.get("held_out") or {}
+    keys = [f"{key}_{unit}" for unit in ("mm", "px") for key in ("before", "after", "noise")]
+    return {key: held.get(key) for key in keys if key.endswith("mm") or key in held}
+
+
+def claims(answer) -> list[str]:
+    """What the answer claims, each in a few words with its probability."""
+    if not answer:
+        return []
+    return [f"{c['effect']}{' ' + c['variant'] if c.get('variant') else ''} at {c['where']} "
+            f"({c['probability']:.2f})" if c.get("probability") is not None else f"{c['effect']} at {c['where']}"
+            for c in answer["effects"]]  # fmt: skip
+
+
+def _first(answer) -> dict:
+    """Effect and place that the answer puts first; "nothing" where it finds none."""
+    for claim in answer["effects"][:1]:
+        return {"effect": claim["effect"], "where": claim["where"]}
+    where = answer["located"][0]["where"] if answer["located"] and answer["verdict"] != "consistent" else "nothing"
+    return {"effect": "nothing" if answer["verdict"] == "consistent" else "unknown", "where": where}
+
+
+def _is(truth: Mapping, effect: str) -> bool:
+    return any(one["effect"] == effect for one in truth["effects"])

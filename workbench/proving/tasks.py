@@ -1,0 +1,104 @@
+"""What an examination consists of: so many cases of each suite, and how each is concealed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from workbench import concealed
+from workbench.core.errors import InputError
+
+COUNTS = {
+    "clean": 400, "library": 400, "swallowed": 80, "pairs": 80, "outside": 80, "covariate-withheld": 80,
+    "sensor": 40, "real-knocked-out": 40, "real-planted": 40, "real-withheld": 6,
+}  # fmt: skip
+"""Suite -> cases of the whole examination; the real ones have as many as there is to knock out and to plant."""
+PICTURES, REAL = ("sensor",), ("real-knocked-out", "real-planted", "real-withheld")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One case to come: its suite, its number there, the examination's seed."""
+
+    suite: str
+    index: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        return concealed.name_of(self.suite, self.index, self.seed)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Tasks, and for each suite that cannot be held here the sentence that says why."""
+
+    tasks: tuple[Task, ...]
+    skipped: Mapping[str, str] = field(default_factory=dict)
+
+
+def plan(suites: Sequence[str], cases: int | None, seed: int) -> Plan:
+    """Tasks of the suites named (none: all). cases: of each; None: as COUNTS says. Raises InputError."""
+    unknown = [name for name in suites if name not in COUNTS]
+    if unknown:
+        raise InputError(f"--suite: expected one of {', '.join(COUNTS)}, found '{unknown[0]}'; choose one of them.")
+    tasks, skipped = [], {}
+    for suite in suites or COUNTS:
+        most, reason = available(suite, seed)
+        if reason:
+            skipped[suite] = reason
+        tasks += [Task(suite, k, seed) for k in range(min(cases or COUNTS[suite], most))]
+    return Plan(tuple(tasks), skipped)
+
+
+def available(suite: str, seed: int) -> tuple[int, str]:
+    """Most cases that a suite can have here, and why it has none."""
+    if suite in PICTURES:
+        return _pictures()
+    if suite in REAL:
+        from workbench.proving import real
+
+        return real.available(suite)
+    try:
+        import mujoco  # noqa: F401
+    except ImportError:
+        return 0, "the package mujoco is missing: pip install 'vision-sensor-workbench[proof]'"
+    return 10**6, ""
+
+
+def _pictures() -> tuple[int, str]:
+    from importlib.util import find_spec
+
+    missing = [name for name in ("cv2", "scipy") if find_spec(name) is None]
+    return (0, f"the package {missing[0]} is missing") if missing else (10**6, "")
+
+
+def conceal(folder: Path, task: Task) -> str:
+    """Make one case and put it in its two places; its name. Runs in a process that diagnoses nothing."""
+    exam = concealed.Examination(folder)
+    if exam.truth(task.name).exists() and exam.recording(task.name).is_dir():
+        return task.name
+    if task.suite in REAL:
+        from workbench.proving import real
+
+        write, truth = real.made(task.suite, task.index, task.seed)
+    else:
+        write, truth = _made(task)
+    concealed.conceal(exam, task.name, write, truth)
+    return task.name
+
+
+def _made(task: Task):
+    if task.suite in PICTURES:
+        from datasets.makers.concealed import pictures as maker
+        from datasets.makers.concealed import pictures as writing
+    else:
+        from datasets.makers.concealed import case as maker
+        from datasets.makers.concealed import writing
+    case = maker.draw(task.suite, task.index, task.seed)
+    salt = writing.salt(task.seed, task.suite, task.index)
+    return lambda folder: writing.recording(case, folder), lambda: writing.truth(case, salt)
+
+
+def baseline(truth: Mapping) -> str:
+    """The baseline that the question names; the only thing beside the recording that a diagnosis is told."""
+    return truth.get("baseline", "geometry")
