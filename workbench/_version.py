@@ -1,3 +1,3 @@
 """The version, alone in a file that a build can read without importing anything."""
 
-VERSION = "0.2.0"
+VERSION = "0.3.0"

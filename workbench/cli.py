@@ -19,23 +19,27 @@ import typer
 from workbench._version import VERSION
 from workbench.commands import (
     calibrate,
+    calibrate_large,
     camera,
     compare,
     compensate,
     datasets,
     demo,
+    diagnose,
     doctor,
     export,
     handeye,
     identifiability,
     poses,
+    prove,
     render,
     scan,
     scanner,
     significance,
     simulate,
+    study,
 )
-from workbench.core.errors import InputError
+from workbench.core.errors import InputError, Stopped
 
 BUG = 70
 INTERRUPTED = 130
@@ -52,6 +56,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("calibrate", short_help="A recording in, held-out errors in mm out.")(calibrate.command)
+app.command("calibrate-large", short_help="The same of millions of samples.")(calibrate_large.command)
 app.command("compare", short_help="Several plans on one recording, same splits.")(compare.command)
 app.command("camera", short_help="Pictures of a board in, a camera out.")(camera.command)
 app.command("scanner", short_help="Boards under the laser in, a scanner out.")(scanner.command)
@@ -59,6 +64,9 @@ app.command("scan", short_help="Pictures of scans in, clouds and balls out.")(sc
 app.command("handeye", short_help="Where the sensor sits on the flange.")(handeye.command)
 app.command("render", short_help="A scene in, rendered pictures out.")(render.command)
 app.command("simulate", short_help="A scene in, a recording out.")(simulate.command)
+app.command("study", short_help="Many runs of one thing, something varied.")(study.command)
+app.command("diagnose", short_help="Which physics the model left out, with proof.")(diagnose.command)
+app.command("prove", short_help="Concealed effects: found, or not.")(prove.command)
 app.command("poses", short_help="Which poses to measure.")(poses.command)
 app.command("compensate", short_help="Targets in, corrected targets out.")(compensate.command)
 app.command("export", short_help="URDF, MDH tables, camera files of other programs.")(export.command)
@@ -108,6 +116,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _failed(error: Exception) -> int:
     if isinstance(error, InputError):
         return _say(str(error), 2)
+    if isinstance(error, Stopped):
+        return _say(str(error), INTERRUPTED)
     if isinstance(error, typer.TyperException):
         return _say(_wrong_call(error), 2)
     if isinstance(error, OSError) and error.errno in _REFUSALS and error.filename:
