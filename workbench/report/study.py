@@ -78,7 +78,7 @@ def _compliance(made, found):
         yield figure("loads", loads, "RMS error at further poses of the workspace, by payload: medians over the "
                                      "runs and the band that holds 90 % of them.")  # fmt: skip
     if made.study.scene is not None:
-        yield from maps.blocks(made.study)
+        yield from maps.blocks(made.study, made.path)
 
 
 def _sensor(made, found):

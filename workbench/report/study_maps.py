@@ -1,12 +1,15 @@
 """Where in the workspace a robot errs, before and after its models: maps of one run of a study, made again."""
 
+from pathlib import Path
+
 import numpy as np
 import plotly.graph_objects as go
 
 from robot_model.chain import forward
 from workbench.core.errors import InputError
 from workbench.report.scene import axes
-from workbench.report.sections import figure, pair, words
+from workbench.report.sections import figure, pair, picture, words
+from workbench.report.volume import write_volume
 from workbench.study import robots
 from workbench.study.runs import seed_of
 from workbench.study.spec import Study
@@ -15,8 +18,11 @@ from workbench.study.variation import values_of, with_values
 _POSES = 1200
 
 
-def blocks(study: Study, run: int = 1):
-    """Maps of the error of a run over the workspace, under its last load: uncalibrated, or nominal and each model."""
+def blocks(study: Study, folder: Path, run: int = 1):
+    """Maps of the error of a run over the workspace, under its last load: uncalibrated, or nominal and each model.
+
+    Writes the volume of the first model into the folder, as a picture and for ParaView.
+    """
     own = with_values(study, values_of(study, run))
     more = own.test.model_copy(update={"samples": _POSES})
     try:
@@ -26,10 +32,16 @@ def blocks(study: Study, run: int = 1):
         return
     name, test = list(world.tests.items())[-1]
     errors = _errors(world, made, test)
-    places = _places(world.truth.model.chain.robot, test)
+    robot = world.truth.model.chain.robot
+    places = _places(robot, test)
     load = name.removeprefix("test").strip("_").replace("_", ", ") or "the scene's loads"
     yield words(f"Run {run} again, at {_POSES:,} further poses under {load}: the flange of each pose in the robot's "
                 "root frame, coloured by the error there. Every map has a scale of its own.")  # fmt: skip
+    first, error = errors[min(1, len(errors) - 1)]
+    drawn = write_volume(places, np.linalg.norm(error, axis=0), _arm(robot), folder, "workspace")
+    if drawn:
+        yield picture(drawn, f"{first}: the error through the workspace, cut open around the arm with all joints at "
+                             "zero. `workspace.vti` beside it opens in ParaView.")  # fmt: skip
     distances = [(title, np.linalg.norm(error, axis=0)) for title, error in errors]
     shown = [figure(f"map{k}", error_map(places, away), f"{title}: RMS {np.sqrt((away**2).mean()):.3f} mm.")
              for k, (title, away) in enumerate(distances)]  # fmt: skip
@@ -49,6 +61,12 @@ def _errors(world, made, test):
 def _places(robot, test) -> np.ndarray:
     """(3, n) flange of the nominal robot, root frame, mm."""
     return forward(robot, robot.mixing @ test.joints.T).end_origin
+
+
+def _arm(robot) -> np.ndarray:
+    """(3, k) base, joint origins and flange of the nominal arm with its joints at zero, mm."""
+    frames = forward(robot, np.zeros((robot.joints, 1)), links=True)
+    return np.vstack([frames.pivot[:1, :, 0], frames.origin[:, :, 0], frames.end_origin[None, :, 0]]).T
 
 
 def error_map(places: np.ndarray, distance: np.ndarray) -> go.Figure:
