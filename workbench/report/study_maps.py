@@ -41,7 +41,7 @@ def blocks(study: Study, folder: Path, run: int = 1):
     drawn = write_volume(places, np.linalg.norm(error, axis=0), _arm(robot), folder, "workspace")
     if drawn:
         yield picture(drawn, f"{first}: the error through the workspace, cut open around the arm with all joints at "
-                             "zero. `workspace.vti` beside it opens in ParaView.")  # fmt: skip
+                             "zero. workspace.vti beside it opens in ParaView.")  # fmt: skip
     distances = [(title, np.linalg.norm(error, axis=0)) for title, error in errors]
     shown = [figure(f"map{k}", error_map(places, away), f"{title}: RMS {np.sqrt((away**2).mean()):.3f} mm.")
              for k, (title, away) in enumerate(distances)]  # fmt: skip
