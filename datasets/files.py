@@ -18,12 +18,12 @@ def check_file(path: Path, called: str, kind: str | None = None) -> None:
     """Raise InputError where `path` is missing, no plain file, empty, or above its kind's limit."""
     limit = LIMITS_MB.get(kind or path.suffix.lower(), 1)
     try:
-        if not path.is_file():
-            found = "a folder" if path.is_dir() else "no such file"
-            raise complaint(called, "a file", found, "put it there or correct the name")
-        size = path.stat().st_size
+        found = "" if path.is_file() else "a folder" if path.is_dir() else "no such file"
+        size = 0 if found else path.stat().st_size
     except (OSError, ValueError) as problem:
         raise complaint(called, "a file", f"a name that cannot be opened ({problem})", "correct the name") from None
+    if found:
+        raise complaint(called, "a file", found, "put it there or correct the name")
     if size == 0:
         raise complaint(called, "a file with content", "an empty file", "export it again or remove its key")
     if size > limit * 1e6:

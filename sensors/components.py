@@ -1,7 +1,7 @@
 """Variances of errors that groups of measurements share, by restricted maximum likelihood.
 
-y = J x + Z u + e, e independent of known sigma but for one common factor, u of kinds that have a
-variance each. All that a linear model says of them is the small matrix R = Z'P Z and g = Z'P y, P
+y = J x + Z u + e, e independent of known sigma, u of kinds that have a variance each. All that a
+linear model says of them is the small matrix R = Z'P Z and g = Z'P y, P
 the weight matrix W less what the unknowns x take, W - W J (J'W J)^-1 J'W.
 """
 
@@ -17,38 +17,30 @@ _GROWS = 10.0  # times what a variance is known to, that it may grow by in one s
 
 @dataclass(frozen=True)
 class Components:
-    """`variance` (K,) of each kind, `std` (K,) of these (inf where the data tell nothing), `noise`, factor on e's."""
+    """`variance` (K,) of each kind, and `std` (K,) of these, inf where the data tell nothing."""
 
     variance: np.ndarray
     std: np.ndarray
-    noise: float
 
 
-def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray, squares: float | None = None,
-               degrees: float = 0.0) -> Components:  # fmt: skip
+def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Components:
     """Variances of E shared errors of kinds 0 to K - 1.
 
-    own (E, E) is R and pull (E,) is g at zero variances and unit noise, kind (E,) int; squares
-    y'P y and its degrees of freedom, n less the unknowns; without squares e's sigmas are taken as they
-    are. Fisher's scoring (Patterson & Thompson,
+    own (E, E) is R and pull (E,) is g at zero variances, kind (E,) int. Fisher's scoring (Patterson & Thompson,
     Biometrika 58 (1971); Harville, J. Am. Stat. Assoc. 72 (1977)); a variance that would be
     negative is 0. With T the variances found, R and g become (1 + R T)^-1 R and (1 + R T)^-1 g.
     """
     count = int(kind.max(initial=-1)) + 1
     told = np.array([_left(own[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool)
-    variance, noise = np.zeros(count), 1.0 if squares is None else max(squares / max(degrees, 1.0), 1e-300)
-    std = np.full(count, np.inf)
+    variance, std = np.zeros(count), np.full(count, np.inf)
     for _ in range(_ROUNDS):
-        before = np.append(variance, noise)
-        left, said = _at(own / noise, pull / noise, variance[kind])
-        if squares is not None:
-            noise *= _noise(squares / noise, degrees, left, said, pull / noise, variance[kind])
+        before = variance
+        left, said = _at(own, pull, variance[kind])
         known, score = _scoring(left, said, kind, count)
         variance, std = _stepped(variance, known, score, told)
-        spread = np.append(np.where(np.isfinite(std), std, 0), noise)
-        if (np.abs(np.append(variance, noise) - before) <= _STILL * spread).all():
+        if (np.abs(variance - before) <= _STILL * np.where(np.isfinite(std), std, 0)).all():
             break
-    return Components(variance, std, float(noise))
+    return Components(variance, std)
 
 
 def _left(own):
@@ -60,14 +52,6 @@ def _at(own, pull, variance):
     """R and g with the errors' variances (E,) in the weights."""
     mixed = np.linalg.solve(np.eye(len(own)) + own * variance, np.column_stack([own, pull]))
     return mixed[:, :-1], mixed[:, -1]
-
-
-def _noise(squares, degrees, left, said, pull, variance):
-    """Factor on the noise: y'P e-part P y over its expectation, both without the shared errors."""
-    # y'P y at these variances, by Woodbury's identity
-    whole = squares - pull @ (variance * said)
-    spent = float(np.einsum("ee,e->", left, variance))
-    return max(whole - said @ (variance * said), 1e-300) / max(degrees - spent, 1.0)
 
 
 def _scoring(left, said, kind, count):

@@ -121,3 +121,14 @@ def test_figures_in_space_keep_all_of_a_long_scene_in_view():
     shown = json.loads(style.packed(made))["layout"]["scene"]
     ratio = [shown["aspectratio"][axis] for axis in "xyz"]
     assert shown["aspectmode"] == "manual" and max(ratio) < 1.5 and np.argmax(ratio) == 2
+
+
+def test_a_result_says_the_version_that_made_it():
+    """That of the code that ran, not what an install once wrote down of a checkout."""
+    from types import SimpleNamespace
+
+    from workbench._version import VERSION
+    from workbench.provenance import provenance
+
+    told = provenance(SimpleNamespace(sha256="", source="", licence="", name="x"))
+    assert told["workbench"] == VERSION and told["numpy"] == np.__version__

@@ -142,3 +142,29 @@ def test_a_scan_without_a_ball_says_where_one_may_be_cut(spoilt):
     assert run("scan", spoilt, "--json", "a.json", "--no-report") == 0
     for scan in json.loads(Path("a.json").read_text())["scans"]:
         assert not scan["balls"] and "a ball there is cut by the field; move it to the middle" in scan["outcome"]
+
+
+def test_pictures_of_a_scan_in_which_nothing_can_be_seen_are_named(spoilt, capsys):
+    """Overexposed ones always, black ones where the pictures beside them show the line."""
+    images = datasets.read(spoilt).images
+    assert run("scanner", spoilt, "--out", "s.toml", "--no-report") == 0
+    rows = [row for row in images if row["role"] == "scan" and row["scan"] == images[-1]["scan"]]
+    middle = len(rows) // 2
+    blank(spoilt, rows[middle], 0)
+    blank(spoilt, rows[middle + 2], 255)
+    blank(spoilt, rows[0], 0)
+    capsys.readouterr()
+    assert run("scan", spoilt, "--scanner", "s.toml", "--json", "a.json", "--no-report") == 0
+    rejected = {one["image"]: one["why"] for scan in json.loads(Path("a.json").read_text())["scans"] for one in scan["rejected"]}
+    assert list(rejected) == [rows[middle]["image"], rows[middle + 2]["image"]]
+    black, bright = rejected.values()
+    assert black.startswith("all black") and bright.startswith("saturated: 100 %")
+    assert f"left out: {rows[middle]['image']}: all black" in capsys.readouterr().out
+
+
+def test_a_missing_picture_is_one_sentence_and_not_one_within_another(spoilt, capsys):
+    row = datasets.read(spoilt).images[2]
+    (spoilt / row["image"]).unlink()
+    assert run("camera", spoilt, "--no-report") == 2
+    said = capsys.readouterr().err
+    assert said.count("expected") == 1 and "found no such file" in said

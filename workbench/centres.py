@@ -54,6 +54,7 @@ def scan_json(one: Scan, folder: Path, scanner: Scanner) -> dict:
         "points": one.points,
         "cloud": str(folder / one.cloud) if one.points else None,
         "dropped": dict(one.dropped),
+        "rejected": [{"image": unseen.image, "why": unseen.why} for unseen in one.rejected],
         "balls": [ball_json(ball, scanner) for ball in one.balls],
         "outcome": one.outcome,
     }

@@ -4,11 +4,13 @@ import platform
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 
+from workbench._version import VERSION
+
 
 def provenance(recording) -> dict[str, str]:
     """Versions, hash of the data, source and licence of a recording; no random numbers are used."""
     return {
-        "workbench": _version("vision-sensor-workbench"),
+        "workbench": VERSION,  # what an install wrote down of a checkout may be older
         "python": platform.python_version(),
         "numpy": _version("numpy"),
         "scipy": _version("scipy"),

@@ -12,7 +12,8 @@ from datasets.recording import Recording
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.search import find_balls
-from sensors.pictures import flaw, read, stacks
+from sensors.boards.detection import Rejected
+from sensors.pictures import flaw, read, stacks, unlit
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.find import Stripes, find_stripes
@@ -61,7 +62,7 @@ class Ball:
 @dataclass(frozen=True)
 class Scan:
     """One scan: its `row` of images.csv, number of `points` in `cloud` (a file of the run), `drawn` (3, k) mm some of
-    them, stripe centres `dropped` by reason, its balls, and what is to be said of them."""
+    them, stripe centres `dropped` by reason, its balls, what is to be said of them, and pictures `rejected`."""
 
     name: str
     row: Mapping
@@ -71,6 +72,7 @@ class Scan:
     dropped: Mapping[str, int]
     balls: tuple[Ball, ...]
     outcome: str
+    rejected: tuple[Rejected, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class _Work:
                 f"{self.recording.name}, images.csv, scan {name}: expected pictures at steps of the scanner "
                 f"({min(self.steps)} to {max(self.steps)}), found none; use the scanner of this recording"
             )
-        pixels, steps, sigma, shape, covariates, dropped = self.stripes(known)
+        pixels, steps, sigma, shape, covariates, dropped, rejected = self.stripes(known)
         points, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
         seen = np.isfinite(points).all(0)
         points, pixels, steps, sigma, shape = points[:, seen], pixels[:, seen], steps[seen], sigma[seen], shape[:, seen]
@@ -158,7 +160,7 @@ class _Work:
         outside = sum(ball.beyond for ball in balls)
         far = f"{outside} balls beyond the depths of the boards, where the planes are not calibrated" if outside else ""
         told = "; ".join(filter(None, (lost, outcome if points.size else self.dark(known), far, surface)))
-        return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told)
+        return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told, rejected)
 
     def dark(self, rows) -> str:
         """Why a scan has no points, as far as its middle picture tells."""
@@ -176,11 +178,13 @@ class _Work:
         return sorted({ball[3] for ball in self.recording.balls.values()}) or None
 
     def stripes(self, rows):
-        """Pixels (2, n), steps (n,), sigma (n,) px and covariates of a scan's stripe; counts of what was dropped."""
+        """Pixels (2, n), steps (n,), sigma (n,) px and covariates of a scan's stripe; counts of what was dropped, and
+        pictures in which none can be seen."""
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
-        parts, dropped, first = [], Counter(), 0
+        parts, flaws, dropped, first = [], [], Counter(), 0
         for stack in stacks(paths, _FRAMES, called.get):
+            flaws += [unlit(frame) for frame in stack]
             found = find_stripes(stack, self.along, saturation=self.saturation)
             parts.append((found.pixels, first + found.frame, found.sigma, _shape(found)))
             dropped.update(found.dropped)
@@ -189,7 +193,7 @@ class _Work:
         names = [name for name in COVARIATES if all(name in row for row in rows)]
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
-        return pixels, steps, sigma, shape, covariates, dict(dropped)
+        return pixels, steps, sigma, shape, covariates, dict(dropped), _unseen(rows, flaws, frame)
 
     @property
     def along(self) -> str:
@@ -264,6 +268,14 @@ class _Work:
         if number is not None:
             return self.recording.balls[number][3]
         return None if radii is None else min(radii, key=lambda radius: abs(radius - found))
+
+
+def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
+    """Pictures that are overexposed, or black between two that show the line: beside what is seen, black is right."""
+    lit = np.bincount(frame, minlength=len(rows)) > 0
+    between = np.r_[False, lit[:-1]] & np.r_[lit[1:], False]
+    return tuple(Rejected(row["image"], why) for row, why, near in zip(rows, flaws, between)
+                 if why and (near or not why.startswith("all black")))  # fmt: skip
 
 
 def _perhaps_cut(at_limit) -> str:

@@ -181,10 +181,10 @@ def as_json(made: ScannerRun) -> dict:
     calibration, scanner = made.calibration, made.scanner
     joint = cameras.camera_json(calibration.camera, calibration.std)
     planes = [{"step": int(step), "normal": plane[:3].tolist(), "offset_mm": float(plane[3]), "rms_mm": float(rms),
-               "rms_px": float(px), "sigma_mm": float(sigma), "sigma_best_frame_mm": float(apart)}
+               "rms_px": float(px), "sigma_mm": float(sigma), "sigma_best_frame_mm": apart}
               for step, plane, rms, px, sigma, apart in zip(
                   scanner.steps, scanner.planes.T, calibration.rms_mm, calibration.rms_px, calibration.sigma_plane_mm,
-                  calibration.sigma_apart_mm)]  # fmt: skip
+                  _apart(calibration))]  # fmt: skip
     good = ~calibration.wrong
     return {
         "camera": {**cameras.as_json(made.camera), **joint},
@@ -203,6 +203,12 @@ def as_json(made: ScannerRun) -> dict:
         "sentences": list(calibration.sentences),
         "provenance": provenance(made.recording),
     }
+
+
+def _apart(calibration) -> list[float | None]:
+    """mm, 1 sigma of each plane in the frame that fits best; None where such a frame takes up all of it."""
+    alone = calibration.sigma_told_mm is calibration.sigma_plane_mm
+    return [None] * len(calibration.scanner.steps) if alone else calibration.sigma_apart_mm.tolist()
 
 
 def shared_json(calibration: ScannerCalibration) -> dict:

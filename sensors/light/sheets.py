@@ -82,11 +82,24 @@ class Sheets:
     def _apart(self):
         if self._start is not None:
             return self._start._apart
-        return self.together.steps(np.broadcast_to(self.sigma, (1, self.n))[0])
+        return self.together.steps_apart(np.broadcast_to(self.sigma, (1, self.n))[0])
 
-    def decorrelated(self, rows: np.ndarray) -> np.ndarray:
-        """(..., n) residuals or their derivatives without what points share: left is noise of `sigma` in each."""
-        return rows if self.together is None else decorrelated(self._apart, rows)
+    def decorrelated(self, rows: np.ndarray, across: bool = True) -> np.ndarray:
+        """(..., n) residuals or their derivatives without what points share: left is noise of `sigma` in each.
+
+        across: also what stripes of a placement share; only for what is not one step's own.
+        """
+        if self.together is None:
+            return rows
+        within, beyond = self._apart
+        return decorrelated([*within, *beyond] if across else within, rows)
+
+    @property
+    def across(self) -> tuple[np.ndarray, float] | None:
+        """Shape (n,), where what the points of a stripe share is taken off, and variance of a placement's error."""
+        if self.together is None or not self.together.sigma[2]:
+            return None
+        return decorrelated(self._apart[0], self.together.shapes[2]), float(self.together.sigma[2] ** 2)
 
     @cached_property
     def state(self) -> SensorState:

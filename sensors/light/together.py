@@ -60,19 +60,26 @@ class Together:
                        number=self.number[samples])  # fmt: skip
 
     def steps(self, sigma: np.ndarray) -> list["Step"]:
+        """Both of `steps_apart`, one after the other."""
+        within, beyond = self.steps_apart(sigma)
+        return [*within, *beyond]
+
+    def steps_apart(self, sigma: np.ndarray) -> tuple[list["Step"], list["Step"]]:
         """The factors of V^-1/2 but for the division by sigma (n,) px, in their order, of the kinds that err.
 
-        Of independent errors and one shared by a group with the shape b, V = D^2 + t^2 b b', that
+        First those within stripes, then that of placements. Of independent errors and one shared by a
+        group with the shape b, V = D^2 + t^2 b b', that
         factor is r - c b (b'w r) / (b'w b), w = 1 / sigma^2 and c = 1 - 1 / sqrt(1 + t^2 b'w b): what
         is done to panels with random effects (Fuller & Battese, J. Econometrics 2 (1974)). Further
         kinds follow in turn, their shapes first taken through those before.
         """
         weight = sigma**-2.0 / np.bincount(self.number)[self.number]
         made: list[Step] = []
-        for spread, label, shape in zip(self.sigma, self.labels, self.shapes):
-            if spread > 0:
-                made.append(_step(spread, label, decorrelated(made, shape), weight))
-        return made
+        kinds = [kind for kind in range(len(NAMES)) if self.sigma[kind] > 0]
+        for kind in kinds:
+            made.append(_step(self.sigma[kind], self.labels[kind], decorrelated(made, self.shapes[kind]), weight))
+        within = len(kinds) - (2 in kinds)
+        return made[:within], made[within:]
 
 
 @dataclass(frozen=True)

@@ -114,12 +114,22 @@ def shared(two: Sequence[Model], known: Parameters | None, free: Sequence[str]) 
 def solve_once(corners: Corners, sheets: Sheets, effects: Sequence[Effect], known: Parameters | None = None,
                free: Sequence[str] = (), loss: str = "linear") -> Adjustment:  # fmt: skip
     """One bundle from where the chains stand, with the noise that they state."""
+    fit = _bundle(corners, sheets, effects, known, free, loss=loss)
+    return at_solution(Adjustment(corners, sheets, tuple(effects), fit, tuple(free)))
+
+
+def linearised(made: Adjustment) -> Adjustment:
+    """The same with the fit's residuals and covariance those of where it stands: a solve ends one step after its last
+    derivative, and its chains then start anew."""
+    return replace(made, fit=_bundle(made.corners, made.sheets, made.effects, made.parameters, made.free, steps=0))
+
+
+def _bundle(corners, sheets, effects, known, free, **options) -> BundleFit:
     two = models(corners, sheets, effects)
     families = {"placement": placements(sheets.poses)}
     if sheets.mirror is None:
         families["step"] = steps_family(sheets.planes)
-    fit = solve_bundle(two, shared(two, known, free), families, loss=loss)
-    return at_solution(Adjustment(corners, sheets, tuple(effects), fit, tuple(free)))
+    return solve_bundle(two, shared(two, known, free), families, **options)
 
 
 def at_solution(made: Adjustment) -> Adjustment:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Progress = Callable[[str], None]
 _FEWEST_POINTS = 20
 _FEWEST_PLACEMENTS = 2
+_FRAME_TAKES = 3  # planes below which six numbers of a frame make up for all of theirs
 _NO_BOARD = "no board: no usable picture of the board at their placement"
 _OFF_BOARD = "off the board"
 _NO_PLANE = "their step's plane is not determined: fewer than two placements, or one line"
@@ -81,6 +82,12 @@ class ScannerCalibration:
     def sigma_apart_mm(self) -> np.ndarray:
         """(S,) mm, as `sigma_plane_mm` but in the frame that fits best: what planes err by against one another."""
         return _over_volume(self.made, self.apart.planes, self.volume)
+
+    @property
+    def sigma_told_mm(self) -> np.ndarray:
+        """(S,) mm, `sigma_apart_mm` of three planes or more; of fewer, which a frame that fits best takes up whole and
+        leaves nothing to tell of, `sigma_plane_mm`."""
+        return self.sigma_apart_mm if len(self.scanner.steps) >= _FRAME_TAKES else self.sigma_plane_mm
 
     @property
     def std(self) -> dict[str, float]:

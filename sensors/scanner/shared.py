@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.components import components
-from sensors.light.together import Together
-from sensors.scanner.adjustment import Adjustment, solve_once, stripe_model
+from sensors.light.together import NAMES, Together
+from sensors.scanner.adjustment import Adjustment, linearised, solve_once, stripe_model
 
 _MOST = 600  # stripes from which the variances are taken: they are then good to 3 %
 _NEAR = 1e-2  # sigmas
+_LEAST = 30.0  # degrees of freedom that tell the noise within stripes to an eighth
 _ROUNDS, _AGREES = 2, 0.03  # by which a noise may differ from what it was taken for
 
 
@@ -56,19 +57,38 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
     effects = _effects(sheets, together)
     if not len(effects.kind):
         return together, 1.0
+    # a placement's shift is nearly all the pose's: of what is left of it a derivative from one step before
+    # would make less than nothing
+    made = linearised(made)
     own, pull = _left(made, effects)
-    weight = sheets.sigma[0] ** -2.0
-    squares = float((weight * made.fit.residual[1][0] ** 2).sum())
-    found = components(own, pull, effects.kind, squares, sheets.n * made.fit.degrees / _measured(made))
-    sigma = np.sqrt(found.variance)
+    noise = _own_noise(made, together)
+    found = components(own / noise, pull / noise, effects.kind)
+    more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
+    variance, doubt = np.append(found.variance, np.zeros(more)), np.append(found.std, np.full(more, np.inf))
+    sigma = np.sqrt(variance)
     # of a square root; of one that is 0, the sigma that two sigmas of its variance would make
     with np.errstate(divide="ignore", invalid="ignore"):
-        std = np.where(sigma**2 > found.std, found.std / (2 * sigma), np.sqrt(2 * found.std))
-    return replace(together, sigma=sigma, std=std), float(np.sqrt(found.noise))
+        std = np.where(variance > doubt, doubt / (2 * sigma), np.sqrt(2 * doubt))
+    return replace(together, sigma=sigma, std=std), float(np.sqrt(noise))
 
 
-def _measured(made):
-    return made.corners.pixels.size + made.sheets.n
+def _own_noise(made, together) -> float:
+    """Factor on the points' own variance: what is left within each stripe once its shift and its tilt are off.
+
+    Planes, poses and all shared errors are of that form along a stripe: whatever else is wrong, this is not.
+    """
+    sheets, stripe, place = made.sheets, together.labels[0], together.shapes[1]
+    weight = np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0
+    residual = made.fit.residual[1][0]
+
+    def sums(values):
+        return np.bincount(stripe, weight * values)
+
+    total = sums(np.ones(sheets.n))
+    for shape in (np.ones(sheets.n), place - (sums(place) / total)[stripe]):
+        residual = residual - shape * (sums(shape * residual) / np.maximum(sums(shape**2), 1e-300))[stripe]
+    degrees = float(np.maximum(np.bincount(stripe) - 2, 0).sum())
+    return max(float(weight @ residual**2) / degrees, 1e-300) if degrees >= _LEAST else 1.0
 
 
 @dataclass(frozen=True)

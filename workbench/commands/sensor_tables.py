@@ -44,9 +44,6 @@ def rejected(console, rows: Sequence[Mapping], most: int = 12) -> None:
         console.print()
 
 
-_PLANE = ("rms_mm", "sigma_best_frame_mm")
-
-
 def scanner(console, answer: Mapping) -> None:
     """Camera, planes and mirror; `answer`: the object of `scanner --json`."""
     camera(console, {"recording": answer["recording"], **answer["camera"]})
@@ -57,7 +54,8 @@ def scanner(console, answer: Mapping) -> None:
     planes = answer["planes"]
     shown = planes if len(planes) <= 8 else [planes[k * (len(planes) - 1) // 7] for k in range(8)]
     rows = [
-        [p["step"], *(f"{n:.5f}" for n in p["normal"]), f"{p['offset_mm']:.3f}", *(number(p[k], 2) for k in _PLANE)]
+        [p["step"], *(f"{n:.5f}" for n in p["normal"]), f"{p['offset_mm']:.3f}", number(p["rms_mm"], 2),
+         number(p["sigma_mm"] if p["sigma_best_frame_mm"] is None else p["sigma_best_frame_mm"], 2)]
         for p in shown
     ]
     grid(console, title, ["step", "nx", "ny", "nz", "offset mm", "RMS mm", "1 sigma mm"], rows)
@@ -80,6 +78,7 @@ def scan(console, answer: Mapping) -> None:
     for sentence, scans in _outcomes(answer["scans"]).items():
         names = ", ".join(scans[:6]) + " ..." * (len(scans) > 6)
         console.print(f"- scan {names}: {sentence}", markup=False, soft_wrap=True)
+    rejected(console, [row for one in answer["scans"] for row in one["rejected"]])
     told = [[row["name"].replace("_", " "), row["symbol"], *_valued(row)] for row in answer["acceptance"]]
     told = [row for row in told if row[2] is not None]
     if told:

@@ -115,8 +115,10 @@ def solve_bundle(
     parameters: one table that holds every key of every model. A chain with families offers, beside
     what `model.Chain` asks, `labels` (family -> (n,) int group of each sample), `with_families`
     (mapping family -> values) and, in its evaluation, `family_rows(name)` (L, m, n). One whose samples
-    share errors offers `decorrelated(rows)` (..., m, n), which makes residuals and derivatives independent
-    ones of its `sigma`. The state that its effects read stays that of the start. loss: "linear", "huber"
+    share errors offers `decorrelated(rows, across=True)` (..., m, n), which makes residuals and derivatives independent
+    ones of its `sigma`; across=False within each combination of groups alone, with `across` then the shape (n,) and
+    the variance of what all samples of a group that is eliminated share beyond that (m = 1), None for nothing. The
+    state that its effects read stays that of the start. loss: "linear", "huber"
     or "cauchy", a model's samples reweighted with the noise's scale from their own median. progress is
     called with each step's number and cost. Damping and stopping are those of `solve.solve`.
     InputError where a model has a parameter that the table lacks, or a group without a start.
@@ -228,8 +230,8 @@ class _Problem:
         self.point = point
         blocks = Blocks.empty(len(self.scale), len(self.own_centre), len(self.own_scale))
         roots = (s * np.sqrt(weights) for s, weights in zip(self.inverse_sigma, point.weights))
-        for part, own, residual, root in zip(self.parts, rows, point.residuals, roots):
-            part.add_to(blocks, own, residual, root)
+        for part, own, root in zip(self.parts, rows, roots):
+            part.add_to(blocks, own, root)
         self.data = blocks.scaled(self.scale, self.own_scale)
         squares = sum(float(w @ z) for w, z in zip(point.weights, point.squares))
         excess = max(1.0, squares / max(self.measured, 1))  # as in solve: priors do not drown poor data

@@ -119,6 +119,15 @@ class Blocks:
         shapes = (dense, dense), (groups, length, dense), (groups, length, length), (dense,), (groups, length)
         return cls(*(np.zeros(shape) for shape in shapes))
 
+    def take_off(self, dense: np.ndarray, own: np.ndarray, pull: np.ndarray, factor: np.ndarray) -> None:
+        """One product a group: rows (G, D) and (G, L), the residual's part `pull` (G,), each times `factor` (G,)."""
+        far, near = factor[:, None] * dense, factor[:, None] * own
+        self.dense -= dense.T @ far
+        self.gradient -= pull @ far
+        self.cross -= own[:, :, None] * far[:, None]
+        self.own -= own[:, :, None] * near[:, None]
+        self.own_gradient -= pull[:, None] * near
+
     def scaled(self, dense: np.ndarray, own: np.ndarray) -> "Blocks":
         """The same for unknowns in units of `dense` (D,) and `own` (L,)."""
         return Blocks(
@@ -175,8 +184,10 @@ class Part:
         return _decorrelated(model.chain, model.residual(own))
 
     def linearise(self, parameters, values) -> tuple[np.ndarray, np.ndarray]:
-        """Residual (m, N) and rows (K + 1, m, N): free parameters, each family's, and room for the residual.
+        """Residual (m, N) and rows (K + 1, m, N): free parameters, each family's, and the residual once more.
 
+        Of a chain whose samples share errors, the rows are without those within one combination of groups
+        alone: what goes across them would mix the rows of several groups, see `_less_across`.
         The rows are the same memory at every call: fresh pages would cost more than what is written there.
         """
         model, own = self.at(parameters, values)
@@ -190,12 +201,13 @@ class Part:
         for name in self.families:
             free, start = free + self.layout.length[name], free
             rows[start:free] = evaluation.family_rows(name)
-        rows[:-1] = _decorrelated(model.chain, rows[:-1])
+        rows[-1] = evaluation.residual
+        if hasattr(model.chain, "decorrelated"):
+            rows[:] = model.chain.decorrelated(rows, across=False)
         return _decorrelated(model.chain, evaluation.residual), rows
 
-    def add_to(self, blocks: Blocks, rows: np.ndarray, residual: np.ndarray, root: np.ndarray) -> None:
+    def add_to(self, blocks: Blocks, rows: np.ndarray, root: np.ndarray) -> None:
         """Add what these samples know to the normal equations; root (m, N) 1/sigma times root of weight."""
-        rows[-1] = residual
         rows *= root
         free = len(self.columns)
         flat = rows.reshape(len(rows), -1)
@@ -204,6 +216,31 @@ class Part:
         blocks.gradient[self.columns] += flat[:free] @ flat[-1]
         if self.families:
             self._add_families(blocks, self._grams(rows, free), free)
+        if (across := getattr(self.model.chain, "across", None)) is not None:
+            self._less_across(blocks, rows, *across, root)
+
+    def _less_across(self, blocks, rows, shape, variance, root):
+        """Take off what one error, shared by all samples of an eliminated group, leaves unknown.
+
+        With the shape b (N,) and the variance t^2 of a group's error, the inverse of V = D + t^2 b b' is that of D
+        less D^-1 b b' D^-1 t^2 / (1 + t^2 b' D^-1 b), so that of the normal equations one product a group goes off.
+        """
+        shape, groups = shape * root[0], self.tiles.groups[self.layout.eliminate]
+        sums = np.add.reduceat((rows[:, 0] * shape).reshape(len(rows), -1, self.tiles.length).sum(-1),
+                               self.tiles.start, axis=1)  # fmt: skip
+        known = np.add.reduceat((shape**2).reshape(-1, self.tiles.length).sum(-1), self.tiles.start)
+        factor = variance / (1 + variance * np.bincount(groups, known, len(blocks.own)))
+        dense, own = np.zeros((len(blocks.own), len(blocks.dense))), np.zeros(blocks.own_gradient.shape)
+        np.add.at(dense, (groups[:, None], self.columns), sums[: len(self.columns)].T)
+        first = len(self.columns)
+        for name in self.families:
+            mine, first = sums[first : first + self.layout.length[name]].T, first + self.layout.length[name]
+            if name == self.layout.eliminate:
+                np.add.at(own, groups, mine)
+            else:
+                place = _Place(blocks, self.layout, name, self.tiles.groups[name])
+                np.add.at(dense, (groups[:, None], place.columns(name, place.groups)), mine)
+        blocks.take_off(dense, own, np.bincount(groups, sums[-1], len(own)), factor)
 
     def _grams(self, rows, free):
         """(C, families' lengths, K + 1) Gram matrix of each combination of groups."""

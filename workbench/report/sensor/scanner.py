@@ -99,7 +99,8 @@ def _planes(calibration):
             f"{len(chosen)} of {len(scanner.steps)} planes; scanner.toml and the JSON hold all of them.", quiet=True
         )
     head = ["step", "nx", "ny", "nz", "offset (mm)", "RMS (mm)", "RMS (px)", "1 σ (mm)"]
-    sigma = calibration.sigma_apart_mm
+    sigma = calibration.sigma_told_mm
+    alone = sigma is calibration.sigma_plane_mm
     rows = [
         (
             str(scanner.steps[k]),
@@ -114,7 +115,7 @@ def _planes(calibration):
     yield table(head, rows)
     yield words(
         "A plane is n·X + b = 0 in the frame of the camera. RMS: of its points’ distances. 1 σ: of the plane itself "
-        "over the working volume, in the frame that fits best.",
+        f"over the working volume, in the frame {'of the camera' if alone else 'that fits best'}.",
         quiet=True,
     )
     if len(scanner.steps) > 1:
@@ -153,7 +154,7 @@ def per_step(calibration) -> go.Figure:
     made = style.figure(340, "mirror step", "mm")
     for name, values, colour in (
         ("RMS of its points", calibration.rms_mm, style.BLUE),
-        ("1 σ of the plane", calibration.sigma_apart_mm, style.ORANGE),
+        ("1 σ of the plane", calibration.sigma_told_mm, style.ORANGE),
     ):
         made.add_scatter(
             x=calibration.scanner.steps,
