@@ -248,6 +248,14 @@ def geometry_free(robot: Robot) -> list[str]:
     ]
 
 
+def held_by_convention(robot: Robot) -> list[str]:
+    """Keys of the offsets d that Hayati's beta stands in for: along parallel axes only their sum shows, in the next d.
+
+    They are not free; asked of the null space beside those that are, they say so in words.
+    """
+    return [f"joint-{k + 1}.d{k + 1}" for k in range(robot.joints) if robot.hayati[k] and not robot.prismatic[k]]
+
+
 def bind(
     robot: Robot, recording, start: np.ndarray | None = None, start_on: np.ndarray | slice = slice(None)
 ) -> RobotChain:

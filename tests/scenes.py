@@ -87,6 +87,8 @@ def _joint_columns(robot, readings):
 def _covariates(rng, robot, n):
     columns = {"sample": np.arange(1.0, n + 1), "time_s": 10.0 * np.arange(n), "payload_kg": rng.uniform(0.5, 3, n),
                "temperature_c": rng.uniform(18, 30, n), "range_mm": rng.uniform(200, 300, n)}  # fmt: skip
+    columns |= {f"accel_foot_{axis}_m_s2": np.random.default_rng(7).uniform(-0.01, 0.01, (3, n))[i]
+                for i, axis in enumerate("xyz")}  # fmt: skip
     for k in range(1, robot.joints + 1):
         unit = "mm_s" if robot.prismatic[k - 1] else "deg_s"
         columns |= {f"approach{k}": rng.choice([-1.0, 1.0], n), f"qdot{k}_{unit}": rng.uniform(-20, 20, n)}

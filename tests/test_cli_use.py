@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,21 @@ def test_bad_targets_are_one_sentence(solution, tmp_path, text, words):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_target_out_of_reach_keeps_no_readings_and_the_answer_is_no(solution, tmp_path):
+    text = "x_mm,y_mm,z_mm,qw,qx,qy,qz,payload_kg,time_s\n350,0,350,0,1,0,0,1,0\n3000,0,300,0,1,0,0,1,0\n"
+    done = run("compensate", solution, write_targets(tmp_path, text), "--json", "answer.json", "--out", "run", folder=tmp_path)
+    assert done.returncode == 1 and "target 2" in done.stdout, done.stderr
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert answer["reached"] == 1 and answer["unreached_rows"] == [2] and answer["correction_rms_mm"] < 20
+    table = np.genfromtxt(tmp_path / "run" / "corrected.csv", delimiter=",", names=True)
+    assert np.isfinite(table["q1_deg"]).tolist() == [True, False]
+
+
+def test_a_file_that_is_not_there_is_named_once(solution, tmp_path):
+    done = run("compensate", solution, tmp_path / "none.csv", folder=tmp_path)
+    assert done.returncode == 2 and done.stderr.count("expected a file") == 1 and "no such file" in done.stderr
+
+
 def test_a_calibration_that_failed_is_refused_unless_forced(solution, tmp_path):
     keys = json.loads((solution / "solution.json").read_text()) | {"converged": False}
     (tmp_path / "bad.json").write_text(json.dumps(keys))
@@ -88,8 +104,12 @@ def test_cameras_are_exported(tmp_path):
     (tmp_path / "camera.toml").write_text(tomli_w.dumps(camera_keys(camera)))
     assert run("export", "camera.toml", "--to", "ros", "--out", "camera.yaml", folder=tmp_path).returncode == 0
     assert "plumb_bob" in (tmp_path / "camera.yaml").read_text()
-    wrong = run("export", "camera.toml", "--to", "kalibr", "--out", "chain.yaml", folder=tmp_path)
-    assert wrong.returncode == 2 and "radtan" in wrong.stderr
+    held = run("export", "camera.toml", "--to", "kalibr", "--out", "chain.yaml", folder=tmp_path)
+    assert held.returncode == 0 and "off by up to" in held.stdout and "radtan" in (tmp_path / "chain.yaml").read_text()
+    bent = replace(camera, fx=900.0, fy=900.0, distortion=(-0.3, 0.15, 0.0, 0.0, -0.2))
+    (tmp_path / "bent.toml").write_text(tomli_w.dumps(camera_keys(bent)))
+    wrong = run("export", "bent.toml", "--to", "kalibr", "--out", "none.yaml", folder=tmp_path)
+    assert wrong.returncode == 2 and "radtan" in wrong.stderr and not (tmp_path / "none.yaml").exists()
 
 
 def test_poses_are_chosen(tmp_path):

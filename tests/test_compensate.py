@@ -1,19 +1,23 @@
 """A calibration that is used: corrected readings bring an arm that another engine simulates where it was sent."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from datasets.makers import ye
+from datasets.makers import gubankov, liu, ye
 from datasets.mujoco_arm import pose, reflector_points
 from datasets.recording import Recording
+from robot_model import load_robot
 from workbench.calibrate import calibrate, save
 from workbench.compensate import actual_poses, checked, compensate, nominal_poses
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
+from workbench.plans import geometry
 from workbench.programme import doubts, read_programme
-from workbench.solution_file import read_solution
+from workbench.solution_file import CalibratedArm, _trust, read_solution
 
 N = 200
 
@@ -91,11 +95,80 @@ def test_poses_are_reached_from_a_start_that_is_far_off(run, made):
     np.testing.assert_allclose(done.left_mm[done.reached], 0, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", ["abb_irb120", "kuka_kr6_r900", "ur10e"])
+def test_a_pose_is_reached_in_whatever_posture_the_limits_allow(name):
+    """From the middle of the limits alone one pose in four would be called out of reach."""
+    robot = load_robot(name)
+    low, high = robot.limits.T
+    poses = nominal_poses(robot, np.random.default_rng(0).uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high, (60, 6)))
+    values = {f"joint-{k + 1}.{c}{k + 1}": float(robot.geometry[k, j]) for k in range(6)
+              for j, c in enumerate(("theta", "d", "a", "alpha", "beta"))}  # fmt: skip
+    arm = CalibratedArm(robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.1, True, "", {})
+    done = compensate(arm, np.tile((low + high) / 2, (60, 1)), poses, anywhere=True)
+    assert done.reached.all()
+    np.testing.assert_allclose(nominal_poses(robot, done.readings), poses, atol=1e-3)
+
+
 def test_a_target_out_of_reach_is_said_to_be(run, made):
     arm, readings = read_solution(run[0]), targets(made)[:3]
     poses = nominal_poses(arm.robot, readings)
     poses[1, :3, 3] *= 10
-    assert compensate(arm, readings, poses).reached.tolist() == [True, False, True]
+    done = compensate(arm, readings, poses)
+    assert done.reached.tolist() == [True, False, True]
+    assert np.isnan(done.readings).all(1).tolist() == [False, True, False]  # nothing that an arm could be sent to
+
+
+def test_the_correction_of_a_pose_does_not_depend_on_where_the_search_began(run, made):
+    arm, readings = read_solution(run[0]), targets(made)[:20]
+    start = readings + np.random.default_rng(1).uniform(-0.1, 0.1, readings.shape)
+    there = compensate(arm, start, nominal_poses(arm.robot, readings))
+    np.testing.assert_allclose(there.correction_mm, compensate(arm, readings).correction_mm, atol=5e-3)
+
+
+@pytest.mark.parametrize("recording", [gubankov.rv2fb(0.16, 21), gubankov.ur10e(0.16, 22), liu.irb120(12, 7, 0.02, 23)],
+                         ids=["rv2fb", "ur10e", "beams"])  # fmt: skip
+def test_what_no_touch_or_beam_can_tell_is_no_part_of_sigma(recording, tmp_path):
+    """The turn about joint 1 and the way along a beam once made metres of it; the flange's real error is covered."""
+    robot = load_robot(recording.robot)
+    calibration = calibrate(recording.recording(), plan=[geometry(robot)])
+    save(calibration, tmp_path)
+    low, high = robot.limits.T
+    readings = np.random.default_rng(3).uniform(0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high, (40, 6))
+    done = compensate(read_solution(tmp_path), readings)
+    _, found, own = calibration.model.chain.split(calibration.solution.parameters.values)
+    tip, true_tip = (np.zeros(3),) * 2 if "tip" not in recording.truth else (own[:3], recording.truth["tip"])
+    readings = done.readings[done.reached]
+    seen, true = gubankov.tips(found, tip, readings), gubankov.tips(recording.truth["geometry"], true_tip, readings)
+    angle = np.angle(((true[:, 0] + 1j * true[:, 1]) / (seen[:, 0] + 1j * seen[:, 1])).mean())
+    off = Rotation.from_rotvec([0, 0, angle]).apply(seen) - true
+    error = np.sqrt(((off - [0, 0, off[:, 2].mean()]) ** 2).sum(1).mean())
+    sigma = np.sqrt((done.sigma_mm**2).mean())
+    assert error < 2.5 * sigma < 50 * error
+
+
+def test_a_recording_in_doubt_is_not_used_unless_forced(run):
+    keys = json.loads((run[0] / "solution.json").read_text())
+    assert read_solution(run[0]).trusted and keys["warnings"] == []
+    assert not _trust(keys | {"warnings": ["base and tool alone fit to only 300 mm"]})[0]
+
+
+@pytest.mark.parametrize("lost", ["joint-2.a2", "tool.reflector1_x"])
+def test_a_file_that_lost_a_value_is_a_sentence(run, tmp_path, lost):
+    keys = json.loads((run[0] / "solution.json").read_text())
+    del keys["values"][lost]
+    (tmp_path / "solution.json").write_text(json.dumps(keys))
+    with pytest.raises(InputError, match=f"expected a value of {lost}"):
+        read_solution(tmp_path)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n1,2,3,1,0,0,0\nnan,2,3,1,0,0,0", "row 3, column x_mm: expected a finite number"),
+    ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg\n1,2,3,4,5,6,-1", "column payload_kg: expected a mass"),
+])  # fmt: skip
+def test_a_target_that_cannot_be_is_named_by_its_own_column(run, tmp_path, text, words):
+    (tmp_path / "t.csv").write_text(text + "\n")
+    with pytest.raises(InputError, match=words):
+        read_programme(tmp_path / "t.csv", read_solution(run[0]).robot)
 
 
 def test_what_was_not_found_good_is_not_used_unless_forced(run):

@@ -12,6 +12,7 @@ from sensors.camera.model import Camera
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
 from workbench.exports import CAMERA_FORMATS, camera_text, mdh_csv, mdh_json, read_camera_text, read_mdh, urdf
+from workbench.exports.camera import as_held
 from workbench.exports.mdh import calibrated_geometry
 from workbench.solution_file import CalibratedArm
 
@@ -99,3 +100,25 @@ def test_opencv_itself_reads_its_file(tmp_path):
 def test_a_broken_camera_file_is_a_sentence(name, text):
     with pytest.raises(InputError, match="camera file: expected"):
         read_camera_text(text, name)
+
+
+def test_kalibr_gets_the_nearest_camera_that_it_can_hold():
+    """A calibrated camera always has a third radial term, which radtan lacks: said in px, by OpenCV's own projection."""
+    import cv2
+
+    held, off = as_held(BROWN, "kalibr")
+    again = read_camera_text(camera_text(held, "kalibr"), "kalibr")
+    np.testing.assert_array_equal(again.values, held.values)
+    u, v = np.random.default_rng(0).uniform(0, 1, (2, 500)) * np.array([[1279], [1023]])
+    points = BROWN.rays(np.stack([u, v])).T
+    none = np.zeros(3)
+    seen = [cv2.projectPoints(points, none, none, c.matrix, np.array(c.distortion))[0][:, 0] for c in (BROWN, again)]
+    assert 0 < np.linalg.norm(seen[0] - seen[1], axis=1).max() <= off < 1e-3
+    np.testing.assert_allclose(seen[0], np.column_stack([u, v]), atol=1e-6)
+    assert as_held(RADTAN, "kalibr") == (RADTAN, 0.0) and as_held(BROWN, "ros") == (BROWN, 0.0)
+
+
+def test_a_lens_that_kalibr_cannot_follow_is_refused():
+    bent = Camera(500.0, 500.0, 320.0, 240.0, (-0.3, 0.15, 0.0, 0.0, -0.2), (640, 480))
+    with pytest.raises(InputError, match="misses by .* px; export to ROS or OpenCV"):
+        as_held(bent, "kalibr")

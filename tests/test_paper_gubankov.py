@@ -137,6 +137,9 @@ def test_what_cannot_be_told_is_said(driven):
     assert {"joint-1.d1", "joint-1.theta1", "joint-6.d6", "joint-6.a6", "joint-6.theta6", "joint-6.alpha6"} <= set(tied)
     assert {"joint-2.a2", "joint-4.d4"} <= set(tied)  # the arm's size
     assert "joint 6's offset (d) and tip z on the flange are one and the same" in " ".join(known.sentences())
+    assert tied["joint-3.d3"] == ["joint-2.d2"] and tied["joint-2.d2"] == ["joint-3.d3"]
+    d3 = next(p for p in gallery.ours(driven).parameters if p["name"] == "d3")
+    assert d3["std"] is None and d3["std_given_tied"] > 0  # a sigma of the sum is none of d3
     assert not {"joint-2.theta2", "joint-3.theta3", "joint-4.a4", "joint-5.alpha5"} & set(tied)
 
 

@@ -85,3 +85,9 @@ def test_the_chosen_poses_are_written(candidates, tmp_path):
 def test_impossible_wishes_are_sentences(candidates, n, criterion):
     with pytest.raises(InputError, match="expected"):
         choose_poses(candidates, n, criterion, link_radius_mm=0)
+
+
+def test_tasks_of_another_kind_or_tool_are_a_sentence(candidates):
+    for other in (scene("ball-centre", n=30), scene("external-point", n=30, reflectors={1: (0, 0, 90.0), 2: (9.0, 0, 0)})):
+        with pytest.raises(InputError, match="expected poses of the candidates' robot, tool and targets"):
+            choose_poses(candidates, 30, "task", replace(other.recording, name="tasks"), link_radius_mm=0)

@@ -11,7 +11,7 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.measurements import samples_of
 from robot_model.robot import Robot
-from robot_model.system import bind
+from robot_model.system import bind, geometry_free, held_by_convention
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.identifiability import Identifiability, identifiability, independent
@@ -343,9 +343,11 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
 
 
 def _all_known(step: _Step, parameters: Parameters, split: Split) -> Identifiability:
-    """What the data determine of all that any stage freed, also of what was then held."""
-    tied = np.isin(parameters.keys, list(step.tied))
-    everything = parameters.only(parameters.mask | tied)
+    """What the data determine of all that any stage freed, also of what was then held, and what Hayati's rows hold."""
+    everything = parameters.only(parameters.mask | np.isin(parameters.keys, list(step.tied)))
+    robot = step.model.chain.robot
+    if set(geometry_free(robot)) <= {key for key, free in zip(everything.keys, everything.mask) if free}:
+        everything = everything.free(*held_by_convention(robot))
     return identifiability(normal_matrix(step.model.at(split.fit), everything), everything)
 
 

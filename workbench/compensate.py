@@ -12,7 +12,7 @@ from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
 from robot_model.measurements.external_pose import ExternalPose
 from robot_model.robot import Robot
-from robot_model.state import State
+from robot_model.state import State, sliding
 from robot_model.system import RobotChain
 from workbench.core.errors import InputError
 from workbench.core.model import Model
@@ -20,9 +20,12 @@ from workbench.core.rigid import transform
 from workbench.solution_file import CalibratedArm
 
 _STEPS, _LEVER_MM = 40, 200.0
+# starts of the search for a posture, and where a joint without limits may start
+_TRIES, _OPEN = 20, (-np.pi, np.pi)
 # a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
 _REACHED_MM = 1e-5
 # what acts on the arm; the instrument's own errors, and its drift against the base, move no flange
+_ROOT = ("joint-1.theta1", "joint-1.d1")
 _OF_THE_ARM = ("joint", "geometry", "frame", "gravity", "mass")
 
 
@@ -30,10 +33,10 @@ _OF_THE_ARM = ("joint", "geometry", "frame", "gravity", "mass")
 class Compensated:
     """Corrected targets.
 
-    `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange that were asked for; `correction_mm` (n,)
-    how far the flange is moved, in the root frame, by the correction; `left_mm` (n,) what is left of it;
-    `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters' uncertainty makes; `reached` (n,)
-    False where no reading within limits gets there.
+    `readings` (n, R) rad, mm, nan where not `reached`; `poses` (n, 4, 4) T_root_flange that were asked
+    for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings;
+    `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
+    uncertainty makes; `reached` (n,) False where no reading within limits gets there.
     """
 
     readings: np.ndarray
@@ -45,20 +48,20 @@ class Compensated:
 
 
 def compensate(
-    arm: CalibratedArm, readings: np.ndarray, poses: np.ndarray | None = None, covariates=None
+    arm: CalibratedArm, readings: np.ndarray, poses: np.ndarray | None = None, covariates=None, anywhere: bool = False
 ) -> Compensated:
     """Readings with which the calibrated arm puts its flange where the nominal arm would have put it.
 
     readings (n, R): rad, mm, as programmed, or where to start looking when `poses` (n, 4, 4),
-    T_root_flange in mm, are the targets. covariates: name -> (n,) in file units, `payload_kg`
+    T_root_flange in mm, are the targets; anywhere: in any posture. covariates: name -> (n,) in file units, `payload_kg`
     among them; what an effect needs and is not given raises InputError.
     """
     nominal = nominal_poses(arm.robot, readings)
     wanted = nominal if poses is None else np.asarray(poses, float)
-    before = _off(_model(arm, readings, wanted, covariates), arm)[1]
     found = np.array(readings, float)
     if poses is not None:
-        found = _nominal_readings(arm.robot, found, wanted)
+        found = _nominal_readings(arm.robot, found, wanted, anywhere)
+    before = _off(_model(arm, found, wanted, covariates), arm)[1]
     for _ in range(_STEPS):
         model = _model(arm, found, wanted, covariates)
         residual, distance = _off(model, arm)
@@ -69,7 +72,9 @@ def compensate(
     model = _model(arm, found, wanted, covariates)
     left = _off(model, arm)[1]
     reached = (left < 1e-3) & _within(arm.robot, found)
-    return Compensated(found, wanted, before, left, _sigma(model, arm), reached)
+    sigma = _sigma(model, arm)
+    # what an inversion that failed ends with is no place to send an arm to
+    return Compensated(np.where(reached[:, None], found, np.nan), wanted, before, left, sigma, reached)
 
 
 def nominal_poses(robot: Robot, readings: np.ndarray) -> np.ndarray:
@@ -130,8 +135,21 @@ def _step(model, arm, residual):
     return np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0].T
 
 
-def _nominal_readings(robot, start, wanted):
-    """Readings (n, R) of the nominal arm at the wanted poses, from `start`."""
+def _nominal_readings(robot, start, wanted, anywhere):
+    """Readings (n, R) of the nominal arm at the wanted poses, from `start`; where that leads beyond limits and any
+    posture will do, from other places within them."""
+    found, good = _searched(robot, start, wanted)
+    rng, (low, high) = np.random.default_rng(0), np.where(np.isnan(robot.limits), _OPEN, robot.limits).T
+    for _ in range(_TRIES if anywhere else 0):
+        rows = np.flatnonzero(~good)
+        if not rows.size:
+            break
+        found[rows], good[rows] = _searched(robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows])
+    return found
+
+
+def _searched(robot, start, wanted):
+    """Readings (n, R) of the nominal arm nearest to the wanted poses, and (n,) whether it may and does get there."""
     bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
     found = start
     for _ in range(3 * _STEPS):
@@ -141,7 +159,16 @@ def _nominal_readings(robot, start, wanted):
             break
         step = np.clip(_step(model, bare, residual), -0.3 * _reach(robot), 0.3 * _reach(robot))
         found = found - np.linalg.lstsq(robot.mixing, step, rcond=None)[0].T
-    return found
+    found = _turned_back(robot, found)
+    return found, (_off(_model(bare, found, wanted, None), bare)[1] < 1e-2) & _within(robot, found)
+
+
+def _turned_back(robot, readings):
+    """The readings (n, R) less whole turns where that brings a joint within its limits."""
+    low, high = robot.limits.T
+    turns = np.round((readings - np.nan_to_num((low + high) / 2)) / (2 * np.pi))
+    outside = ~sliding(robot) & ((readings < low) | (readings > high))
+    return np.where(outside, readings - 2 * np.pi * turns, readings)
 
 
 def _reach(robot):
@@ -160,8 +187,11 @@ def _sigma(model, arm) -> np.ndarray:
     """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
 
     Base and tool are in it: they were found together with the arm, and what they share with it cancels.
+    A beam is known across itself and not along, so that there the flange's own place is taken.
     """
-    known = {_called(key): key for key in arm.free if _called(key) in model.parameters.index}
+    of_a_beam = arm.keys.get("measures") == "laser-spot"
+    known = {_called(key): key for key in arm.free if _called(key) in model.parameters.index
+             and not (of_a_beam and key.startswith("tool."))}  # fmt: skip
     parameters = model.parameters.update({k: arm.values[key] for key in arm.values if (k := _called(key)) in
                                           model.parameters.index})  # fmt: skip
     parameters = parameters.only(np.isin(parameters.keys, list(known)))
@@ -169,8 +199,21 @@ def _sigma(model, arm) -> np.ndarray:
         return np.zeros(model.chain.n)
     order = [arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free]
     rows = model.linearise(parameters)[1][:, :3]
-    covariance = arm.covariance[np.ix_(order, order)]
+    covariance = _beside_the_frame(arm)[np.ix_(order, order)]
     return np.sqrt(np.maximum(np.einsum("fmn,fg,gmn->n", rows, covariance, rows), 0))
+
+
+def _beside_the_frame(arm) -> np.ndarray:
+    """(F, F) covariance; with the root's turn and height taken as known where nothing but the arm says where it is.
+
+    Touches, beams and lengths tell nothing of theta1 and d1: they say which frame targets are in, and are no
+    error of the arm in it.
+    """
+    frame = [k for k, key in enumerate(arm.free) if key in _ROOT]
+    if not frame or any(key.startswith("base.") and "-" not in key for key in arm.values):
+        return arm.covariance
+    shared = arm.covariance[:, frame]
+    return arm.covariance - shared @ np.linalg.solve(shared[frame], shared.T)
 
 
 def _called(key: str) -> str:

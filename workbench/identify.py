@@ -7,7 +7,7 @@ import numpy as np
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.measurements import samples_of
-from robot_model.system import bind, geometry_free
+from robot_model.system import bind, geometry_free, held_by_convention
 from workbench.core.effect import make_effects
 from workbench.core.identifiability import identifiability as look
 from workbench.core.model import Model
@@ -43,7 +43,7 @@ def _stage(chain, robot, stage, scale) -> dict:
     model = Model(chain, make_effects(CATALOGUE, stage.effects))
     parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
     own = [p.key for effect in model.effects for p in effect.parameters(chain)]
-    return _judged(stage, model, (parameters.free(*own) if own else parameters).nudged(), scale)
+    return _judged(stage, model, (parameters.free(*own) if own else parameters).nudged(), scale, robot)
 
 
 def _stage_of_plan(chain, upto, plan, scale) -> dict:
@@ -56,9 +56,13 @@ def _stage_of_plan(chain, upto, plan, scale) -> dict:
     return _judged(upto[-1], model, start.only(mask & start.mask).nudged(), scale)
 
 
-def _judged(stage, model, parameters, scale) -> dict:
-    known = look(normal_matrix(model, parameters), parameters, scale)
+def _judged(stage, model, parameters, scale, robot=None) -> dict:
+    """robot: whose Hayati rows are asked about too, in words."""
+    known = whole = look(normal_matrix(model, parameters), parameters, scale)
+    if robot is not None and (more := held_by_convention(robot)):
+        everything = parameters.free(*more)
+        whole = look(normal_matrix(model, everything), everything, scale)
     return {
         "name": stage.name, "free": len(known.keys), "identifiable": known.rank,
-        "undetermined": known.sentences(), **known.observability(model.chain.sigma.shape[1]),
+        "undetermined": whole.sentences(), **known.observability(model.chain.sigma.shape[1]),
     }  # fmt: skip

@@ -9,8 +9,8 @@ from datasets.columns import joint_columns
 from robot_model import load_robot
 from robot_model.clearance import self_clearance
 from robot_model.effects import CATALOGUE
-from robot_model.measurements import looks_of, samples_of
-from robot_model.system import bind, geometry_free
+from robot_model.measurements import looks_of, measurement_of, samples_of
+from robot_model.system import bind, geometry_free, held_by_convention
 from workbench.core.design import Design, choose
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -85,6 +85,7 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     rows = _by_pose(_whitened(model, free), poses)
     design = choose(rows, n, criterion, None if tasks is None else _task_rows(robot, model, tasks, free), seed)
     picked = np.isin(poses, design.chosen)
+    everything = everything.free(*held_by_convention(robot))
     known = identifiability(normal_matrix(model.at(picked), everything), everything)
     samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
     return Chosen(recording, samples, design, criterion, tuple(known.sentences()), int(count), left_out,
@@ -125,8 +126,13 @@ def _by_pose(rows, poses) -> np.ndarray:
 
 
 def _task_rows(robot, model, tasks, free):
-    """(T, m, F) rows of the tasks, with base and tool as the candidates have them."""
+    """(T, m, F) rows of the tasks, with base and tool as the candidates have them; InputError where these differ."""
     tasks = samples_of(tasks)
+    own = measurement_of(tasks).parameters()
+    placed = [p.key for p in model.chain.parameters.table if not p.key.startswith(("base.", "joint-"))]
+    if [p.key for p in own] != placed or tasks.joints.shape[1] != robot.mixing.shape[1]:
+        raise InputError(f"--tasks {tasks.name}: expected poses of the candidates' robot, tool and targets, measured "
+                         "as they are, found others; make them as the candidates were made")
     chain = bind(robot, replace(tasks, sigma_mm=1.0), start=model.chain.start)
     seen = Model(chain, model.effects)
     return _whitened(seen, seen.parameters.take_over(free).only(free.mask))

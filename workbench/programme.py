@@ -18,12 +18,15 @@ LIMIT_SLACK = 1e-6
 
 @dataclass(frozen=True)
 class Programme:
-    """n targets: `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange mm, None where joints are the target."""
+    """n targets: `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange mm, None where joints are the target;
+    `anywhere`: poses alone, so that any posture will do.
+    """
 
     table: Table
     readings: np.ndarray
     poses: np.ndarray | None
     covariates: Mapping[str, np.ndarray]
+    anywhere: bool = False
 
 
 def read_programme(path: Path, robot: Robot) -> Programme:
@@ -47,7 +50,10 @@ def read_programme(path: Path, robot: Robot) -> Programme:
     readings = _readings(table, joints, robot) if joints else np.tile(_home(robot), (len(table.rows), 1))
     known = {"sample", *joints, *POINT, *QUATERNION}
     covariates = {k: v for k, v in table.columns.items() if k not in known and v.dtype.kind == "f"}
-    return Programme(table, readings, _poses(table) if wants else None, covariates)
+    for row in np.flatnonzero(covariates.get("payload_kg", np.zeros(0)) < 0):
+        raise complaint(table.where(row, "payload_kg"), "a mass of 0 kg or more", f"{covariates['payload_kg'][row]:g}",
+                        "correct it")
+    return Programme(table, readings, _poses(table) if wants else None, covariates, anywhere=not joints)
 
 
 def _readings(table, joints, robot):
@@ -87,9 +93,11 @@ def _poses(table):
     place = np.stack([table.columns[name] for name in POINT], 1)
     turn = np.stack([table.columns[name] for name in QUATERNION], 1)
     size = np.linalg.norm(turn, axis=1)
-    for row in np.flatnonzero(~np.isfinite(place).all(1) | ~(np.abs(size - 1) < 1e-2)):
-        raise complaint(table.where(row, "qw"), "finite places and a quaternion of length 1", f"length {size[row]:g}",
-                        "correct the pose")
+    for row, column in np.argwhere(~np.isfinite(np.column_stack([place, turn]))):
+        where = table.where(row, (POINT + QUATERNION)[column])
+        raise complaint(where, "a finite number", "another", "correct the pose")
+    for row in np.flatnonzero(~(np.abs(size - 1) < 1e-2)):
+        raise complaint(table.where(row, "qw"), "a quaternion of length 1", f"length {size[row]:g}", "correct the pose")
     from scipy.spatial.transform import Rotation
 
     return transform(Rotation.from_quat(turn, scalar_first=True).as_matrix(), place)
@@ -106,6 +114,7 @@ def corrected_columns(programme: Programme, robot: Robot, found) -> dict[str, np
 
 
 def as_csv(columns: Mapping[str, np.ndarray]) -> str:
-    """Columns as CSV text, numbers with ten digits."""
-    cells = [[v if isinstance(v, str) else f"{v:.10g}" for v in column] for column in columns.values()]
+    """Columns as CSV text, numbers with ten digits, an empty cell for nan."""
+    cells = [[v if isinstance(v, str) else "" if np.isnan(v) else f"{v:.10g}" for v in column]
+             for column in columns.values()]  # fmt: skip
     return "\n".join([",".join(columns), *(",".join(row) for row in zip(*cells))]) + "\n"

@@ -22,7 +22,8 @@ class CalibratedArm:
     `values` of its parameters by key (base, geometry, tool, effects; mm, rad); `free` the F keys
     that were solved for and `covariance` (F, F) of them; `load_centre` (3,) mm on the flange;
     `held_out_mm` RMS of the 3-D error on samples that the solve did not see; `trusted` False where
-    it did not converge or the held-out error is no better than the nominal arm's, and `why` says so.
+    it did not converge, the recording was in doubt or the held-out error is no better than the nominal
+    arm's, and `why` says so.
     """
 
     robot: Robot
@@ -54,6 +55,7 @@ def solution_keys(calibration) -> dict:
         "held_out": calibration.held_out,
         "nominal": calibration.nominal,
         "converged": solution.converged,
+        "warnings": list(calibration.warnings),
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
         "provenance": dict(calibration.provenance),
@@ -94,9 +96,16 @@ def read_solution(path: Path) -> CalibratedArm:
             raise
         raise InputError(f"{path}: expected a whole {FORMAT} file, found that {problem} is missing or not usable; "
                          "calibrate again") from None
+    if missing := sorted({*arm.free, *_geometry_keys(arm.robot)} - set(arm.values)):
+        raise InputError(f"{path}, key values: expected a value of {missing[0]}, found none; calibrate again")
     if not np.isfinite([*arm.values.values(), arm.held_out_mm]).all():
         raise InputError(f"{path}, key values: expected finite numbers, found others; calibrate again")
     return arm
+
+
+def _geometry_keys(robot: Robot) -> list[str]:
+    names = ("theta", "d", "a", "alpha", "beta")
+    return [f"joint-{k}.{name}{k}" for k in range(1, robot.joints + 1) for name in names]
 
 
 def _read(path: Path) -> dict:
@@ -121,4 +130,6 @@ def _trust(keys) -> tuple[bool, str]:
         return False, f"the solve {keys['outcome']}"
     if held_out is None or not held_out < nominal:
         return False, f"its held-out error ({held_out} mm) is not below that of the nominal arm ({nominal} mm)"
+    if keys.get("warnings"):  # base and tool alone were so far off that something else than the arm is wrong
+        return False, f"its recording is in doubt ({keys['warnings'][0]})"
     return True, ""

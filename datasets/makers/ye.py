@@ -1,6 +1,6 @@
 """Recordings of Ye et al.'s robot (Sensors 2024, 24, 2559), realised with MuJoCo statics.
 
-`python -m datasets.makers.ye OUT [--experiment 1|2] [--samples N] [--noise MM] [--seed N]`.
+`python -m datasets.makers.ye OUT [--experiment 1|2] [--wide] [--samples N] [--noise MM] [--seed N]`.
 
 What the paper identified (Tables 3, 4 and 6, 7) is taken as the truth; the
 nominal robot.toml has the data-sheet values. The law of the paper is linear in
@@ -83,6 +83,31 @@ SECOND = Table(  # Tables 6 and 7; the reflector's attitude is not measured
     kb1=(-0.206, 0.0217, -0.418), kb2=(0.0819, 0.0188, 0.183),
     compliance=(-1.289, 0.0668, 0.0522, 0.138, 0.732, -0.117), s1_mm=307.383, s2_mm=1841.103,
 )
+
+
+class Grid(NamedTuple):
+    """Where the second experiment goes: ten places along each axis of a box, mm, in each of seven attitudes.
+
+    x, y, z: (from, to) of the wrist in the base frame; attitudes: deg about x, y, z of the base, from
+    pointing straight down; facing: joint 1 starts towards the place, which a wide box needs.
+    """
+
+    x: tuple[float, float] = (320, 510)
+    y: tuple[float, float] = (-200, 200)
+    z: tuple[float, float] = (60, 300)
+    attitudes: tuple = ((0, 0, 0), (30, 0, 0), (-30, 0, 0), (0, 30, 0), (0, -25, 0), (25, 25, 35), (-25, 25, -35))
+    facing: bool = False
+
+
+# The paper states neither box nor attitudes: its least active joint moves over about 50 deg, as in this box
+NARROW = Grid()
+# most of what the arm reaches with the tool nearly upright, turned about the vertical: makes the residuals of Table 8
+WIDE = Grid(
+    (200, 390), (-450, 450), (-250, 370),
+    ((0, 0, 0), (3, 0, 60), (-3, 0, -60), (0, 3, 30), (0, -2.5, -30), (2.5, 2.5, 90), (-2.5, 2.5, -90)), True,
+)  # fmt: skip
+CELL = Grid((380, 480), (-60, 60), (80, 200), ((0, 0, 0), (10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, -10, 0), (0, 0, 20),
+                                                (0, 0, -20)))  # fmt: skip
 BALLS = {  # Table 2
     1: (185.328, 408.400, 2303.870, 14.999),
     2: (240.396, 377.943, 2640.910, 15.002),
@@ -159,41 +184,44 @@ def ye_first_experiment(n: int = 200, seed: int = 1, noise_mm: float = 0.02, tab
     return _made("ball-centre", "ball centres", table, joints_deg, points, rng, noise_mm, BALLS, {"ball": ball + 1})
 
 
-def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02, table: Table = SECOND) -> folder.Made:
+def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02, table: Table = SECOND,
+                         grid: Grid = NARROW) -> folder.Made:  # fmt: skip
     """One reflector seen by a tracker: seven attitudes on a grid of 10 x 10 x 10 places (sec. 5.3).
 
     n below 7000 draws that many of the 7000 without repeats; the order is
-    shuffled either way. noise_mm: 1 sigma of each coordinate. Raises ValueError
+    shuffled either way. WIDE loses a few in 1000, where the wrist is stretched.
+    noise_mm: 1 sigma of each coordinate. Raises ValueError
     for n above 7000.
     """
     if n > 7000:
         raise ValueError(f"the grid has 7000 configurations, {n} were asked for")
     rng = np.random.default_rng(seed)
-    joints_deg = np.round(np.rad2deg(_on_grid(table, rng.permutation(7000)[:n])), 4)
+    joints_deg = np.round(np.rad2deg(_on_grid(table, grid, rng.permutation(7000)[:n])), 4)
     points = reflector_points(_flange(table, joints_deg), table.tool[0], pose(*table.user))
     return _made("external-point", "laser tracker", table, joints_deg, points, rng, noise_mm, {}, {})
 
 
-def _on_grid(table: Table, rows: np.ndarray) -> np.ndarray:
-    """(n, 6) joint angles of the chosen rows of the grid."""
-    targets = _grid()[rows]
+def _on_grid(table: Table, grid: Grid, rows: np.ndarray) -> np.ndarray:
+    """(n, 6) joint angles of the chosen rows of the grid; without those that are not found, where these are few."""
+    targets = _targets(grid)[rows]
     start = np.tile(np.deg2rad([0.0, 0, 0, 0, -90, 0]), (len(rows), 1))
+    if grid.facing:
+        start[:, 0] = np.arctan2(targets[:, 1, 3], targets[:, 0, 3])
     geometry = arm_from_robot(robot(table)).geometry
-    joints, good = poses.inverse(geometry, targets, start, np.deg2rad(_LIMITS), iterations=25)
-    if not good.all():
+    joints, good = poses.inverse(geometry, targets, start, np.deg2rad(_LIMITS), 40 if grid.facing else 25)
+    if np.sum(~good) > (0.01 * len(rows) if grid.facing else 0):
         raise ValueError(f"{np.sum(~good)} of the grid's configurations cannot be reached")
-    return joints
+    return joints[good]
 
 
-def _grid() -> np.ndarray:
+def _targets(grid: Grid) -> np.ndarray:
     """(7000, 4, 4) flange poses: 1000 places for each of seven attitudes."""
-    axes = (np.linspace(320, 510, 10), np.linspace(-200, 200, 10), np.linspace(60, 300, 10))
+    axes = [np.linspace(*ends, 10) for ends in (grid.x, grid.y, grid.z)]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    tilts = [(0, 0, 0), (30, 0, 0), (-30, 0, 0), (0, 30, 0), (0, -25, 0), (25, 25, 35), (-25, 25, -35)]
     down = np.diag([-1.0, -1.0, 1.0])  # at readings (0, 0, 0, 0, -90, 0) deg
     targets = np.tile(np.eye(4), (7, 1000, 1, 1))
     targets[..., :3, 3] = places
-    targets[..., :3, :3] = (Rotation.from_euler("xyz", tilts, degrees=True).as_matrix() @ down)[:, None]
+    targets[..., :3, :3] = (Rotation.from_euler("xyz", grid.attitudes, degrees=True).as_matrix() @ down)[:, None]
     return targets.reshape(-1, 4, 4)
 
 
@@ -222,9 +250,15 @@ def main() -> None:
     parser.add_argument("--samples", type=int, help="200 and 7000 where not given")
     parser.add_argument("--noise", type=float, default=0.02, metavar="MM")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--wide", action="store_true", help="the second experiment in a wide box, see the gallery")
+    parser.add_argument("--cell", action="store_true", help="the second experiment in a box of about 100 mm")
     args = parser.parse_args()
-    make, whole = {1: (ye_first_experiment, 200), 2: (ye_second_experiment, 7000)}[args.experiment]
-    datasets.write(make(args.samples or whole, args.seed, args.noise).recording(), args.out)
+    if args.experiment == 1:
+        made = ye_first_experiment(args.samples or 200, args.seed, args.noise)
+    else:
+        grid = WIDE if args.wide else CELL if args.cell else NARROW
+        made = ye_second_experiment(args.samples or 7000, args.seed, args.noise, grid=grid)
+    datasets.write(made.recording(), args.out)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,10 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Correct targets by inverting the calibrated model: where the nominal arm was sent, the real one goes."""
+    """Correct targets by inverting the calibrated model: where the nominal arm was sent, the real one goes.
+
+    A target out of reach or limits keeps no joint readings, and the exit status is then 1.
+    """
     answer.check_target(json)
     with answer.progress(f"reading {solution}") as say:
         from workbench.compensate import checked, compensate
@@ -29,7 +32,7 @@ def command(
         arm = checked(read_solution(solution), solution, force)
         programme = read_programme(targets, arm.robot)
         say("inverting the model")
-        found = compensate(arm, programme.readings, programme.poses, programme.covariates)
+        found = compensate(arm, programme.readings, programme.poses, programme.covariates, programme.anywhere)
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
                 **_summary(arm, found), "warnings": doubts(programme, arm.robot), "targets": targets,
@@ -39,6 +42,8 @@ def command(
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     _show(answer.console(json), result)
+    if result["unreached_rows"]:
+        raise typer.Exit(1)
 
 
 def _summary(arm, found) -> dict:
@@ -62,11 +67,13 @@ def _show(console, result) -> None:
     head = ["", "RMS mm"]
     rows = [["error of the nominal arm, held out", result["nominal_error_mm"]],
             ["error to expect now, held out", result["expected_error_mm"]],
+            ["unsure at these targets, 1 sigma", result["sigma_rms_mm"]],
             ["the corrections, at the flange", result["correction_rms_mm"]],
             ["left by the inversion", result["left_rms_mm"]]]  # fmt: skip
     tables.grid(console, f"{result['reached']} of {result['count']} targets corrected", head, rows)
     for sentence in result["warnings"]:
         console.print(sentence, markup=False)
     if result["unreached_rows"]:
-        console.print(f"Out of reach or limits: target {', '.join(map(str, result['unreached_rows'][:12]))}.")
+        console.print("Out of reach or limits, with no readings in corrected.csv: target "
+                      f"{', '.join(map(str, result['unreached_rows'][:12]))}.")  # fmt: skip
     console.print(str(result["run"]), soft_wrap=True, markup=False)

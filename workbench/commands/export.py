@@ -56,9 +56,10 @@ def _in_run(source: Path) -> Path:
 
 def _camera(source, to) -> tuple[str, list[str]]:
     from workbench.exports import camera_text
+    from workbench.exports.camera import as_held
     from workbench.exports.check import check_camera, read_calibrated_camera
 
-    camera = read_calibrated_camera(_in_run(source))
+    camera, off = as_held(read_calibrated_camera(_in_run(source)), to)
     text = camera_text(camera, to)
     check_camera(camera, text, to)
-    return text, []
+    return text, [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {off:.2g} px"] if off else []

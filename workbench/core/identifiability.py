@@ -67,7 +67,8 @@ class Identifiability:
         part = np.abs(row) * self.weight
         if part.max() < 1:  # nothing in it moves a measurement: it is the parameter itself
             return [int(np.argmax(np.abs(row)))]
-        return [int(k) for k in np.argsort(-part, kind="stable") if part[k] > _PART * part.max()]
+        part = (part / part.max()).round(6)  # of equals the first comes first, whatever rounding left of them
+        return [int(k) for k in np.argsort(-part, kind="stable") if part[k] > _PART]
 
     def _short(self):
         """(F - rank, F) rows that span the null space, each with one parameter of its own.

@@ -8,6 +8,8 @@ import numpy as np
 from sensors.camera.model import BROWN, Camera
 from workbench.core.errors import InputError
 
+_GRID, _STEPS, _MOST_PX = 41, 10, 0.1
+
 
 def camera_text(camera: Camera, name: str) -> str:
     """The text of a camera in the format `name`, one of `CAMERA_FORMATS`; InputError where that cannot hold it."""
@@ -81,8 +83,33 @@ def _from_opencv(keys) -> Camera:
     return _camera(keys["camera_matrix"]["data"], keys["distortion_coefficients"]["data"], size)
 
 
+def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
+    """The camera as the format `name` can hold it, and px by which it is off the given one, at most in the picture.
+
+    Kalibr's radtan model has no third radial coefficient: the nearest camera without one stands in for
+    it. InputError where that is off by more than a tenth of a pixel, or where
+    part of the picture cannot be undone.
+    """
+    if name != "kalibr" or not any(camera.distortion[4:]):
+        return camera, 0.0
+    wide, high = camera.size
+    pixels = np.stack(np.meshgrid(np.linspace(0, wide - 1, _GRID), np.linspace(0, high - 1, _GRID))).reshape(2, -1)
+    flat = camera.normalised(pixels)
+    seen = np.isfinite(flat).all(0)
+    points, found = np.vstack([flat, np.ones(flat.shape[1])])[:, seen], Camera.of([*camera.values[:8], 0], camera.size)
+    for _ in range(_STEPS):
+        rows = found.project_rows(points)[2][:8].reshape(8, -1)
+        step = np.linalg.lstsq(rows.T, (pixels[:, seen] - found.project(points)).ravel(), rcond=None)[0]
+        found = Camera.of([*found.values[:8] + step, 0], camera.size)
+    off = float(np.linalg.norm(found.project(points) - pixels[:, seen], axis=0).max())
+    if not (off < _MOST_PX and seen.all()):
+        raise InputError(f"export to Kalibr: expected a camera that its radtan model (k1, k2, p1, p2) follows to "
+                         f"{_MOST_PX} px, found one that it misses by {off:.2g} px; export to ROS or OpenCV instead")
+    return found, off
+
+
 def _kalibr(camera: Camera) -> str:
-    """Kalibr's camchain: radial-tangential distortion has four coefficients and no third radial one."""
+    """Kalibr's camchain: radial-tangential distortion has four coefficients, see `as_held`."""
     k1, k2, p1, p2, *more = camera.distortion
     if any(more):
         raise InputError("export to Kalibr: expected a camera with k1, k2, p1, p2 alone, found k3 or rational terms, "

@@ -1,0 +1,173 @@
+"""Writes docs/gallery/poses-and-compensation.md with its picture: which poses to measure, what a calibration is for.
+
+`python tools/gallery_use.py` runs the page's own commands in an empty folder, then more draws of the same, and
+writes every number of the page. Needs MuJoCo. Two minutes.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from datasets.makers import ye  # noqa: E402
+from datasets.mujoco_arm import pose, reflector_points  # noqa: E402
+from robot_model import load_robot  # noqa: E402
+from workbench.calibrate import calibrate, save  # noqa: E402
+from workbench.compensate import compensate, nominal_poses  # noqa: E402
+from workbench.core.rigid import rotation_matrix  # noqa: E402
+from workbench.plans import geometry  # noqa: E402
+from workbench.poses import CRITERIA, choose_poses  # noqa: E402
+from workbench.solution_file import read_solution  # noqa: E402
+
+PAGE = ROOT / "docs" / "gallery" / "poses-and-compensation.md"
+NOISE, CHOSEN, DRAWS, ARMS = 0.0205, 40, 25, range(41, 47)
+POSES = (
+    f"python -m datasets.makers.ye candidates --experiment 2 --wide --samples 300 --seed 11 --noise {NOISE}",
+    f"python -m datasets.makers.ye cell --experiment 2 --cell --samples 60 --seed 12 --noise {NOISE}",
+    f"workbench poses candidates -n {CHOSEN} --out chosen",
+    f"workbench poses candidates -n {CHOSEN} --criterion task --tasks cell --out chosen-for-cell",
+)
+USE = (
+    f"python -m datasets.makers.ye measured --experiment 2 --samples 300 --seed 41 --noise {NOISE}",
+    "seq 1 200 > fit.txt",
+    "workbench calibrate measured --plan ye-2024 --fit-samples fit.txt --out arm",
+    "cut -d, -f1-7 cell/samples.csv > programme.csv",
+    "workbench compensate arm programme.csv --out corrected",
+)
+EXPORTS = (
+    "workbench export arm --to urdf --out arm.urdf",
+    "workbench export arm --to mdh-json --out arm.json",
+    "workbench export arm --to mdh-csv --out arm.csv",
+    "workbench render docs/scenes/small-scanner.toml --out pictures",
+    "workbench camera pictures --out camera",
+    "workbench export camera --to ros --out camera_info.yaml",
+    "workbench export camera --to opencv --out camera.yml",
+    "workbench export camera --to kalibr --out camchain.yaml",
+)
+
+
+class Used(NamedTuple):
+    """RMS, mm, of one arm: `before`, `after` the correction and what is true (`free` of noise) and `told` held out."""
+
+    before: np.ndarray
+    after: np.ndarray
+    told: float
+    free: float
+    sigma: float
+
+
+def run(command: str, folder: Path) -> str:
+    """One of the page's commands, where and as the reader would give it; what it says."""
+    words = re.sub("^python", sys.executable, re.sub("^workbench", f"{sys.executable} -m workbench", command))
+    words = words.replace("docs/scenes", str(ROOT / "docs" / "scenes"))
+    setting = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True)
+    return done.stdout
+
+
+def main() -> None:
+    """Run, collect, write."""
+    import gallery_use_page as text
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        said = {command: run(command, folder) for command in (*POSES, *USE, *EXPORTS)}
+        answers = {n: json.loads((folder / n / "answer.json").read_text()) for n in ("chosen", "chosen-for-cell",
+                                                                                    "corrected", "arm")}  # fmt: skip
+    errors, wider, cases = cell_errors(ye.CELL), cell_errors(ye.NARROW), [used(seed) for seed in ARMS]
+    text.picture(errors, cases[0], PAGE.with_suffix(".png"))
+    PAGE.write_text(text.page(said, answers, gains(), (errors, wider), cases), encoding="utf-8")
+
+
+def gains() -> list[tuple[str, float, float]]:
+    """Criterion, gain over random sets and processor seconds, of 40 out of 300."""
+    recording = ye.ye_second_experiment(300, 11, NOISE, grid=ye.WIDE).recording()
+    choose_poses(recording, 2)  # what is imported the first time
+    rows = []
+    for criterion in CRITERIA[:-1]:
+        began = time.process_time()
+        gain = choose_poses(recording, CHOSEN, criterion).design.gain
+        rows.append((criterion, gain, time.process_time() - began))
+    return rows
+
+
+def cell_errors(grid, draws: int = DRAWS, seed: int = 0) -> dict[str, np.ndarray]:
+    """Set of poses -> (draws,) mm RMS of the true error at the cell's poses, of an arm with wrong lengths alone."""
+    rigid = ye.SECOND._replace(compliance=(0.0,) * 6, **dict.fromkeys(("k0", "ka1", "ka2", "kb1", "kb2"), (0.0,) * 3))
+    made = ye.ye_second_experiment(300, 11, 0.0, rigid, ye.WIDE), ye.ye_second_experiment(60, 12, 0.0, rigid, grid)
+    candidates, cell = (replace(m.recording(), sigma_mm=NOISE) for m in made)
+    sets = {f"{CHOSEN} for the cell": choose_poses(candidates, CHOSEN, "task", cell).samples,
+            f"{CHOSEN} by D": choose_poses(candidates, CHOSEN).samples}  # fmt: skip
+    rng, found = np.random.default_rng(seed), {}
+    for _ in range(draws):
+        random = {f"{n} at random": rng.choice(candidates.sample_ids, n, replace=False) for n in (CHOSEN, 2 * CHOSEN)}
+        noise = rng.normal(0, NOISE, (3, candidates.n))
+        for name, rows in (sets | random).items():
+            found.setdefault(name, []).append(_error(candidates, rows, noise, cell))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _error(candidates, rows, noise, cell) -> float:
+    """RMS of the error at the cell's exact poses, mm, of the geometry fitted to some noisy candidates."""
+    columns = {}
+    for key, column in candidates.columns.items():
+        own = column + noise["xyz".index(key[0])] if key in ("x_mm", "y_mm", "z_mm") else column
+        columns[key] = np.concatenate([own, cell.columns[key]])
+    columns["sample"] = np.arange(1.0, candidates.n + cell.n + 1)
+    both = replace(candidates, columns=columns, sigma_mm=NOISE, name="cell")
+    places = np.flatnonzero(np.isin(candidates.sample_ids, rows)) + 1
+    plan = [geometry(load_robot(both.robot))]
+    done = calibrate(both, plan, places, np.arange(candidates.n, candidates.n + cell.n) + 1, folds=2)
+    return done.held_out["rms_mm"]
+
+
+def used(seed: int, fitted: int = 200) -> Used:
+    """An arm with the 53 published parameters, calibrated on `fitted` samples, sent to the other poses."""
+    made = ye.ye_second_experiment(fitted + 100, seed, NOISE)
+    exact = ye.ye_second_experiment(fitted + 100, seed, 0.0).recording()
+    recording, ids = made.recording(), np.arange(1, fitted + 101)
+    split = dict(fit_samples=ids[:fitted], test_samples=ids[fitted:])
+    done = calibrate(recording, Path("ye-2024"), **split)
+    with tempfile.TemporaryDirectory() as folder:
+        save(done, Path(folder))
+        arm = read_solution(Path(folder))
+    sent = recording.joints[fitted:]
+    corrected = compensate(arm, sent)
+    wanted = _wanted(arm, sent)
+    before, after = (np.linalg.norm(_reached(q) - wanted, axis=1) for q in (sent, corrected.readings))
+    off = done.held_out_residual[:, fitted:] + (recording.points - exact.points)[fitted:].T
+    free = float(np.sqrt((off**2).sum(0).mean()))
+    return Used(before, after, done.held_out["rms_mm"], free, rms(corrected.sigma_mm))
+
+
+def _wanted(arm, readings):
+    """(n, 3) where the nominal arm would bring the reflector, with base and reflector as calibrated."""
+    base = np.array([arm.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
+    reflector = np.array([arm.values[f"tool.reflector1_{c}"] for c in "xyz"] + [1.0])
+    return (nominal_poses(arm.robot, readings) @ reflector)[:, :3] @ rotation_matrix(base[3:]).T + base[:3]
+
+
+def _reached(readings):
+    """(n, 3) where MuJoCo's arm really brings it."""
+    flange = ye._flange(ye.SECOND, np.rad2deg(readings))
+    return reflector_points(flange, ye.SECOND.tool[0], pose(*ye.SECOND.user))
+
+
+def rms(values) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+if __name__ == "__main__":
+    main()
