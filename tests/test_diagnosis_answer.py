@@ -7,11 +7,11 @@ import tomli_w
 from conftest import ROOT
 from robot_model.effects import CATALOGUE
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.diagnosis import against, proof, visible, words
-from workbench.diagnosis.controls import controls, of_order
-from workbench.diagnosis.experiment import Doubt, compared, told
+from workbench.diagnosis import against, folds, heldout, replicates, visible, words
+from workbench.diagnosis.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
+from workbench.diagnosis.experiment import Doubt, compared, missing_of, next_experiment, told
 from workbench.diagnosis.problem import Alternative, Finding
-from workbench.diagnosis.result import Term, verdict_of
+from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.diagnosis.robot import bench_of
 from workbench.simulate import simulate
 
@@ -58,13 +58,13 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
     again = np.empty(40)
     for k in range(5):
         again[fold == k] = y[fold == k] - columns[fold == k] @ np.linalg.lstsq(columns[fold != k], y[fold != k])[0]
-    assert np.allclose(proof._left_out(Problem, fold), np.abs(again))
+    assert np.allclose(heldout.left_out(Problem, fold), np.abs(again))
 
 
 def test_folds_never_part_a_pose(bench):
     problem = bench.problem(()).keeping()
     pose = np.arange(90) // 3
-    for scheme in proof._schemes(pose, problem):
+    for scheme in folds.schemes(pose, problem):
         assert all(len(np.unique(scheme.fold[pose == p])) == 1 for p in range(30))
         assert len(np.unique(scheme.fold)) == len(scheme.folds)
 
@@ -72,9 +72,37 @@ def test_folds_never_part_a_pose(bench):
 def test_paired_gains_count_poses_and_not_samples():
     rng = np.random.default_rng(1)
     before, after = np.sqrt(rng.uniform(1, 3, 50)), np.sqrt(rng.uniform(0.8, 2.8, 50))
-    once = proof.paired(np.arange(50), before, after, np.ones(50, bool))
-    often = proof.paired(np.repeat(np.arange(50), 7), np.repeat(before, 7), np.repeat(after, 7), np.ones(350, bool))
+    once = heldout.paired(np.arange(50), before, after, np.ones(50, bool))
+    often = heldout.paired(np.repeat(np.arange(50), 7), np.repeat(before, 7), np.repeat(after, 7), np.ones(350, bool))
     assert often == pytest.approx(once)
+
+
+def test_a_few_poses_far_off_do_not_hide_what_helps_all_others():
+    rng = np.random.default_rng(5)
+    before = np.sqrt(rng.uniform(1, 3, 300))
+    after = 0.7 * before
+    far = rng.choice(300, 6, replace=False)
+    before[far], after[far] = 12.0, 12.0 * rng.uniform(0.6, 1.4, 6)
+    usual, pose = np.ones(300, bool), np.arange(300)
+    squares = before**2 - after**2
+    assert squares.mean() / squares.std(ddof=1) * np.sqrt(300) < 3 < 10 < heldout.paired(pose, before, after, usual)
+    assert heldout.paired(pose, after, before, usual) == pytest.approx(-heldout.paired(pose, before, after, usual))
+
+
+def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
+    every = np.ones(3000, bool)
+    few = folds.thinned(np.arange(3000) // 125, every)
+    many = folds.thinned(np.arange(3000) // 3, every)
+    assert few.sum() <= 600 and len(np.unique((np.arange(3000) // 125)[few])) == 24
+    assert many.sum() <= 600 and (many.reshape(1000, 3).all(1) | ~many.reshape(1000, 3).any(1)).all()
+
+
+def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(bench):
+    block = bench.chain.state.covariates["q5"] > 0.2
+    rows = bench.problem(()).keeping().basis[block[np.tile(np.arange(90), 3)]]
+    assert heldout._alone(rows).max() < 1 - heldout._HELD
+    errors = heldout.Errors(bench).block((), block)
+    assert errors.shape == (block.sum(),) and np.isfinite(errors).all() and errors.max() < 5
 
 
 def test_a_real_cause_passes_its_control_and_a_wrong_one_gains_nothing(bench):
@@ -82,6 +110,28 @@ def test_a_real_cause_passes_its_control_and_a_wrong_one_gains_nothing(bench):
     assert permuted.passed and permuted.share < 0.05 and permuted.p_value <= 0.01
     wrong = [controls(bench, (gap(),), (CATALOGUE["backlash"](f"joint-{k}"),))[0] for k in (1, 3, 5, 6)]
     assert sum(one.passed for one in wrong) == 0
+
+
+def step(after):
+    return {"effect": "zero-shift", "where": "joint-3", "after": after, "values": {"shift": 3e-4}}
+
+
+@pytest.mark.parametrize("after", [445.0, 205.0, 755.0])
+def test_a_real_step_passes_its_controls_or_they_say_that_they_cannot_tell(tmp_path, after):
+    made_of = bench_of(made(tmp_path, effect=[step(after)], payload_kg=[0.0, 0.0]))
+    found = {c.kind: c for c in controls(made_of, (), (CATALOGUE["zero-shift"]("joint-3", after=after),))}
+    assert set(found) == {PERMUTED, REVERSED, ROTATED}
+    assert found[PERMUTED].passed and found[ROTATED].passed and found[REVERSED].passed is not False
+    middle = after == 445.0  # the same step backwards: no control of this kind can tell
+    assert (found[REVERSED].passed is None) == middle and ("cannot tell" in found[REVERSED].why) == middle
+
+
+def test_a_slow_wander_taken_for_a_step_fails_the_control_that_moves_the_clock(tmp_path):
+    slow = {"effect": "joint-thermal-drift", "where": "joint-3", "values": {"per_unit": 0.02}}
+    made_of = bench_of(made(tmp_path, effect=[slow], payload_kg=[0.0, 0.0]))
+    for after in (205.0, 755.0):
+        found = {c.kind: c for c in controls(made_of, (), (CATALOGUE["zero-shift"]("joint-3", after=after),))}
+        assert found[ROTATED].passed is False and found[REVERSED].passed is not True
 
 
 def test_what_reads_the_clock_is_known(bench):
@@ -112,10 +162,10 @@ def test_told_apart_is_where_the_likelihoods_say_so():
 def test_noise_comes_from_replicates_else_from_what_is_stated():
     rng = np.random.default_rng(4)
     residual = 0.03 * rng.normal(size=(3, 200)) + np.repeat(rng.normal(size=(3, 20)), 10, 1)
-    found, source = proof.noise(np.arange(200) // 10, np.zeros(200), residual, 0.5, 600)
+    found, source = replicates.noise(np.arange(200) // 10, np.zeros(200), residual, 0.5, 600)
     assert source == "from replicates" and found == pytest.approx(np.sqrt(3) * 0.03, rel=0.1)
-    assert proof.noise(np.arange(200), np.zeros(200), residual, 0.5, 600) == (np.sqrt(3) * 0.5, "as the recording states")
-    lack = proof.lack_of_fit(np.arange(200) // 10, np.zeros(200), residual, 6)
+    assert replicates.noise(np.arange(200), np.zeros(200), residual, 0.5, 600) == (np.sqrt(3) * 0.5, "as the recording states")
+    lack = replicates.lack_of_fit(np.arange(200) // 10, np.zeros(200), residual, 6)
     assert lack["p_value"] < 1e-6 and lack["f"] > 10
 
 
@@ -193,6 +243,43 @@ def test_the_verdict_follows_from_the_terms():
     assert verdict_of((term(0.99),), 1e-9) == "explained"
     assert verdict_of((term(0.6, ("zero-shift", 0.4)),), 1e-9) == "ambiguous"
     assert verdict_of((term(0.99), term(0.9, effect="unknown", depends=("q2",))), 1e-9) == "unexplained"
+
+
+@pytest.mark.parametrize("after, left", [(0.03, False), (0.15, True), (0.2, True)])
+def test_what_leaves_most_of_the_mismatch_has_not_explained_it(after, left):
+    proof = Proof(0.2, after, after, 9.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
+    assert much_left(proof, 1e-9) == left and not much_left(proof, 0.5)
+    assert (verdict_of((term(0.99),), 1e-9, much_left(proof, 1e-9)) == "unexplained") == left
+
+
+def test_options_are_told_as_json_takes_them(bench):
+    wave = CATALOGUE["transmission-harmonic"]("joint-2", order=3.0)
+    assert options_of((wave,)) == {"order": 3.0}
+    assert options_of((CATALOGUE["backlash"]("joint-2", seat="gravity", width=0.2),)) == {"seat": "gravity", "width": 0.2}
+    assert options_of((bench.loose[0].effect,)) == {"masses_found": True}
+
+
+def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
+    problem = bench.problem(())
+    hidden = Alternative("backlash", "joint-3", "", 0.5, 1.0, "needs what was not recorded", "approach")
+    moving = Term(Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)))
+    said = next_experiment(bench, (moving,), problem, 1e-9).sentence
+    assert said == "Record the side from which each joint came beside every sample; without it this stays open."
+    assert missing_of((moving,)) == ("approach",)
+    unknown = Term(Finding("unknown", "joint-1", "", (), 1e-9, 0.99, 0.3, 40.0, ("move1",)))
+    said = next_experiment(bench, (unknown,), problem, 1e-9).sentence
+    assert "the last move of joint 1" in said and "othing" not in said.replace("nothing else does", "")
+    assert next_experiment(bench, (), problem, 1e-9).sentence.startswith("Measure more poses")
+    assert next_experiment(bench, (), problem, 0.5).sentence.startswith("Nothing is missing")
+
+
+def test_what_the_noise_does_is_told_in_words():
+    hidden = Alternative("backlash", "joint-3", "", 0.5, 1.0, "", "approach")
+    moving = Term(Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)), size=0.03)
+    said = words.statement(moving, "the ball", "mm")
+    assert "moves from sample to sample" in said and "the side from which each joint came" in said
+    spread = Term(Finding("noise-heteroscedastic", "noise", "", (), 1e-9, 1.0, 0.0, 0.0, ("range_mm",)))
+    assert words.statement(spread, "the ball", "mm") == "The noise is not the same everywhere: its spread goes with the range."
 
 
 def test_the_catalogue_page_has_every_effect_and_its_small_picture():

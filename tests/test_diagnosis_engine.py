@@ -102,7 +102,10 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("effect, where, options, values", CASES)
+SLOW = [*CASES[:1], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:])]
+
+
+@pytest.mark.parametrize("effect, where, options, values", SLOW)
 def test_names_what_is_there(effect, where, options, values):
     answer = found(5, [CATALOGUE[effect](where, **options)], values)
     assert [(f.effect, f.where) for f in answer.findings] == [(effect, where)]
@@ -110,6 +113,7 @@ def test_names_what_is_there(effect, where, options, values):
     assert answer.findings[0].probability > 0.9
 
 
+@pytest.mark.slow
 def test_finds_two_at_once_and_when_the_joint_slipped():
     pair = [CATALOGUE["zero-shift"]("joint-4", after=1510.0), CATALOGUE["joint-compliance"]("joint-2")]
     answer = found(6, pair, [1e-3, 1.5e-5])
@@ -169,3 +173,43 @@ def test_keeping_an_effect_is_the_same_as_solving_with_it():
     a, b = (p.clear(p.residual) * p.sigma for p in (without, plain))
     assert np.corrcoef(a, b)[0, 1] > 0.999
     assert there.keeping().basis.shape[1] == plain.basis.shape[1] + 1
+
+
+def worn(angle):
+    """A bump of a gear's error, a twelfth of its way wide."""
+    return np.exp(-(((angle - 0.4) / 0.22) ** 2))
+
+
+def test_a_worn_patch_of_a_gear_is_no_series_of_harmonics():
+    class Worn(CATALOGUE["joint-coupling"]):
+        def basis(self, state):
+            return worn(state.variables[2])[None, None]
+
+    answer = found(11, [Worn("joint-3", joint=4)], [1.2e-3])
+    assert {(f.effect, f.where) for f in answer.findings} == {("unknown", "joint-3")}
+    assert answer.findings[0].depends_on == ("q3",)
+
+
+@pytest.mark.slow
+def test_what_moves_by_chance_is_located_and_the_missing_covariate_named():
+    class Random(CATALOGUE["joint-coupling"]):
+        def basis(self, state):
+            return np.random.default_rng(1).normal(size=(1, 1, state.n))
+
+    answer = found(12, [Random("joint-2", joint=4)], [2e-4])
+    assert not answer.findings
+    assert [(f.effect, f.where) for f in answer.spread] == [("unknown", "joint-2")]
+    assert {"temperature", "approach", "speed"} <= {a.missing for a in answer.spread[0].alternatives}
+    assert answer.located[0].where == "joint-2"
+
+
+@pytest.mark.slow
+def test_noise_that_grows_with_the_load_is_named_and_makes_no_function_of_it():
+    rng = np.random.default_rng(13)
+    load = np.repeat(rng.choice([0.0, 1.5, 3.0], 23), 10)[:220]
+    recording = recorded(13, more={"payload_kg": load})
+    noise = rng.normal(0, SIGMA, (3, 220)) * load * 0.8
+    columns = {c: recording.columns[c] + row for c, row in zip(("x_mm", "y_mm", "z_mm"), noise)}
+    answer = find(bench_of(replace(recording, columns={**recording.columns, **columns})))
+    assert not answer.findings
+    assert [(f.effect, f.depends_on[0].startswith("payload")) for f in answer.spread] == [("noise-heteroscedastic", True)]

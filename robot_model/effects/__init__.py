@@ -1,6 +1,6 @@
 """The catalogue of a robot's physical effects: a name of the vocabulary, or a variant of one, a line."""
 
-from robot_model.effects import drift, elastic, sensed, transmission
+from robot_model.effects import drift, elastic, sensed, tilt, transmission
 
 CATALOGUE = {
     "transmission-harmonic": transmission.TransmissionHarmonic,
@@ -22,6 +22,7 @@ CATALOGUE = {
     "link-thermal-growth": drift.LinkThermalGrowth,
     "base-drift": drift.BaseDrift,
     "axis-run-out": drift.AxisRunOut,
+    "measured-tilt": tilt.MeasuredTilt,
     "range-scale": sensed.RangeScale,
     "field-bias": sensed.FieldBias,
     "ball-position": sensed.BallPosition,

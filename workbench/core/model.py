@@ -197,12 +197,16 @@ class Model:
         """(P, k, n) the small factor; that of a linear effect is computed once for these samples."""
         if not effect.linear:
             return effect.derivative(values[span], self._state(values))
-        basis = self._kept(effect, None, lambda: effect.basis(self.chain.state))
+        basis = self.basis(effect)
         if not effect.elastic:
             return basis
         for cause, own in self._loads(values):
             basis = basis + np.tensordot(values[own], self._by_load(effect, cause), 1)
         return basis
+
+    def basis(self, effect: Effect) -> np.ndarray:
+        """(P, k, n) the small factor of a linear effect, in the model or not, with gravity and masses as they stand."""
+        return self._kept(effect, None, lambda: effect.basis(self.chain.state))
 
     def _by_load(self, effect, cause):
         """(C, P, k, n) change of an elastic effect's basis per unit of each parameter of `cause`.

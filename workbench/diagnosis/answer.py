@@ -8,16 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.diagnosis import against, proof, words
-from workbench.diagnosis.experiment import next_experiment
+from workbench.diagnosis import against, proof, replicates, words
+from workbench.diagnosis.experiment import missing_of, next_experiment
+from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.problem import Bench, Finding, Found
-from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, told, verdict_of
+from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, much_left, told, verdict_of
 from workbench.diagnosis.robot import RobotBench, bench_of
 from workbench.diagnosis.select import find
 from workbench.diagnosis.visible import smallest
 from workbench.provenance import provenance
 
 PICTURES = ("board-images", "scan-images")
+NO_MASSES = ("The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "
+             "for: write mass_kg and com_mm of every joint.")  # fmt: skip
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 Say = Callable[[str], None]
 
@@ -70,7 +73,7 @@ def _against(bench: RobotBench, reference: against.Reference, recording):
     pose, index = bench.pose, chain.state.index
 
     def noise_of(residual, degrees):
-        return proof.noise(pose, index, residual, _sigma(bench.recording), degrees)[0]
+        return replicates.noise(pose, index, residual, _sigma(bench.recording), degrees)[0]
 
     return wider, against.shares(model, values, noise_of, reference.name)
 
@@ -86,22 +89,31 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say) -> Diagnosi
     last = _Final(bench, found, unit)
     terms, refused, proved = _proved(bench, found, last.noise, say)
     last = _Final(bench, found, unit, terms)
+    terms = (*terms, *_of_noise(found, refused, last.after))
+    if (verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))) == UNEXPLAINED:
+        terms = (*terms, *_somewhere(found, terms))
     say("what these data could have shown")
     visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
-    verdict = verdict_of(terms, found.p_first)
-    if verdict == UNEXPLAINED and not terms:
-        terms = (_somewhere(found),)
     made = Diagnosis(
         recording.name, recording.title or recording.name, recording.measures, found.before.n, baseline, unit,
         verdict, terms, refused, found.located, found.rest,
         replace(proved, lack=last.lack()), visible, experiment, found, last.views(),
-        shares, last.outliers(), _not_recorded(terms), (), dict(provenance(recording)),
+        shares, last.outliers(), missing_of(terms), _warnings(bench), dict(provenance(recording)),
+        fixed_points(recording, bench, terms),
     )  # fmt: skip
     return told(made, [words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
                        for term in (*terms, *refused)])  # fmt: skip
+
+
+def _warnings(bench) -> tuple[str, ...]:
+    """What could not be asked of this recording at all."""
+    chain = getattr(bench, "chain", None)
+    if chain is None or chain.robot.mass.any() or chain.state.payload.any():
+        return ()
+    return (NO_MASSES.format(robot=chain.robot.name),)
 
 
 def _proved(bench, found: Found, noise, say):
@@ -139,16 +151,35 @@ def _size(bench, effects, term: Term) -> float | None:
     return float(np.sqrt((moved**2).sum() / problem.n))
 
 
+def _of_noise(found: Found, refused, problem) -> tuple[Term, ...]:
+    """Findings on the data. They have no mean to be held out, so that their p-value, valid over the search, is all
+    their proof; and only where all that the mean was said to hold is proved does it hold.
+    """
+    told = [f for f in found.spread if not refused or f.effect == "outliers"]
+    return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in told)
+
+
+def _spread_size(finding: Finding, problem) -> float | None:
+    """RMS displacement (mm, px) of what a place does by chance, from its size in sigmas; None of all other noise."""
+    if not finding.size:
+        return None
+    return float(finding.size * np.sqrt((unwhitened(problem) ** 2).sum() / problem.n))
+
+
 def unwhitened(problem) -> np.ndarray:
     """(N,) what a whitened coordinate of the problem is worth in mm (px)."""
     return problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
 
 
-def _somewhere(found: Found) -> Term:
-    """What is there though nothing that was found carries to samples that were not fitted: where, and on what."""
-    at = found.located[0]
+def _somewhere(found: Found, terms) -> tuple[Term, ...]:
+    """What is there or left though nothing that was found carries to samples that were not fitted: where, on what."""
+    places = [one for one in (found.rest if terms else found.located) if one.depends_on]
+    if not places or any(term.finding.effect == "unknown" for term in terms):
+        return ()
+    at = places[0]
     label = "a smooth function of " + " and ".join(at.depends_on)
-    return Term(Finding("unknown", at.where, label, (), at.p_value, 0.0, at.size, 0.0, at.depends_on), share=at.share)
+    unknown = Finding("unknown", at.where, label, (), at.p_value, 0.0, at.size, 0.0, at.depends_on)
+    return (Term(unknown, share=at.share, rest=bool(terms)),)
 
 
 def _units(bench, candidate) -> list[str]:
@@ -162,10 +193,6 @@ def _units(bench, candidate) -> list[str]:
 def _sigma(recording) -> float | None:
     """RMS of the stated 1 sigma of a coordinate."""
     return None if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
-
-
-def _not_recorded(terms) -> tuple[str, ...]:
-    return tuple(sorted({one.missing for term in terms for one in term.finding.alternatives if one.missing}))
 
 
 class _Final:
@@ -184,7 +211,7 @@ class _Final:
             return float(np.sqrt(np.nansum(left**2, 0).mean())), "what is left in the end"
         usual = ~self.found.outliers
         recording = self.bench.recording
-        return proof.noise(self.bench.pose[usual], self._index()[usual], left[:, usual], _sigma(recording),
+        return replicates.noise(self.bench.pose[usual], self._index()[usual], left[:, usual], _sigma(recording),
                            self.after.degrees)  # fmt: skip
 
     def _index(self):
@@ -194,7 +221,7 @@ class _Final:
         """Lack of fit of baseline and final model against replicates; None without these."""
         if self.unit != "mm":
             return None
-        rows = {name: proof.lack_of_fit(self.bench.pose, self._index(), residuals_of(p), p.basis.shape[1])
+        rows = {name: replicates.lack_of_fit(self.bench.pose, self._index(), residuals_of(p), p.basis.shape[1])
                 for name, p in (("before", self.before), ("after", self.after))}  # fmt: skip
         return rows if all(rows.values()) else None
 

@@ -1,8 +1,10 @@
-"""Controls: a cause that is scrambled explains nothing, and one that depends on the order of rows not backwards.
+"""Controls: a cause that is scrambled explains nothing, and one that depends on the order of rows only in this order.
 
 The derivative of the measurement stays as it is; only what the effect reads of its samples (angles, torques, sides of
-approach, temperatures, time) is given to other poses, or taken from the rows in reverse. A gain that survives
-this was never owed to the cause.
+approach, temperatures, time) is given to other poses, taken from the rows in reverse, or from a clock that is moved
+round. A gain that survives this was never owed to the cause. What a scrambled cause can make of the fitted effect
+itself it gains in any case (a step in the middle is the same step backwards): that is taken off, and where it is
+nearly all, the control says that it cannot tell.
 """
 
 from collections.abc import Sequence
@@ -10,15 +12,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.model import NOISE, STATE_PORTS
+from workbench.diagnosis.heldout import name_of
 from workbench.diagnosis.problem import Bench
 from workbench.diagnosis.result import Control
 
-_TRIALS = 199
-_LEVEL, _LEFT, _ALIKE = 0.01, 0.2, 0.2
+_TRIALS, _TURNS = 199, 39
+_LEVEL, _LEFT, _HALF, _MOST = 0.01, 0.2, 0.5, 0.75
+_MADE = 0.8  # share of the fitted effect that a scrambled cause makes, from which on it cannot tell
 _SAME = 1e-3  # of a column's length, by which two that mean the same differ from rounding and refitting
-PERMUTED, REVERSED = "permuted", "reversed"
+PERMUTED, REVERSED, ROTATED = "permuted", "reversed", "clock moved round"
 _CLOCKS = ("time_s", "time", "row", "order")
 
 
@@ -27,28 +32,45 @@ def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed
 
     A linearised gain: the fall of the whitened sum of squares when the effects' columns join. Permuted: 199 times
     over poses. Passed where fewer than one in a hundred gains as much, and the median trial gains, beyond what as
-    many columns gain by chance, less than a fifth.
+    many columns gain by chance, less than a fifth. Reversed, and 39 times, for what reads the clock, with that moved
+    round: passed where this gains less than a half, or three of four of them less than a fifth, of the own gain, both
+    without what it makes by being like the effect itself.
     """
     if any(e.port in (*STATE_PORTS, NOISE) for e in own):
-        return (Control(PERMUTED, None, None, True, why="it acts through other effects or on the noise alone"),)
+        return (Control(PERMUTED, None, None, None, why="it acts through other effects or on the noise alone"),)
     trial = _Trial(bench, others, own)
     rng = np.random.default_rng(seed)
     gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
     p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
     share = trial.beyond(float(np.median(gains)))
     made = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
-    return (*made, *_reversed(trial))
+    return (*made, *_of_time(trial, rng))
 
 
-def _reversed(trial: "_Trial"):
-    backwards = trial.backwards()
-    if backwards is None or np.allclose(backwards, trial.small, rtol=0, atol=_SAME * np.abs(trial.small).max()):
+def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
+    """Backwards, where that changes what the effect does; and its clock moved round, where it reads one."""
+    if trial.chain is None or not trial.changes(backwards := _backwards_state(trial.chain)):
         return ()
-    share = trial.beyond(trial.gain(backwards))
-    if trial.alike(backwards) > _ALIKE:
-        why = "backwards in time its functions are nearly the same"
-        return (Control(REVERSED, share, None, True, 1, why),)
-    return (Control(REVERSED, share, None, share < 0.5, 1),)
+    made = [_told(REVERSED, trial, [backwards], "backwards in time it does nearly the same")]
+    if any(_clocked(e, trial.chain.state, backwards) for e in trial.effects):
+        turned = [_turned_state(trial.chain, part) for part in rng.uniform(0.05, 0.95, _TURNS)]
+        made.append(_told(ROTATED, trial, turned, "with its clock moved round it does nearly the same"))
+    return tuple(made)
+
+
+def _told(kind: str, trial: "_Trial", states, why: str) -> Control:
+    """The control of one kind from the states that it scrambles to; those that do nearly the same say nothing."""
+    scrambled = [trial.basis(state) for state in states]
+    made = np.array([trial.made_by(small) for small in scrambled])
+    telling = np.flatnonzero(made < _MADE)
+    if len(telling) < max(1, len(states) // 4):
+        return Control(kind, None, None, None, len(states), f"{why}, so that this cannot tell")
+    gains = np.array([trial.gain(scrambled[k]) for k in telling])
+    left = np.array([(trial.beyond(g) - m) / (1 - m) for g, m in zip(gains, made[telling])])
+    share = float(np.clip(np.quantile(left, _MOST), 0.0, None))
+    p = float((1 + (gains >= trial.own).sum()) / (1 + len(gains))) if len(states) > 1 else None
+    limit = _LEFT if len(states) > 1 else _HALF  # one trial by itself is less sure than most of many
+    return Control(kind, share, p, share < limit, len(telling))
 
 
 def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
@@ -76,6 +98,17 @@ def _backwards_state(chain):
     turned = {name: x.max() + x.min() - x for name, x in held.items() if name in _CLOCKS}
     state = replace(chain.state, covariates=held | turned)
     return replace(state, covariates=covariates_of(replace(chain, state=state)))
+
+
+def _turned_state(chain, part: float):
+    """The state with its clock moved round by a part (0-1) of the recording, what falls off its end at its start."""
+    held = dict(chain.state.covariates)
+    order = np.argsort(clock(chain.state), kind="stable")
+    turned = {}
+    for name in (n for n in _CLOCKS if n in held):
+        turned[name] = held[name].copy()
+        turned[name][order] = np.roll(held[name][order], int(round(part * chain.n)))
+    return replace(chain.state, covariates=held | turned)
 
 
 class _Trial:
@@ -141,28 +174,33 @@ class _Trial:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
         return self.small[:, :, _other_poses(self.problem.pose, self.starts, rng)]
 
-    def backwards(self):
-        """What they would do if the rows had been measured in reverse; None where that is not known."""
-        return None if self.chain is None else self.basis(_backwards_state(self.chain))
+    def changes(self, state) -> bool:
+        """Whether the effects do anything else in another state."""
+        there = self.basis(state)
+        return not np.allclose(there, self.small, rtol=0, atol=_SAME * np.abs(self.small).max())
 
-    def alike(self, other) -> float:
-        """Share (0-1) of other columns that these make, but for what the baseline makes."""
-        here, there = (self.problem.clear(self.columns(s)) for s in (self.small, other))
-        q = np.linalg.qr(here)[0]
-        return float(((q.T @ there) ** 2).sum() / max((there**2).sum(), 1e-300))
+    def made_by(self, small) -> float:
+        """Share (0-1) of the fitted effect, but for what the baseline makes, that scrambled causes make."""
+        here, there = (_plane(self.problem.clear(self.columns(s))) for s in (self.small, small))
+        fitted = here @ (here.T @ self.y)
+        return float(((there.T @ fitted) ** 2).sum() / max(fitted @ fitted, 1e-300))
+
+
+def _plane(columns: np.ndarray) -> np.ndarray:
+    """(N, R) orthonormal basis of columns (N, P), without those that the baseline makes."""
+    length = np.sqrt((columns**2).sum(0))
+    seen = length > 1e-9 * length.max(initial=1e-300)
+    u, s, _ = np.linalg.svd(columns[:, seen] / length[seen], full_matrices=False)
+    return u[:, s > 1e-6]
 
 
 def _columns(bench, problem, own):
     """(P, 1, N) columns of the effects where the problem has them as candidates."""
-    keys = {_key(e) for e in own}
-    found = [c.columns for c in problem.candidates if any(_key(e) in keys for e in c.effects)]
+    keys = {name_of(e) for e in own}
+    found = [c.columns for c in problem.candidates if any(name_of(e) in keys for e in c.effects)]
     if not found:
         return np.zeros((0, 1, len(problem.sample)))
     return np.concatenate(found, axis=1).T[:, None]
-
-
-def _key(effect) -> str:
-    return f"{effect.effect} {effect.where} {effect.options}"
 
 
 def _starts(pose):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.diagnosis.outliers import NAMED_AT, alone, apart, evened, spread_with
+from workbench.diagnosis.outliers import NAMED_AT, alone, apart, evened, spread_along, spread_with
 from workbench.diagnosis.problem import Finding, Problem
 
 CLAIMED = 1e-3
@@ -20,6 +20,23 @@ def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
         return found, spread
     label = f"{found.sum()} of {problem.n}"
     return found, (*spread, Finding("outliers", "samples", label, (), least, 1.0 - least, 0.0, 0.0))
+
+
+def unevenly(problem: Problem) -> np.ndarray | None:
+    """(n,) how far the noise of each sample is spread, 1 on average; None where it is the same everywhere.
+
+    Noise that grows with something makes functions of it out of nothing: all is to be judged with it evened.
+    """
+    found = _spread(problem)
+    if not found:
+        return None
+    return spread_along(_white(problem), problem.covariates[found[0].depends_on[0]])
+
+
+def evened_out(problem: Problem, spread: np.ndarray) -> Problem:
+    """The problem whitened by the spread (n,) of each sample's noise."""
+    factor = (1 / spread)[problem.sample]
+    return problem.through(lambda rows: rows * factor, problem.weights / spread**2)
 
 
 def _white(problem: Problem) -> np.ndarray:
@@ -54,4 +71,4 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     return (Finding("noise-heteroscedastic", "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
 
 
-__all__ = ["CLAIMED", "of_data"]
+__all__ = ["CLAIMED", "evened_out", "of_data", "unevenly"]

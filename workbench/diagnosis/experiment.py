@@ -21,10 +21,11 @@ from workbench.diagnosis.result import Experiment, Term
 from workbench.diagnosis.scenes import scene_of
 from workbench.diagnosis.select import LEVEL
 from workbench.diagnosis.visible import told_apart
-from workbench.diagnosis.words import listed, place
+from workbench.diagnosis.words import covariate, listed, place
 
 POSES = 30
 _HOPELESS = 30  # times as many samples as were planned
+_LIKELY, _ALIKE = 0.05, 0.9  # probability, or share of the signature, from which on a rival is to be reckoned with
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
 NOTHING = "Nothing that was found is in doubt, so that no further recording is needed to tell it from anything else."
 FEW = ("Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
@@ -49,19 +50,17 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     problem: of the model with the findings but those that are in doubt, or of the baseline. A bench that knows no
     robot, a rival without a name and a missing column get their sentence without a computation.
     """
-    if not terms:
+    if all(term.share is not None and not term.rest for term in terms):
         few = FEW.format(poses=len(np.unique(problem.pose)))
         return Experiment(few if p_first < LEVEL else CLEAN)
-    doubtful = [term for term in terms if not term.certain]
+    doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
         return Experiment(NOTHING)
-    term = min(doubtful, key=lambda one: one.finding.probability)
-    missing = _missing(term)
-    doubt = _doubt(bench, term, problem)
-    if doubt is None or not hasattr(bench, "chain"):
-        return Experiment(missing or _by_word(term))
+    missing = _missing(doubtful)
+    term = min(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))
+    doubt = _doubt(bench, term, problem) if hasattr(bench, "chain") else None
     others = tuple(e for one in terms if one is not term for e in one.finding.effects)
-    rows = compared(bench, others, doubt)
+    rows = compared(bench, others, doubt) if doubt is not None else []
     if not rows:
         return Experiment(missing or _by_word(term))
     best, plan = rows[0]
@@ -71,22 +70,28 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
 
 
-def _missing(term: Term) -> str:
-    """The sentence on a column that was not recorded and that a rival would need."""
-    lacking = sorted({one.missing for one in term.finding.alternatives if one.missing})
-    return f"Record {listed(lacking)} beside every sample; without it this stays open." if lacking else ""
+def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Names of covariates that were not recorded and that a rival of some term would need, where that is likely."""
+    rivals = [one for term in terms for one in term.finding.alternatives if one.missing]
+    return tuple(sorted({one.missing for one in rivals if one.probability >= _LIKELY or one.alike >= _ALIKE}))
+
+
+def _missing(terms: Sequence[Term]) -> str:
+    """The sentence on columns that were not recorded and that a rival of some term would need."""
+    lacking = {covariate(name) for name in missing_of(terms)}
+    return f"Record {listed(sorted(lacking))} beside every sample; without it this stays open." if lacking else ""
 
 
 def _by_word(term: Term) -> str:
     others = [f"{one.effect} at {place(one.where)}" for one in term.finding.alternatives[:3]]
-    changed = listed(sorted(term.finding.depends_on)) or "what it depends on"
-    return (f"To tell {_called(term)} from {listed(others, 'or')}: measure again where {changed} changes and nothing "
-            "else does.")  # fmt: skip
+    changed = listed([covariate(name) for name in sorted(term.finding.depends_on)]) or "what it depends on"
+    aim = f"tell {_called(term)} from {listed(others, 'or')}" if others else f"learn what makes {_called(term)}"
+    return f"To {aim}: measure again where {changed} changes and nothing else does."
 
 
 def _called(term: Term) -> str:
     found = term.finding
-    return f"{'what errs' if found.effect == 'unknown' else found.effect} at {place(found.where)}"
+    return f"{'an unknown error' if found.effect == 'unknown' else found.effect} at {place(found.where)}"
 
 
 def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
@@ -102,7 +107,7 @@ def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
 
 def _effects_of(problem: Problem, one) -> tuple:
     """The effects of an alternative: the candidate, or the option of a scan, of that name and place."""
-    for c in problem.candidates:
+    for c in (*problem.candidates, *problem.loose):
         if (c.effect, c.where, c.label) == (one.effect, one.where, one.label):
             return c.effects
     for scan in problem.scans:

@@ -65,7 +65,7 @@ def columns_of(source, problem: Problem) -> np.ndarray:
         return source.columns * source.typical
     first, option = source
     if isinstance(first, Site):
-        waves, sizes = waves_at(problem, option, len(first.rows) == 1)
+        waves, sizes = waves_at(problem, option, first.fine)
     elif first.kind == "step":
         waves, sizes = (first.x > option).astype(float)[None], np.ones(1)
     else:
@@ -74,10 +74,13 @@ def columns_of(source, problem: Problem) -> np.ndarray:
     return (first.typical[:, None, None] * first.rows[:, None] * waves).reshape(-1, len(problem.sample)).T
 
 
-def waves_at(problem: Problem, names: tuple[str, ...], fine: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """(V, n) functions of some covariates on all samples of a problem, and their prior sizes (V,)."""
-    values = [problem.covariates[name] for name in names]
-    return functions(names, values, [(float(v.min()), float(v.max())) for v in values], fine)
+def waves_at(problem: Problem, names: tuple[str, ...], fine: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """(V, n) functions of some covariates on all samples of a problem, and their prior sizes (V,); made once."""
+    if (names, fine) not in problem.made:
+        values = [problem.covariates[name] for name in names]
+        spans = [(float(v.min()), float(v.max())) for v in values]
+        problem.made[names, fine] = functions(names, values, spans, fine)
+    return problem.made[names, fine]
 
 
 def judged(problem: Problem, projected: Projected | None = None, wanted: Sequence = ()) -> list[Hypothesis]:
@@ -163,13 +166,13 @@ def _site(site: Site, problem: Problem, projected: Projected):
     slots = projected.slots(site.rows)
     groups: dict[int, list] = {}
     for names in (*((c,) for c in site.covariates), *site.pairs):
-        waves, sizes = waves_at(problem, names, len(site.rows) == 1)
+        waves, sizes = waves_at(problem, names, site.fine)
         groups.setdefault(len(waves), []).append((names, waves, np.outer(site.typical, sizes).ravel()))
     for group in groups.values():
         moments = slots.times(np.stack([w for _, w, _ in group]), np.stack([t for *_, t in group]))
         scores = projected.judge(moments)
         for i, (names, *_) in enumerate(group):
-            label = "a smooth function of " + " and ".join(names)
+            label = f"a {'sharply changing' if site.sharp else 'smooth'} function of " + " and ".join(names)
             yield len(names), ("unknown", site.where, label, "", (), names, "", True, (site, names)), _row(scores, i)
 
 
@@ -188,9 +191,11 @@ def _unnamed_priors(rows, periods):
 def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
     """p-value that anything is missing that gains `least` or more, valid under the whole search: weighted Bonferroni.
 
+    A function without a name counts only where it is likelier than nothing: one with many numbers may be neither.
     Holm, Scand. J. Stat. 6 (1979); weights: Genovese, Roeder & Wasserman, Biometrika 93 (2006).
     """
-    return float(min([1.0, *(h.p / h.weight for h in hypotheses if h.gain >= least)]))
+    counted = [h for h in hypotheses if h.gain >= least and (h.evidence > 0 or not h.unnamed)]
+    return float(min([1.0, *(h.p / h.weight for h in counted)]))
 
 
 __all__ = ["Hypothesis", "Moments", "columns_of", "family_wise", "judged", "site_moments", "waves_at"]

@@ -4,11 +4,13 @@ An entry is one `Option`: what would join the model, its label, the family that 
 with, and what it would need that the recording does not hold. Nothing here looks at the residual.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from robot_model.effects import CATALOGUE
+from robot_model.effects.tilt import level_axes
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 
@@ -93,6 +95,19 @@ def _base(chain, elastic):
     if elastic:
         yield _option("mount-tilt", "base")
     yield _option("tool-deflection", "tool")
+    yield from _tilts(chain)
+
+
+def _tilts(chain):
+    """An accelerometer says how base or a link tilts, whichever it stands on."""
+    names = [re.fullmatch(r"accel_(\w+)_[xyz]_m_s2", name) for name in chain.state.covariates]
+    sensors = dict.fromkeys(found[1] for found in names if found)
+    for sensor in sensors:
+        axes = level_axes(chain.state.covariates, sensor)
+        if axes is not None:
+            for where in ("base", *(f"link-{k}" for k in range(1, chain.robot.joints + 1))):
+                yield _option("measured-tilt", where, f"by the accelerometer of the {sensor}", 1 / len(sensors),
+                              sensor=sensor, axes=axes)  # fmt: skip
 
 
 def _sensor(chain):

@@ -12,7 +12,7 @@ from scipy.stats import f as fisher
 _FULL, _LITTLE = 3.4, 6.0
 NAMED_AT = 0.01  # chance that any sample of a clean recording is called an outlier
 _RATIO_ERROR = 0.64  # standard error of the 90 % quantile over the median of n Gaussian lengths, times sqrt(n)
-_LEVELS = 8
+_LEVELS, _EACH = 8, 30  # parts of a covariate, and samples that each holds at least
 _GAPS = 2.0  # gaps that are as good as independent: all but the first few are narrow
 
 
@@ -81,12 +81,19 @@ def _tails(length) -> float | None:
 
 
 def evened(white: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Residuals (m, n) divided by the spread that those with a like covariate x (n,) have: medians of eighths."""
-    inner = np.unique(x) if len(np.unique(x)) <= _LEVELS else np.quantile(x, np.arange(1, _LEVELS) / _LEVELS)
+    """Residuals (m, n) divided by the spread that those with a like covariate x (n,) have."""
+    return white / spread_along(white, x)
+
+
+def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n,) spread of residuals (m, n) with a like covariate x (n,), 1 on average: from medians of eighths, or fewer."""
+    inner, most = np.unique(x), int(np.clip(white.shape[1] // _EACH, 2, _LEVELS))
+    inner = inner if len(inner) <= most else np.quantile(x, np.arange(1, most) / most)
     part = np.searchsorted(inner, x)
     square = (white**2).sum(0)
     spread = np.array([np.median(square[part == k]) if (part == k).any() else 1.0 for k in range(part.max() + 1)])
-    return white / np.sqrt(np.maximum(spread, 1e-300))[part]
+    each = np.sqrt(np.maximum(spread, 1e-12 * spread.max()))[part]
+    return each / np.sqrt((each**2).mean())
 
 
 def spread_with(white: np.ndarray, covariates: Mapping[str, np.ndarray]) -> tuple[str, float] | None:

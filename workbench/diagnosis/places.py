@@ -1,5 +1,7 @@
 """Where a robot's model may be wrong without a law being known: places, growth of links, scans over one number."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from robot_model.effects import CATALOGUE
@@ -83,9 +85,12 @@ def sites(chain, rows) -> tuple[Site, ...]:
         unit = "mm" if chain.slides(k) else "rad"
         made.append(Site(f"joint-{k}", "joint", _flat(rows("joint", [k - 1])), unit, np.array([_TYPICAL[unit]]),
                          (*angles, *mine, *general), pairs))  # fmt: skip
+        if f"q{k}" in angles:
+            made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
     turns = _FRAME
     more = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
-    more |= {f"link-{k}": (f"tau{k}", f"tau{min(k + 1, chain.robot.joints)}") for k in range(1, chain.robot.joints + 1)}
+    more |= {f"link-{k}": (f"tau{k}", f"tau{min(k + 1, chain.robot.joints)}", *(f"moment{k}_{c}" for c in "xyz"))
+             for k in range(1, chain.robot.joints + 1)}  # fmt: skip
     for place in more:
         made.append(Site(place, "frame", _flat(rows("frame", chain.slots("frame", place))), "mm and rad", turns,
                          tuple(dict.fromkeys((*angles, *_varying(own, more[place]), *general)))))  # fmt: skip

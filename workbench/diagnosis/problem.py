@@ -10,7 +10,7 @@ which sample each belongs to. Everything in a problem is already whitened by the
 the square root of the sample's robust weight.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -84,7 +84,8 @@ class Site:
     `where`: a word of the vocabulary; `port`: the port there; `rows` (k, N): whitened derivatives of
     its k slots; `unit`: of the slots, one a slot or one for all; `typical` (k,): the size that a
     disturbance of each slot would have before measuring. `covariates`: names of those that an
-    unnamed function here may depend on, one at a time; `pairs`: two at a time.
+    unnamed function here may depend on, one at a time; `pairs`: two at a time. `sharp`: the function may change
+    sharply, as at a worn place.
     """
 
     where: str
@@ -94,6 +95,12 @@ class Site:
     typical: np.ndarray
     covariates: tuple[str, ...]
     pairs: tuple[tuple[str, str], ...] = ()
+    sharp: bool = False
+
+    @property
+    def fine(self) -> int:
+        """How finely a function may change here, see `rivals.functions`."""
+        return 2 if self.sharp else int(len(self.rows) == 1)
 
 
 @dataclass(frozen=True)
@@ -131,6 +138,7 @@ class Problem:
     loose: tuple[Candidate, ...] = ()
     growing: tuple[Site, ...] = ()
     given: float = 0.0
+    made: dict = field(default_factory=dict, compare=False, repr=False)  # functions of the covariates, made once
 
     def keeping(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.
@@ -145,6 +153,28 @@ class Problem:
             basis = np.concatenate([basis, _unit(self.clear(np.concatenate([self.added[i] for i in kept], 1)))], 1)
         effects = tuple(self.effects[i] for i in kept)
         return replace(self, residual=residual, basis=basis, effects=effects, added=(), values=())
+
+    def through(self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None) -> "Problem":
+        """The problem with residual, basis and all that is compared with them mapped by `white`, rows (k, N) to (k, N).
+
+        weights (n,): those of the samples, where the map changes them.
+        """
+
+        def columns(held: np.ndarray) -> np.ndarray:
+            return white(np.ascontiguousarray(held.T)).T
+
+        def candidates(held):
+            return tuple(replace(c, columns=columns(c.columns)) for c in held)
+
+        def places(held):
+            return tuple(replace(s, rows=white(s.rows)) for s in held)
+
+        return replace(
+            self, residual=white(self.residual), basis=np.linalg.qr(columns(self.basis))[0],
+            weights=self.weights if weights is None else weights, added=tuple(map(columns, self.added)),
+            sites=places(self.sites), growing=places(self.growing), scans=places(self.scans),
+            candidates=candidates(self.candidates), loose=candidates(self.loose),
+        )  # fmt: skip
 
     def clear(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) with all that the baseline can make of it taken out: M x = x - Q Q' x."""

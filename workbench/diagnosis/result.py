@@ -11,20 +11,22 @@ from workbench.diagnosis.visible import Visible
 
 CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = "consistent", "explained", "ambiguous", "unexplained"
 CERTAIN = 0.95
+_REST = 1 / 3
 
 
 @dataclass(frozen=True)
 class Control:
     """A term's gain when what it depends on is scrambled.
 
-    `kind` "permuted" or "reversed"; `share` of the term's own gain that is left, the median over `trials`; `p_value`
-    that a scrambled one gains as much; `passed`: nothing real is left. `why` it was not made, where it was not.
+    `kind` "permuted", "reversed" or "clock moved round"; `share` of the term's own gain that is left, the median over
+    `trials`; `p_value` that a scrambled one gains as much; `passed`: nothing real is left; None where it cannot tell,
+    and `why` it cannot.
     """
 
     kind: str
     share: float | None
     p_value: float | None
-    passed: bool
+    passed: bool | None
     trials: int = 0
     why: str = ""
 
@@ -36,7 +38,8 @@ class Term:
     `t` of the paired gains of poses, and `t_anew` where each fold knows only what was found without it; `gain` (mm, px)
     the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the search found it
     anew; `size` (mm, px) RMS displacement of the measured point; `kept` False where a proof failed, and `reason` then
-    says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of what is located and not modelled.
+    says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of what is located and not modelled,
+    or of what is left beside the other terms where `rest`.
     """
 
     finding: Finding
@@ -52,6 +55,7 @@ class Term:
     reason: str = ""
     statement: str = ""
     share: float | None = None
+    rest: bool = False
 
     @property
     def certain(self) -> bool:
@@ -145,6 +149,7 @@ class Diagnosis:
     not_recorded: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
+    fixed: object = None  # fixed.FixedPoints, where the recording holds reflectors that do not move
 
     def as_json(self) -> dict:
         """The object of the JSON contract, with more keys."""
@@ -162,21 +167,30 @@ class Diagnosis:
             "p_anything_missing": self.found.p_first, "p_anything_left": self.found.p_rest,
             "outliers": list(self.outliers), "not_recorded": list(self.not_recorded),
             "against": self.shares.as_json() if self.shares else None,
+            "fixed_reflectors": self.fixed.as_json() if self.fixed else None,
             "warnings": list(self.warnings), "provenance": dict(self.provenance),
         }  # fmt: skip
 
 
-def verdict_of(terms, first_p: float, level: float = 0.01) -> str:
+def verdict_of(terms, first_p: float, left: bool = False, level: float = 0.005) -> str:
     """The word of the contract.
 
-    `unexplained` where a kept term has no name, or nothing was kept though structure is there; `ambiguous`
-    where a kept term is less than certain and has alternatives.
+    `unexplained` where a kept term has no name, where nothing was kept though structure is there, or where more is
+    `left` than the terms explain away; `ambiguous` where a kept term is less than certain and has alternatives.
     """
     if any(term.finding.effect == "unknown" for term in terms):
         return UNEXPLAINED
     if not terms:
         return UNEXPLAINED if first_p < level else CONSISTENT
+    if left:
+        return UNEXPLAINED
     return EXPLAINED if all(term.certain for term in terms) else AMBIGUOUS
+
+
+def much_left(proof: Proof, rest_p: float, level: float = 0.01) -> bool:
+    """Whether structure is left, and more than a third of what was above the noise in the held-out error."""
+    above = [max(error**2 - proof.noise**2, 0.0) for error in (proof.before, proof.after)]
+    return rest_p < level and above[1] > _REST * above[0]
 
 
 def told(diagnosis: Diagnosis, statements) -> Diagnosis:
@@ -194,12 +208,23 @@ def _effect(term: Term, unit: str) -> dict:
         "p_value": found.p_value, "probability": found.probability,
         "alternatives": [_alternative(one) for one in found.alternatives],
         "parameters": [dict(row) for row in term.parameters],
-        "depends_on": list(found.depends_on),
+        "depends_on": list(found.depends_on), "options": options_of(found.effects),
         f"size_{unit}": term.size, "t": term.t, "t_searched_anew": term.t_anew, f"held_out_gain_{unit}": term.gain,
         "found_again": {"folds": term.again, "of": term.chances},
         "controls": [_control(one) for one in term.controls],
         "alarms": list(found.alarms), "statement": term.statement,
     }  # fmt: skip
+
+
+def options_of(effects) -> dict:
+    """What an effect was made with beside its place, as JSON: order, joint, instant, seat, width ..."""
+    held = {}
+    for effect in effects:
+        inner = getattr(effect, "inner", effect)  # a law with its masses found is that law
+        held |= {name: value for name, value in inner.options.items()
+                 if isinstance(value, str | bool | int | float) or name == "names"}  # fmt: skip
+        held |= {"masses_found": True} if inner is not effect else {}
+    return held
 
 
 def _alternative(one) -> dict:

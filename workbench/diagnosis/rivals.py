@@ -15,9 +15,11 @@ from workbench.core.parameters import Parameter
 
 _DEGREE, _LONG_DEGREE, _PAIR_DEGREE = 6, 9, 3
 _FINE_DEGREE, _FINE_PAIR = 15, 5  # where but one number moves, as at a joint, a finer function can be afforded
+SHARP_DEGREE = 40
+"""Degree of a function that changes sharply: what is worn at a place is worn over a twentieth of the way."""
 # covariates whose sign alone may matter: the side that it came from, or that it is loaded on
 _SIGNED = ("move", "tau", "down", "moment")
-_SHARP = 20.0  # of a half span: how soon a sign is fully felt
+_SHARP = (20.0, 200.0)  # of a half span: how soon a sign is fully felt
 
 
 @dataclass(frozen=True)
@@ -31,12 +33,13 @@ class Function:
     unit: str
 
 
-def functions(names: tuple[str, ...], values, spans, fine: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def functions(names: tuple[str, ...], values, spans, fine: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """(V, n) functions of one or two covariates, and (V,) their prior sizes, the wavier the smaller.
 
     names: of the covariates; values: (n,) each; spans: (least, most) each, that the functions live on.
     Legendre polynomials on the span without the constant; products of them for two covariates; for a
-    covariate with two values only itself. fine: of higher degree, for a place where one number moves.
+    covariate with two values only itself. fine: 1 of higher degree, for a place where one number moves;
+    2 of so high a degree that it may change sharply.
     """
     # beyond its span a function stays as it is at the end: what was not measured is not extrapolated
     scaled = [np.clip(2 * (x - a) / max(b - a, 1e-300) - 1, -1, 1) for x, (a, b) in zip(values, spans)]
@@ -46,8 +49,8 @@ def functions(names: tuple[str, ...], values, spans, fine: bool = False) -> tupl
     waves, sizes = legvander(scaled[0], degree).T[1:], 1 / np.arange(1, degree + 1)
     if names[0].startswith(_SIGNED) and spans[0][0] < 0 < spans[0][1]:
         half = (spans[0][1] - spans[0][0]) / 2
-        waves = np.concatenate([waves, np.tanh(_SHARP * values[0] / half)[None]])
-        sizes = np.append(sizes, 1.0)
+        waves = np.concatenate([waves, *(np.tanh(sharp * values[0] / half)[None] for sharp in _SHARP)])
+        sizes = np.append(sizes, np.ones(len(_SHARP)))
     return waves, sizes
 
 
@@ -57,7 +60,7 @@ def _degree(name, fine):
     if name == "payload":
         return 2
     if name == "time" or name[0] == "q":
-        return _FINE_DEGREE if fine else _LONG_DEGREE
+        return (_LONG_DEGREE, _FINE_DEGREE, SHARP_DEGREE)[fine]
     return _DEGREE
 
 
@@ -76,12 +79,18 @@ class Smooth(Effect):
     equation = "slot = sum_k c_k L_k(x), Legendre polynomials on the span of the covariate"
     source = "regression on an orthogonal basis"
 
-    def __init__(self, where: str, port: str, names: tuple[str, ...], spans: tuple, unit: str, sizes: tuple):
+    def __init__(self, where: str, port: str, names: tuple[str, ...], spans: tuple, unit: str, sizes: tuple,
+                 sharp: bool = False):  # fmt: skip
         super().__init__(where)
         self.port, self.names, self.spans, self.unit, self.sizes = port, names, spans, unit, sizes
+        self.sharp = sharp
+
+    @property
+    def _fine(self) -> int:
+        return 2 if self.sharp else int(len(self.sizes) == 1)
 
     def table(self, chain):
-        _, shrink = functions(self.names, [np.zeros(1)] * len(self.names), self.spans, len(self.sizes) == 1)
+        _, shrink = functions(self.names, [np.zeros(1)] * len(self.names), self.spans, self._fine)
         about = "_".join(self.names)
         return tuple(
             Parameter(f"{self.where}.unknown.{about}_{s}_{v}", self.unit, 0.0, size * w,
@@ -90,8 +99,7 @@ class Smooth(Effect):
         )  # fmt: skip
 
     def basis(self, state):
-        waves, _ = functions(self.names, [state.covariate(name) for name in self.names], self.spans,
-                             len(self.sizes) == 1)  # fmt: skip
+        waves, _ = functions(self.names, [state.covariate(name) for name in self.names], self.spans, self._fine)
         slots = len(self.sizes)
         return np.einsum("st,vn->svtn", np.eye(slots), waves).reshape(slots * len(waves), slots, state.n)
 

@@ -35,7 +35,8 @@ _POSITIVE = {"joint-compliance": 1, "link-self-weight": 1, "link-compliance": 1,
              "pedestal-compliance": 2}  # fmt: skip
 _LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
-_TOGETHER = ("transmission-harmonic", "joint-coupling")
+_KEPT = 4  # parts of the samples whose bases are kept
+_TOGETHER = ("transmission-harmonic", "joint-coupling", "measured-tilt")
 
 
 def bench_of(recording, baseline: str = "geometry") -> "RobotBench":
@@ -69,10 +70,32 @@ def covariates_of(chain: RobotChain) -> dict[str, np.ndarray]:
     attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)
     made |= dict(zip(("down_x", "down_y", "down_z"), attitude))
     made |= dict(zip(("moment_x", "moment_y"), chain.state.moment[0]))
+    for k, moment in enumerate(chain.state.moment[1:-1], 1):
+        made |= {f"moment{k}_{c}": row for c, row in zip("xyz", moment)}
     made["payload"] = chain.state.payload
     if chain.measurement.place == "sensor":
         made |= dict(zip(("seen_x", "seen_y", "seen_z"), chain.state.measured))
     return recorded | made
+
+
+class _Part:
+    """Some of the samples: their chain, and what is made once for them however often they are solved.
+
+    `bases`: of effects, as a model keeps them; `held`: those effects, so that none of them is another's by its place
+    in memory; `known`: the library by whether something yields.
+    """
+
+    def __init__(self, chain: RobotChain):
+        self.chain, self.bases, self.held, self.known = chain, {}, [], {}
+
+    def library(self, elastic: bool) -> list[Option]:
+        if elastic not in self.known:
+            self.known[elastic] = options(self.chain, elastic)
+        return self.known[elastic]
+
+    def model(self, effects) -> Model:
+        self.held.extend(effects)
+        return Model(self.chain, tuple(effects), self.bases)
 
 
 class RobotBench:
@@ -84,13 +107,23 @@ class RobotBench:
     def __init__(self, chain: RobotChain, pose: np.ndarray, baseline: tuple[Effect, ...], recording=None):
         self.chain, self.pose, self.baseline, self.recording = chain, pose, baseline, recording
         self._solved: dict = {}
+        self._parts: dict = {}
         self._start = None
 
     def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
         model, fit, weights = self.solve(effects, samples)
         every = np.ones(self.chain.n, bool) if samples is None else samples
-        return _problem(model, fit, weights, self.pose[every], tuple(effects), self.loose)
+        return _problem(model, fit, weights, self.pose[every], tuple(effects), self.loose, self._part(samples).library)
+
+    def _part(self, samples) -> _Part:
+        """What is kept of some samples, of the last few that were asked for."""
+        key = _key(samples)
+        made = self._parts.pop(key, None) or _Part(self.chain if samples is None else self.chain.at(samples))
+        self._parts[key] = made
+        if len(self._parts) > _KEPT:
+            del self._parts[next(iter(self._parts))]
+        return made
 
     @cached_property
     def loose(self) -> tuple[Option, ...]:
@@ -107,13 +140,13 @@ class RobotBench:
         return self._solved[key]
 
     def _solve(self, effects, samples):
-        chain = self.chain if samples is None else self.chain.at(samples)
-        model = Model(chain, (*self.baseline, *effects))
+        model = self._part(samples).model((*self.baseline, *effects))
+        chain = model.chain
         free = self.free(model)
         fit = solve(model, free, "huber")
         for _ in range(2):
             widened = _widened(chain, fit)
-            model = replace(model, chain=widened, _bases={})
+            model = replace(model, chain=widened)
             fit = solve(model, fit.parameters, "huber")
         white = fit.residual / model.sigma(fit.parameters)
         if self._start is None:
@@ -158,7 +191,7 @@ class RobotBench:
         """A smooth function of the covariates at a site, as an effect that can join the model."""
         held = [self.chain.state.covariates[name] for name in names]
         spans = [(float(x.min()), float(x.max())) for x in held]
-        return Smooth(site.where, site.port, names, tuple(spans), site.unit, tuple(site.typical.tolist()))
+        return Smooth(site.where, site.port, names, tuple(spans), site.unit, tuple(site.typical.tolist()), site.sharp)
 
 
 def _key(samples):
@@ -188,13 +221,13 @@ def _extra(squares, sigma):
     return brentq(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
 
 
-def _problem(model: Model, fit: Fit, weights, pose, effects, loosened) -> Problem:
+def _problem(model: Model, fit: Fit, weights, pose, effects, loosened, library) -> Problem:
     evaluation = model.evaluate(fit.parameters)
     sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
     white = np.sqrt(weights) / sigma
     rows = _Rows(model, evaluation, white)
     first = len(model.effects) - len(effects)
-    bare = replace(model, effects=model.effects[:first], _bases={})
+    bare = replace(model, effects=model.effects[:first])
     added = tuple(_derivative(model, fit, white, span) for span in model.spans[first:])
     state = model.chain.state
     elastic = any(effect.elastic for effect in model.effects)
@@ -202,7 +235,7 @@ def _problem(model: Model, fit: Fit, weights, pose, effects, loosened) -> Proble
         (evaluation.residual * white).ravel(), _baseline(bare, fit, white),
         np.tile(np.arange(model.chain.n), len(sigma)), weights,
         sigma.ravel().copy(), pose, clock(state), {k: v for k, v in state.covariates.items() if k != "row"},
-        sites(model.chain, rows), _candidates(model, fit, rows, white, options(model.chain, elastic)),
+        sites(model.chain, rows), _candidates(model, fit, rows, white, library(elastic)),
         scans(model.chain, rows), effects,
         float(np.median(sigma / model.chain.stated_sigma)), added,
         tuple(fit.parameters.values[span] for span in model.spans[first:]),
@@ -229,7 +262,7 @@ def _given(bare: Model, fit: Fit, white) -> float:
     if not own:
         return 0.0
     made = sum(_derivative(bare, fit, white, span) @ fit.parameters.values[span] for span in own)
-    plain = _baseline(replace(bare, effects=(), _bases={}), fit, white)
+    plain = _baseline(replace(bare, effects=()), fit, white)
     return float(((made - plain @ (plain.T @ made)) ** 2).sum())
 
 
@@ -286,11 +319,11 @@ def _columns(model, fit, rows, white, effect):
     """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
     if effect.port in STATE_PORTS:
         present = tuple(e for e in model.effects if (e.effect, e.where) != (effect.effect, effect.where))
-        wider = replace(model, effects=(*present, effect), _bases={})
+        wider = replace(model, effects=(*present, effect))
         start = wider.parameters.take_over(fit.parameters)
         own = np.arange(len(start)) >= wider.spans[-1].start
         derivative = wider.linearise(start.only(own))[1] * white
     else:
-        basis = effect.basis(model.chain.state)
+        basis = model.basis(effect)
         derivative = np.einsum("pkn,kmn->pmn", basis, rows(effect.port, effect.slots(model.chain)))
     return derivative.reshape(len(derivative), -1).T

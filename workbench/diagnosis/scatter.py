@@ -8,13 +8,17 @@ of each residual with the port's, given its length, so that neither heavy tails 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2, norm
+from scipy.stats import t as student
 
-from workbench.diagnosis.problem import Alternative, Candidate, Finding, Located, Problem, Scan, Site
+from workbench.diagnosis.problem import Alternative, Finding, Located, Problem, Site
 
+CLAIMED = 1e-4
+"""Chance that a place of a recording with nothing wrong is said to move by chance."""
 _NEAR, _SPREADS, _SAME = 0.5, (0.05, 50.0), 1e-3
 _FAR = 3.0  # median lengths, from which on a sample counts no more
-_PERIODS, _ORDERS, _CLEAR = 1.6, 60000, 1e-4  # how far a count may be from what its spread says; how many are tried
+_PERIODS, _ORDERS, _CLEAR = 1.6, 400000, 1e-4  # how far a count may be from what its spread says; how many are tried
+_GRID = 20  # places of a grid in the shortest wave
 LABEL = "from sample to sample, with nothing that was recorded"
 _COLUMNS = {"approach": "approach", "temperature": "temperature", "payload": "payload", "speed": "qdot"}
 
@@ -48,7 +52,7 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
         return None
     root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
     whole = (problem.clear(problem.residual) / root).reshape(m, problem.n)
-    sites = [replace(site, rows=site.rows / root) for site in (*problem.sites, *problem.growing)]
+    sites = [replace(site, rows=site.rows / root) for site in places(problem)]
     length = np.sqrt((whole**2).sum(0))
     z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
     scores = np.array([_score(_tensor(site, m), z) for site in sites])
@@ -64,6 +68,16 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
                    _rounds(own, whole, spread, problem.covariates))  # fmt: skip
 
 
+def places(problem: Problem) -> tuple[Site, ...]:
+    """Every place that may move by chance; all joints at once, too, as when readings are of another instant."""
+    joints = [site for site in problem.sites if site.port == "joint" and not site.sharp]
+    some = [site for site in (*problem.sites, *problem.growing) if not site.sharp]
+    if len(joints) > 1:
+        rows, typical = (np.concatenate([getattr(s, name) for s in joints]) for name in ("rows", "typical"))
+        some.append(replace(joints[0], where="time", rows=rows, typical=typical, covariates=(), pairs=()))
+    return tuple(some)
+
+
 def _directions(site: Site, m: int) -> np.ndarray:
     """(k, m, n) what each slot does, in typical sizes."""
     return (site.rows * site.typical[:, None]).reshape(len(site.rows), m, -1)
@@ -72,7 +86,8 @@ def _directions(site: Site, m: int) -> np.ndarray:
 def _tensor(site, m):
     d = _directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
-    return tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
+    made = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
+    return made if (made**2).sum() > _SAME * (tensor**2).sum() else np.zeros_like(made)  # every way alike
 
 
 def _likelihood(site, z) -> tuple[float, float, float]:
@@ -90,13 +105,14 @@ def _likelihood(site, z) -> tuple[float, float, float]:
 
 
 def _score(tensor, z):
-    weight = (z**2).sum(0) ** 2
-    whole = (tensor**2).sum()
-    tensor = tensor - (tensor * weight).sum(-1, keepdims=True) / weight.sum()
-    if (tensor**2).sum() < _SAME * whole:  # the same for all samples, as of a frame that the instrument moves with
+    whole, z = (tensor**2).sum(), z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
+    tensor = tensor - tensor.mean(-1, keepdims=True)
+    if (tensor**2).sum() <= _SAME * whole:  # the same for all samples, as of a frame that the instrument moves with
         return 0.0
     each = np.einsum("an,abn,bn->n", z, tensor, z)
-    return float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
+    score = float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
+    number = (each**2).sum() ** 2 / max((each**4).sum(), 1e-300)  # of samples that the sum is as good as made of
+    return float(norm.isf(max(student.sf(score, number), 1e-300)))
 
 
 def _moved(site, z):
@@ -133,11 +149,25 @@ def _rounds(site, z, spread, covariates) -> float:
     made, error, _ = _moved(site, z)
     weight = made / (error + spread**2)
     count = spread * float(site.typical[0]) * np.sqrt(12)
-    step = np.pi / 2 / np.ptp(reading)
-    orders = np.arange(2 * np.pi / (_PERIODS * count), 2 * np.pi * _PERIODS / count, step)[:_ORDERS]
-    highest = max(float((np.abs(np.exp(1j * part[:, None] * reading) @ weight) ** 2).max())
-                  for part in np.array_split(orders, len(orders) // 500 + 1))  # fmt: skip
-    return float(min(1.0, len(orders) * np.exp(-highest / (weight**2).sum())))
+    reading, same = np.unique(reading, return_inverse=True)  # samples of one pose move together
+    weight = np.bincount(same, weight)
+    power, tried = _waves(reading, weight, count)
+    return float(min(1.0, tried * np.exp(-power / (weight**2).sum()))) if tried else 1.0
+
+
+def _waves(reading, weight, count) -> tuple[float, int]:
+    """The highest power of a wave of the reading whose period is about a count, and how many were tried.
+
+    Readings are laid on a grid of a twentieth of the shortest wave, which costs a hundredth of its power.
+    """
+    span, shortest = np.ptp(reading), count / _PERIODS
+    shortest = max(shortest, 2 * np.pi * span / (_ORDERS * np.pi / 2))
+    size = int(2 ** np.ceil(np.log2(4 * span / (shortest / _GRID))))
+    laid = np.bincount(((reading - reading.min()) / shortest * _GRID).astype(int), weight, size)
+    power = np.abs(np.fft.rfft(laid)) ** 2
+    order = np.arange(len(power)) * (_GRID / (size * shortest))  # waves a radian
+    tried = (order >= 1 / (_PERIODS * count)) & (order <= 1 / shortest)
+    return float(power[tried].max(initial=0.0)), int(tried.sum())
 
 
 def _along(d, z):
@@ -149,47 +179,56 @@ def evened_by(problem: Problem, scatter: Scatter) -> Problem:
     """The problem with residuals, and all that is compared with them, whitened by what a site scatters as well."""
     m = len(problem.residual) // problem.n
     mine = scatter.site.where, scatter.site.port
-    site = next(s for s in (*problem.sites, *problem.growing) if (s.where, s.port) == mine)
+    site = next(s for s in places(problem) if (s.where, s.port) == mine)
     d = _directions(site, m)
     covariance = np.eye(m)[:, :, None] + scatter.ratio**2 * np.einsum("kan,kbn->abn", d, d)
     values, vectors = np.linalg.eigh(covariance.transpose(2, 0, 1))
-    root = np.einsum("nab,nb,ncb->acn", vectors, 1 / np.sqrt(values), vectors)
+    root = np.einsum("nab,nb,ncb->acn", vectors, scatter.ratio / scatter.spread / np.sqrt(values), vectors)
 
     def white(rows):
         return np.einsum("abn,kbn->kan", root, rows.reshape(-1, m, problem.n)).reshape(rows.shape)
 
-    def candidate(c: Candidate) -> Candidate:
-        return replace(c, columns=white(np.ascontiguousarray(c.columns.T)).T)
+    return problem.through(white)
 
-    def place(s: Site | Scan):
-        return replace(s, rows=white(s.rows))
 
-    return replace(
-        problem, residual=white(problem.residual),
-        basis=np.linalg.qr(white(np.ascontiguousarray(problem.basis.T)).T)[0],
-        sites=tuple(map(place, problem.sites)), growing=tuple(map(place, problem.growing)),
-        scans=tuple(map(place, problem.scans)),
-        candidates=tuple(map(candidate, problem.candidates)), loose=tuple(map(candidate, problem.loose)),
-        added=tuple(white(np.ascontiguousarray(a.T)).T for a in problem.added),
-    )  # fmt: skip
+def beside(problem: Problem, where: str, port: str, level: float) -> Scatter | None:
+    """What a function without a name leaves at its own place, as movement by chance there; None where it leaves none.
+
+    By the likelihood ratio of the spread, on the border of what it can be (Self & Liang, JASA 82, 1987).
+    """
+    m = len(problem.residual) // problem.n
+    site = next((s for s in places(problem) if (s.where, s.port) == (where, port)), None)
+    if site is None or m < 2 or len(problem.residual) != m * problem.n:
+        return None
+    root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    site, z = replace(site, rows=site.rows / root), (problem.clear(problem.residual) / root).reshape(m, problem.n)
+    best, ratio, noise = _likelihood(site, z)
+    none = -0.5 * z.size * (1 + np.log((z**2).mean())) + 0.5 * z.size
+    p = 0.5 * float(chi2.sf(max(2 * (best - none), 0.0), 1))
+    return Scatter(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0) if p < level else None
+
+
+def movement(scatter: Scatter) -> float:
+    """Sum of squares of all that it moves, in sigmas."""
+    return float((scatter.spread**2 * _directions(scatter.site, 1) ** 2).sum())
 
 
 def told(scatter: Scatter, problem: Problem) -> Finding:
     """In words of the vocabulary: rounding where it follows the reading's counts, else an unknown and what may lack."""
-    size = float(np.sqrt((scatter.spread**2 * _directions(scatter.site, 1) ** 2).sum() / len(problem.residual)))
+    size = float(np.sqrt(movement(scatter) / len(problem.residual)))
     given = (scatter.p_value, 1.0 - scatter.p_value, size, size**2 * len(problem.residual))
     if scatter.rounds < _CLEAR:
         return Finding("encoder-quantisation", scatter.site.where, "", (), *given)
-    return Finding("unknown", scatter.site.where, LABEL, (), *given, alternatives=_hidden(scatter, problem))
+    return Finding("unknown", scatter.site.where, LABEL, (), *given, alternatives=hidden(scatter, problem))
 
 
-def _hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:
+def hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:
     """What could do it through a covariate that the recording does not hold, the likelier first."""
     site, held = scatter.site, problem.covariates
     two = abs(scatter.kurtosis + 2) < min(2 * scatter.error, abs(scatter.kurtosis))  # two values: a coin's kurtosis
-    warm = ("link-thermal-growth" if site.port == "geometry" else "joint-thermal-drift", site.where, "", "temperature")
+    warm = ("joint-thermal-drift" if site.port == "joint" else "link-thermal-growth", site.where, "", "temperature")
     rows = [warm] if site.where.startswith(("joint", "link")) else []
-    if site.port == "joint":
+    if site.port == "joint" and site.where != "time":
         rows = [("backlash", site.where, "by the side of approach", "approach"), *rows][:: 1 if two else -1]
         rows.append(("joint-compliance", site.where, "", "payload"))
     if site.port != "geometry":
@@ -205,4 +244,4 @@ def place_of(scatter: Scatter) -> Located:
     return Located(scatter.site.where, scatter.site.port, (), 0.0, scatter.p_value, scatter.spread)
 
 
-__all__ = ["Scatter", "evened_by", "told", "place_of", "scattered"]
+__all__ = ["Scatter", "beside", "evened_by", "hidden", "movement", "place_of", "scattered", "told"]

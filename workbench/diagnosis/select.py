@@ -1,70 +1,29 @@
 """Which effects are missing: sets searched in the linearised problem, solved non-linearly, each then questioned."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
 
-from workbench.diagnosis.data import CLAIMED, of_data
+from workbench.diagnosis.data import of_data, unevenly
 from workbench.diagnosis.evidence import Projected
+from workbench.diagnosis.findings import ELASTIC, YIELDS, finding, tells, with_hidden
 from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.locate import located
-from workbench.diagnosis.problem import Alternative, Bench, Finding, Found, Problem
-from workbench.diagnosis.scatter import Scatter, evened_by, place_of, scattered, told
-from workbench.diagnosis.sets import LAW, Sets
+from workbench.diagnosis.problem import Bench, Found, Problem
+from workbench.diagnosis.rest import grown_by_prediction
+from workbench.diagnosis.scatter import CLAIMED, Scatter, beside, place_of, scattered, told
+from workbench.diagnosis.search import Search, name_of
+from workbench.diagnosis.sets import LAW, SECOND, Sets, room, same_place
 
-LEVEL = 0.01
+LEVEL = 0.005
 """Chance that a recording with nothing missing is said to miss something."""
 _ROUNDS, _GROWN, _WIDE = 3, 3, 6
 _MANY = 1200  # samples beyond which a search takes only every so many poses
 _FIRST, _BESIDE, _EACH, _UNNAMED = 48, 24, 4, 6  # hypotheses taken from each table into the search of sets
-_CREDIBLE = 0.95
+_SMALL = "not beyond chance, or too small, beside the others"
 LAW_ERROR = 0.015
 """Share of an elastic law's effect that it may be wrong by: angles by tenths of a degree, lengths by a millimetre."""
-_YIELDS = ("link-compliance", "bearing-compliance", "pedestal-compliance")
-ELASTIC = ("joint-compliance", *_YIELDS)
-_NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
-_PRIORS = 30.0  # typical sizes: ten times a prior of three
-
-
-@dataclass
-class _Search:
-    """A search under way: what is accepted, its problem, and a line for each step."""
-
-    bench: Bench
-    samples: np.ndarray | None
-    level: float
-    progress: Callable[[str], None]
-    accepted: tuple[Hypothesis, ...] = ()
-    trail: list[str] = field(default_factory=list)
-    problem: Problem | None = None
-    tables: dict = field(default_factory=dict)
-    scatter: Scatter | None = None
-
-    def say(self, line: str):
-        self.trail.append(line)
-        self.progress(line)
-
-    def solve(self):
-        """Everything solved with what is accepted; tables of before are void."""
-        effects = [e for h in self.accepted for e in h.effects]
-        problem = self.bench.problem(effects, self.samples)
-        self.problem, self.tables = problem if self.scatter is None else evened_by(problem, self.scatter), {}
-
-    def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
-        """Everything judged beside those accepted whose numbers are kept."""
-        if kept not in self.tables:
-            wanted = [(h.family, h.label) for h in self.accepted]
-            self.tables[kept] = judged(self.problem.keeping(kept), wanted=wanted)
-        return self.tables[kept]
-
-    @property
-    def everyone(self) -> tuple[int, ...]:
-        return tuple(range(len(self.accepted)))
-
-    def others(self, i: int) -> tuple[int, ...]:
-        return tuple(j for j in self.everyone if j != i)
 
 
 def find(
@@ -78,7 +37,7 @@ def find(
 
     level: chance of a false alarm on the whole search. Raises what the bench's solve raises.
     """
-    search = _Search(bench, samples, level, progress)
+    search = Search(bench, samples, level, progress)
     search.solve()
     if search.problem.n > _MANY and not getattr(bench, "whole", False):
         return _confirmed(search, samples)
@@ -86,60 +45,192 @@ def find(
     return bench.reviewed(found, samples) if hasattr(bench, "reviewed") else found
 
 
-def _found(search: _Search) -> Found:
+def _found(search: Search) -> Found:
     """Set found, pruned and questioned on the search's samples."""
-    level = search.level
-    before, table = search.problem, search.table(())
-    first, places = family_wise(table, LAW_ERROR**2 * before.given), located(before, table)
-    if first <= level:
-        _named(search)
-    search.scatter = scattered(search.problem.keeping(), CLAIMED)
-    if search.scatter and search.scatter.p_value > family_wise(search.table(search.everyone)):
-        search.scatter = None  # what is left has a law, though not a known one
-    if search.scatter and search.accepted:  # what moves by chance also passes for laws: all is asked anew beside it
-        before, first = _anew(search)
-    findings = tuple(_finding(search, i) for i in search.everyone)
-    after, table = search.problem.keeping(), search.table(search.everyone)
+    level, before, table = search.level, search.plain, search.table(())
+    places = located(search.problem, table)
+    first = _first(search)
+    search.spread = unevenly(search.problem.keeping())
+    if search.spread is not None:  # what grows with a covariate also passes for a function of it
+        search.say("the noise is not the same everywhere")
+        first = _first(search, anew=True)
+    moving = _beside_unknowns(search)
+    if not moving:
+        search.scatter, own = _moving(search) or search.scatter, search.scatter
+        moving = search.scatter is not own
+    if moving and search.accepted:  # what moves by chance also passes for laws: all is asked anew beside it
+        search.say(f"{search.scatter.site.where} moves from sample to sample")
+        search.level = CLAIMED  # how much it moves is only known nearly
+        first = _first(search, anew=True)
+    findings = tuple(with_hidden(search, finding(search, i)) for i in search.everyone)
+    rest = family_wise(search.table(search.everyone))
+    after = search.plain.keeping()
     outliers, data = of_data(after)
-    if family_wise(table) <= level or search.scatter or any(h.unnamed for h in search.accepted):
-        data = ()  # noise is judged where nothing else is left to judge
-    if search.scatter:
+    if rest <= level or search.scatter:
+        data = tuple(f for f in data if not search.scatter and f.p_value < rest)  # noise is judged where little is left
+    if any(h.unnamed for h in search.accepted):
+        data = tuple(f for f in data if f.effect == "outliers")  # what a function leaves is not the same everywhere
+    if moving:
         data, places = _with_scatter(search, before, data, places)
         first = min(first, search.scatter.p_value)
-    return Found(findings, before, after, first, family_wise(table), places, located(after, table), outliers, data,
-                 tuple(search.trail))  # fmt: skip
+    left = located(search.problem.keeping(), search.table(search.everyone))
+    return Found(findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail))
 
 
-def _with_scatter(search: _Search, before: Problem, data, places):
-    """Findings on the data and places with what moves by chance, unless an unknown there says more of it."""
-    at = search.scatter.site.where
-    if any(h.unnamed and h.where == at for h in search.accepted):
+def _first(search: Search, anew: bool = False) -> float:
+    """The chance that nothing is missing; where that is small, what is is searched for."""
+    if anew:
+        search.accepted = ()
+        search.solve()
+    first = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
+    if first <= search.level:
+        _named(search)
+    return first
+
+
+def _moving(search: Search) -> Scatter | None:
+    """The place that moves by chance, unless what is left has a law, though not a known one."""
+    found = scattered(search.problem.keeping(), CLAIMED)
+    if found is None or found.p_value > family_wise(search.table(search.everyone)):
+        return None
+    return found
+
+
+def _with_scatter(search: Search, before: Problem, data, places):
+    """Findings on the data and places with what moves by chance, unless a finding there says more of it."""
+    if any(h.unnamed or tells(search, h) for h in search.accepted):
         return data, places
     place = (place_of(search.scatter),)
     return (told(search.scatter, before), *data), (*places, *place) if search.accepted else (*place, *places)
 
 
-def _anew(search: _Search) -> tuple[Problem, float]:
-    """The search beside a place that moves by chance; the baseline's problem and what is missing in it beside that."""
-    search.say(f"{search.scatter.site.where} moves from sample to sample")
-    search.accepted = ()
+def _beside_unknowns(search: Search) -> bool:
+    """Laws asked again beside what a function without a name leaves at its own place, as it is only nearly right.
+
+    Whether the function itself is not needed there: then there is no more than movement by chance.
+    """
+    unknown = [(search.beside(i)[0], h.source[0]) for i, h in enumerate(search.accepted) if h.unnamed]
+    if not unknown:
+        return False
+    site = max(unknown, key=lambda pair: pair[0])[1]
+    search.scatter = beside(search.problem.keeping(), site.where, getattr(site, "port", "frame"), CLAIMED)
+    if search.scatter is None:
+        return False
+    search.say(f"what is left at {site.where} is taken for the unknown's own")
     search.solve()
-    before = search.problem
-    first = family_wise(search.table(()), LAW_ERROR**2 * before.given)
-    if first <= search.level:
-        _named(search)
-    return before, first
+    _sure(search)
+    if any(h.unnamed and h.where == site.where for h in search.accepted):
+        _beaten(search)
+        _folded(search)
+        return False
+    search.scatter = None
+    search.solve()
+    search.scatter = scattered(search.problem.keeping(), CLAIMED)
+    return search.scatter is not None
 
 
-def _named(search: _Search):
+def _sure(search: Search):
+    """Leave out, the least sure first, whatever is not beyond chance by itself, and what is less likely than nothing.
+
+    The last one is only exchanged, for the likeliest that is beyond chance, where something is.
+    """
+    while len(search.accepted) > 1:
+        p = [_alone(search, i) for i in search.everyone]
+        if max(p) > search.level:
+            search.without({int(np.argmax(p))}, _SMALL)
+            continue
+        odds = [search.own(i).log_weight for i in search.everyone]
+        if min(odds) + SECOND >= 0:
+            return
+        search.without({int(np.argmin(odds))}, "nothing is likelier than it, beside the others")
+    if search.accepted and _alone(search, 0) > search.level:
+        clear = [h for h in search.table(()) if h.p / h.weight <= search.level and (h.evidence > 0 or not h.unnamed)]
+        search.accepted = tuple(_with_effect(search.bench, h) for h in clear[:1])
+        search.solve()
+
+
+def _alone(search: Search, i: int) -> float:
+    """p-value of an accepted hypothesis beside the others by itself, over the whole search."""
+    return search.beside(i)[1] / search.accepted[i].weight
+
+
+def _named(search: Search):
     _settle(search)
     _prune(search)
     _usual(search)
     _grow(search)
+    grown_by_prediction(search)
+    _sure(search)
+    _beaten(search)
+    _folded(search)
     _ordered(search)
 
 
-def _confirmed(search: _Search, samples) -> Found:
+def _beaten(search: Search):
+    """Whatever is likelier beside all others instead of a law; if without a name, by more than laws may miss."""
+    for _ in range(_ROUNDS):
+        slack = (1 - LAW) * search.explained()
+        for i in search.everyone:
+            own, best = search.own(i), _likelier(search, i, slack)
+            if best is not None:
+                break
+        else:
+            return
+        search.say(f"{best.effect} at {best.where} {best.label} for {own.effect} at {own.where}: it is likelier")
+        kept = [h for j, h in enumerate(search.accepted) if j != i and room(h, best)]
+        search.accepted = (*kept, _with_effect(search.bench, best))
+        search.solve()
+        _prune(search)
+
+
+def _likelier(search: Search, i: int, slack: float) -> Hypothesis | None:
+    """What is likelier in the place of a law that is accepted, and at least as sure; None where nothing is."""
+    own = search.own(i)
+    if own.unnamed or name_of(own) in search.usual:
+        return None
+    rivals = [h for h in search.table(search.others(i))
+              if h.log_weight > own.log_weight and h.p / h.weight <= search.level
+              and h.gain > own.gain + (slack if h.unnamed else 0.0)]  # fmt: skip
+    return max(rivals, key=lambda h: h.log_weight, default=None)
+
+
+def _folded(search: Search):
+    """Laws that explain less than an unknown at their place, or near it than it is wrong by, are a part of it.
+
+    A smooth function is no more exact than a law: what it misses of what is there lies about where it lies.
+    """
+    gains = [search.beside(i)[0] for i in search.everyone]
+    unknown = [(h.where, gain) for h, gain in zip(search.accepted, gains) if h.unnamed]
+    gone = _twins(search, gains)
+    for i, h in enumerate(search.accepted):
+        own = same_place(h)
+        least = [gain * (1.0 if where in own else 1 - LAW) for where, gain in unknown if _near(h.where, where)]
+        if not h.unnamed and gains[i] < max(least, default=0.0):
+            gone.add(i)
+    if gone:
+        search.without(gone, "taken for a part of what else is there")
+
+
+def _twins(search: Search, gains: list[float]) -> set[int]:
+    """The less likely of two laws that yield at one place in two ways, where it adds less than laws are wrong by."""
+    least, gone = (1 - LAW) * search.explained(), set()
+    for i, h in enumerate(search.accepted):
+        for j in range(i):
+            other = search.accepted[j]
+            same = other.where in same_place(h) or h.where in same_place(other)
+            if same and h.effect != other.effect and {h.effect, other.effect} <= set(ELASTIC):
+                small = min(i, j, key=lambda k: search.own(k).log_weight)
+                gone |= {small} if gains[small] < least else set()
+    return gone
+
+
+def _near(place: str, other: str) -> bool:
+    """Whether two places are the same, or of neighbouring links."""
+    numbers = [int(p.rpartition("-")[2]) for p in (place, other) if "-" in p]
+    return place == other or len(numbers) == 2 and abs(numbers[0] - numbers[1]) <= 1
+
+
+def _confirmed(search: Search, samples) -> Found:
     """The search on every so many poses, which is as valid and quicker; what is left is judged on all."""
     whole, n = search.problem, search.problem.n
     _, label = np.unique(whole.pose, return_inverse=True)
@@ -162,7 +253,7 @@ def _within(samples: np.ndarray, part: np.ndarray) -> np.ndarray:
     return out
 
 
-def _settle(search: _Search):
+def _settle(search: Search):
     """The likeliest set and a solve with it, until the set stays as it is."""
     tried: list[set] = []
     for _ in range(_ROUNDS):
@@ -170,15 +261,15 @@ def _settle(search: _Search):
         projected = Projected(bare)
         short, present = _shortlist(search)
         chosen = Sets.of(projected, bare, short).best(present)
-        if {_name(h) for h in chosen} in tried:
+        if {name_of(h) for h in chosen} in tried:
             break
-        tried.append({_name(h) for h in chosen})
+        tried.append({name_of(h) for h in chosen})
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
         search.solve()
 
 
-def _shortlist(search: _Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
+def _shortlist(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
     """Hypotheses for the search of sets: likely alone, beside all, or in the place of one; and who is accepted."""
     alone = search.table(())
     pools = [(alone, _FIRST), (alone, -_UNNAMED)]
@@ -186,17 +277,13 @@ def _shortlist(search: _Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
         pools += [(search.table(search.everyone), _BESIDE), (search.table(search.everyone), -_UNNAMED)]
     if len(search.accepted) <= _WIDE:
         pools += [(search.table(search.others(i)), _EACH) for i in search.everyone]
-    own = {_name(h) for h in search.accepted}
-    mine = [h for h in alone if _name(h) in own]
-    chosen = {_name(h): h for h in mine}
+    own = {name_of(h) for h in search.accepted}
+    mine = [h for h in alone if name_of(h) in own]
+    chosen = {name_of(h): h for h in mine}
     for table, count in pools:
         rows = [h for h in table if bool(h.unnamed) == (count < 0)][: abs(count)]
-        chosen |= {_name(h): h for h in rows if _name(h) not in chosen}
+        chosen |= {name_of(h): h for h in rows if name_of(h) not in chosen}
     return list(chosen.values()), tuple(range(len(mine)))
-
-
-def _name(h: Hypothesis):
-    return (*h.key, h.label)
 
 
 def _with_effect(bench, h: Hypothesis) -> Hypothesis:
@@ -204,70 +291,64 @@ def _with_effect(bench, h: Hypothesis) -> Hypothesis:
     return replace(h, effects=(bench.smooth(*h.source),)) if h.unnamed and not h.effects else h
 
 
-def _prune(search: _Search):
+def _prune(search: Search):
     """Leave out, the least sure first, whatever beside the others is not beyond chance, or too small to be told."""
     while search.accepted:
-        tables = [search.table(search.others(i)) for i in search.everyone]
-        p = [family_wise(table) for table in tables]
+        own = [search.beside(i) for i in search.everyone]
+        p = [_chance(search, i, *mine) for i, mine in zip(search.everyone, own)]
         worst = int(np.argmax(p))
         if p[worst] <= search.level:
-            gains = np.array([_own(search, i, table).gain for i, table in zip(search.everyone, tables)])
-            worst, least = int(np.argmin(gains)), max(_told_from(search), _left(search))
+            gains = np.array([gain for gain, _ in own])
+            worst, least = int(np.argmin(gains)), max(_inexact(search), search.left())
             if len(gains) == 1 or gains[worst] >= least:
                 break
-            _without(search, {worst, *np.flatnonzero(gains < least / 2)[: len(gains) - 1]})
+            search.without({worst, *np.flatnonzero(gains < least / 2)[: len(gains) - 1]}, _SMALL)
             continue
         if len(search.accepted) == 1:
             break
-        _without(search, {worst})
+        search.without({worst}, _SMALL)
 
 
-def _without(search: _Search, gone: set[int]):
-    for i in gone:
-        one = search.accepted[i]
-        search.say(f"{one.effect} at {one.where} {one.label}: not beyond chance, or too small, beside the others")
-    search.accepted = tuple(h for i, h in enumerate(search.accepted) if i not in gone)
-    search.solve()
+def _chance(search: Search, i: int, gain: float, p: float) -> float:
+    """p-value over the whole search that nothing is missing without an accepted hypothesis.
+
+    Its own is an upper limit, so that only where that is above the level all others are looked at.
+    """
+    own = min(1.0, p / search.accepted[i].weight)
+    return own if own <= search.level else family_wise(search.table(search.others(i)))
 
 
-def _told_from(search: _Search) -> float:
+def _inexact(search: Search) -> float:
     """The least gain that is not the error of the elastic laws in the model themselves, which geometry makes."""
     elastic = any(effect.elastic for h in search.accepted for effect in h.effects)
-    return LAW_ERROR**2 * (search.problem.given + elastic * _explained(search))
+    return LAW_ERROR**2 * (search.problem.given + elastic * search.explained())
 
 
-def _left(search: _Search) -> float:
-    """Gain of the best function of what is left, where that is beyond chance: what is less than it is not told."""
-    table = search.table(search.everyone)
-    if family_wise(table) > search.level:
-        return 0.0
-    return max((h.gain for h in table if h.unnamed and h.p / h.weight <= search.level), default=0.0)
-
-
-def _usual(search: _Search):
+def _usual(search: Search):
     """A joint that yields instead of anything else that does, where what is left weighs more than their difference.
 
     Gears yield more than links and bearings, and what is not explained yet could turn the balance either way.
     """
     for i in search.everyone:
-        mine, left = search.accepted[i], _left(search)
-        if not left or mine.effect not in _YIELDS:
+        mine, left = search.accepted[i], search.left()
+        if not left or mine.effect not in YIELDS:
             continue
         table = search.table(search.others(i))
-        least = _own(search, i, table).gain - left
+        least = search.own(i).gain - left
         joints = [h for h in table if h.effect == "joint-compliance" and h.gain > least]
         if joints:
             other = max(joints, key=lambda h: h.gain)
             places = f"{other.effect} at {other.where} for {mine.effect} at {mine.where}"
             search.say(f"{places}: about as good, and more usual")
             search.accepted = (*search.accepted[:i], other, *search.accepted[i + 1 :])
+            search.usual.add(name_of(other))
             search.solve()
 
 
-def _grow(search: _Search):
+def _grow(search: Search):
     """What is named and explains about as much as any function of what is left joins; it was beaten by what is gone."""
     for _ in range(_GROWN):
-        left = _left(search)
+        left = search.left()
         table = search.table(search.everyone)
         named = [h for h in table if not h.unnamed and h.gain > LAW * left and h.p / h.weight <= search.level]
         if not left or not named:
@@ -278,7 +359,7 @@ def _grow(search: _Search):
         search.solve()
 
 
-def _ordered(search: _Search):
+def _ordered(search: Search):
     """What explains most first, then what explains most beside it, and so on."""
     left, kept = list(search.everyone), []
     if len(left) < 2:
@@ -291,73 +372,6 @@ def _ordered(search: _Search):
         left.remove(best)
     search.accepted = tuple(search.accepted[i] for i in kept)
     search.solve()
-
-
-def _own(search: _Search, i: int, table) -> Hypothesis:
-    """The accepted hypothesis as the table beside the others judges it."""
-    mine = search.accepted[i]
-    return next((h for h in table if _name(h) == _name(mine)), table[0])
-
-
-def _finding(search: _Search, i: int) -> Finding:
-    """The finding with its posterior among all that might stand in its place beside the others."""
-    table, mine = search.table(search.others(i)), search.accepted[i]
-    own = _own(search, i, table)
-    slack = (1 - LAW) * _explained(search)
-    rivals = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
-    total = logsumexp([h.log_weight for h in rivals])
-    shares: dict[tuple, float] = {}
-    for h in rivals:
-        shares[h.key] = shares.get(h.key, 0.0) + float(np.exp(h.log_weight - total))
-    size = float(np.sqrt(own.gain / len(search.problem.sample)))
-    return Finding(
-        *mine.key, mine.label, mine.effects, max(family_wise(table), 1e-300), shares.get(mine.key, 0.0), size,
-        own.gain, mine.unnamed, _alternatives(rivals, shares, own, _left(search), _NEAR * _variance(search)),
-    )  # fmt: skip
-
-
-def _variance(search: _Search) -> float:
-    """Variance of a whitened coordinate that is left."""
-    kept = search.problem.keeping()
-    return float((kept.clear(kept.residual) ** 2).sum()) / max(kept.degrees, 1)
-
-
-def _alarms(search: _Search, i: int) -> tuple[str, ...]:
-    """What is not plausible about the fitted sizes of a finding."""
-    source = search.accepted[i].source
-    if isinstance(source, tuple):
-        return ()
-    values = search.problem.values[i]
-    negative = source.positive and (values < 0).any()
-    large = (np.abs(values) > _PRIORS * source.typical).any()
-    said = ((negative, "it is negative, which nothing that yields can be"),
-            (large, "it is more than ten times what such an effect is expected to be at most"))  # fmt: skip
-    return tuple(words for true, words in said if true)
-
-
-def _explained(search: _Search) -> float:
-    """Fall of the sum of squares by all that is accepted: known laws are wrong by a share of it."""
-    kept, bare = search.problem.keeping(), search.problem.keeping(())
-    return float((bare.clear(bare.residual) ** 2).sum() - (kept.clear(kept.residual) ** 2).sum())
-
-
-def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:
-    """What else is in the 95 % credible set, or so near in what it explains that what is left could tip the balance.
-
-    And what yields in another place and explains as much but for chance: only its prior speaks against it.
-    """
-    ranked, covered, out = sorted(shares.items(), key=lambda item: -item[1]), 0.0, []
-    for key, share in ranked:
-        other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
-        twin = other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
-        near = left > 0 and not other.unnamed and other.gain > own.gain - left and other.rank <= own.rank
-        near = near or twin
-        if key != own.key and (covered < _CREDIBLE or near):
-            alike = min(1.0, other.gain / max(own.gain, 1e-300))
-            why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
-            out.append(Alternative(*key, other.label, share, alike, why, other.missing))
-        covered += share
-    return tuple(out)
 
 
 __all__ = ["LEVEL", "find"]

@@ -5,7 +5,8 @@ hypotheses: every pair is tried, then sets grow, shrink and exchange members as 
 posterior rises. Sets of one kind at all places (every joint yields a little) are further starts.
 """
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -14,6 +15,7 @@ import numpy as np
 from workbench.diagnosis.evidence import SIZES, Projected, log_evidence
 from workbench.diagnosis.hypotheses import Hypothesis
 from workbench.diagnosis.problem import Problem
+from workbench.diagnosis.rivals import SHARP_DEGREE
 
 SECOND = float(np.log(0.2))
 """Log prior odds of one more effect."""
@@ -22,7 +24,7 @@ LAW = 0.95
 _LARGEST, _STEPS, _UNNAMED = 12, 60, 2
 _WRONG, _NEGATIVE = 6, 2.0  # how often a set is searched without what is negative, by more than so many sigmas
 _SLOW = 6.0  # orders that a smooth function follows
-_SERIES = 3  # waves at one joint from which on one function of its angle is thought of
+_SERIES = 3  # waves at one joint from which on one function of its angle is thought of, and no further wave
 _PAIRED, _KINDS = 40, 3  # hypotheses of which all pairs are searched; kinds from which the search starts
 
 Members = tuple[int, ...]
@@ -38,6 +40,7 @@ class Sets:
     score: np.ndarray
     start: np.ndarray
     barred: set[int] = field(default_factory=set)
+    seen: dict[frozenset, tuple[np.ndarray, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, projected: Projected, problem: Problem, short: Sequence[Hypothesis]) -> "Sets":
@@ -51,12 +54,24 @@ class Sets:
     @cached_property
     def rooms(self) -> np.ndarray:
         """(K, K) bool: which may act side by side."""
-        return np.array([[i != j and _room(a, b) for j, b in enumerate(self.short)] for i, a in enumerate(self.short)])
+        return np.array([[i != j and room(a, b) for j, b in enumerate(self.short)] for i, a in enumerate(self.short)])
 
     @cached_property
     def unnamed(self) -> np.ndarray:
         """(K,) bool."""
         return np.array([bool(h.unnamed) for h in self.short])
+
+    @cached_property
+    def kinds(self) -> list:
+        """Of each: ("move", 2) of functions of each joint's own move, at whatever joint; else its own name."""
+        return [_kind(h) for h in self.short]
+
+    @cached_property
+    def series(self) -> dict[str, np.ndarray]:
+        """Place -> (K,) bool: waves there, of which only a few may be laws of their own."""
+        waves = np.array([h.effect == "transmission-harmonic" for h in self.short])
+        places = np.array([h.where for h in self.short])
+        return {place: waves & (places == place) for place in set(places[waves].tolist())}
 
     @cached_property
     def priors(self) -> np.ndarray:
@@ -79,6 +94,14 @@ class Sets:
 
         By Schur complements: what the set has spent is solved for once, for all that may join it.
         """
+        key = frozenset(base)
+        if key not in self.seen:
+            self.seen[key] = self._grown(base)
+        weights, weight = self.seen[key]
+        return np.where(self._free(base), weights, -np.inf), weight
+
+    def _grown(self, base: Members) -> tuple[np.ndarray, float]:
+        """As `grown`, room or not."""
         held, shrink = self.index(base), 1 / SIZES**2
         inside = self.gram[np.ix_(held, held)] + shrink[:, None, None] * np.eye(len(held))
         right = np.concatenate([self.gram[held], self.score[held, None]], 1)
@@ -91,24 +114,35 @@ class Sets:
             evidence = self._joined(held, solved, left, spent, gained, columns, shrink)
             weights[rows] = evidence + self.priors[rows]
         prior = float(self.priors[list(base)].sum()) + (len(base) - 1) * SECOND
-        weights = np.where(self._free(base), weights + prior + SECOND, -np.inf)
-        return weights, float(log_evidence(spent, gained, self.projected)) + prior
+        return weights + prior + SECOND, float(log_evidence(spent, gained, self.projected)) + prior
 
     def _joined(self, held, solved, left, spent, gained, columns, shrink):
-        """(C,) log evidence of the set with each of C hypotheses with columns (C, w)."""
+        """(C,) log evidence of the set with each of C hypotheses with columns (C, w).
+
+        One Cholesky factor of each, the score as its last row, gives both determinant and gain.
+        """
         width = columns.shape[1]
-        cross = self.gram[columns[:, :, None], held]
-        own = self.gram[columns[:, :, None], columns[:, None, :]] + shrink[:, None, None, None] * np.eye(width)
-        own = own - np.einsum("cvb,sbcw->scvw", cross, solved[:, :, columns], optimize=True)
-        score = left[:, columns]
-        more = (score * np.linalg.solve(own, score[..., None])[..., 0]).sum(-1)
-        volume = np.linalg.slogdet(own)[1] - width * np.log(shrink)[:, None]
+        both = np.zeros((len(shrink), len(columns), width + 1, width + 1))
+        own = both[..., :-1, :-1]
+        own[:] = self.gram[columns[:, :, None], columns[:, None, :]] + shrink[:, None, None, None] * np.eye(width)
+        if len(held):
+            own -= self.gram[columns[:, :, None], held] @ np.moveaxis(solved[:, :, columns], 1, 2)
+        both[..., -1, :-1] = left[:, columns]
+        both[..., -1, -1] = 1e300  # any number that is large enough
+        factor = np.linalg.cholesky(both)
+        more = (factor[..., -1, :-1] ** 2).sum(-1)
+        diagonal = np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]
+        volume = 2 * np.log(diagonal).sum(-1) - width * np.log(shrink)[:, None]
         return log_evidence(spent[:, None] + volume, gained[:, None] + more, self.projected)
 
     def _free(self, base: Members) -> np.ndarray:
         free = np.ones(len(self.short), bool) if not base else self.rooms[list(base)].all(0)
-        if sum(bool(self.short[i].unnamed) for i in base) >= _UNNAMED:
-            free &= ~self.unnamed
+        waves = Counter(self.short[i].where for i in base if self.short[i].effect == "transmission-harmonic")
+        for place in (where for where, count in waves.items() if count >= _SERIES):
+            free &= ~self.series[place]
+        kinds = {self.kinds[i] for i in base if self.short[i].unnamed}
+        if len(kinds) >= _UNNAMED:
+            free &= ~self.unnamed | np.array([kind in kinds for kind in self.kinds])
         free[list(self.barred)] = False
         return free
 
@@ -123,16 +157,31 @@ class Sets:
 
         Functions without a name are let in only where the known laws leave more than laws do.
         """
-        lawful = self._lawful(tuple(i for i in present if not self.short[i].unnamed))
-        rivals = [i for i, h in enumerate(self.short) if h.unnamed]
-        if rivals:
-            alone = max(rivals, key=lambda i: self.grown((i,))[1])
-            free = [self._climb(s, False) for s in sorted({lawful, (alone,)})]
+        laws = np.flatnonzero(~self.unnamed).tolist()
+        free = [self._climb(s) for s in self._alike()]
+        if self.unnamed.any():
+            alone = np.where(self.unnamed, self.grown(())[0], -np.inf)
+            free.append(self._climb((int(np.argmax(alone)),)))
+        most = max((self.gain(members) for members, _ in free), default=0.0)
+        inner = self._part(laws) if self.unnamed.any() else self
+        found = inner.lawful(tuple(laws.index(i) for i in present if i in laws), LAW * most)
+        self.barred.update(laws[i] for i in inner.barred)
+        lawful = tuple(laws[i] for i in found)
+        if self.unnamed.any():
+            if not free or self.gain(lawful) >= LAW * most or self.grown(lawful)[1] > max(w for _, w in free):
+                free.append(self._climb(lawful))
             chosen = max(free, key=lambda pair: pair[1])[0]
             if self.gain(lawful) < LAW * self.gain(chosen) or self._series(lawful, chosen):
                 lawful = chosen
             lawful = self._patched(lawful)
         return tuple(self.short[i] for i in lawful)
+
+    def _part(self, members: Sequence[int]) -> "Sets":
+        """The same of some of the hypotheses alone."""
+        columns, widths = self.index(tuple(members)), np.diff(self.start)[list(members)]
+        start = np.concatenate([[0], np.cumsum(widths)]).astype(int)
+        short = tuple(self.short[i] for i in members)
+        return Sets(short, self.projected, self.gram[np.ix_(columns, columns)], self.score[columns], start)
 
     def _series(self, lawful: Members, chosen: Members) -> bool:
         """Whether laws only make a series of waves of what is one function of an angle at the same joint."""
@@ -146,18 +195,20 @@ class Sets:
         for place in {self.short[i].where for i in waves}:
             mine = [i for i in waves if self.short[i].where == place]
             own = (place.replace("joint-", "q"),)
-            function = [i for i, h in enumerate(self.short) if h.unnamed == own and h.where == place]
-            if len(mine) >= _SERIES and function:
-                other, weight = self._climb((*(i for i in lawful if i not in mine), *function), False)
+            rest = tuple(i for i in lawful if i not in mine)
+            functions = [i for i, h in enumerate(self.short) if h.unnamed == own and h.where == place]
+            if len(mine) >= _SERIES and functions:
+                other, weight = max((self._climb((*rest, i)) for i in functions), key=lambda pair: pair[1])
                 lawful = other if weight > self.grown(lawful)[1] else lawful
         return lawful
 
-    def _lawful(self, named: Members) -> Members:
-        """The likeliest set of named effects in which nothing yields against its load."""
+    def lawful(self, named: Members, least: float) -> Members:
+        """The likeliest set of named effects in which nothing yields against its load; what gains less than `least`
+        is not looked at again, as it would only gain less."""
         for _ in range(_WRONG):
-            chosen = max((self._climb(s, True) for s in self._starts(named)), key=lambda pair: pair[1])[0]
+            chosen = max((self._climb(s) for s in self._starts(named)), key=lambda pair: pair[1])[0]
             wrong = self._wrong(chosen)
-            if wrong is None or len(chosen) == 1:
+            if wrong is None or len(chosen) == 1 or self.gain(chosen) < least:
                 break
             self.barred.add(wrong)
             named = tuple(i for i in chosen if i != wrong)
@@ -183,11 +234,10 @@ class Sets:
         return [s for s in ((self._single(),), self._pair(), *kinds) if s]
 
     def _single(self) -> int:
-        return int(np.argmax(np.where(self.unnamed, -np.inf, self.grown(())[0])))
+        return int(np.argmax(self.grown(())[0]))
 
     def _pair(self) -> Members:
-        first = np.flatnonzero(~self.unnamed)[:_PAIRED].tolist()
-        return max(self._best_of((i,), self.grown((i,))[0], True) for i in first)[1]
+        return max(self._best_of((i,), self.grown((i,))[0]) for i in range(min(_PAIRED, len(self.short))))[1]
 
     def _kinds(self) -> list[Members]:
         """All places of one effect, those among the likeliest."""
@@ -198,28 +248,40 @@ class Sets:
                 members.append(i)
         return [tuple(members) for members in kinds.values() if len(members) > 2]
 
-    def _climb(self, present: Members, named: bool) -> tuple[Members, float]:
-        """The set after additions, removals and exchanges that each raise its weight most."""
+    def _alike(self) -> list[Members]:
+        """Functions of each joint's own covariate of one kind, at all joints that are among the likeliest."""
+        kinds: dict[tuple, list[int]] = {}
+        for i, kind in enumerate(self.kinds):
+            if self.unnamed[i] and (members := kinds.setdefault(kind, [])) is not None and self.rooms[i, members].all():
+                members.append(i)
+        return [tuple(members[:_LARGEST]) for members in kinds.values() if len(members) > 2]
+
+    def _climb(self, present: Members) -> tuple[Members, float]:
+        """The set after additions, and where none helps removals and exchanges, that each raise its weight most."""
         for _ in range(_STEPS):
             more, weight = self.grown(present)
-            moves = [self._best_of(present, more, named)] if len(present) < _LARGEST else []
-            if len(present) > 1:
-                for i in present:
-                    fewer = tuple(j for j in present if j != i)
-                    others, without = self.grown(fewer)
-                    moves += [(without, fewer), self._best_of(fewer, others, named)]
-            top = max(moves, default=(-np.inf, present))
+            top = self._best_of(present, more) if len(present) < _LARGEST else (-np.inf, present)
+            if top[0] <= weight + 1e-6 and len(present) > 1:
+                top = max(self._changed(present))
             if top[0] <= weight + 1e-6:
-                return present, weight
+                break
             present = top[1]
         return present, weight
 
-    def _best_of(self, base: Members, weights: np.ndarray, named: bool) -> tuple[float, Members]:
-        weights = np.where(self.unnamed, -np.inf, weights) if named else weights
+    def _changed(self, present: Members) -> Iterator[tuple[float, Members]]:
+        """Weights and sets with each member taken out, and with each exchanged for what is best instead."""
+        for i in present:
+            fewer = tuple(j for j in present if j != i)
+            others, without = self.grown(fewer)
+            yield without, fewer
+            yield self._best_of(fewer, others)
+
+    def _best_of(self, base: Members, weights: np.ndarray) -> tuple[float, Members]:
         return float(weights.max()), (*base, int(np.argmax(weights)))
 
 
-def _room(h: Hypothesis, other: Hypothesis) -> bool:
+def room(h: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two may act side by side."""
     if bool(h.unnamed) != bool(other.unnamed):
         return not _covers(*((h, other) if h.unnamed else (other, h)))
     if h.unnamed:
@@ -227,9 +289,53 @@ def _room(h: Hypothesis, other: Hypothesis) -> bool:
     return h.family != other.family or (h.together and h.label != other.label)
 
 
+def _kind(h: Hypothesis) -> tuple:
+    number = h.where.rpartition("-")[2]
+    own = h.unnamed and all(name.endswith(number) for name in h.unnamed)
+    return tuple(name.removesuffix(number) for name in h.unnamed) if own else (*h.key, h.label)
+
+
 def _covers(function: Hypothesis, law: Hypothesis) -> bool:
-    """Whether an unnamed function of angles at a joint has room for a law of slow waves or of another angle there."""
-    if function.where != law.where or not all(name[0] == "q" for name in function.unnamed):
+    """Whether an unnamed function leaves no room for a law: it makes what the law makes, of what the law reads.
+
+    At a joint a function of any angles leaves none for slow waves and for another angle's share either.
+    """
+    if function.where not in same_place(law):
         return False
+    if _fast(function, law):
+        return False
+    angles = all(name[0] == "q" for name in function.unnamed)
     slow = law.effect == "transmission-harmonic" and law.effects and law.effects[0].order <= _SLOW
-    return bool(slow) or law.effect == "joint-coupling"
+    if angles and function.where == law.where and (slow or law.effect == "joint-coupling"):
+        return True
+    return bool(_reads(law) & set(function.unnamed))
+
+
+def same_place(law: Hypothesis) -> tuple[str, ...]:
+    """A law's place, and of a joint the links before and after it: they turn about its axis, too."""
+    if not law.where.startswith("joint-"):
+        return (law.where,)
+    k = int(law.where.rpartition("-")[2])
+    return law.where, f"link-{k}", f"link-{k - 1}" if k > 1 else "base"
+
+
+def _reads(law: Hypothesis) -> set[str]:
+    """Covariates of which a law of one joint is a function."""
+    k = law.where.rpartition("-")[2]
+    if law.effect in ("transmission-harmonic", "axis-run-out"):
+        return {f"q{k}"}
+    if law.effect == "joint-coupling":
+        return {f"q{law.effects[0].joint}"}
+    if law.effect == "zero-shift":
+        return {"time"}
+    if law.effect == "backlash":
+        return {f"tau{k}"} if law.effects[0].seat == "gravity" else {f"approach{k}", f"move{k}"}
+    return {f"tau{k}"} if law.effect in ("joint-compliance", "link-self-weight") else set()
+
+
+def _fast(function: Hypothesis, law: Hypothesis) -> bool:
+    """Whether a wave has more turns in these poses than a function can follow that may change sharply."""
+    if law.effect != "transmission-harmonic" or not isinstance(law.source, tuple):
+        return False
+    scan, order = law.source
+    return order * np.ptp(scan.x) / 2 > SHARP_DEGREE

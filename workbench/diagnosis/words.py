@@ -18,15 +18,21 @@ _PLACES = {"time": "the clock", "noise": "the noise", "samples": "the samples", 
 _KINDS = {
     "approach": "the side from which joint {} came", "tau": "the gravity torque on joint {}",
     "q": "the angle of joint {}", "qdot": "the speed of joint {}", "move": "the last move of joint {}",
-    "lag": "the last move of joint {}", "temperature_j": "the temperature of joint {}",
+    "temperature_j": "the temperature of joint {}", "temperature_link": "the temperature of link {}",
 }  # fmt: skip
 _NAMES = {
-    "time": "time", "time_s": "time", "row": "the order of the rows", "order": "the order of the rows",
+    "moment_x": "the overturning moment about x", "moment_y": "the overturning moment about y",
+    "temperature_artefact_c": "the artefact's temperature", "time": "time", "time_s": "time",
+    "row": "the order of the rows", "order": "the order of the rows",
     "temperature": "temperature", "temperature_c": "temperature", "payload": "the payload", "payload_kg": "the payload",
     "range": "the range", "range_mm": "the range", "u": "the column in the picture", "v": "the row in the picture",
+    "approach": "the side from which each joint came", "speed": "the joints' speeds",
     "incidence": "the angle of incidence", "ball": "which ball it is", "reflector": "which reflector it is",
 }  # fmt: skip
 _MOST = 3
+_MASSES = "_mass_"  # in the name of a law's number for a first moment
+_PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
+_OF_DATA = ("outliers", "noise-heteroscedastic", "encoder-quantisation")
 _EITHER = "with temperature, or with time where none was recorded"
 
 
@@ -40,6 +46,8 @@ def covariate(name: str) -> str:
     """'approach3' as a sentence says it: 'the side from which joint 3 came'."""
     if name in _NAMES:
         return _NAMES[name]
+    if bent := re.fullmatch(r"moment(\d+)_([xyz])", name):
+        return f"the bending moment of link {bent[1]} about {bent[2]}"
     found = re.fullmatch(r"([a-z_]+?)_?(\d+)(?:_[a-z_]+)?", name)
     return _KINDS[found[1]].format(found[2]) if found and found[1] in _KINDS else name.replace("_", " ")
 
@@ -55,8 +63,12 @@ def law(effect: str, where: str, label: str = "", kind: type | None = None) -> s
         kind = _kind(effect, where)
     if kind is None:
         return f"{effect} at {place(where)}"
-    said = " ".join((kind.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
+    said = " ".join((kind.__doc__ or "").split("\n\n")[0].split()).rstrip(".").replace(_PART, _capital(place(where)))
     return _placed(said, where) + (f" ({label})" if label else "")
+
+
+def _capital(said: str) -> str:
+    return said[0].upper() + said[1:]
 
 
 def _kind(effect, where):
@@ -114,11 +126,14 @@ def length(value: float | None, unit: str = "mm") -> str:
 
 def figures(rows: Sequence[Mapping]) -> str:
     """The parameters of a finding: pairs of cosine and sine as amplitudes, at most three, the surest first."""
+    masses = [row for row in rows if _MASSES in row["name"]]
+    rows = [row for row in rows if row not in masses]
     parts = list(_waves(rows)) or [
         (_name(row), row) for row in sorted(rows, key=lambda row: -_surety(row))
     ]  # fmt: skip
     told = [f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]]
-    return ", ".join(told) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
+    said = ", ".join(told) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
+    return said + (f" (with {len(masses)} numbers for masses that the data sheet does not know)" if masses else "")
 
 
 def _name(row) -> str:
@@ -158,9 +173,14 @@ def _what(term: Term, tip: str, unit: str) -> str:
     size = f"{length(term.size, unit)} RMS {at}" if term.size is not None else ""
     if term.share is not None:
         depends = listed([covariate(name) for name in found.depends_on])
+        if term.rest:
+            return (f"Much is left that nothing in the catalogue makes: a function of {depends} at "
+                    f"{place(found.where)} makes {100 * term.share:.0f} % of it.")  # fmt: skip
         return (f"There is structure that these data show and do not explain: a function of {depends} at "
                 f"{place(found.where)} makes {100 * term.share:.0f} % of the mismatch, and yet nothing that was fitted "
                 "to some of the poses predicts the others. No more is claimed.")  # fmt: skip
+    if found.effect in _OF_DATA or (found.effect == "unknown" and not found.effects and not found.depends_on):
+        return _of_data(found)
     if found.effect == "unknown":
         depends = listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
         more = getattr(found.function, "sentence", "") if found.function is not None else ""
@@ -171,6 +191,22 @@ def _what(term: Term, tip: str, unit: str) -> str:
     by_time = any(row["unit"].endswith("/h") for row in term.parameters)
     said = said.replace(_EITHER, "with time (no temperature was recorded)" if by_time else "with temperature")
     return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
+
+
+def _of_data(found: Finding) -> str:
+    """What is wrong with the data, or moves by chance: nothing of it can be fitted."""
+    if found.effect == "outliers":
+        return f"{found.label} samples come from another process: they lie farther off than the others' spread allows."
+    if found.effect == "noise-heteroscedastic":
+        depends = listed([covariate(name) for name in found.depends_on])
+        return f"The noise is not the same everywhere: its spread goes with {depends}."
+    if found.effect == "encoder-quantisation":
+        return f"The reading of {place(found.where)} is rounded to counts."
+    said = (f"{place(found.where).capitalize()} moves from sample to sample, with nothing that was recorded: what is "
+            "left points along what that place does.")  # fmt: skip
+    could = [f"{one.effect} at {place(one.where)} with {covariate(one.missing)}" for one in found.alternatives
+             if one.missing]  # fmt: skip
+    return said + (f" It may be {listed(could, 'or')}, none of which this recording holds." if could else "")
 
 
 def _proved(term: Term, unit: str) -> str:

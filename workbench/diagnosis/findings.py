@@ -1,0 +1,121 @@
+"""What a search accepted, as findings: each with its probability among all that might stand in its place."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from workbench.diagnosis.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
+from workbench.diagnosis.problem import Alternative, Finding
+from workbench.diagnosis.scatter import hidden, movement
+from workbench.diagnosis.search import Search, name_of
+from workbench.diagnosis.sets import LAW, SECOND, same_place
+
+YIELDS = ("link-compliance", "bearing-compliance", "pedestal-compliance")
+ELASTIC = ("joint-compliance", *YIELDS)
+_CREDIBLE = 0.95
+_NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
+_USUAL = 2.0  # how much more often gears yield than links and bearings
+_SHOWN = 12  # alternatives that are no likelier than others are not told beyond so many
+_NUMBERS = 6  # in which a smooth function without a name may differ from another
+
+
+def finding(search: Search, i: int) -> Finding:
+    """One that is accepted, with its posterior among all that might stand in its place beside the others."""
+    table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
+    slack = (1 - LAW) * search.explained()
+    rivals = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
+    total = logsumexp([h.log_weight for h in rivals])
+    shares: dict[tuple, float] = {}
+    for h in rivals:
+        shares[h.key] = shares.get(h.key, 0.0) + float(np.exp(h.log_weight - total))
+    if name_of(mine) in search.usual:
+        _shared(shares, own, [h for h in rivals if h.effect in YIELDS and h.gain > own.gain - search.left()])
+    size = search.size(i)
+    made = Finding(
+        *mine.key, mine.label, mine.effects, max(family_wise(table), 1e-300), shares.get(mine.key, 0.0), size,
+        own.gain, mine.unnamed, _alternatives(rivals, shares, own, search.left(), _NEAR * search.variance()),
+    )  # fmt: skip
+    return made if mine.unnamed else _doubted(search, own, made)
+
+
+def _shared(shares: dict[tuple, float], own: Hypothesis, others):
+    """What was preferred as more usual among what cannot be told from it has a prior's share of all their chances."""
+    keys = {h.key for h in others}
+    total = shares.get(own.key, 0.0) + sum(shares[key] for key in keys)
+    weight = _USUAL + len(keys)
+    shares |= dict.fromkeys(keys, total / weight) | {own.key: total * _USUAL / weight}
+
+
+def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:
+    """What else is in the 95 % credible set, or so near in what it explains that what is left could tip the balance.
+
+    And what yields in another place and explains as much but for chance: only its prior speaks against it.
+    """
+    ranked, covered, out = sorted(shares.items(), key=lambda item: -item[1]), 0.0, []
+    for key, share in ranked:
+        other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
+        twin = other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
+        near = left > 0 and not other.unnamed and other.gain > own.gain - left and other.rank <= own.rank
+        near = twin or near and len(out) < _SHOWN
+        if key != own.key and (covered < _CREDIBLE or near):
+            alike = min(1.0, other.gain / max(own.gain, 1e-300))
+            why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
+            out.append(Alternative(*key, other.label, share, alike, why, other.missing))
+        covered += share
+    return tuple(out)
+
+
+def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
+    """The finding as likely as what is left at its very place allows: something unnamed there might make both.
+
+    That takes one thing instead of two at one place, but its shape must be the law's by chance but for a share s of
+    the whole: a direction among P lies so near to r given ones with a chance of about s^((P - r) / 2) (the tail of
+    the beta distribution of a squared correlation).
+    """
+    left, moves = _beside(search, own)
+    if left <= 0:
+        return made
+    share = left / (left + own.gain)
+    places = len({site.where for site in search.problem.sites})
+    two = (1 - UNNAMED_SHARE) * np.exp(SECOND) / (1 if moves else places)
+    one = UNNAMED_SHARE * share ** (max(_NUMBERS - own.rank, 1) / 2)
+    sure = float(two / (two + one))
+    other = Alternative("unknown", made.where, "one thing that makes this and what is left there",
+                        made.probability * (1 - sure), 1.0, "what is left at this place is beyond chance")  # fmt: skip
+    return replace(made, probability=made.probability * sure, alternatives=(other, *made.alternatives))
+
+
+def tells(search: Search, own: Hypothesis) -> bool:
+    """Whether what moves by chance at its place is what a law makes of a covariate that was not recorded."""
+    if search.scatter is None or search.scatter.site.where not in same_place(own):
+        return False
+    return any(a.effect == own.effect for a in hidden(search.scatter, search.problem))
+
+
+def with_hidden(search: Search, made: Finding) -> Finding:
+    """The finding with what may make all that moves by chance at its place, of covariates that were not recorded."""
+    if search.scatter is None or search.scatter.site.where != made.where:
+        return made
+    known = {(a.effect, a.where, a.label) for a in made.alternatives}
+    more = [a for a in hidden(search.scatter, search.problem) if (a.effect, a.where, a.label) not in known]
+    if made.effect != "unknown":
+        more = [a for a in more if a.effect == made.effect]
+    return replace(made, alternatives=(*made.alternatives, *more))
+
+
+def _beside(search: Search, own: Hypothesis) -> tuple[float, bool]:
+    """Sum of squares of what is at a law's place beside it, without a name; and whether it is the law's own covariate,
+    not recorded, that may make it."""
+    places, noise = same_place(own), search.variance()
+    table = search.table(search.everyone)
+    left = [h.gain - h.rank * noise for h in table
+            if h.unnamed and h.where in places and h.p / h.weight <= search.level]  # fmt: skip
+    left += [search.own(i).gain for i, h in enumerate(search.accepted) if h.unnamed and h.where in places]
+    moves = search.scatter is not None and search.scatter.site.where in places
+    if moves:
+        left.append(movement(search.scatter))
+    return max(left, default=0.0), tells(search, own)
+
+
+__all__ = ["ELASTIC", "YIELDS", "finding", "tells", "with_hidden"]

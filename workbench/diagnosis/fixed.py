@@ -1,0 +1,135 @@
+"""Reflectors that do not move with the arm: the drift that they measure beside the drift that was found without them.
+
+They enter no fit of a diagnosis. Where the base wanders, they wander with it, so that they say independently whether
+the law that was found is right, and by how much it may be wrong.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.covariates import clock
+from workbench.core.rigid import rotation_matrix
+from workbench.core.solve import pose_scores
+from workbench.diagnosis.result import Term
+from workbench.diagnosis.words import length, listed
+
+_PART, _LEAST = 0.2, 10  # first and last part of the recording that are compared, and rows that each must have
+_SIGMAS = 3.0
+
+
+@dataclass(frozen=True)
+class FixedPoints:
+    """How far fixed reflectors moved from the first to the last fifth of a recording, mm, in the instrument's frame.
+
+    `measured` (3,) and its `std` (3,) from the scatter; `found`, `found_std` (3,) what the base's drift in the model
+    makes of the same points, None where no drift was found. `reflectors`: their numbers.
+    """
+
+    reflectors: tuple[int, ...]
+    measured: np.ndarray
+    std: np.ndarray
+    found: np.ndarray | None
+    found_std: np.ndarray | None
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether what was found is within three standard errors of what was measured."""
+        if self.found is None:
+            return None
+        return bool(self._near().all())
+
+    @property
+    def sentence(self) -> str:
+        """What they say."""
+        told = ", ".join(f"{name} {1e3 * v:+.0f} ± {1e3 * s:.0f}" for name, v, s in zip("xyz", self.measured, self.std))
+        said = (f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {told} µm from the first to "
+                "the last fifth of the recording")  # fmt: skip
+        if self.found is None:
+            return f"{said} ({length(float(np.linalg.norm(self.measured)))}); no drift of the base was claimed."
+        rows = zip("xyz", self.found, self.found_std)
+        told = ", ".join(f"{name} {1e3 * v:+.0f} ± {1e3 * s:.0f}" for name, v, s in rows)
+        return f"{said}; the drift that was found without them says {told} µm: {self._verdict()}."
+
+    def _verdict(self) -> str:
+        off = [name for name, good in zip("xyz", self._near()) if not good]
+        if not off:
+            return "they agree"
+        return (f"they disagree in {listed(off)}, where a part of what is called the base's drift is the arm's own, as "
+                "of links that warm and grow")  # fmt: skip
+
+    def _near(self) -> np.ndarray:
+        return np.abs(self.found - self.measured) < _SIGMAS * np.hypot(self.std, self.found_std)
+
+    def as_json(self) -> dict:
+        """Keys with their unit."""
+        plain = {"reflectors": list(self.reflectors), "measured_mm": self.measured, "measured_std_mm": self.std,
+                 "found_mm": self.found, "found_std_mm": self.found_std}  # fmt: skip
+        return plain | {"agrees": self.agrees, "statement": self.sentence}
+
+
+def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
+    """What the rows of a recording that do not move say of the base's drift; None where there are too few."""
+    fixed = recording.select(~recording.moving)
+    if recording.measures != "external-point" or fixed.n < 2 * _LEAST or not hasattr(bench, "chain"):
+        return None
+    time, known = _clock_of(fixed.poses, bench)
+    low, high = np.quantile(time[known], [_PART, 1 - _PART])
+    ends = [known & (time <= low), known & (time >= high)]
+    if min(end.sum() for end in ends) < _LEAST:
+        return None
+    points = np.stack([fixed.columns[f"{axis}_mm"] for axis in "xyz"]).astype(float)
+    ids = np.asarray(fixed.reflector)
+    moved = points.copy()
+    for k in np.unique(ids):
+        moved[:, ids == k] -= points[:, ids == k].mean(1, keepdims=True)
+    first, last = (moved[:, end] for end in ends)
+    std = np.sqrt(first.var(1, ddof=1) / first.shape[1] + last.var(1, ddof=1) / last.shape[1])
+    found, error = _predicted(bench, terms, points, time, ends)
+    return FixedPoints(tuple(int(k) for k in np.unique(ids)), last.mean(1) - first.mean(1), std, found, error)
+
+
+def _clock_of(poses, bench) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) clock of fixed rows, that of the moving rows of the same pose, and (k,) whether there are any."""
+    own, index = np.unique(bench.pose, return_inverse=True)
+    mean = np.bincount(index, clock(bench.chain.state)) / np.bincount(index)
+    place = np.clip(np.searchsorted(own, poses), 0, len(own) - 1)
+    return mean[place], own[place] == poses
+
+
+def _predicted(bench, terms, points, time, ends):
+    """(3,) mm by which a drift of the base in the model moves the points from one end to the other, and its std."""
+    effects = [e for term in terms for e in term.finding.effects]
+    drift = next((e for e in effects if e.effect == "base-drift"), None)
+    if drift is None:
+        return None, None
+    model, fit, _ = bench.solve(effects)
+    span = model.spans[len(bench.baseline) + effects.index(drift)]
+    pose = fit.parameters.values[:6]
+    turn = rotation_matrix(pose[3:])
+    place = turn.T @ (points - pose[:3, None])
+    by = sum(sign * _displaced(drift, turn, place[:, end], time[end]).mean(2) for sign, end in zip((-1, 1), ends))
+    every = _covariance(bench, model, fit)
+    free = np.flatnonzero(fit.parameters.mask)
+    own = np.searchsorted(free, np.arange(span.start, span.stop))
+    covariance = by.T @ every[np.ix_(own, own)] @ by
+    return fit.parameters.values[span] @ by, np.sqrt(np.maximum(np.diag(covariance), 0))
+
+
+def _covariance(bench, model, fit) -> np.ndarray:
+    """(F, F) of the free parameters, where the rows of one pose err together: Liang & Zeger, Biometrika 73 (1986)."""
+    inverse = np.linalg.pinv(fit.normal, hermitian=True) * fit.sigma_scale**2
+    scores = pose_scores(model, fit, bench.pose)
+    return inverse if scores is None else inverse @ scores @ inverse
+
+
+def _displaced(drift, turn, place, time) -> np.ndarray:
+    """(P, 3, k) mm in the instrument's frame that each of the drift's parameters moves points (3, k) of the base by."""
+    state = type("Clock", (), {"covariates": {"time_s": time}, "n": len(time)})()
+    twist = drift.basis(state)
+    turned = np.cross(twist[:, 3:], place[None], axis=1)
+    return np.einsum("ij,pjk->pik", turn, twist[:, :3] + turned)
+
+
+__all__ = ["FixedPoints", "fixed_points"]

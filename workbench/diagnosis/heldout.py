@@ -1,0 +1,121 @@
+"""Errors of samples that were left out, and whether a fall of them is real."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.crossvalidation import hold_out
+from workbench.diagnosis.folds import Scheme
+from workbench.diagnosis.problem import Problem
+
+_HELD = 1e-3  # of a direction, what its prior is worth at least where one block alone determines it
+# length on the scale of the median sample from which on an error counts by its length and not by its square:
+# 5 % of clean samples are beyond it. As in the fit.
+_LIMIT, _MEDIAN = 2.8, 2.366
+
+
+def rms(errors: np.ndarray, usual: np.ndarray) -> float:
+    """Root mean square of the errors (n,) that there are, of the usual samples."""
+    kept = errors[usual & np.isfinite(errors)]
+    return float(np.sqrt((kept**2).mean())) if kept.size else float("nan")
+
+
+def paired(pose: np.ndarray, before: np.ndarray, after: np.ndarray, usual: np.ndarray) -> float:
+    """t of the falls of the loss, one fall a pose: their mean over its standard error.
+
+    The loss is Huber's, as in every fit: of squares alone, a few poses that lie far off own the spread of all falls,
+    and what helps nine tenths of the poses is called luck (Diebold & Mariano, J. Bus. Econ. Stat. 13 (1995), leave the
+    loss free). Its scale is that of the median sample, of the smaller errors of the two.
+    """
+    kept = usual & np.isfinite(before) & np.isfinite(after)
+    _, group = np.unique(pose[kept], return_inverse=True)
+    if not kept.any() or group.max() < 2:
+        return 0.0
+    squares = before[kept] ** 2, after[kept] ** 2
+    scale = max(min(float(np.median(s)) for s in squares) / _MEDIAN, 1e-300)
+    falls = np.bincount(group, _loss(squares[0] / scale) - _loss(squares[1] / scale)) / np.bincount(group)
+    spread = falls.std(ddof=1) / np.sqrt(len(falls))
+    return float(falls.mean() / spread) if spread > 0 else 0.0
+
+
+def _loss(z: np.ndarray) -> np.ndarray:
+    """Huber's loss of squared lengths z."""
+    return np.where(z < _LIMIT**2, z, 2 * _LIMIT * np.sqrt(z) - _LIMIT**2)
+
+
+class Errors:
+    """Held-out errors of a bench, each set of effects and folds once."""
+
+    def __init__(self, bench):
+        self.bench, self.kept = bench, {}
+
+    def __call__(self, effects, fold: np.ndarray) -> np.ndarray:
+        """(n,) each sample predicted from the other folds."""
+        if not hasattr(self.bench, "chain"):
+            return self._once(effects, fold, lambda: self.bench.held_out(effects, fold))
+        out = np.empty(len(fold))
+        for k in np.unique(fold):
+            out[fold == k] = self.block(effects, fold == k)
+        return out
+
+    def block(self, effects, block: np.ndarray) -> np.ndarray:
+        """Errors of the samples of one block (n,) bool, predicted from all others."""
+        return self._once(effects, block, lambda: self._predict(effects, block)[block])
+
+    def predicted(self, scheme: Scheme, chosen: Mapping[int, tuple[Effect, ...]], plain: np.ndarray) -> np.ndarray:
+        """(n,) errors where every fold is predicted with what was found without it."""
+        out = plain.copy()
+        for k, effects in chosen.items():
+            if effects:
+                out[scheme.fold == k] = self.block(effects, scheme.fold == k)
+        return out
+
+    def _predict(self, effects, block):
+        if not hasattr(self.bench, "chain"):  # a sensor's bench fits what is in no fold
+            return self.bench.held_out(effects, np.where(block, 0, -1))
+        problem = self.bench.problem(effects).keeping()
+        if _alone(problem.basis[block[problem.sample]]).max(initial=0.0) > 1 - _HELD:
+            # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
+            return left_out(problem, np.where(block, 0, -1), only=0)
+        model, fit, _ = self.bench.solve(effects)
+        return np.sqrt(hold_out(model, fit.parameters, block, ~block, "huber").squares)
+
+    def _once(self, effects, samples, make):
+        key = tuple(sorted(map(name_of, effects))), samples.tobytes()
+        if key not in self.kept:
+            self.kept[key] = make()
+        return self.kept[key]
+
+
+def name_of(effect: Effect) -> str:
+    """What tells an effect from every other."""
+    return f"{effect.effect} {effect.where} {effect.options}"
+
+
+def _alone(rows: np.ndarray) -> np.ndarray:
+    """Shares (R,) of directions that the rows (k, R) of an orthonormal basis alone determine, ascending."""
+    return np.linalg.eigvalsh(rows.T @ rows)
+
+
+def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
+    """(n,) length of each sample's residual (mm, px) when its block is left out of the linearised fit.
+
+    only: the one block that is asked for; nan elsewhere then.
+
+    e = (I - Q_b Q_b')^-1 r for a block b left out of a linear fit with orthonormal columns Q (Cook & Weisberg,
+    Residuals and Influence in Regression (1982), sec. 3.6).
+    """
+    left = problem.clear(problem.residual)
+    out, mine = np.full_like(left, np.nan), fold[problem.sample]
+    for k in np.unique(fold) if only is None else (only,):
+        rows = mine == k
+        block = problem.basis[rows]
+        values, vectors = np.linalg.eigh(block.T @ block)
+        along = vectors.T @ (block.T @ left[rows]) / np.maximum(1 - values, _HELD)
+        out[rows] = left[rows] + block @ (vectors @ along)
+    out *= problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    return np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
+
+
+__all__ = ["Errors", "left_out", "name_of", "paired", "rms"]
