@@ -23,7 +23,7 @@ from workbench.diagnosis.select import LEVEL
 from workbench.diagnosis.visible import told_apart
 from workbench.diagnosis.words import covariate, listed, place
 
-POSES = 30
+POSES, _ASKED = 30, 3
 _HOPELESS = 30  # times as many samples as were planned
 _LIKELY, _ALIKE = 0.05, 0.9  # probability, or share of the signature, from which on a rival is to be reckoned with
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
@@ -57,10 +57,11 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     if not doubtful:
         return Experiment(NOTHING)
     missing = _missing(doubtful)
-    term = min(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))
-    doubt = _doubt(bench, term, problem) if hasattr(bench, "chain") else None
-    others = tuple(e for one in terms if one is not term for e in one.finding.effects)
-    rows = compared(bench, others, doubt) if doubt is not None else []
+    asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[:_ASKED]
+    tried = [_asked(bench, terms, term, problem) for term in asked]
+    open_yet = [k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0]
+    k = open_yet[0] if open_yet else 0  # rather one that these poses leave open than one that they tell already
+    term, (others, doubt, rows) = asked[k], tried[k]
     if not rows:
         return Experiment(missing or _by_word(term))
     best, plan = rows[0]
@@ -68,6 +69,13 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     sentence = told(doubt, rows) + (f" {missing}" if missing else "")
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _asked(bench, terms, term: Term, problem: Problem):
+    """The other terms' effects, the doubt about one, and the recordings that might end it."""
+    others = tuple(e for one in terms if one is not term for e in one.finding.effects)
+    doubt = _doubt(bench, term, problem) if hasattr(bench, "chain") else None
+    return others, doubt, compared(bench, others, doubt) if doubt is not None else []
 
 
 def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:

@@ -43,14 +43,13 @@ class FixedPoints:
     @property
     def sentence(self) -> str:
         """What they say."""
-        told = ", ".join(f"{name} {1e3 * v:+.0f} ± {1e3 * s:.0f}" for name, v, s in zip("xyz", self.measured, self.std))
+        told = _um(self.measured, self.std)
         said = (f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {told} µm from the first to "
                 "the last fifth of the recording")  # fmt: skip
         if self.found is None:
             return f"{said} ({length(float(np.linalg.norm(self.measured)))}); no drift of the base was claimed."
-        rows = zip("xyz", self.found, self.found_std)
-        told = ", ".join(f"{name} {1e3 * v:+.0f} ± {1e3 * s:.0f}" for name, v, s in rows)
-        return f"{said}; the drift that was found without them says {told} µm: {self._verdict()}."
+        found = _um(self.found, self.found_std)
+        return f"{said}; the drift that was found without them says {found} µm: {self._verdict()}."
 
     def _verdict(self) -> str:
         off = [name for name, good in zip("xyz", self._near()) if not good]
@@ -67,6 +66,12 @@ class FixedPoints:
         plain = {"reflectors": list(self.reflectors), "measured_mm": self.measured, "measured_std_mm": self.std,
                  "found_mm": self.found, "found_std_mm": self.found_std}  # fmt: skip
         return plain | {"agrees": self.agrees, "statement": self.sentence}
+
+
+def _um(values, stds) -> str:
+    """Three values in micrometres with their sigmas."""
+    rows = zip("xyz", 1e3 * np.asarray(values), 1e3 * np.asarray(stds))
+    return ", ".join(f"{name} {v:+.0f} ± {s:.{int(s < 1)}f}" for name, v, s in rows)
 
 
 def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:

@@ -29,7 +29,7 @@ _NAMES = {
     "approach": "the side from which each joint came", "speed": "the joints' speeds",
     "incidence": "the angle of incidence", "ball": "which ball it is", "reflector": "which reflector it is",
 }  # fmt: skip
-_MOST = 3
+_MOST, _NOTABLE = 3, 0.005
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
 _OF_DATA = ("outliers", "noise-heteroscedastic", "encoder-quantisation")
@@ -222,8 +222,9 @@ def _doubt(found: Finding) -> str:
     """What else would do as well."""
     if not found.alternatives or found.probability >= 0.95:
         return ""
-    told = [f"this ({found.probability:.2f})", *(_other(one) for one in found.alternatives[:_MOST])]
-    more = len(found.alternatives) - _MOST
+    likely = [one for one in found.alternatives if one.probability >= _NOTABLE] or found.alternatives[:1]
+    told = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
+    more = len(likely) - _MOST
     rest = f", or one of {more} less likely ones" if more > 0 else ""
     return f"In these poses its name is not certain: {listed(told, 'or')}{rest}."
 

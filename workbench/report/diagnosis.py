@@ -17,6 +17,7 @@ VERDICTS = {
     UNEXPLAINED: "There is structure that nothing in the catalogue makes",
 }
 _SMALLEST = 40
+_PASSED = {True: "passed", False: "failed", None: "cannot tell"}
 
 
 def page(made: Diagnosis) -> Page:
@@ -59,10 +60,10 @@ def _findings(made: Diagnosis):
     for term in made.terms:
         yield words(term.statement)
     if made.terms:
-        yield table(["term", "where", "p", "probability", f"size ({made.unit} RMS)", "t held out", "found again"],
-                    [_row(term) for term in made.terms], left=2)  # fmt: skip
+        yield table(["term", "where", "p", "probability", f"size ({made.unit} RMS)", "t held out",
+                     "found again, or a twin"], [_row(term) for term in made.terms], left=2)  # fmt: skip
         yield figure("sizes", figures.evidence(made), "Chi-square that each term explains beside the others, its "
-                     "size, and how often it is found anew on parts of the samples.")  # fmt: skip
+                     "size, and t of its held-out gain.")  # fmt: skip
     if made.refused:
         yield note("Found and not kept", [term.statement for term in made.refused])
     if made.outliers:
@@ -96,6 +97,8 @@ def _place(made: Diagnosis):
         yield words(f"Something is left even so: at {said.place(first.where)}, depending on "
                     f"{said.listed([said.covariate(c) for c in first.depends_on])}, it makes {100 * first.share:.0f} % "
                     "of what remains.")  # fmt: skip
+    if made.fixed:
+        yield words(made.fixed.sentence)
 
 
 def _against(made: Diagnosis):
@@ -114,9 +117,10 @@ def _against(made: Diagnosis):
 def _proof(made: Diagnosis):
     proof, unit = made.proof, made.unit
     yield words(
-        "A term stays if it lowers the error of samples that were not fitted by more than luck (t > 2 over poses), and "
-        "if it explains nothing once its cause is given to other poses. "
-        f"Over all terms t = {proof.t:.1f}."
+        "First the whole: searched anew without a part of the samples, what is found must predict that part better. "
+        "Then each term: without it, all others in place, the error of samples that were not fitted must be larger by "
+        "more than luck (t > 2 over poses; errors count as in the fit, so that a few poses far off do not decide). "
+        f"Last, its cause scrambled must gain nothing. Over all terms t = {proof.t:.1f}."
     )
     rows = [(s["folds_by"], s["folds"], rounded(s["before"]), rounded(s["after"]), rounded(s["after_same_terms"]),
              f"{s['t']:.1f}") for s in proof.schemes]  # fmt: skip
@@ -134,7 +138,7 @@ def _proof(made: Diagnosis):
 
 def _control(term: Term, one):
     share = "–" if one.share is None else f"{100 * one.share:.1f} %"
-    return term.title, one.kind, share, rounded(one.p_value, 2), "passed" if one.passed else "failed", one.why
+    return term.title, one.kind, share, rounded(one.p_value, 2), _PASSED[one.passed], one.why
 
 
 def _residuals(made: Diagnosis):

@@ -13,6 +13,7 @@ from workbench.report.scene import arrow_scale, axes
 
 _COLOURS = {"before": style.GREY, "after": style.BLUE}
 _MOST_PANELS, _BINS, _LOOKED, _FEW = 6, 20, 5000, 4
+_ALIKE = 0.999
 
 
 def evidence(made: Diagnosis) -> go.Figure:
@@ -121,7 +122,8 @@ def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
         for when, part in (("before", views.before), ("after", views.after)):
             for k, row in enumerate(part, 1):
                 _panel(drawn, k, x, row, shown, when)
-        drawn.update_xaxes(title=dict(text=title, standoff=8))
+        middle = (len(views.before) + 1) // 2  # once: a long title under every panel runs into the next
+        drawn.update_xaxes(title=dict(text=title, standoff=8), col=middle)
         drawn.update_yaxes(range=[low, high])
         yield name, drawn
 
@@ -166,8 +168,16 @@ def mattering(made: Diagnosis) -> list[str]:
     wide = [name for name, x in views.covariates.items()
             if len(np.unique(x[:_LOOKED])) > 2 or name.startswith("approach")]  # fmt: skip
     removed = {name: fall(views, name) for name in wide if name not in ("time", "time_s")}
-    best = sorted(removed, key=lambda name: -removed[name])[: _MOST_PANELS - 1]
+    best: list[str] = []
+    for name in sorted(removed, key=lambda name: -removed[name]):
+        if len(best) < _MOST_PANELS - 1 and not any(_same(views.covariates[name], views.covariates[b]) for b in best):
+            best.append(name)
     return [*best, *(name for name in ("time",) if name in views.covariates)]
+
+
+def _same(x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether two covariates are one, but for their unit or sign: a torque and the moment about the same axis."""
+    return abs(float(np.corrcoef(x, y)[0, 1])) > _ALIKE
 
 
 def fall(views, name: str) -> float:

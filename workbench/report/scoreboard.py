@@ -33,7 +33,7 @@ def page(board: Board) -> Page:
         "and nothing else. Then the seals were opened and the answers scored by fixed rules.",
         f"Made again by: {board.command}",
     )
-    short = [f"{f.suite}: {f.name} {_value(f)}, asked {f.asked}" for f in asked if not f.reached]
+    short = [f"{f.suite}: {f.name} {value(f)}, asked {f.asked}: {f.word}" for f in asked if not f.reached]
     return Page(
         "Blind proof", f"Concealed effects, seed {board.seed}", numbers, lead, tuple(_sections(board, short)),
         warning="" if not short else f"{len(short)} of the figures asked for fall short; they are listed below.",
@@ -59,10 +59,10 @@ def _figures(board, short):
     if short:
         yield note("Falls short", short)
     rows = [
-        [f.suite, f.name, f"{f.hits} of {f.cases}" if f.hits is not None else "–", _value(f), _interval(f), f.asked,
-         {True: "yes", False: "no", None: ""}[f.reached]] for f in board.figures
+        [f.suite, f.name, f"{f.hits} of {f.cases}" if f.hits is not None else "–", value(f), interval(f), f.asked,
+         f.word] for f in board.figures
     ]  # fmt: skip
-    yield table(["suite", "figure", "cases", "value", "95 %", "asked", "reached"], rows, left=2)
+    yield table(["suite", "figure", "cases", "value", "95 %", "asked", ""], rows, left=2)
     for suite, why in board.skipped.items():
         yield words(f"Suite {suite} was left out: {why}.", quiet=True)
     yield words("Sizes are what survives of an effect after the baseline has swallowed what it can: RMS of a measured "
@@ -70,14 +70,16 @@ def _figures(board, short):
                 "come from order statistics.", quiet=True)  # fmt: skip
 
 
-def _value(figure) -> str:
+def value(figure) -> str:
+    """A figure's value in words, as a share where it is one."""
     if figure.value is None:
         return "–"
     return f"{figure.value:.1%}" if figure.hits is not None or "limit" in figure.name else f"{figure.value:.2f}"
 
 
-def _interval(figure) -> str:
-    if figure.low is None:
+def interval(figure) -> str:
+    """Its 95 % interval in words; empty where it has none."""
+    if figure.low is None or not figure.cases:
         return ""
     if figure.hits is None:
         return f"{figure.low:.2f} – {figure.high:.2f}"

@@ -48,12 +48,12 @@ def gain(board: Board) -> dict:
 
 
 def runtimes(board: Board) -> dict:
-    """Seconds of a diagnosis against the number of samples."""
-    made = style.figure(380, "samples", "seconds")
-    rows = [r for r in board.rows if r["seconds"] > 0]
-    made.add_trace(_cases([r["samples"] for r in rows], [r["seconds"] for r in rows], rows, style.VIOLET, "a case"))
+    """Processor time of a diagnosis against the number of samples."""
+    made = style.figure(380, "samples", "processor time, s")
+    rows = [r for r in board.rows if r.get("cpu_s") and r["samples"]]
+    made.add_trace(_cases([r["samples"] for r in rows], [r["cpu_s"] for r in rows], rows, style.VIOLET, "a case"))
     made.update_xaxes(**style.log_axis(*_ends([r["samples"] for r in rows])))
-    made.update_yaxes(**style.log_axis(*_ends([r["seconds"] for r in rows])))
+    made.update_yaxes(**style.log_axis(*_ends([r["cpu_s"] for r in rows])))
     return figure("runtimes", made, "Time of a diagnosis, in one process of one thread.")
 
 
@@ -122,7 +122,8 @@ def summary(board: Board):
         if f.low is not None:
             axes.plot([f.low, f.high], [k, k], color=colour, lw=2, alpha=0.5, solid_capstyle="butt")
         axes.plot(f.value, k, "o", color=colour, ms=6)
-        axes.annotate(f"{f.value:.1%}  (asked {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False)
+        said = f"{f.value:.2f}" if f.hits is None and "limit" not in f.name else f"{f.value:.1%}"
+        axes.annotate(f"{said}  (asked {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False)
     axes.set(yticks=range(len(asked)), yticklabels=[f"{f.suite}: {f.name}" for f in asked], xlim=(-0.02, 1.05))
     axes.tick_params(axis="y", labelsize=8)
     axes.xaxis.set_major_formatter("{x:.0%}")
