@@ -21,8 +21,9 @@ VOCABULARY = {
     "mirror-wobble", "mirror-encoder-harmonic", "mirror-hysteresis", "frame-sync", "board-bow", "ball-position",
     "ball-radius", "artefact-expansion", "outliers", "noise-heteroscedastic", "unit-or-frame", "unknown",
 }  # fmt: skip
-# Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term.
-ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset"}
+# Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term, tilts
+# that an accelerometer has recorded.
+ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt"}
 PORT_SIZES = {"joint": 6, "geometry": 30, "frame": 48, "gravity": 3, "mass": 21, "sensor": 3, "target": 3, "noise": 1}
 
 CASES = (
@@ -50,6 +51,8 @@ CASES = (
     ("base-drift", "base", {"start": 0.0, "end": 500.0, "order": 2}),
     ("axis-run-out", "joint-1", {}),
     ("axis-run-out", "joint-4", {}),
+    ("measured-tilt", "base", {"sensor": "foot"}),
+    ("measured-tilt", "link-2", {"sensor": "foot", "axes": "xz"}),
     ("range-scale", "sensor", {"z0": 250.0}),
     ("field-bias", "sensor", {}),
     ("ball-position", "ball-2", {}),
@@ -63,6 +66,8 @@ SOFT = (("joint-compliance", "joint-2", {}), ("link-compliance", "link-3", {}), 
 MISSING = {
     ("backlash", "joint-3"): ("approach3", {}),
     ("time-offset", "time"): ("qdot1_deg_s", {}),
+    ("measured-tilt", "base"): ("accel_foot_x_m_s2", {"sensor": "foot"}),
+    ("measured-tilt", "link-2"): ("accel_foot_z_m_s2", {"sensor": "foot", "axes": "xz"}),
     ("noise-heteroscedastic", "noise"): ("range_mm", {"covariate": "range_mm"}),
 }
 
