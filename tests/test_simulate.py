@@ -102,7 +102,8 @@ def distance(off, covariance):
 
 
 def test_every_effect_of_the_catalogue_is_simulated():
-    assert {name for name, *_ in CAUSES} == set(CATALOGUE)
+    """But for a tilt that an accelerometer has measured: no scene makes the columns that it is read from."""
+    assert {name for name, *_ in CAUSES} == set(CATALOGUE) - {"measured-tilt"}
 
 
 @pytest.mark.parametrize("this", CAUSES, ids=lambda c: "-".join(map(str, (c[0], *c[2].values()))))

@@ -1,7 +1,7 @@
 """Writes docs/gallery/poses-and-compensation.md with its picture: which poses to measure, what a calibration is for.
 
 `python tools/gallery_use.py` runs the page's own commands in an empty folder, then more draws of the same, and
-writes every number of the page. Needs MuJoCo. Two minutes.
+writes every number of the page. Needs MuJoCo. Ten minutes.
 """
 
 import json
@@ -27,17 +27,25 @@ from workbench.calibrate import calibrate, save  # noqa: E402
 from workbench.compensate import compensate, nominal_poses  # noqa: E402
 from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.plans import geometry  # noqa: E402
-from workbench.poses import CRITERIA, choose_poses  # noqa: E402
+from workbench.poses import CRITERIA, Chosen, choose_poses  # noqa: E402
 from workbench.solution_file import read_solution  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery" / "poses-and-compensation.md"
-NOISE, CHOSEN, DRAWS, ARMS = 0.0205, 40, 25, range(41, 47)
+NOISE, CHOSEN, DRAWS, ARMS = 0.0205, 40, 200, range(41, 47)
 POSES = (
-    f"python -m datasets.makers.ye candidates --experiment 2 --wide --samples 300 --seed 11 --noise {NOISE}",
-    f"python -m datasets.makers.ye cell --experiment 2 --cell --samples 60 --seed 12 --noise {NOISE}",
-    f"workbench poses candidates -n {CHOSEN} --out chosen",
-    f"workbench poses candidates -n {CHOSEN} --criterion task --tasks cell --out chosen-for-cell",
+    f"python -m datasets.makers.ye upright --experiment 2 --wide --samples 300 --seed 11 --noise {NOISE}",
+    f"workbench poses upright -n {CHOSEN} --out chosen",
 )
+TASKS = (
+    f"python -m datasets.makers.ye anywhere --experiment 2 --anywhere --samples 3000 --seed 11 --noise {NOISE}",
+    f"python -m datasets.makers.ye cell --experiment 2 --cell --samples 60 --seed 12 --noise {NOISE}",
+    f"workbench poses anywhere -n {CHOSEN} --criterion task --tasks cell --out chosen-for-cell",
+    f"workbench poses upright -n {CHOSEN} --criterion task --tasks cell --out upright-for-cell",
+)
+# candidates: grid (None: anywhere), how many, how often one may be measured
+POOLS = {"3000 anywhere": (None, 3000, 1), "300 anywhere": (None, 300, 1),
+         "300 anywhere, each up to twice": (None, 300, 2), "300 with the tool upright": (ye.WIDE, 300, 1)}  # fmt: skip
+PICTURED = ("3000 anywhere", "300 with the tool upright")
 USE = (
     f"python -m datasets.makers.ye measured --experiment 2 --samples 300 --seed 41 --noise {NOISE}",
     "seq 1 200 > fit.txt",
@@ -55,6 +63,13 @@ EXPORTS = (
     "workbench export camera --to opencv --out camera.yml",
     "workbench export camera --to kalibr --out camchain.yaml",
 )
+
+
+class Pool(NamedTuple):
+    """Of one kind of candidates: the set chosen for the tasks, and by set (draws,) mm RMS of the true error there."""
+
+    chosen: Chosen
+    errors: dict[str, np.ndarray]
 
 
 class Used(NamedTuple):
@@ -82,12 +97,14 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        said = {command: run(command, folder) for command in (*POSES, *USE, *EXPORTS)}
+        said = {command: run(command, folder) for command in (*POSES, *TASKS, *USE, *EXPORTS)}
         answers = {n: json.loads((folder / n / "answer.json").read_text()) for n in ("chosen", "chosen-for-cell",
                                                                                     "corrected", "arm")}  # fmt: skip
-    errors, wider, cases = cell_errors(ye.CELL), cell_errors(ye.NARROW), [used(seed) for seed in ARMS]
-    text.picture(errors, cases[0], PAGE.with_suffix(".png"))
-    PAGE.write_text(text.page(said, answers, gains(), (errors, wider), cases), encoding="utf-8")
+    pools = {name: (measured_errors(*kind, ye.CELL, compared=name in PICTURED), measured_errors(*kind, ye.NARROW))
+             for name, kind in POOLS.items()}  # fmt: skip
+    cases = [used(seed) for seed in ARMS]
+    text.picture([pools[name][0] for name in PICTURED], cases[0], PAGE.with_suffix(".png"))
+    PAGE.write_text(text.page(said, answers, gains(), pools, cases), encoding="utf-8")
 
 
 def gains() -> list[tuple[str, float, float]]:
@@ -102,33 +119,40 @@ def gains() -> list[tuple[str, float, float]]:
     return rows
 
 
-def cell_errors(grid, draws: int = DRAWS, seed: int = 0) -> dict[str, np.ndarray]:
-    """Set of poses -> (draws,) mm RMS of the true error at the cell's poses, of an arm with wrong lengths alone."""
+def measured_errors(pool, size: int, repeats: int, grid, draws: int = DRAWS, seed: int = 0,
+                    compared: bool = False) -> Pool:  # fmt: skip
+    """True errors at 60 poses of `grid` of an arm with wrong lengths alone, calibrated on sets of a pool's poses.
+
+    pool: grid of the candidates, None for anywhere; size: how many; repeats: how often one may be measured. Noise
+    and random sets are drawn anew each time. compared: also as many by D, and as many at random.
+    """
     rigid = ye.SECOND._replace(compliance=(0.0,) * 6, **dict.fromkeys(("k0", "ka1", "ka2", "kb1", "kb2"), (0.0,) * 3))
-    made = ye.ye_second_experiment(300, 11, 0.0, rigid, ye.WIDE), ye.ye_second_experiment(60, 12, 0.0, rigid, grid)
-    candidates, cell = (replace(m.recording(), sigma_mm=NOISE) for m in made)
-    sets = {f"{CHOSEN} for the cell": choose_poses(candidates, CHOSEN, "task", cell).samples,
-            f"{CHOSEN} by D": choose_poses(candidates, CHOSEN).samples}  # fmt: skip
+    made = ye.ye_second_experiment(size, 11, 0.0, rigid, pool), ye.ye_second_experiment(60, 12, 0.0, rigid, grid)
+    candidates, tasks = (replace(m.recording(), sigma_mm=NOISE) for m in made)
+    chosen = choose_poses(candidates, CHOSEN, "task", tasks, repeats=repeats)
+    sets = {f"{CHOSEN} for the tasks": chosen.samples}
+    if compared:
+        sets[f"{CHOSEN} by D"] = choose_poses(candidates, CHOSEN).samples
+    if sum(chosen.left_out.values()):
+        raise ValueError("random sets would have poses that the choice may not take")
     rng, found = np.random.default_rng(seed), {}
     for _ in range(draws):
-        random = {f"{n} at random": rng.choice(candidates.sample_ids, n, replace=False) for n in (CHOSEN, 2 * CHOSEN)}
-        noise = rng.normal(0, NOISE, (3, candidates.n))
-        for name, rows in (sets | random).items():
-            found.setdefault(name, []).append(_error(candidates, rows, noise, cell))
-    return {name: np.array(values) for name, values in found.items()}
+        sizes = (CHOSEN, 2 * CHOSEN) if compared else (2 * CHOSEN,)
+        random = {f"{n} at random": rng.choice(candidates.sample_ids, n, replace=False) for n in sizes}
+        for name, samples in (sets | random).items():
+            rows = np.searchsorted(candidates.sample_ids, samples)
+            found.setdefault(name, []).append(_error(candidates, rows, rng, tasks))
+    return Pool(chosen, {name: np.array(values) for name, values in found.items()})
 
 
-def _error(candidates, rows, noise, cell) -> float:
-    """RMS of the error at the cell's exact poses, mm, of the geometry fitted to some noisy candidates."""
-    columns = {}
-    for key, column in candidates.columns.items():
-        own = column + noise["xyz".index(key[0])] if key in ("x_mm", "y_mm", "z_mm") else column
-        columns[key] = np.concatenate([own, cell.columns[key]])
-    columns["sample"] = np.arange(1.0, candidates.n + cell.n + 1)
-    both = replace(candidates, columns=columns, sigma_mm=NOISE, name="cell")
-    places = np.flatnonzero(np.isin(candidates.sample_ids, rows)) + 1
-    plan = [geometry(load_robot(both.robot))]
-    done = calibrate(both, plan, places, np.arange(candidates.n, candidates.n + cell.n) + 1, folds=2)
+def _error(candidates, rows, rng, tasks) -> float:
+    """RMS of the error at the tasks' exact poses, mm, of the geometry fitted to some candidates measured with noise."""
+    columns = {key: np.concatenate([column[rows], tasks.columns[key]]) for key, column in candidates.columns.items()}
+    for key in ("x_mm", "y_mm", "z_mm"):
+        columns[key][: len(rows)] += rng.normal(0, NOISE, len(rows))
+    columns["sample"] = ids = np.arange(1.0, len(rows) + tasks.n + 1)
+    both = replace(candidates, columns=columns, sigma_mm=NOISE, name="tasks")
+    done = calibrate(both, [geometry(load_robot(both.robot))], ids[: len(rows)], ids[len(rows) :], folds=2)
     return done.held_out["rms_mm"]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gallery_use import CHOSEN, DRAWS, EXPORTS, NOISE, POSES, USE, rms
+from gallery_use import CHOSEN, DRAWS, EXPORTS, NOISE, POSES, TASKS, USE, rms
 
 _TEXT = """# Which poses to measure, and what a calibration is for
 
@@ -15,8 +15,7 @@ the paper prints; a tracker measures one reflector with {noise} mm a coordinate.
 
 ## Before measuring
 
-300 poses that the arm can take, and a cell of some 100 mm in which its work will be. Which {chosen} of the 300 are
-worth a tracker's time?
+300 poses that the arm can take. Which {chosen} of them are worth a tracker's time?
 
 ```sh
 {poses}
@@ -27,19 +26,51 @@ worth a tracker's time?
 |---|---|---|
 {gains}
 
-D counts the volume of what stays uncertain, a parameter at a time: (det)^(1/F). `--criterion task` makes the predicted
-error small at given poses. Measured so, with an arm whose lengths and angles alone are wrong: true error at 60 poses
-of the cell, and of a box of 190 by 400 by 240 mm in its place (`cell` without `--cell`), RMS over {draws} draws of the
-noise and of the random sets:
+D counts the volume of what stays uncertain, a parameter at a time: (det)^(1/F).
 
-| set | cell, mm | box, mm |
-|---|---|---|
+### For the work of one cell
+
+`--criterion task` makes the predicted error small at given poses: here those of a cell of some 100 mm. Candidates cost
+nothing, as they are only computed, so there may be thousands of them.
+
+```sh
+{tasks}
+```
+
+The first of these two choices says
+
+```
+{anywhere}
+```
+
+and the second
+
+```
+{upright}
+```
+
+The last row of each is a bound: the error is convex in the shares of time that candidates get, and the tangent plane at
+the best shares lies below every set of {chosen} (the equivalence theorem of optimal design). What is chosen is within
+{slack:.1f} % of it in every row below, so that no better search could save more than that.
+
+Measured, with an arm whose lengths and angles alone are wrong: true error in the cell, and in a box of 190 by 400 by
+240 mm in its place (`cell` without `--cell`), mm RMS over {draws} draws of the noise and of the random sets, ± the
+standard error of that; in brackets what was predicted.
+
+| candidates | tasks | {chosen} for the tasks | {twice} at random | least that any {chosen} could | better in |
+|---|---|---|---|---|---|
 {sets}
 
 ![Error in the cell by set of poses, and an arm before and after correction](poses-and-compensation.png)
 
-The set for the cell is below random sets of twice its size in {wins} of {draws} draws, for the box in {wider_wins}.
-Against as many random poses the choice pays; twice as many random ones it does not reliably replace on this arm.
+By what is predicted {chosen} chosen poses are better than {twice} random ones in {where}; measured,
+in {clearly}, counting what two standard errors tell. So the choice replaces twice as many measurements
+where candidates differ in what they say of the tasks: in place and attitude, and in thousands. The wider the tasks, the
+less it saves. With the tool always upright candidates are too much alike, and no search would help: in parts of what
+{twice} at random have, the bound is {short}.
+`--repeats` lets one pose be measured several times, which pays where candidates are few and the noise of each
+measurement is its own. A single draw may go either way, since the noise of one calibration is luck; what is predicted
+is the RMS over draws.
 
 ## After measuring
 
@@ -80,33 +111,74 @@ not converge, whose recording was in doubt, or that is no better than the nomina
 """
 
 
-def page(said, answers, gains, both, cases) -> str:
-    """The page's text; both: errors in the cell and in the box; cases: a `gallery_use.Used` an arm."""
-    errors, wider = both
+def page(said, answers, gains, pools, cases) -> str:
+    """The page's text; pools: name -> a `gallery_use.Pool` in the cell and one in the box; cases: a `Used` an arm."""
     after = rms([rms(c.after) for c in cases])
     told, free = (rms([getattr(c, name) for c in cases]) for name in ("told", "free"))
-    wins = [int((e[f"{CHOSEN} for the cell"] < e[f"{2 * CHOSEN} at random"]).sum()) for e in both]
     told_out = [" ".join(said[c].split("\n")[:-2]).replace("  ", " ") for c in EXPORTS if " export " in c]
     kept = [text.strip() for text in dict.fromkeys(told_out) if text.strip()]
     return _TEXT.format(
         noise=NOISE, chosen=CHOSEN, draws=DRAWS, arms=len(cases), floor=NOISE * np.sqrt(3),
-        poses="\n".join(POSES), use="\n".join(USE), exports="\n".join(EXPORTS),
+        poses="\n".join(POSES), tasks="\n".join(TASKS), use="\n".join(USE), exports="\n".join(EXPORTS),
+        twice=2 * CHOSEN,
         left="\n".join(line for text in kept for line in textwrap.wrap(text, 116)),
         first=_first(answers), corrected=_corrected(answers["corrected"]),
         gains="\n".join(f"| {name} | {gain:.2f} × | {seconds:.1f} |" for name, gain, seconds in gains),
-        sets="\n".join(f"| {name} | {rms(values):.4f} | {rms(wider[name]):.4f} |" for name, values in errors.items()),
-        wins=wins[0], wider_wins=wins[1], before=rms([rms(c.before) for c in cases]), after=after,
-        ratio=after / told, worst=max(rms(c.after) / c.told for c in cases), free=after / free,
+        before=rms([rms(c.before) for c in cases]), after=after, ratio=after / told,
+        worst=max(rms(c.after) / c.told for c in cases), free=after / free, **_pools(said, pools),
         sigma=rms([c.sigma for c in cases]),
     )  # fmt: skip
 
 
+def _pools(said, pools) -> dict:
+    """What is told of the sets that are chosen for tasks."""
+    every = [(name, tasks, pool) for name, both in pools.items() for tasks, pool in zip(("cell", "box"), both)]
+    told = [pool.chosen.predicted() for *_, pool in every]
+    beaten = [error for error in told if error["chosen_mm"] < error["random_twice_mm"]]
+    clearly = [pool for *_, pool in every if _clearly(*list(pool.errors.values())[:: len(pool.errors) - 1])]
+    over = [f"{error['bound_mm'] / error['random_twice_mm']:.3f} in the {tasks}"
+            for (name, tasks, _), error in zip(every, told) if name.endswith("upright")]  # fmt: skip
+    return {
+        "sets": "\n".join(_row(*row) for row in every), "where": f"{len(beaten)} of the {len(every)} rows",
+        "clearly": str(len(clearly)), "anywhere": _predicted(said[TASKS[-2]]), "upright": _predicted(said[TASKS[-1]]),
+        "short": " and ".join(over),
+        "slack": 100 * max(error["chosen_mm"] / error["bound_mm"] - 1 for error in told),
+    }  # fmt: skip
+
+
+def _row(name, tasks, pool) -> str:
+    told, errors = pool.chosen.predicted(), list(pool.errors.values())
+    mine, twice = errors[0], errors[-1]
+    cells = [f"{rms(e):.4f} ± {spread(e):.4f} ({told[key]:.4f})" for e, key in ((mine, "chosen_mm"),
+                                                                              (twice, "random_twice_mm"))]  # fmt: skip
+    wins = f"{int((mine < twice).sum())} of {len(mine)}"
+    return f"| {name} | {tasks} | {' | '.join(cells)} | {told['bound_mm']:.4f} | {wins} |"
+
+
+def _clearly(mine, twice) -> bool:
+    """Whether the first RMS is below the second by more than two standard errors of the difference."""
+    return rms(twice) - rms(mine) > 2 * np.hypot(spread(mine), spread(twice))
+
+
+def spread(values) -> float:
+    """Standard error of the RMS of some values."""
+    return float(np.std(values**2, ddof=1) / np.sqrt(len(values)) / 2 / rms(values))
+
+
+def _predicted(text: str) -> str:
+    """What the command says of the predicted error."""
+    lines = [line.rstrip() for line in text.splitlines()]
+    first = next(i for i, line in enumerate(lines) if line.startswith("Predicted"))
+    last = next(i for i, line in enumerate(lines) if line.startswith(("Not determined", "Everything", "No candidates")))
+    return "\n".join(line for line in lines[first:last] if line)
+
+
 def _first(answers) -> str:
-    chosen, cell = answers["chosen"], answers["chosen-for-cell"]
-    return (f"The first is {chosen['gain_over_random']:.2f} times better than the median of 200 random sets, the "
-            f"second {cell['gain_over_random']:.2f} times.\nBoth name what even they leave open, "
-            f"{len(chosen['undetermined'])} directions here. Scenes do as well as recordings; balls that\nthe sensor "
-            "cannot see (`--stand-off`, `--field`, `--cap`), limits and collisions are left out.\n")  # fmt: skip
+    chosen = answers["chosen"]
+    return (f"It is {chosen['gain_over_random']:.2f} times better than the median of 200 random sets, and names what "
+            f"even it leaves open,\n{len(chosen['undetermined'])} directions here. Scenes do as well as recordings; "
+            "balls that the sensor cannot see (`--stand-off`,\n`--field`, `--cap`), limits and collisions are left "
+            "out.\n")  # fmt: skip
 
 
 def _corrected(answer) -> str:
@@ -115,27 +187,39 @@ def _corrected(answer) -> str:
             f"at the flange; 1 sigma there is {answer['sigma_rms_mm']:.3f} mm.\n")  # fmt: skip
 
 
-def picture(errors, case, path: Path) -> None:
-    """Left: true error in the cell by set; right: one arm's targets before and after."""
+def picture(pools, case, path: Path) -> None:
+    """Left: true error in the cell by set, of two kinds of candidates; right: one arm's targets before and after."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
-    colours = ("#1f83c4", "#7fb6dc", "#b9bec4", "#8a9097")
-    values = [v * 1e3 for v in errors.values()]
-    boxes = left.boxplot(values, patch_artist=True, widths=0.6, medianprops={"color": "black"})
-    for box, colour in zip(boxes["boxes"], colours):
-        box.set_facecolor(colour)
-    left.set_xticklabels([name.replace(" ", "\n", 1) for name in errors])
-    left.set(ylabel="true error in the cell, µm RMS", ylim=(0, None))
+    figure, (left, middle, right) = pyplot.subplots(1, 3, figsize=(13, 3.6), layout="constrained",
+                                                    width_ratios=(1, 1, 1.2))  # fmt: skip
+    top = 1.2e3 * max(values.max() for pool in pools for values in pool.errors.values())
+    for axes, pool, title in zip((left, middle), pools, ("3000 candidates anywhere", "300 with the tool upright")):
+        _boxes(axes, pool, top)
+        axes.set_title(title, fontsize=10)
+    left.set_ylabel("true error in the cell by draw, µm")
     edges = np.geomspace(1, 1e3 * case.before.max() * 1.1, 40)
     right.hist(case.before * 1e3, edges, color="#b9bec4", label="sent as programmed")
     right.hist(case.after * 1e3, edges, color="#1f83c4", label="sent corrected")
     right.axvline(case.told * 1e3, color="#d9730d", ls="--", label="held-out RMS, with noise")
     right.set(xscale="log", xlabel="true error, µm", ylabel="targets of 100")
     right.legend(frameon=False, fontsize=8)
-    for axes in (left, right):
+    for axes in (left, middle, right):
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=110)
+
+
+def _boxes(axes, pool, top) -> None:
+    """Of every set the errors by draw, and the least that could be predicted of as many chosen."""
+    values = [v * 1e3 for v in pool.errors.values()]
+    boxes = axes.boxplot(values, patch_artist=True, widths=0.6, medianprops={"color": "black"}, flierprops={"ms": 3})
+    for box, colour in zip(boxes["boxes"], ("#1f83c4", "#7fb6dc", "#b9bec4", "#8a9097")):
+        box.set_facecolor(colour)
+    bound = 1e3 * pool.chosen.predicted()["bound_mm"]
+    axes.axhline(bound, color="#d9730d", ls="--", label=f"least RMS that any {CHOSEN} could have")
+    axes.legend(frameon=False, fontsize=8, loc="upper left")
+    axes.set_xticklabels([name.replace(" ", "\n", 1) for name in pool.errors], fontsize=8)
+    axes.set_ylim(0, top)

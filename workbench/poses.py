@@ -22,6 +22,8 @@ from workbench.sight import EVERYTHING, Sight, unseen
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5", "task")
 _NOMINAL_SIGMA_MM = 0.05
+# knows a parameter to a hundred typical sizes: what a calibration's own covariance has where nothing is known
+_FAINT = 1e-4
 LINK_RADIUS_MM = 50.0
 
 
@@ -29,7 +31,8 @@ LINK_RADIUS_MM = 50.0
 class Chosen:
     """`samples` numbers of the rows at the chosen poses; `design` how good they are; `undetermined` what stays open.
 
-    `candidates` poses to choose from, `left_out` (reason -> how many) of those that were no candidates.
+    `candidates` poses to choose from, `left_out` (reason -> how many) of those that were no candidates. A pose
+    that is taken several times has its samples as often.
     """
 
     recording: object
@@ -41,6 +44,22 @@ class Chosen:
     left_out: dict[str, int]
     parameters: int
 
+    def predicted(self) -> dict | None:
+        """Error at the tasks, mm RMS, of the set and, median, of random ones; None for other criteria.
+
+        `bound_mm`: no set of as many of the candidates is predicted below it; `share_of_twice_beaten` of the random
+        sets of twice the size, None where there are not that many candidates.
+        """
+        found = self.design
+        if found.bound is None:
+            return None
+        twice = found.twice if len(found.twice) else None
+        squares = {"chosen_mm": found.value, "random_mm": np.median(found.random),
+                   "random_twice_mm": None if twice is None else np.median(twice),
+                   "all_mm": found.everything, "bound_mm": max(found.bound, 0.0)}  # fmt: skip
+        told = {key: None if square is None else float(np.sqrt(square)) for key, square in squares.items()}
+        return told | {"share_of_twice_beaten": None if twice is None else float((twice > found.value).mean())}
+
     def as_json(self) -> dict:
         """The answer of `workbench poses`."""
         return {
@@ -48,19 +67,21 @@ class Chosen:
             "poses": len(self.design.chosen), "candidates": self.candidates, "left_out": self.left_out,
             "parameters": self.parameters, "value": self.design.value,
             "random_median": float(np.median(self.design.random)), "gain_over_random": self.design.gain,
-            "samples": list(self.samples), "undetermined": list(self.undetermined),
+            "predicted": self.predicted(), "samples": list(self.samples), "undetermined": list(self.undetermined),
         }  # fmt: skip
 
 
 def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: bool = False,
                  link_radius_mm: float = LINK_RADIUS_MM, seed: int = 0,
-                 sight: Sight = EVERYTHING) -> Chosen:  # fmt: skip
+                 sight: Sight = EVERYTHING, repeats: int = 1) -> Chosen:  # fmt: skip
     """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
 
     recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
     robot and kind, whose predicted error is to be small. link_radius_mm: half the thickness of the
     arm's links, for the check that it is not in its own way; 0 leaves the check out. sight: what the
-    sensor on the arm can see.
+    sensor on the arm can see. repeats: how often one pose may be measured.
+    The predicted error at the tasks is that of the calibration's own covariance: with the priors of its parameters
+    and the stated noise (0.05 mm a coordinate where none is), of positions alone.
     Raises InputError where there are too few candidates or the criterion is not known.
     """
     if criterion not in CRITERIA:
@@ -78,18 +99,32 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     if count < 2:
         raise InputError(f"{recording.name}: expected at least 2 poses that can be used, found {count} "
                          f"({_told(left_out)}); bring other candidates, or ask for less of the sensor and the arm")
+    if repeats < 1:
+        raise InputError(f"--repeats {repeats}: expected how often one pose may be measured, at least 1; correct it")
     if not 2 <= n <= count:
         raise InputError(f"--count {n}: expected 2 to {count}, the poses of {recording.name} that can be used "
                          f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates")
     model, free, everything = _model(robot, moving, effects)
     rows = _by_pose(_whitened(model, free), poses)
-    design = choose(rows, n, criterion, None if tasks is None else _task_rows(robot, model, tasks, free), seed)
-    picked = np.isin(poses, design.chosen)
+    wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
+    design = choose(rows, n, criterion, wanted, seed, known=None if tasks is None else _known(free), repeats=repeats,
+                    bounded=True)  # fmt: skip
+    picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
     everything = everything.free(*held_by_convention(robot))
     known = identifiability(normal_matrix(model.at(picked), everything), everything)
     samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
     return Chosen(recording, samples, design, criterion, tuple(known.sentences()), int(count), left_out,
                   int(free.mask.sum()))  # fmt: skip
+
+
+def _known(free) -> np.ndarray:
+    """(F, F) what is known of the free parameters beside the data, in typical sizes."""
+    return np.diag(free.precision[free.mask] * free.typical[free.mask] ** 2 + _FAINT)
+
+
+def _in_rounds(counts) -> np.ndarray:
+    """Rows (k,) as often as counted (n,): all once, then again those that come twice, and so on."""
+    return np.concatenate([np.flatnonzero(counts > done) for done in range(max(counts.max(initial=1), 1))])
 
 
 def _told(left_out) -> str:
@@ -126,7 +161,7 @@ def _by_pose(rows, poses) -> np.ndarray:
 
 
 def _task_rows(robot, model, tasks, free):
-    """(T, m, F) rows of the tasks, with base and tool as the candidates have them; InputError where these differ."""
+    """(T, 3, F) rows of the tasks' positions, mm, with the candidates' base and tool; InputError where these differ."""
     tasks = samples_of(tasks)
     own = measurement_of(tasks).parameters()
     placed = [p.key for p in model.chain.parameters.table if not p.key.startswith(("base.", "joint-"))]
@@ -135,7 +170,8 @@ def _task_rows(robot, model, tasks, free):
                          "as they are, found others; make them as the candidates were made")
     chain = bind(robot, replace(tasks, sigma_mm=1.0), start=model.chain.start)
     seen = Model(chain, model.effects)
-    return _whitened(seen, seen.parameters.take_over(free).only(free.mask))
+    positions = seen.linearise(seen.parameters.take_over(free).only(free.mask))[1][:, :3]
+    return (positions * free.typical[free.mask][:, None, None]).transpose(2, 1, 0)
 
 
 def _usable(robot, recording, link_radius, sight):
@@ -163,7 +199,9 @@ def write_poses(chosen: Chosen, folder: Path) -> Path:
     """`poses.csv` in an existing folder: the chosen rows with joint readings and, where there is one, the ball."""
     from workbench.runs import replace_file
 
-    rows = np.isin(chosen.recording.sample_ids, chosen.samples)
+    sample, times = np.unique(np.array(chosen.samples), return_counts=True)
+    place = np.searchsorted(sample, chosen.recording.sample_ids).clip(max=len(sample) - 1)
+    rows = _in_rounds(np.where(sample[place] == chosen.recording.sample_ids, times[place], 0))
     joints = joint_columns(chosen.recording.columns)
     named = [k for k in ("sample", "ball", "reflector", "point", "pair") if k in chosen.recording.columns]
     columns = {k: chosen.recording.columns[k][rows] for k in (*named, *joints)}

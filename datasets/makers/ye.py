@@ -1,6 +1,6 @@
 """Recordings of Ye et al.'s robot (Sensors 2024, 24, 2559), realised with MuJoCo statics.
 
-`python -m datasets.makers.ye OUT [--experiment 1|2] [--wide] [--samples N] [--noise MM] [--seed N]`.
+`python -m datasets.makers.ye OUT [--experiment 1|2] [--wide|--cell|--anywhere] [--samples N] [--noise MM] [--seed N]`.
 
 What the paper identified (Tables 3, 4 and 6, 7) is taken as the truth; the
 nominal robot.toml has the data-sheet values. The law of the paper is linear in
@@ -185,20 +185,28 @@ def ye_first_experiment(n: int = 200, seed: int = 1, noise_mm: float = 0.02, tab
 
 
 def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02, table: Table = SECOND,
-                         grid: Grid = NARROW) -> folder.Made:  # fmt: skip
+                         grid: Grid | None = NARROW) -> folder.Made:  # fmt: skip
     """One reflector seen by a tracker: seven attitudes on a grid of 10 x 10 x 10 places (sec. 5.3).
 
     n below 7000 draws that many of the 7000 without repeats; the order is
     shuffled either way. WIDE loses a few in 1000, where the wrist is stretched.
-    noise_mm: 1 sigma of each coordinate. Raises ValueError
-    for n above 7000.
+    noise_mm: 1 sigma of each coordinate. grid None: n readings anywhere in
+    the middle half of all joints' limits, in any attitude. Raises ValueError
+    for n above 7000 on a grid.
     """
-    if n > 7000:
+    if grid is not None and n > 7000:
         raise ValueError(f"the grid has 7000 configurations, {n} were asked for")
     rng = np.random.default_rng(seed)
-    joints_deg = np.round(np.rad2deg(_on_grid(table, grid, rng.permutation(7000)[:n])), 4)
+    readings = _anywhere(n, rng) if grid is None else np.rad2deg(_on_grid(table, grid, rng.permutation(7000)[:n]))
+    joints_deg = np.round(readings, 4)
     points = reflector_points(_flange(table, joints_deg), table.tool[0], pose(*table.user))
     return _made("external-point", "laser tracker", table, joints_deg, points, rng, noise_mm, {}, {})
+
+
+def _anywhere(n: int, rng) -> np.ndarray:
+    """(n, 6) readings, deg, even over the middle half of each joint's range."""
+    low, high = np.array(_LIMITS, float).T
+    return (low + high) / 2 + (high - low) / 4 * rng.uniform(-1, 1, (n, 6))
 
 
 def _on_grid(table: Table, grid: Grid, rows: np.ndarray) -> np.ndarray:
@@ -252,11 +260,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--wide", action="store_true", help="the second experiment in a wide box, see the gallery")
     parser.add_argument("--cell", action="store_true", help="the second experiment in a box of about 100 mm")
+    parser.add_argument("--anywhere", action="store_true", help="the second experiment in any place and attitude")
     args = parser.parse_args()
     if args.experiment == 1:
         made = ye_first_experiment(args.samples or 200, args.seed, args.noise)
     else:
-        grid = WIDE if args.wide else CELL if args.cell else NARROW
+        grid = WIDE if args.wide else CELL if args.cell else None if args.anywhere else NARROW
         made = ye_second_experiment(args.samples or 7000, args.seed, args.noise, grid=grid)
     datasets.write(made.recording(), args.out)
 

@@ -25,6 +25,7 @@ def command(
     stand_off: StandOff = None,
     field: Annotated[float | None, typer.Option("--field", help="Half the sensor's field of view, deg.")] = None,
     cap: Annotated[float | None, typer.Option("--cap", help="How far off its top a ball is seen from, deg.")] = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="How often one pose may be measured.")] = 1,
     seed: Annotated[int, typer.Option("--seed", help="Of the random sets that it is compared with.")] = 0,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
@@ -38,7 +39,8 @@ def command(
         found = _read(candidates)
         wanted = None if tasks is None else _read(tasks)
         say("choosing")
-        chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed, Sight(stand_off, field, cap))
+        sight = Sight(stand_off, field, cap)
+        chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed, sight, repeats)
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
             told = chosen.as_json()
@@ -65,6 +67,8 @@ def _show(console, result) -> None:
              result["gain_over_random"]]]  # fmt: skip
     head = ["criterion", "chosen", "of candidates", "value", "random sets", "times better"]
     tables.grid(console, f"Poses from {result['recording']}", head, rows)
+    if result["predicted"]:
+        _show_predicted(console, result["poses"], result["predicted"])
     left = [f"{count} {why}" for why, count in result["left_out"].items() if count]
     if left:
         console.print(f"No candidates: {', '.join(left)}.")
@@ -72,3 +76,17 @@ def _show(console, result) -> None:
     for sentence in result["undetermined"]:
         console.print(f"  - {sentence}", markup=False)
     console.print(str(result["run"]), soft_wrap=True, markup=False)
+
+
+def _show_predicted(console, n, error) -> None:
+    """What error to expect at the tasks, beside random sets, and whether any other set could do better."""
+    rows = [[f"these {n}", error["chosen_mm"]], [f"{n} at random", error["random_mm"]],
+            [f"{2 * n} at random", error["random_twice_mm"]], ["all candidates", error["all_mm"]],
+            [f"least that any {n} could", error["bound_mm"]]]  # fmt: skip
+    tables.grid(console, "Predicted error at the tasks, mm RMS in space", ["measured", "error"], rows)
+    twice, bound = error["random_twice_mm"], error["bound_mm"]
+    if twice is not None and bound > twice:
+        console.print(f"No {n} of these candidates can do what {2 * n} at random do: they are too much alike. "
+                      "Bring more of them, in other attitudes and places.")  # fmt: skip
+    elif twice is not None:
+        console.print(f"Better than {100 * error['share_of_twice_beaten']:.0f} % of the random sets of {2 * n}.")

@@ -67,7 +67,7 @@ def choose(rows: np.ndarray, n: int, criterion: str = "D", tasks: np.ndarray | N
     chosen, told = search.exchange(search.grow(n)), {}
     if downwards and bounded:
         shares, bound = least_error(grams, n, weight, ridge, repeats)
-        chosen = min(chosen, search.exchange(_whole(shares, n)), key=worth)
+        chosen = min(chosen, search.exchange(_whole(shares, n, repeats)), key=worth)
         pairs = [rng.choice(len(rows), 2 * n, replace=False) for _ in range(draws)] if 2 * n <= len(rows) else []
         told = {"twice": np.array([worth(some) for some in pairs]), "everything": score(grams.sum(0) + ridge),
                 "bound": bound}  # fmt: skip
@@ -82,7 +82,8 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
     grams (N, F, F), weight and ridge (F, F). No n whole candidates are below the bound: the value is convex in
     the shares, and so nowhere lies below its tangent plane, whose least value is taken over all shares there may
     be (Kiefer, Annals of Statistics 2 (1974) 849). Shares by the multiplicative algorithm (Silvey, Titterington &
-    Torsney, Communications in Statistics A 7 (1978) 1379), held below their limit (Wynn, 1982).
+    Torsney, Communications in Statistics A 7 (1978) 1379), held below their limit
+    (Wynn, Statistical Decision Theory and Related Topics III, 1982).
     """
     flat, shares, bound = grams.reshape(len(grams), -1), np.full(len(grams), n / len(grams)), 0.0
     for _ in range(_SHARES):
@@ -108,10 +109,10 @@ def _filled(shares, n, most):
     return np.minimum(shares * factor[first], most)
 
 
-def _whole(shares, n):
-    """n candidates (n,) whose numbers are nearest to the shares (N,)."""
+def _whole(shares, n, most):
+    """n candidates (n,) whose numbers, up to `most` of each, are nearest to the shares (N,)."""
     counts = np.floor(shares).astype(int)
-    counts[np.argsort(counts - shares)[: n - counts.sum()]] += 1
+    counts[np.argsort(np.where(counts < most, counts - shares, 1.0))[: n - counts.sum()]] += 1
     return np.repeat(np.arange(len(shares)), counts)
 
 
