@@ -104,6 +104,15 @@ def test_a_withheld_covariate_is_asked_for_by_one_of_its_words():
     said["answer"]["next_experiment"] = "Record the side of the last motion of joint 3."
     assert scoring.score(truth, said)["asks_for_it"] is True
     assert scoring.score({"effects": [TRUE]}, said)["asks_for_it"] is None
+    said["answer"]["not_recorded"] = ["speed", "temperature"]
+    assert scoring.score(truth, said)["asks"] == 2
+
+
+def test_to_ask_where_nothing_was_withheld_is_counted():
+    rows = [row("covariate-withheld", asks_for_it=True, asks=1), row(asks=1), row("clean", "right", effects=[], asks=0)]
+    told = {f.name: (f.hits, f.cases) for f in figures.table(rows) if f.suite == "covariate-withheld"}
+    assert told["the missing covariate is asked for, and no other"] == (1, 1)
+    assert told["control: something is asked for where nothing was withheld"] == (1, 2)
 
 
 def test_a_mistake_in_the_file_may_be_refused_with_a_sentence():
@@ -227,7 +236,7 @@ def test_a_folder_of_ones_own_is_checked(tmp_path):
 
 def test_an_examination_is_not_mixed_with_another(tmp_path):
     (tmp_path / "exam").mkdir()
-    (tmp_path / "exam" / "settings.json").write_text(json.dumps({"suites": [], "seed": 1, "own": None}))
+    (tmp_path / "exam" / "settings.json").write_text(json.dumps({"seed": 1, "own": None, "planned": {}}))
     with pytest.raises(InputError, match="holds an examination of seed 1"):
         prove.prove(tmp_path / "exam", ["clean"], 1, seed=2)
     (tmp_path / "full").mkdir()
@@ -237,31 +246,37 @@ def test_an_examination_is_not_mixed_with_another(tmp_path):
 
 
 def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
-    """Sealed before, diagnosed with the recording alone, scored; a second call does nothing twice."""
+    """Sealed before, diagnosed with the recording alone, scored; a second call does nothing twice.
+
+    The seed is one whose cases have few samples.
+    """
     pytest.importorskip("mujoco")
     folder = tmp_path / "exam"
     said = []
-    made = prove.prove(folder, ["clean", "library"], 1, seed=31, jobs=1, say=said.append)
+    made = prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1, say=said.append)
     assert len(made.rows) == 2 and all(r["outcome"] != "failed" for r in made.rows), [r["note"] for r in made.rows]
     assert not any(json.loads(p.read_text())["opened"] for p in folder.glob("cases/*/answer.json"))
     stamps = {p: p.stat().st_mtime_ns for p in folder.glob("cases/*/*.json")}
-    again = prove.prove(folder, ["clean", "library"], 1, seed=31, jobs=1)
+    again = prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1)
     assert [r["outcome"] for r in again.rows] == [r["outcome"] for r in made.rows]
     assert stamps == {p: p.stat().st_mtime_ns for p in folder.glob("cases/*/*.json")}
     truth = next((folder / "sealed").glob("*.json"))
     truth.write_bytes(truth.read_bytes().replace(b"0", b"1", 1))
     with pytest.raises(InputError, match="changed after it was sealed"):
-        prove.prove(folder, ["clean", "library"], 1, seed=31, jobs=1)
+        prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1)
 
 
 @pytest.mark.slow
 def test_the_proof_in_small(tmp_path):
-    """Sixteen cases: no confident wrong name, at most one false alarm, and most of what is concealed is found."""
+    """Seven cases: no confident wrong name, no false alarm, and most of what is concealed is found.
+
+    The seed is one whose cases have few samples.
+    """
     pytest.importorskip("mujoco")
-    rows = prove.prove(tmp_path / "exam", ["clean", "library", "swallowed", "outside"], 4, seed=32).rows
+    rows = prove.prove(tmp_path / "exam", ["clean=2", "library=3", "swallowed=1", "outside=1"], seed=68).rows
     hidden = [r for r in rows if r["effects"]]
     assert not any(r.get("confidently_wrong") for r in rows)
-    assert sum(r["outcome"] == "false alarm" for r in rows) <= 1
+    assert not any(r["outcome"] == "false alarm" for r in rows)
     found = [r for r in hidden if r["outcome"] in ("exact", "group") or r["located"]]
     assert len(found) >= 0.75 * len(hidden), [(r["concealed"], r["claims"]) for r in hidden]
     assert np.median([s for s in map(figures.gain_share, rows) if s is not None]) > 0.85

@@ -2,13 +2,13 @@
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from workbench import concealed, runs
 from workbench.core.errors import InputError
-from workbench.proving import board, stages, tasks
+from workbench.proving import board, checks, stages, tasks
 
 _SETTINGS = "settings.json"
 
@@ -21,33 +21,42 @@ def prove(
     own: Path | None = None,
     jobs: int | None = None,
     say: Callable[[str], None] = lambda text: None,
+    minutes: float | None = None,
 ) -> board.Board:
     """Hold the examination in `folder`, or go on with the one that lies there, and return its scoreboard.
 
-    suites: names of `workbench.proving.tasks.COUNTS`, all where none is named. cases: of each suite; None: as many as
-    the whole examination has. own: a folder of recordings and sealed answers of one's own, and then no suite is made.
-    jobs: processes, one a core where not given. Raises InputError, also where a sealed truth was changed.
+    suites: names of `workbench.proving.tasks.COUNTS`, all where none is named; `name=count` for so many of one.
+    cases: of each suite without a count; None: as many as the whole examination has. own: a folder of recordings and
+    sealed answers of one's own, and then no suite is made. jobs: processes, one a core where not given. minutes: no
+    diagnosis begins later. The scoreboard is of every case of the folder that has been diagnosed, in this call or in
+    an earlier one. Raises InputError, also where a sealed truth was changed.
     """
     count = stages.workers(jobs)
     plan = tasks.Plan(()) if own else tasks.plan(suites, cases, seed)
     if own is None and not plan.tasks:
         raise InputError("prove: no case can be made here, because " + "; ".join(
             f"suite {suite}: {why}" for suite, why in plan.skipped.items()) + "; name another suite.")  # fmt: skip
-    _settle(folder, {"suites": list(suites), "seed": seed, "own": str(own.resolve()) if own else None})
+    planned = _settle(folder, seed, str(own.resolve()) if own else None, plan.counts)
     exam = concealed.Examination(folder)
+    names = _sealed(exam, plan, own, count, say)
+    stages.run(folder, names, count, say, minutes)
+    rows = stages.open_all(folder, [name for name in exam.names() if exam.answer(name).exists()], count, say)
+    made = board.board(rows, plan.skipped, seed, _command(planned, seed, own), checks.checks(exam, rows), planned)
+    board.save(made, folder)
+    return made
+
+
+def _sealed(exam: concealed.Examination, plan: tasks.Plan, own: Path | None, count: int, say) -> list[str]:
+    """Names of the cases of this call, concealed and with their seals published."""
     if own is None:
-        stages.conceal(folder, plan, count, say)
+        stages.conceal(exam.folder, plan, count, say)
         names = sorted(task.name for task in plan.tasks)
     else:
         names = bring(exam, own)
-        stages.publish(folder)
-    digest = board.publish_seals(folder, concealed.published(exam))
+        stages.publish(exam.folder)
+    digest = board.publish_seals(exam.folder, concealed.published(exam))
     say(f"{len(names)} truths sealed, SHA-256 of all seals {digest[:16]}…")
-    stages.run(folder, names, count, say)
-    rows = stages.open_all(folder, names, count, say)
-    made = board.board(rows, plan.skipped, seed, _command(suites, cases, seed, own))
-    board.save(made, folder)
-    return made
+    return names
 
 
 def default_folder(seed: int, own: Path | None) -> Path:
@@ -98,23 +107,24 @@ def _sums(path: Path) -> dict[str, str]:
     return {Path(name).stem: seal for seal, name in (row[:2] for row in rows)}
 
 
-def _settle(folder: Path, settings: dict) -> None:
-    """Begin an examination, or make sure that the one that lies there is of the same seed and source."""
+def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int]) -> dict[str, int]:
+    """Begin an examination, or go on with one of the same seed and source; cases of each suite in all calls so far."""
     path = folder / _SETTINGS
-    if path.exists():
-        known = json.loads(path.read_text(encoding="utf-8"))
-        if (known["seed"], known["own"]) != (settings["seed"], settings["own"]):
-            raise InputError(f"{folder} holds an examination of seed {known['seed']}, found --seed "
-                             f"{settings['seed']}; name another folder with --out.")  # fmt: skip
-        return
-    if folder.is_dir() and any(folder.iterdir()):
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    if known is None and folder.is_dir() and any(folder.iterdir()):
         raise InputError(f"{folder} already holds other files, where an examination expects a folder that is new, "
                          "empty or its own; name another one with --out.")  # fmt: skip
+    if known and (known["seed"], known["own"]) != (seed, own):
+        raise InputError(f"{folder} holds an examination of seed {known['seed']}, found --seed {seed}; "
+                         "name another folder with --out.")  # fmt: skip
+    before = known["planned"] if known else {}
+    planned = {suite: max(counts.get(suite, 0), before.get(suite, 0)) for suite in {**before, **counts}}
     folder.mkdir(parents=True, exist_ok=True)
-    runs.replace_file(path, json.dumps(settings, indent=1) + "\n")
+    runs.replace_file(path, json.dumps({"seed": seed, "own": own, "planned": planned}, indent=1) + "\n")
+    return planned
 
 
-def _command(suites, cases, seed, own) -> str:
-    words = ["workbench prove", *(f"--suite {suite}" for suite in suites)]
-    words += [f"--cases {cases}"] if cases else []
-    return " ".join(words + ([f"--folder {own}"] if own else [f"--seed {seed}"]))
+def _command(planned, seed, own) -> str:
+    if own:
+        return f"workbench prove --folder {own}"
+    return " ".join(["workbench prove", *(f"--suite {suite}={n}" for suite, n in planned.items()), f"--seed {seed}"])

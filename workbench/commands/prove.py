@@ -5,22 +5,29 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands import answer, tables
+from workbench.commands import answer
 
 Suites = Annotated[
-    list[str] | None, typer.Option("--suite", metavar="NAME", help="Only this suite; once for each. All otherwise.")
+    list[str] | None,
+    typer.Option("--suite", metavar="NAME[=COUNT]", help="Only this suite, so many of it; once for each."),
 ]
 
 
 def command(
     suite: Suites = None,
-    cases: Annotated[int | None, typer.Option("--cases", min=1, help="Cases of each suite.")] = None,
+    cases: Annotated[int | None, typer.Option("--cases", min=1, help="Cases of a suite without a count.")] = None,
     seed: Annotated[int, typer.Option("--seed", help="Other seeds are other cases.")] = 1,
     folder: Annotated[
         Path | None, typer.Option("--folder", metavar="DIR", help="Recordings and sealed answers of your own.")
     ] = None,
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; one a core otherwise.")] = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="The folder of the examination.")] = None,
+    minutes: Annotated[
+        float | None, typer.Option("--minutes", min=0, help="Begin no diagnosis later; call again to go on.")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option("--page", metavar="FILE.md", help="Write the scoreboard as Markdown, too.")
+    ] = None,
     no_report: answer.NoReport = False,
     json: answer.JsonTarget = None,
 ) -> None:
@@ -30,7 +37,7 @@ def command(
         from workbench import prove, runs
 
         place = out or prove.default_folder(seed, folder)
-        board = prove.prove(place, suite or (), cases, seed, folder, jobs, say)
+        board = prove.prove(place, suite or (), cases, seed, folder, jobs, say, minutes)
         result = {**board.as_json(), "run": place.resolve()}
         runs.replace_file(place / "answer.json", answer.as_text(result))
         if not no_report:
@@ -38,18 +45,23 @@ def command(
             from workbench.report.scoreboard import write_scoreboard
 
             write_scoreboard(board, place)
+        if page:
+            say(f"writing {page}")
+            from workbench.report.scoreboard_page import write_page
+
+            write_page(board, place, page)
     answer.deliver(result, json)
     _show(answer.console(json), result)
     answer.last_line(answer.console(json), place.resolve())
 
 
 def _show(console, result) -> None:
-    head = ["figure", "cases", "value", "95 %", "asked", ""]
-    rows = [
-        [f"{f['suite']}: {f['name']}", f["cases"], _value(f), _interval(f), f["asked"], _word(f)]
-        for f in result["figures"]
-    ]
-    tables.grid(console, f"{result['cases']} concealed cases, seed {result['seed']}", head, rows)
+    """A line a figure: they are many, and their names are long."""
+    console.print(f"{result['cases']} concealed cases, seed {result['seed']}", style="bold")
+    for f in result["figures"]:
+        cases = f"{f['hits']} of {f['cases']}" if f["hits"] is not None else f["cases"]
+        line = f"{f['word']:14}{_value(f):>7}  {cases:>11}  {_interval(f):17}{f['asked']:23}{f['suite']}: {f['name']}"
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     for suite, why in result["skipped"].items():
         console.print(f"suite {suite} was left out: {why}", markup=False)
 
@@ -62,11 +74,7 @@ def _value(figure) -> str:
 
 
 def _interval(figure) -> str:
-    if figure["low"] is None:
+    if figure["low"] is None or not figure["cases"]:
         return ""
     return f"{figure['low']:.1%} – {figure['high']:.1%}" if figure["hits"] is not None else (
         f"{figure['low']:.2f} – {figure['high']:.2f}")  # fmt: skip
-
-
-def _word(figure) -> str:
-    return {True: "reached", False: "short", None: ""}[figure["reached"]]

@@ -1,30 +1,48 @@
 """The scoreboard: every case, the failed ones first, every figure beside what is asked, and the files of both."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from workbench.proving import figures
+from workbench.proving.tasks import COUNTS
 from workbench.runs import replace_file
 
 _ORDER = ("failed", "false alarm", "wrong", "missed", "abstained", "more", "part", "place", "group", "reference")
 _COLUMNS = ("case", "suite", "index", "outcome", "concealed", "survives_sigma", "verdict", "claims",
             "confidently_wrong", "detected", "located", "located_in_group", "group_size", "covariates_right",
-            "asks_for_it",
+            "asks_for_it", "surviving_mm", "visible_mm", "below_visible",
             "before_mm", "after_mm", "noise_mm", "oracle_before_mm", "oracle_after_mm",
             "part_before_mm", "part_after_mm", "part_oracle_mm", "robot", "measures", "samples", "sigma_mm", "noise",
-            "seconds", "note", "seal")  # fmt: skip
+            "seconds", "cpu_s", "note", "program", "seal")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Board:
-    """`rows` of all cases, the failed ones first; `figures`; `skipped` suite -> why; `command` that makes it again."""
+    """`rows` of all cases, the failed ones first; `figures`; `skipped` suite -> why; `command` that makes it again.
+
+    `planned`: suite -> cases concealed and sealed, of which those are rows that have been diagnosed.
+    """
 
     rows: tuple[Mapping, ...]
     figures: tuple[figures.Figure, ...]
     skipped: Mapping[str, str]
     seed: int
     command: str
+    planned: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def held(self) -> dict[str, int]:
+        """Suite -> cases diagnosed, of every suite that was planned."""
+        count = Counter(dict.fromkeys(self.planned, 0))
+        count.update(row["suite"] for row in self.rows)
+        return {suite: count[suite] for suite in sorted(count, key=_place)}
+
+    @property
+    def programs(self) -> list[str]:
+        """Checksums of the programs that gave the answers; of one examination it should be one."""
+        return sorted({row.get("program", "") for row in self.rows})
 
     def as_json(self) -> dict:
         """The answer of `workbench prove`."""
@@ -32,7 +50,7 @@ class Board:
         return {
             "command": "prove", "cases": len(self.rows), "seed": self.seed, "made_by": self.command,
             "asked": len(asked), "reached": sum(figure.reached for figure in asked),
-            "suites": {suite: sum(r["suite"] == suite for r in self.rows) for suite in _seen(self.rows)},
+            "suites": self.held, "planned": dict(self.planned), "programs": self.programs,
             "skipped": dict(self.skipped),
             "figures": [figure.as_json() for figure in self.figures],
             "detection": figures.detection(self.rows), "reliability": figures.reliability(self.rows),
@@ -41,10 +59,11 @@ class Board:
         }  # fmt: skip
 
 
-def board(rows: Sequence[Mapping], skipped: Mapping[str, str], seed: int, command: str) -> Board:
-    """The scoreboard of opened cases."""
+def board(rows: Sequence[Mapping], skipped: Mapping[str, str], seed: int, command: str,
+          checks: Sequence[figures.Figure] = (), planned: Mapping[str, int] | None = None) -> Board:
+    """The scoreboard of opened cases; checks: figures of the examination itself."""
     ordered = sorted(rows, key=lambda row: (_rank(row), row["suite"], row["index"]))
-    return Board(tuple(ordered), tuple(figures.table(ordered)), skipped, seed, command)
+    return Board(tuple(ordered), (*figures.table(ordered), *checks), skipped, seed, command, planned or {})
 
 
 def _rank(row) -> tuple:
@@ -53,8 +72,9 @@ def _rank(row) -> tuple:
     return (0 if row.get("confidently_wrong") else 1, place)
 
 
-def _seen(rows) -> list[str]:
-    return list(dict.fromkeys(row["suite"] for row in rows))
+def _place(suite: str) -> int:
+    """Where a suite stands in the examination; one of somebody's own stands last."""
+    return [*COUNTS, suite].index(suite)
 
 
 def save(made: Board, folder: Path) -> None:
@@ -69,9 +89,11 @@ def save(made: Board, folder: Path) -> None:
         partial.replace(folder / name)
 
 
-_TEXT = {"case", "suite", "outcome", "concealed", "verdict", "claims", "robot", "measures", "noise", "note", "seal"}
+_TEXT = {"case", "suite", "outcome", "concealed", "verdict", "claims", "robot", "measures", "noise", "note", "seal",
+         "program"}  # fmt: skip
 _WHOLE = {"index", "samples", "group_size"}
-_YES_NO = {"confidently_wrong", "detected", "located", "located_in_group", "covariates_right", "asks_for_it"}
+_YES_NO = {"confidently_wrong", "detected", "located", "located_in_group", "covariates_right", "asks_for_it",
+           "below_visible"}  # fmt: skip
 
 
 def _schema(pa):

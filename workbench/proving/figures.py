@@ -15,7 +15,10 @@ _Z = 1.959964  # two-sided 95 %
 
 @dataclass(frozen=True)
 class Figure:
-    """`value`: a rate (hits of cases) or a median; `low`, `high`: 95 %; `reached`: None where nothing is asked."""
+    """`value`: a rate (hits of cases) or a median; `low`, `high`: 95 %; `reached`: None where nothing is asked.
+
+    `least`: how many cases are asked for as well; with fewer, nothing is reached, though the value may be `within`.
+    """
 
     suite: str
     name: str
@@ -25,10 +28,21 @@ class Figure:
     low: float | None
     high: float | None
     asked: str
-    reached: bool | None
+    within: bool | None
+    least: int = 0
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the value and the number of cases are what is asked."""
+        return None if self.within is None else self.within and self.cases >= self.least
+
+    @property
+    def word(self) -> str:
+        """Reached, too few cases or short; empty where nothing is asked."""
+        return {None: "", True: "reached", False: "too few cases" if self.within else "short"}[self.reached]
 
     def as_json(self) -> dict:
-        return asdict(self)
+        return asdict(self) | {"reached": self.reached, "word": self.word}
 
 
 def wilson(hits: int, cases: int) -> tuple[float, float]:
@@ -42,12 +56,12 @@ def wilson(hits: int, cases: int) -> tuple[float, float]:
 
 
 def rate(suite: str, name: str, rows: Sequence[Mapping], hit: Callable[[Mapping], bool], asked: str = "",
-         limit: float | None = None, at_most: bool = False) -> Figure:
-    """Share of rows for which `hit`; reached where it is at least, or at most, the limit."""
+         limit: float | None = None, at_most: bool = False, least: int = 0) -> Figure:
+    """Share of rows for which `hit`; within where it is at least, or at most, the limit."""
     hits, cases = sum(bool(hit(row)) for row in rows), len(rows)
     value = hits / cases if cases else None
-    reached = None if limit is None or value is None else value <= limit if at_most else value >= limit
-    return Figure(suite, name, hits, cases, value, *wilson(hits, cases), asked, reached)
+    within = None if limit is None or value is None else value <= limit if at_most else value >= limit
+    return Figure(suite, name, hits, cases, value, *wilson(hits, cases), asked, within, least)
 
 
 def table(rows: Sequence[Mapping]) -> list[Figure]:
@@ -57,11 +71,12 @@ def table(rows: Sequence[Mapping]) -> list[Figure]:
         own = [row for row in rows if row["suite"] == suite]
         if own:
             made += of(own)
-    return made + gain(rows)
+    return made + _asks_for_nothing(rows) + gain(rows)
 
 
 def _clean(rows):
-    alarms = rate("clean", "false alarms", rows, lambda r: not _kept(r), "≤ 1 % of ≥ 300", 0.01, at_most=True)
+    alarms = rate("clean", "false alarms", rows, lambda r: not _kept(r), "≤ 1 % of ≥ 300", 0.01, at_most=True,
+                  least=300)  # fmt: skip
     upper = Figure("clean", "upper 95 % limit of false alarms", None, len(rows), alarms.high, None, None, "≤ 2.5 %",
                    alarms.high <= 0.025)  # fmt: skip
     return [alarms, upper]
@@ -76,6 +91,10 @@ def _library(rows):
         rate("library", "located, or place in the declared group", found, lambda r: r.get("located_in_group")),
         rate("library", "right name or declared group, of detected", found, _right, "≥ 90 %", 0.90),
         rate("library", "right name alone, of detected", found, lambda r: r["outcome"] == "exact"),
+        rate("library", "detected, of those above the smallest visible size that the answer states",
+             [r for r in rows if r.get("below_visible") is False], lambda r: r.get("detected")),
+        rate("library", "detected, surviving size < 0.3 σ", [r for r in rows if r not in large],
+             lambda r: r.get("detected")),
         _confidently("library", rows, "≤ 1 %", 0.01),
     ]
 
@@ -84,6 +103,8 @@ def _swallowed(rows):
     parts = [r for r in rows if _part_gain(r) is not None]
     return [
         rate("swallowed", "right name or declared group", rows, _right, "≥ 85 %", 0.85),
+        rate("swallowed", "named, or abstained, or below the smallest visible size that the answer states", rows,
+             lambda r: _right(r) or r["outcome"] == "abstained" or _silent(r), "all", 1.0),
         rate("swallowed", "a wrong name", rows, lambda r: r.get("wrong_name")),
         rate("swallowed", "error on the part not fitted falls by half of the oracle's gain or more", parts,
              lambda r: _part_gain(r) >= 0.5, "≥ half of the oracle's", 0.85),
@@ -105,6 +126,7 @@ def _outside(rows):
     return [
         rate("outside", "`unexplained`", rows, lambda r: r["verdict"] == "unexplained", "≥ 95 %", 0.95),
         rate("outside", "located", rows, _located, "≥ 90 %", 0.90),
+        rate("outside", "`unexplained`, located, and nothing named", rows, lambda r: r["outcome"] == "exact"),
         rate("outside", "the right covariates", rows, lambda r: r.get("covariates_right")),
         _confidently("outside", rows, "", None),
     ]
@@ -117,6 +139,11 @@ def _withheld(rows):
         _confidently("covariate-withheld", rows, "none", 0.0),
         rate("covariate-withheld", "the missing covariate is asked for", rows, lambda r: r.get("asks_for_it"),
              "≥ 80 %", 0.80),
+        rate("covariate-withheld", "the missing covariate is asked for, or the effect named without it", rows,
+             lambda r: r.get("asks_for_it") or _right(r)),
+        rate("covariate-withheld", "the missing covariate is asked for, and no other", rows,
+             lambda r: r.get("asks_for_it") and r.get("asks") == 1),
+        rate("covariate-withheld", "located, all effects", rows, _located),
     ]  # fmt: skip
 
 
@@ -139,9 +166,10 @@ def _knocked_out(rows):
 
 
 def _planted(rows):
+    rows = [r for r in rows if r["outcome"] != "reference"]
     at_one = [r for r in rows if r["effects"] and r["effects"][0].get("times") == 1.0]
     found = [r for r in at_one if r.get("detected")]
-    bare = [r for r in rows if not r["effects"] and r["outcome"] != "reference"]
+    bare = [r for r in rows if not r["effects"]]
     return [
         rate("real-planted", "detected at 1 × the real residual", at_one, lambda r: r.get("detected"), "≥ 95 %", 0.95),
         rate("real-planted", "right name, of detected", found, _right, "≥ 95 %", 0.95),
@@ -163,23 +191,51 @@ _SUITES = {
 def gain(rows: Sequence[Mapping]) -> list[Figure]:
     """The median share of the oracle's held-out gain, over all cases in which the oracle gains what can be told."""
     shares = [share for share in map(gain_share, rows) if share is not None]
-    return [_median("gain", "held-out gain as a share of the oracle's, median", shares, 0.9)] if shares else []
+    told = rate("gain", "held-out error told before and after, mm (px in suite sensor), of all cases answered",
+                [r for r in rows if r["verdict"]], _told, "every case", 1.0)  # fmt: skip
+    made = [_median("gain", "held-out gain as a share of the oracle's, median", shares, 0.9)] if shares else []
+    return made + [told] if told.cases else made
+
+
+def _asks_for_nothing(rows) -> list[Figure]:
+    """The control of what is withheld: an answer that asks for something always is no answer."""
+    whole = [r for r in rows if r["suite"] in ("clean", "library", "swallowed", "pairs") and r["verdict"]]
+    name = "control: something is asked for where nothing was withheld"
+    if not whole or not any(r["suite"] == "covariate-withheld" for r in rows):
+        return []
+    return [rate("covariate-withheld", name, whole, lambda r: r.get("asks"))]
+
+
+def _told(row: Mapping) -> bool:
+    """Whether an answer states its held-out error before and after."""
+    units = ("mm", "px") if row["suite"] == "sensor" else ("mm",)
+    return any(None not in (row.get(f"before_{u}"), row.get(f"after_{u}")) for u in units)
 
 
 def gain_share(row: Mapping) -> float | None:
-    """Fall of the held-out mean square over the oracle's fall; None where the oracle's is below 3 %."""
+    """Fall of the held-out RMS over the oracle's fall; None where the oracle gains less than 1.5 %.
+
+    A case without an answer gains nothing.
+    """
     before, after = row.get("before_mm"), row.get("after_mm")
     known, best = row.get("oracle_before_mm"), row.get("oracle_after_mm")
-    if None in (before, after, known, best) or best > 0.985 * known or (row["survives_sigma"] or 0) < SEEN:
+    if None in (known, best) or best > 0.985 * known or (row["survives_sigma"] or 0) < SEEN:
         return None
-    return (before**2 - after**2) / (known**2 - best**2)
+    if None in (before, after):
+        return 0.0 if row["outcome"] == "failed" else None
+    return (before - after) / (known - best)
 
 
 def _part_gain(row: Mapping) -> float | None:
     before, best, after = (row.get(f"part_{key}_mm") for key in ("before", "oracle", "after"))
     if None in (before, best, after) or best > 0.97 * before:
         return None
-    return (before**2 - after**2) / (before**2 - best**2)
+    return (before - after) / (before - best)
+
+
+def _silent(row: Mapping) -> bool:
+    """Whether nothing was named, of a size that the answer itself calls too small to be seen here."""
+    return bool(row.get("below_visible")) and not row.get("wrong_name") and row["outcome"] != "failed"
 
 
 def _median(suite, name, values, limit) -> Figure:

@@ -26,6 +26,7 @@ def weigh(folder: Path, name: str) -> None:
         found = _weighed(exam.recording(name), truth, record["answer"])
     except Exception as error:  # an oracle that fails leaves its figures out, and says so
         found = {"oracle_note": f"{type(error).__name__}: {error}"}
+    found["answer_seal"] = concealed.checksum(exam.answer(name))  # the case is open now: its answer stays as it is
     replace_file(exam.weighed(name), json.dumps(found, indent=1) + "\n")
 
 
@@ -41,9 +42,8 @@ def _weighed(recording: Path, truth: Mapping, answer: Mapping | None) -> dict:
     out = {"oracle_before_mm": before, "oracle_after_mm": after}
     if truth.get("part"):
         part = np.isin(found.sample_ids, truth["part"])
-        claimed = claimed_rows(answer)
         out |= {"part_before_mm": bench.part((), part), "part_oracle_mm": bench.part(rows, part)}
-        out["part_after_mm"] = None if claimed is None else bench.part(claimed, part)
+        out["part_after_mm"] = bench.part(claimed_rows(answer), part)
     return {key: None if value is None else float(value) for key, value in out.items()}
 
 
@@ -108,21 +108,23 @@ def _typed(options: dict) -> dict:
     return {k: float(v) if k in ("order", "width", "after", "start", "end") else v for k, v in options.items()}
 
 
-def claimed_rows(answer: Mapping | None) -> tuple[tuple, ...] | None:
-    """Rows of the catalogue for what was claimed; None where a claim has no row that the answer tells wholly."""
-    if answer is None:
-        return None
-    rows = []
-    for claim in answer["effects"]:
-        words = (claim.get("variant") or "").split()
-        options = dict(claim.get("options") or {})
-        if not options and words[:1] == ["order"]:
-            options = {"order": float(words[1])}
-        elif not options and words[:1] == ["from"]:
-            options = {"joint": int(words[-1])}
-        elif not options and "gravity" in words:
-            options = {"seat": "gravity"}
-        if claim["effect"] in _UNMODELLED | {"zero-shift", "base-drift"} and not options:
-            return None
-        rows.append((claim["effect"], claim["where"], options))
-    return tuple(rows)
+def claimed_rows(answer: Mapping | None) -> tuple[tuple, ...]:
+    """Rows of the catalogue for what was claimed. A claim that the answer does not tell wholly predicts nothing."""
+    claims = answer["effects"] if answer else ()
+    rows = ((c["effect"], c["where"], _options(c)) for c in claims if c["effect"] not in _UNMODELLED)
+    return tuple((effect, where, options) for effect, where, options in rows if options is not None)
+
+
+def _options(claim: Mapping) -> dict | None:
+    """Options of a claim's effect, from its own words where it states none; None where they do not tell them."""
+    words, stated = (claim.get("variant") or "").split(), claim.get("options")
+    if stated:
+        return _typed(dict(stated))
+    number = float(words[1]) if len(words) > 1 and words[1].replace(".", "", 1).isdigit() else None
+    told = {"order": {"order": number}, "after": {"after": number}}.get(words[0] if words else "", {})
+    if words[:1] == ["from"]:
+        told = {"joint": int(words[-1])}
+    elif "gravity" in words:
+        told = {"seat": "gravity"}
+    untold = claim["effect"] in ("zero-shift", "base-drift", "transmission-harmonic", "joint-coupling") and not told
+    return None if untold or None in told.values() else told

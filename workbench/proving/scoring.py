@@ -48,7 +48,7 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
         "wrong_name": any(one["effect"] != "unknown" and not _stands_for(one, true) for one in answer["effects"]),
         "beliefs": [(one["probability"], _right(one, true)) for one in answer["effects"]
                     if one.get("probability") is not None],
-        **errors(answer),
+        "asks": len(answer.get("not_recorded") or ()), **errors(answer),
     }  # fmt: skip
     if not true:
         return found | {"outcome": "false alarm" if found["detected"] else "right", "located": None}
@@ -57,7 +57,7 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
         "located_in_group": all(place_right(one, answer, groups=True) for one in true),
         "group_size": max((1 + len(c.get("alternatives", ())) for c in answer["effects"] if _stands_for(c, true)),
                           default=None),
-        "covariates_right": covariates_right(true[0], answer),
+        "covariates_right": covariates_right(true[0], answer), **_visible(truth, answer),
         "asks_for_it": names_words(truth.get("words", ()), answer),
     }  # fmt: skip
     unnamed = all(one["effect"] == "unknown" for one in true)
@@ -144,8 +144,8 @@ def covariates_right(one: Mapping, answer: Mapping) -> bool | None:
 
 
 def plain(name: str) -> str:
-    """A covariate's name without its unit: q4 for q4_deg, tau2 for torque2."""
-    for unit in ("_deg", "_s", "_nm", "_mm", "_kg", "_c"):
+    """A covariate's name without its unit or component: q4 for q4_deg, tau2 for torque2 and moment2_x."""
+    for unit in ("_deg", "_s", "_nm", "_mm", "_kg", "_c", "_x", "_y", "_z"):
         name = name.removesuffix(unit)
     return name.replace("torque", "tau").replace("moment", "tau").replace("move", "approach")
 
@@ -165,6 +165,22 @@ def names_words(words: Sequence[str], answer: Mapping) -> bool | None:
         texts += [str(a.get(key) or "") for a in claim.get("alternatives", ()) for key in ("why", "not_recorded")]
     text = " ".join(map(str, texts)).lower()
     return any(word in text for word in words)
+
+
+def _visible(truth: Mapping, answer: Mapping) -> dict:
+    """What survives of one concealed effect, and the smallest of it that the answer says it would see: mm, 3-D RMS.
+
+    `below_visible`: whether the effect is smaller; None where the answer's table has no row for it.
+    """
+    one, sigma = truth["effects"][0], truth.get("sigma_mm")
+    if len(truth["effects"]) > 1 or one.get("survives_sigma") is None or sigma is None:
+        return {}
+    order = one.get("detail", {}).get("order")
+    rows = [row for row in answer.get("smallest_visible", ()) if same(row, one) and row.get("surviving_mm")]
+    rows = [row for row in rows if order is None or row.get("variant") == f"order {order}"] or rows
+    size = one["survives_sigma"] * sigma * 3**0.5
+    least = min((row["surviving_mm"] for row in rows), default=None)
+    return {"surviving_mm": size, "visible_mm": least, "below_visible": None if least is None else size < least}
 
 
 def errors(answer: Mapping) -> dict:

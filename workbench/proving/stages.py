@@ -2,12 +2,13 @@
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from workbench import concealed
 from workbench.core.errors import InputError
-from workbench.proving import scoring, tasks
+from workbench.proving import checks, scoring, tasks
 from workbench.runs import replace_file
 
 Say = Callable[[str], None]
@@ -33,23 +34,29 @@ def publish(folder: Path) -> dict[str, str]:
     return seals
 
 
-def run(folder: Path, names: Iterable[str], jobs: int, say: Say) -> None:
-    """Diagnose every case that has no answer; the seals are checked before and after."""
+def run(folder: Path, names: Iterable[str], jobs: int, say: Say, minutes: float | None = None) -> None:
+    """Diagnose every case that has no answer; the seals are checked before and after.
+
+    minutes: no diagnosis begins later than so long from now. Cases go by their names, an order by chance, so that
+    what the time allows is a fair sample of all suites.
+    """
+    until = float("inf") if minutes is None else time.time() + 60 * minutes
     exam = concealed.Examination(folder)
     seals = concealed.published(exam)
     concealed.check(exam, seals)
     questions = json.loads((folder / QUESTIONS).read_text(encoding="utf-8"))
     missing = [name for name in names if not exam.answer(name).exists()]
-    work = [(folder, name, questions[name]) for name in missing]
+    work = [(folder, name, questions[name], until) for name in missing]
     for done, _ in enumerate(_spread(diagnose, work, jobs), 1):
         say(f"diagnosing {done} of {len(missing)}")
     concealed.check(exam, seals)
 
 
-def diagnose(folder: Path, name: str, baseline: str) -> None:
-    """One case, in a process that has seen no truth."""
-    _warm()
-    concealed.run(folder, name, lambda recording: answer_of(recording, baseline))
+def diagnose(folder: Path, name: str, baseline: str, until: float = float("inf")) -> None:
+    """One case, in a process that has seen no truth; not when the time `until` has passed."""
+    if time.time() < until:
+        _warm()
+        concealed.run(folder, name, lambda recording: answer_of(recording, baseline), checks.program())
 
 
 def answer_of(recording: Path, baseline: str) -> dict:
@@ -92,8 +99,12 @@ def row_of(exam: concealed.Examination, name: str, seals) -> dict:
         "effects": truth["effects"], "survives_sigma": min((s for s in sizes if s is not None), default=None),
     }  # fmt: skip
     weighed = json.loads(exam.weighed(name).read_text(encoding="utf-8"))
+    if weighed.pop("answer_seal", None) not in (None, concealed.checksum(exam.answer(name))):
+        raise InputError(f"{exam.answer(name)} was changed after its case was opened, where an answer comes first; "
+                         "this examination proves nothing, begin it again in a new folder.")  # fmt: skip
     scored = scoring.score(truth, record) if "rule" not in truth else _by_rule(exam, truth, record)
-    return {"case": name, "seal": seals[name], **known, **scored, **weighed}
+    took = {"cpu_s": record.get("cpu_s", record["seconds"]), "program": record.get("program", "")}
+    return {"case": name, "seal": seals[name], **known, **took, "opened": record["opened"], **scored, **weighed}
 
 
 def _by_rule(exam, truth, record) -> dict:

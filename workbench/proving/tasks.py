@@ -1,5 +1,6 @@
 """What an examination consists of: so many cases of each suite, and how each is concealed."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,22 +36,39 @@ class Plan:
     tasks: tuple[Task, ...]
     skipped: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Suite -> cases."""
+        return dict(Counter(task.suite for task in self.tasks))
+
 
 def plan(suites: Sequence[str], cases: int | None, seed: int) -> Plan:
-    """Tasks of the suites named (none: all). cases: of each; None: as COUNTS says. Raises InputError."""
-    unknown = [name for name in suites if name not in COUNTS]
-    if unknown:
-        raise InputError(f"--suite: expected one of {', '.join(COUNTS)}, found '{unknown[0]}'; choose one of them.")
+    """Tasks of the suites named (none: all), each as `name` or `name=count`. Raises InputError.
+
+    cases: of each suite that has no count of its own; None: as COUNTS says.
+    """
+    wanted = [_counted(word, cases) for word in suites or COUNTS]
     tasks, skipped = [], {}
-    for suite in suites or COUNTS:
-        most, reason = available(suite, seed)
+    for suite, count in wanted:
+        most, reason = available(suite)
         if reason:
             skipped[suite] = reason
-        tasks += [Task(suite, k, seed) for k in range(min(cases or COUNTS[suite], most))]
+        tasks += [Task(suite, k, seed) for k in range(min(count, most))]
     return Plan(tuple(tasks), skipped)
 
 
-def available(suite: str, seed: int) -> tuple[int, str]:
+def _counted(word: str, cases: int | None) -> tuple[str, int]:
+    """Suite and count of `name` or `name=count`."""
+    name, sign, count = word.partition("=")
+    if name not in COUNTS:
+        raise InputError(f"--suite: expected one of {', '.join(COUNTS)}, found '{name}'; choose one of them.")
+    if sign and not (count.isdecimal() and int(count)):
+        raise InputError(f"--suite {word}: a number of cases from 1 is expected after '=', found '{count}'; "
+                         f"write {name}=20, or {name} alone.")  # fmt: skip
+    return name, int(count) if sign else cases or COUNTS[name]
+
+
+def available(suite: str) -> tuple[int, str]:
     """Most cases that a suite can have here, and why it has none."""
     if suite in PICTURES:
         return _pictures()

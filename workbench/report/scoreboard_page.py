@@ -9,6 +9,7 @@ from workbench.core.errors import InputError
 from workbench.proving.board import Board
 from workbench.proving.maps import maps
 from workbench.proving.scoring import NAMED
+from workbench.proving.tasks import COUNTS
 from workbench.report.scoreboard import interval, value
 from workbench.report.scoreboard_pictures import write_pictures
 
@@ -77,6 +78,12 @@ def _run(board: Board) -> Iterator[str]:
         yield f"| {suite} | {count} | {board.planned.get(suite, count)} |"
     for suite, why in board.skipped.items():
         yield f"| {suite} | 0 | left out: {why} |"
+    for suite in COUNTS:
+        if board.planned and suite not in {**board.planned, **board.skipped}:
+            yield f"| {suite} | 0 | not held |"
+    if sum(board.planned.values()) > len(board.rows):
+        yield from ("", "Cases are diagnosed in an order by chance. Where fewer were diagnosed than sealed, the time "
+                        "was up; the same call goes on with the others.")  # fmt: skip
     if len(board.programs) > 1:
         yield from ("", f"The answers come from {len(board.programs)} states of the program "
                         f"({', '.join(board.programs)}); the column `program` says which.")  # fmt: skip

@@ -95,11 +95,12 @@ CAUSES = {
 
 
 def beside(world, base: np.ndarray, one: Concealed) -> np.ndarray:
-    """(3 n, R): the baseline and what named effects at the same place could make of it.
+    """(3 n, R): the baseline and what named effects at the same place, or one as good, could make of it.
 
     So that the size of a case is what no name can take from it.
     """
-    columns = [(world.measured(push) - world.clean).ravel() for push in _named_at(world, one.where)]
+    pushes = [push for where in dict.fromkeys((one.where, *one.places)) for push in _named_at(world, where)]
+    columns = [(world.measured(push) - world.clean).ravel() for push in pushes]
     rest = np.column_stack([column - base @ (base.T @ column) for column in columns])
     size = np.linalg.norm(rest, axis=0)
     u, s, _ = np.linalg.svd(rest[:, size > 1e-9] / size[size > 1e-9], full_matrices=False)
@@ -124,6 +125,6 @@ def _named_at(world, where: str) -> list[Push]:
     angle = world.angles[:, k]
     torque = world.torque[:, k] / max(np.abs(world.torque[:, k]).max(), _SMALLEST_NM)
     waves = [wave(n * angle) for n in (1, 2) for wave in (np.cos, np.sin)]
-    loads = [torque, np.tanh(10 * torque)]
+    loads = [torque, np.tanh(10 * torque), np.sign(torque)]
     sides = [world.covariates[f"approach{k + 1}"]] if f"approach{k + 1}" in world.covariates else []
     return [Push(joint=on_joint(world, k, small * row)) for row in (*waves, *loads, *sides)]

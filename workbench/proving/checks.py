@@ -1,0 +1,97 @@
+"""What the examination checks of itself: makers that stand alone, seals that hold, which program gave the answers."""
+
+import ast
+import hashlib
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from workbench import concealed
+from workbench.core.errors import InputError
+from workbench.proving.figures import Figure, rate
+
+_PROGRAM = ("workbench/core", "workbench/diagnosis", "robot_model", "sensors", "datasets")
+_APART = ("robot_model", "sensors", "workbench")
+
+
+@lru_cache(maxsize=1)
+def program() -> str:
+    """Checksum of the sources that a diagnosis runs, so that answers of two programs are never taken for one's.
+
+    Taken once a process, for a process goes on with what it has loaded.
+    """
+    every = hashlib.sha256()
+    for place in _PROGRAM:
+        for path in sorted((concealed.PROJECT / place).rglob("*.py")):
+            if "makers" not in path.parts:
+                every.update(path.relative_to(concealed.PROJECT).as_posix().encode() + path.read_bytes())
+    return every.hexdigest()[:12]
+
+
+def checks(exam: concealed.Examination, rows: Sequence[Mapping]) -> list[Figure]:
+    """The figures of independence and honesty, each counted anew from the files that are there."""
+    makers, seals = maker_files(), concealed.published(exam)
+    names = [row["case"] for row in rows]
+    return [
+        rate("independence", "modules of the makers that import nothing of the model", makers,
+             lambda path: not _strangers(path), "all", 1.0),
+        rate("honesty", "sealed truths in which one changed byte fails the run", names, _refuser(exam, seals), "all",
+             1.0),
+        rate("honesty", "diagnoses that opened nothing but their recording", rows, lambda r: not r.get("opened"), "all",
+             1.0),
+    ]  # fmt: skip
+
+
+def maker_files() -> list[Path]:
+    """Source files of the makers of concealed cases, and of all within `datasets` that they import."""
+    found = [path for place in concealed.MAKERS for path in ([place] if place.is_file() else place.glob("*.py"))]
+    for path in found:  # grows while it is gone through
+        mine = (_file(name) for name in _imported(path) if name.startswith("datasets."))
+        found += [other for other in mine if other is not None and other not in found]
+    return sorted(set(found))
+
+
+def _imported(path: Path) -> Iterator[str]:
+    """Every module that a file imports anywhere, and what it takes from a package, with dots."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (one.name for one in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{one.name}" for one in node.names)
+
+
+def _file(name: str) -> Path | None:
+    path = concealed.PROJECT.joinpath(*name.split(".")).with_suffix(".py")
+    return path if path.is_file() else None
+
+
+def _strangers(path: Path) -> list[str]:
+    return [name for name in _imported(path) if name.split(".")[0] in _APART]
+
+
+def _refuser(exam: concealed.Examination, seals: Mapping[str, str]):
+    """A function that tells of a case whether its truth, copied with one byte changed, is refused."""
+
+    def refused(name: str) -> bool:
+        with TemporaryDirectory() as place:
+            copy = concealed.Examination(Path(place))
+            copy.truth(name).parent.mkdir()
+            shutil.copyfile(exam.truth(name), copy.truth(name))
+            concealed.check(copy, {name: seals[name]})
+            text = bytearray(copy.truth(name).read_bytes())
+            text[len(text) // 2] ^= 1
+            copy.truth(name).write_bytes(text)
+            return _fails(copy, name, seals)
+
+    return refused
+
+
+def _fails(exam, name, seals) -> bool:
+    try:
+        concealed.check(exam, {name: seals[name]})
+    except InputError:
+        return True
+    return False

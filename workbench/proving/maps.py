@@ -1,0 +1,50 @@
+"""Held-out errors of every sample before and after what a diagnosis claimed, for a few cases, to be drawn."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench import concealed
+
+_SUITES = ("library", "swallowed", "pairs", "covariate-withheld")
+_LARGEST = 600  # samples: more take long, and a picture does not show them
+
+
+@dataclass(frozen=True)
+class Map:
+    """One case: `points` (3, n) mm as measured, `before` and `after` (n,) mm 3-D held-out errors; `title`."""
+
+    title: str
+    points: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+
+def maps(exam: concealed.Examination, rows: Sequence[Mapping]) -> list[Map]:
+    """A map of one case of each suite of named effects: of those named right, the one of middle size.
+
+    Only of points in an instrument's frame, for those of a sensor's lie all before the sensor.
+    """
+    chosen = (_chosen([row for row in rows if row["suite"] == suite]) for suite in _SUITES)
+    return [_map(exam, row) for row in chosen if row is not None]
+
+
+def _chosen(rows) -> Mapping | None:
+    able = [r for r in rows if r["outcome"] == "exact" and r["survives_sigma"] and r["samples"] <= _LARGEST
+            and r["measures"] == "external-point" and r.get("after_mm") and r["after_mm"] < 0.9 * r["before_mm"]]
+    able.sort(key=lambda row: row["survives_sigma"])
+    return able[len(able) // 2] if able else None
+
+
+def _map(exam, row) -> Map:
+    import json
+
+    import datasets
+    from workbench.proving.oracle import Bench, claimed_rows
+
+    answer = json.loads(exam.answer(row["case"]).read_text(encoding="utf-8"))["answer"]
+    bench = Bench(datasets.read(exam.recording(row["case"])), answer["baseline"])
+    before, after = bench.predicted(()), bench.predicted(claimed_rows(answer))
+    title = f"{row['suite']} {row['index']}: {'; '.join(row['concealed'])}, {row['survives_sigma']:.1f} σ"
+    return Map(title, bench.recording.points.T, np.sqrt(before.squares), np.sqrt(after.squares))
