@@ -125,7 +125,7 @@ class _Trial:
         self.chain, self.effects = getattr(bench, "chain", None), tuple(own)
         self.starts = _starts(self.problem.pose)
         if self.chain is None:
-            self.small, self.rows = _columns(bench, self.problem, own), None
+            self.small, self.rows = _columns(bench, self.problem, others, own), None
         else:
             self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others)
         self.own = self.gain(self.small)
@@ -194,12 +194,11 @@ def _plane(columns: np.ndarray) -> np.ndarray:
     return u[:, s > 1e-6]
 
 
-def _columns(bench, problem, own):
-    """(P, 1, N) columns of the effects where the problem has them as candidates."""
+def _columns(bench, problem, others, own):
+    """(P, 1, N) columns of the effects: candidates', or as solved where a scan found them (an order, an instant)."""
     keys = {name_of(e) for e in own}
     found = [c.columns for c in problem.candidates if any(name_of(e) in keys for e in c.effects)]
-    if not found:
-        return np.zeros((0, 1, len(problem.sample)))
+    found = found or bench.problem((*others, *own)).added[-len(own) :]
     return np.concatenate(found, axis=1).T[:, None]
 
 
