@@ -9,6 +9,8 @@ import sensor_virtual
 from sensors.effects import CATALOGUE
 from workbench.core.model import Model
 from workbench.diagnosis import sensor, sensor_data
+from workbench.diagnosis.controls import controls
+from workbench.diagnosis.heldout import name_of
 from workbench.diagnosis.select import find
 from workbench.diagnosis.sensor_simulate import simulated
 
@@ -129,6 +131,19 @@ def test_held_out_errors_fall_to_the_noise_with_the_effect_and_parameters_are_ri
     for row, value in zip(bench.parameters((effect,)), (0.06, -0.03, 0.03)):
         assert abs(row["value"] - value) < 4 * row["std"]
         assert row["size_px"] > 0 and row["size_mm"] > 0
+
+
+@pytest.mark.slow
+def test_what_a_scan_found_passes_its_control_though_it_is_no_candidate():
+    """A harmonic of an order that only the scan has: its columns come from the solution that holds it."""
+    chains, effect = measured("mirror-encoder-harmonic")
+    bench = sensor.SensorBench(chains)
+    effects = find(bench).findings[0].effects
+    assert effects[0].effect == effect.effect
+    held = {name_of(e) for one in bench.problem().candidates for e in one.effects}
+    assert name_of(effects[0]) not in held
+    told = controls(bench, (), effects)
+    assert [one.passed for one in told] == [True]
 
 
 @pytest.mark.slow
