@@ -1,25 +1,27 @@
 """What is wrong with the data rather than the model: outliers, and noise that is not the same everywhere."""
 
 import numpy as np
+from scipy.special import logsumexp
 
-from workbench.diagnosis.outliers import NAMED_AT, alone, apart, evened, spread_along, spread_with
+from workbench.diagnosis.contaminated import contaminated
+from workbench.diagnosis.outliers import evened, spread_along, spread_with
 from workbench.diagnosis.problem import Finding, Problem
 
 CLAIMED = 1e-3
 """Chance that something is said about the data of a recording with nothing wrong."""
-_SURE, _GAP = 1e-9, 0.05  # beyond any tail; and chance of a gap that parts outliers from heavy tails
+_CLEAR = 20.0  # Bayes factor from which on outliers are claimed: by chance less than once in as many times
+_RARE = 9.0  # recordings without outliers for one that has some
 
 
 def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
     """(n,) bool of the outliers, and findings on the data: a spread that is not the same everywhere, and outliers."""
     spread = _spread(problem)
-    p = _outlying(problem, spread[0].depends_on[0] if spread else "") * problem.n
-    found, least = p < NAMED_AT, float(max(p.min(initial=1.0), 1e-300))
-    p = p / problem.n
-    if least > CLAIMED or (least > _SURE and apart(p) > _GAP):
-        return found, spread
-    label = f"{found.sum()} of {problem.n}"
-    return found, (*spread, Finding("outliers", "samples", label, (), least, 1.0 - least, 0.0, 0.0))
+    factor, each = _outlying(problem, spread[0].depends_on[0] if spread else "")
+    if factor < np.log(_CLEAR):
+        return np.zeros(problem.n, bool), spread
+    found = each > 0.5
+    p, label = float(np.exp(-min(factor, 690.0))), f"{found.sum()} of {problem.n}"
+    return found, (*spread, Finding("outliers", "samples", label, (), p, 1 / (1 + _RARE * p), 0.0, 0.0))
 
 
 def unevenly(problem: Problem) -> np.ndarray | None:
@@ -45,19 +47,21 @@ def _white(problem: Problem) -> np.ndarray:
     return (problem.clear(problem.residual) / root).reshape(-1, problem.n)
 
 
-def _outlying(problem: Problem, name: str) -> np.ndarray:
-    """(n,) p-value of each sample by itself: that no part of the model brings it near by chance.
+def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
+    """Log Bayes factor that there are outliers, and the probability (n,) that a sample is one, if there are any.
 
-    Those with equally many coordinates are judged together; `name`: of the covariate that the spread goes with.
+    Those with equally many coordinates are judged together, and the factors averaged; `name`: of the covariate that
+    the spread goes with.
     """
     white = problem.clear(problem.residual) / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
     order = np.argsort(problem.sample, kind="stable")
-    count, p = np.bincount(problem.sample, minlength=problem.n), np.ones(problem.n)
+    count, each, factors = np.bincount(problem.sample, minlength=problem.n), np.zeros(problem.n), []
     for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
         mine = order[count[problem.sample[order]] == m].reshape(-1, m)
         at, left = problem.sample[mine[:, 0]], white[mine].T
-        p[at] = alone(evened(left, problem.covariates[name][at]) if name else left)
-    return p
+        factor, each[at] = contaminated(evened(left, problem.covariates[name][at]) if name else left)
+        factors.append(factor)
+    return float(logsumexp(factors) - np.log(len(factors))), each
 
 
 def _spread(problem: Problem) -> tuple[Finding, ...]:

@@ -13,7 +13,6 @@ _FULL, _LITTLE = 3.4, 6.0
 NAMED_AT = 0.01  # chance that any sample of a clean recording is called an outlier
 _RATIO_ERROR = 0.64  # standard error of the 90 % quantile over the median of n Gaussian lengths, times sqrt(n)
 _LEVELS, _EACH = 8, 30  # parts of a covariate, and samples that each holds at least
-_GAPS = 2.0  # gaps that are as good as independent: all but the first few are narrow
 
 
 def robust_weights(white: np.ndarray) -> np.ndarray:
@@ -54,18 +53,6 @@ def alone(white: np.ndarray) -> np.ndarray:
     if tails is None:
         return chi2.sf(length**2, 3)
     return fisher.sf(length**2 / 3 * fisher.ppf(0.5, 3, tails) / (chi2.ppf(0.5, 3) / 3), 3, tails)
-
-
-def apart(p: np.ndarray) -> float:
-    """Chance of so wide a gap below the farthest samples, p (n,) each by itself, in noise of heavy tails (Student's 4).
-
-    There the k-th largest length over the next is U^(-1/(4 k)) (Renyi 1953), so that one sample far out says little
-    and four say much. Over all k up to a tenth of the samples.
-    """
-    length = np.sort(np.sqrt(chi2.isf(np.maximum(p, 1e-300), 3)))[::-1]
-    k = np.arange(1, max(2, len(p) // 10))
-    chance = (length[k] / length[k - 1]) ** (4.0 * k)
-    return float(min(1.0, chance.min() * _GAPS))
 
 
 def _tails(length) -> float | None:

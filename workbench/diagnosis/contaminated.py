@@ -1,0 +1,105 @@
+"""Whether some samples come from another process: a few of them far out, against heavier tails of all.
+
+The noise of the others is Gaussian or Student's, each sample's or each coordinate's, of unknown spread and degrees of
+freedom; all of that is summed over. An outlier may lie from five to sixty sigmas off, in any direction or along one
+axis. One over the Bayes factor of "some are outliers" against "none is" is a valid p-value: by Markov's inequality
+the factor passes k by chance at most once in k times (Vovk & Wang, Ann. Stat. 49 (2021), 1736, on e-values).
+"""
+
+import numpy as np
+from scipy.special import gammaln, logsumexp
+from scipy.stats import chi2
+from scipy.stats import f as fisher
+
+_DEGREES = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
+_SCALES = np.geomspace(0.75, 1.35, 13)  # of the spread, against what the median sample says
+_SHARES, _MOST = 5, 0.1  # how many shares of outliers are tried, from half a sample to a tenth
+_NEAREST, _FARTHEST = 5.0, 60.0  # sigmas
+_AREA = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}  # of the unit sphere
+_MANY, _INNER = 2000, 3.5  # samples beyond which those within so many sigmas stand for one another
+
+
+def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
+    """Log Bayes factor that some of the residuals (m, n) are outliers, and the probability (n,) of each then."""
+    x = white / max(np.sqrt(np.median((white**2).sum(0)) / chi2.ppf(0.5, len(white))), 1e-300)
+    chosen, counts = _thinned(x)
+    shares = np.geomspace(0.5 / x.shape[1], _MOST, _SHARES)
+    far, noises = _far(x), list(_noises(len(x)))
+    none, some = [], []
+    for prior, density in noises:
+        near = density(x[:, chosen])
+        none.append(prior + counts @ near)
+        some.append([prior - np.log(_SHARES) + counts @ _mixed(near, far[chosen], s) for s in shares])
+    total = logsumexp(some)
+    likely = [(float(w), s, density) for row, (_, density) in zip(np.exp(np.array(some) - total), noises)
+              for w, s in zip(row, shares) if w > 1e-4]  # fmt: skip
+    weight = sum(w for w, *_ in likely)
+    each = sum(w * np.exp(far + np.log(s) - _mixed(density(x), far, s)) for w, s, density in likely) / weight
+    return float(total - logsumexp(none)), each
+
+
+def _mixed(near, far, share):
+    """(n,) log density of a mixture."""
+    return np.logaddexp(near + np.log1p(-share), far + np.log(share))
+
+
+def _far(x: np.ndarray) -> np.ndarray:
+    """(n,) log density of an outlier: off in any direction, or, as likely, in one coordinate alone."""
+    m = len(x)
+    anywhere = _off(np.sqrt((x**2).sum(0)), m) - np.log(_AREA[m])
+    along = logsumexp(_off(np.abs(x), 1) + _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi)), axis=0) - np.log(_AREA[1] * m)
+    return np.logaddexp(anywhere, along) - np.log(2)
+
+
+def _off(length, m):
+    """Log density in m dimensions, but for the sphere's area: every logarithm of the length is as likely."""
+    inside = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - np.log(np.log(_FARTHEST / _NEAREST))
+    return np.where(length < _NEAREST, -np.inf, inside)
+
+
+def _noises(m: int):
+    """(log prior, log density of x (m, n) as a function) of every noise: Gaussian as likely as all Student's."""
+    share, half = np.log(0.5 / len(_SCALES)), np.log(2 * len(_DEGREES))
+    for scale in _SCALES:
+        yield share, _scaled(_gauss, scale)
+        for nu in _DEGREES:
+            same = scale * np.sqrt(chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu)))  # the median stays
+            for kind in (_joint, _each):
+                yield share - half, _scaled(kind, same, nu)
+
+
+def _scaled(density, spread, *of):
+    """The log density of what is `spread` times as wide."""
+    return lambda x: density(x / spread, *of) - len(x) * np.log(spread)
+
+
+def _gauss(x):
+    return -0.5 * (x**2).sum(0) - 0.5 * len(x) * np.log(2 * np.pi)
+
+
+def _joint(x, nu):
+    """Student's density of vectors x (m, n): a spread for each sample."""
+    m = len(x)
+    return _norm(nu, m) - 0.5 * (nu + m) * np.log1p((x**2).sum(0) / nu)
+
+
+def _each(x, nu):
+    """Student's density of every coordinate of x (m, n) by itself."""
+    return len(x) * _norm(nu, 1) - 0.5 * (nu + 1) * np.log1p(x**2 / nu).sum(0)
+
+
+def _norm(nu, m):
+    return gammaln((nu + m) / 2) - gammaln(nu / 2) - 0.5 * m * np.log(nu * np.pi)
+
+
+def _thinned(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the samples that are looked at, and how many each stands for: of many inner ones, every so many."""
+    inner = np.flatnonzero((x**2).sum(0) < _INNER**2)
+    step = max(1, len(inner) // _MANY)
+    chosen = inner[::step]
+    outer = np.setdiff1d(np.arange(x.shape[1]), inner)
+    counts = np.full(len(chosen), len(inner) / max(len(chosen), 1))
+    return np.concatenate([chosen, outer]), np.concatenate([counts, np.ones(len(outer))])
+
+
+__all__ = ["contaminated"]
