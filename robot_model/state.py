@@ -9,7 +9,10 @@ import numpy as np
 from robot_model.chain import Frames, cross, forward
 from robot_model.robot import Robot
 from robot_model.statics import Levers, link_levers, load_levers, moment_levers
+from workbench.core.covariates import last_moves
 from workbench.core.errors import InputError
+
+_STILL = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
 
 
 @dataclass(frozen=True)
@@ -108,12 +111,18 @@ class State:
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""
         if name not in self.covariates:
-            held = ", ".join(sorted(self.covariates)) or "none"
+            held = ", ".join(sorted(k for k in self.covariates if not k.startswith("move"))) or "none"
             raise InputError(
                 f"samples.csv of the recording: column '{name}' is needed by an effect, found {held}; "
                 f"add the column or take the effect out of the plan"
             )
         return self.covariates[name]
+
+
+def moved(robot: Robot, variables: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
+    """`move<k>` (n,) rad, mm: how far each joint of the arm came from the configuration before."""
+    still = np.where(robot.prismatic, *_STILL)
+    return {f"move{k}": row for k, row in enumerate(last_moves(variables, time, still), 1)}
 
 
 def sliding(robot: Robot) -> np.ndarray:

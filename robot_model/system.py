@@ -10,7 +10,7 @@ from robot_model.chain import BETA, D, forward
 from robot_model.measurements import looks_of, measurement_of
 from robot_model.poses import pose_parameters
 from robot_model.robot import Robot
-from robot_model.state import State
+from robot_model.state import State, moved
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
@@ -294,6 +294,8 @@ def _state(robot, looks, variables, measurement, tool) -> State:
     held = [look.covariates for look in looks]
     covariates = {name: np.concatenate([columns[name] for columns in held]) for name in held[-1]}
     covariates.setdefault("row", np.tile(np.arange(looks[0].n, dtype=float), len(looks)))
+    if len(looks) == 1:  # two ends of a length have no order
+        covariates |= moved(robot, variables, covariates.get("time_s", covariates["row"]))
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
     centre = robot.payload_com if robot.payload_mass > 0 else tool[:3]
     seen = measurement.measured, measurement.numbers, measurement.targets(tool)

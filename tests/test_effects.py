@@ -22,8 +22,8 @@ VOCABULARY = {
     "ball-radius", "artefact-expansion", "outliers", "noise-heteroscedastic", "unit-or-frame", "unknown",
 }  # fmt: skip
 # Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term, tilts
-# that an accelerometer has recorded.
-ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt"}
+# that an accelerometer has recorded, readings taken while the arm still brakes.
+ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt", "reading-lag"}
 PORT_SIZES = {"joint": 6, "geometry": 30, "frame": 48, "gravity": 3, "mass": 21, "sensor": 3, "target": 3, "noise": 1}
 
 CASES = (
@@ -36,6 +36,8 @@ CASES = (
     ("joint-coupling", "joint-6", {"joint": 5}),
     ("joint-thermal-drift", "joint-2", {}),
     ("time-offset", "time", {}),
+    ("reading-lag", "time", {}),
+    ("reading-lag", "time", {"law": "share"}),
     ("joint-compliance", "joint-2", {}),
     ("link-self-weight", "joint-3", {}),
     ("ye-compliance", "joint-1", {}),

@@ -38,6 +38,8 @@ CAUSES = (
     ("joint-coupling", "joint-6", {"joint": 5}, {"from5": 5e-4}),
     ("joint-thermal-drift", "joint-2", {}, {"per_unit": 5e-5}),
     ("time-offset", "time", {}, {"offset": 0.01}),
+    ("reading-lag", "time", {}, {"short": 1e-3}),
+    ("reading-lag", "time", {"law": "share"}, {"share": 1e-3}),
     ("joint-compliance", "joint-2", {}, {"compliance": 2e-5}),
     ("link-self-weight", "joint-2", {}, {"compliance": 2e-5}),
     ("ye-compliance", "joint-1", {}, {"joint-2.joint-compliance.load": 5e-4, "joint-3.joint-compliance.load": 8e-4, "joint-2.link-self-weight.s1": 900.0}),

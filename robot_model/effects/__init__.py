@@ -10,6 +10,7 @@ CATALOGUE = {
     "joint-coupling": transmission.JointCoupling,
     "joint-thermal-drift": transmission.JointThermalDrift,
     "time-offset": transmission.TimeOffset,
+    "reading-lag": transmission.ReadingLag,
     "joint-compliance": elastic.JointCompliance,
     "link-self-weight": elastic.LinkSelfWeight,
     "ye-compliance": elastic.YeCompliance,

@@ -192,6 +192,39 @@ class TimeOffset(Effect):
         return (state.robot.mixing @ np.stack(speeds))[None]
 
 
+class ReadingLag(Effect):
+    """The joints were read before the arm had come to rest, so that each is still short of where it will stand.
+
+    Joints of one move start and stop together, so that all are short by one share of their last move.
+    `law="braking"`: that joint which moves farthest is short by the same angle after every move, as when all are
+    read a fixed moment before a uniform braking ends; `law="share"`: each by the same share of its own move. The
+    order of the rows tells the moves.
+    """
+
+    effect = "reading-lag"
+    port = "joint"
+    places = ("time",)
+    by_moves = True
+    equation = "dq_K = e move_K / max_J |move_J|, or s move_K"
+    source = "uniform braking: the way that is left at a fixed moment before the end is a t^2 / 2, of all moves alike"
+
+    def __init__(self, where: str, law: Literal["braking", "share"] = "braking"):
+        super().__init__(where)
+        self.law = law
+
+    def table(self, chain):
+        if self.law == "share":
+            return (self.parameter("share", "1", 1e-3, "the share of its last move that each joint is short by"),)
+        return (self.parameter("short", "rad", 1e-3, "what the joint that moved farthest is short by"),)
+
+    def basis(self, state):
+        moves = np.stack([state.covariate(f"move{k}") for k in range(1, state.robot.joints + 1)])
+        if self.law == "share":
+            return moves[None]
+        metres = np.where(state.robot.prismatic, 1e-3, 1.0)[:, None]  # a slide's metre counts as a radian
+        return (moves / np.maximum(np.abs(moves * metres).max(0), 1e-9))[None]
+
+
 def _size(chain, number: int, turn: float) -> tuple[str, float]:
     """Unit and typical size of a joint's error, `turn` rad; of a slide what that makes a metre away, in mm."""
     return ("mm", 1000 * turn) if chain.robot.prismatic[number - 1] else ("rad", turn)

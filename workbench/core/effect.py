@@ -31,6 +31,7 @@ class Effect:
     surface: tuple[str, ...] = ()
     components: tuple[int, ...] = ()  # which components of its port at its place; () for all of them
     turning = False  # True: speaks of a turn of its joint, which a slide does not make
+    by_moves = False  # True: reads the joints' last moves, which the order of the samples tells
     elastic = False  # True: reads the state's torques or moments, so gravity and masses act through it
     equation = ""
     source = ""

@@ -83,8 +83,8 @@ def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
 
 
 def _clocked(effect, state, backwards) -> bool:
-    moves = [name for name in getattr(effect, "names", ()) if name.startswith("move")]
-    if moves or effect.port in (*STATE_PORTS, NOISE):
+    moves = any(name.startswith("move") for name in getattr(effect, "names", ()))
+    if moves or effect.by_moves or effect.port in (*STATE_PORTS, NOISE):
         return False
     here, there = effect.basis(state), effect.basis(backwards)
     return not np.allclose(here, there, rtol=0, atol=_SAME * np.abs(here).max())

@@ -127,6 +127,9 @@ def _time(chain):
     speeds = [f"qdot{k}_mm_s" if chain.slides(k) else f"qdot{k}_deg_s" for k in range(1, chain.robot.joints + 1)]
     if all(name in chain.state.covariates for name in speeds):
         yield _option("time-offset", "time")
+    if all(f"move{k}" in chain.state.covariates for k in range(1, chain.robot.joints + 1)):
+        yield _option("reading-lag", "time", "read while braking", law="braking")
+        yield _option("reading-lag", "time", "by a share of the move", law="share")
 
 
 def _varies(chain, name):

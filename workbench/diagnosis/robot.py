@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from robot_model import load_robot
 from robot_model.measurements import samples_of
+from robot_model.state import moved
 from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
@@ -53,18 +54,13 @@ def bench_of(recording, baseline: str = "geometry") -> "RobotBench":
 
 
 def covariates_of(chain: RobotChain) -> dict[str, np.ndarray]:
-    """Recorded covariates, and what follows from the readings: q, move (from the row before), tau, payload.
+    """Recorded covariates, and what follows from the readings: q, move, tau, payload.
 
     Angles rad, slides mm, torques N m. `move<k>` needs the rows in the order in which they were measured.
     """
     recorded = dict(chain.state.covariates)
-    made = {}
-    order = np.argsort(clock(chain.state), kind="stable")
-    for k, q in enumerate(chain.variables, 1):
-        made[f"q{k}"] = q
-        move = np.empty(chain.n)
-        move[order] = np.diff(q[order], prepend=q[order[:1]])
-        made[f"move{k}"] = move
+    made = {f"q{k}": q for k, q in enumerate(chain.variables, 1)}
+    made |= moved(chain.robot, chain.variables, clock(chain.state))
     made |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
     made["time"] = clock(chain.state)
     attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)

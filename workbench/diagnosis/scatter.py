@@ -28,7 +28,7 @@ class Scatter:
     """`site` that scatters, `p_value` over all sites, `spread` of its slots in typical sizes and its `ratio` to
     the noise left, `kurtosis` (excess) and
     its standard error of what it does (joints alone; else nan), `rounds` the chance of so clear a sawtooth of its
-    reading (1 where there is none)."""
+    reading (1 where there is none), `gain` its log likelihood beyond that of noise alone."""
 
     site: Site
     p_value: float
@@ -37,6 +37,7 @@ class Scatter:
     kurtosis: float
     error: float
     rounds: float
+    gain: float
 
 
 def scattered(problem: Problem, level: float) -> Scatter | None:
@@ -62,10 +63,10 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
     near = [site for site, score in zip(sites, scores) if score > _NEAR * scores.max()]
     likely = [_likelihood(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
-    own, (_, ratio, noise) = near[best], likely[best]
+    own, (log, ratio, noise) = near[best], likely[best]
     spread = ratio * noise
     return Scatter(own, max(p, 1e-300), spread, ratio, *_shape(own, whole),
-                   _rounds(own, whole, spread, problem.covariates))  # fmt: skip
+                   _rounds(own, whole, spread, problem.covariates), log - _of_noise(z))  # fmt: skip
 
 
 def places(problem: Problem) -> tuple[Site, ...]:
@@ -75,7 +76,18 @@ def places(problem: Problem) -> tuple[Site, ...]:
     if len(joints) > 1:
         rows, typical = (np.concatenate([getattr(s, name) for s in joints]) for name in ("rows", "typical"))
         some.append(replace(joints[0], where="time", rows=rows, typical=typical, covariates=(), pairs=()))
+        some.extend(_last_moves(problem, joints))
     return tuple(some)
+
+
+def _last_moves(problem: Problem, joints) -> list[Site]:
+    """All joints back along their last move, as when readings are taken at any moment before the arm rests."""
+    held = [problem.covariates.get(site.where.replace("joint-", "move")) for site in joints]
+    if any(x is None for x in held):
+        return []
+    moves = np.stack(held) / np.maximum(np.abs(held).max(0), 1e-300)
+    row = sum(site.rows * move[problem.sample] for site, move in zip(joints, moves))
+    return [replace(joints[0], where="time", rows=row, typical=joints[0].typical, covariates=(), pairs=())]
 
 
 def _directions(site: Site, m: int) -> np.ndarray:
@@ -102,6 +114,11 @@ def _likelihood(site, z) -> tuple[float, float, float]:
     logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
     best = int(np.argmax(logs))
     return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
+
+
+def _of_noise(z) -> float:
+    """Log likelihood of residuals z (m, n) where nothing moves by chance, on the scale of `_likelihood`."""
+    return -0.5 * z.size * float(np.log((z**2).mean()))
 
 
 def _score(tensor, z):
@@ -203,9 +220,9 @@ def beside(problem: Problem, where: str, port: str, level: float) -> Scatter | N
     root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
     site, z = replace(site, rows=site.rows / root), (problem.clear(problem.residual) / root).reshape(m, problem.n)
     best, ratio, noise = _likelihood(site, z)
-    none = -0.5 * z.size * (1 + np.log((z**2).mean())) + 0.5 * z.size
-    p = 0.5 * float(chi2.sf(max(2 * (best - none), 0.0), 1))
-    return Scatter(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0) if p < level else None
+    gain = best - _of_noise(z)
+    p = 0.5 * float(chi2.sf(max(2 * gain, 0.0), 1))
+    return Scatter(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain) if p < level else None
 
 
 def movement(scatter: Scatter) -> float:

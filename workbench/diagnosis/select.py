@@ -54,7 +54,7 @@ def _found(search: Search) -> Found:
     if search.spread is not None:  # what grows with a covariate also passes for a function of it
         search.say("the noise is not the same everywhere")
         first = _first(search, anew=True)
-    moving = _beside_unknowns(search)
+    moving = _elsewhere(search) or _beside_unknowns(search)
     if not moving:
         search.scatter, own = _moving(search) or search.scatter, search.scatter
         moving = search.scatter is not own
@@ -102,6 +102,21 @@ def _with_scatter(search: Search, before: Problem, data, places):
         return data, places
     place = (place_of(search.scatter),)
     return (told(search.scatter, before), *data), (*places, *place) if search.accepted else (*place, *places)
+
+
+def _elsewhere(search: Search) -> bool:
+    """Whether movement by chance, at a place where no function without a name is, is likelier than all of these."""
+    unknown = [h.where for h in search.accepted if h.unnamed]
+    laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
+    bare, kept = search.problem.keeping(laws), search.problem.keeping()
+    found = scattered(bare, CLAIMED) if unknown else None
+    if found is None or any(_near(found.site.where, where) for where in unknown):
+        return False
+    before, after = (float((p.clear(p.residual) ** 2).sum()) for p in (bare, kept))
+    if found.gain < 0.5 * kept.degrees * np.log(before / after):
+        return False
+    search.scatter = found
+    return True
 
 
 def _beside_unknowns(search: Search) -> bool:

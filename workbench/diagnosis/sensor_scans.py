@@ -86,8 +86,7 @@ def _stripes(recording, scanner, rows, depth):
     parts, first = [], 0
     for stack in stacks(paths, _FRAMES, {p: str(row["image"]) for p, row in zip(paths, rows)}.get):
         found = find_stripes(stack, along, saturation=depth)
-        ratio = found.noise.gain * found.peak / found.noise.variance(found.background)
-        parts.append((found.pixels, first + found.frame, found.sigma, np.stack([found.width, ratio])))
+        parts.append((found.pixels, first + found.frame, found.sigma, found.shape))
         first += len(stack)
     pixels, frame, sigma, shape = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
     names = [name for name in COVARIATES if all(name in row for row in rows)]

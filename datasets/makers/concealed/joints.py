@@ -91,6 +91,24 @@ def time_offset(rng, world):
     return Concealed("time-offset", "time", lambda s: Push(joint=s * speed), 1e-3, 0.1, "s")
 
 
+def reading_lag(rng, world):
+    """The readings are taken a moment before a move ends: trapezoids of speed, all joints as slow as the slowest.
+
+    Each joint has its own strongest braking and highest speed; the joint that needs longest sets the time of all.
+    """
+    change = np.diff(world.angles, axis=0, prepend=world.angles[:1])
+    first = np.maximum.accumulate(np.where(np.abs(change).any(1), np.arange(world.n), 0))  # reflectors share a stand
+    way = change[first]
+    braking, speed = rng.uniform(6, 14, world.joints), rng.uniform(2.5, 6, world.joints)  # rad/s^2, rad/s
+    far = np.abs(way)
+    ramp = np.minimum(np.sqrt(far * braking), speed)  # the highest speed that each would reach by itself
+    time = np.where(far > 0, far / np.maximum(ramp, 1e-9) + ramp / braking, 0)
+    slowest = np.argmax(time, axis=1)
+    share = 0.5 * braking[slowest] / np.maximum(far[np.arange(world.n), slowest], 1e-9)  # of the way, at t^2 = 1
+    left = way * np.where(time.max(1) > 0, share, 0)[:, None] / 5.0
+    return Concealed("reading-lag", "time", lambda s: Push(joint=s * left), 1e-4, _MOST_RAD, "rad")
+
+
 def joint_thermal_drift(rng, world):
     """An encoder's zero that moves with temperature."""
     k = pick(rng, world)

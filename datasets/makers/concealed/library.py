@@ -41,6 +41,7 @@ ROWS = {
     "mount-tilt": Row(bodies.mount_tilt, Wish(elastic=True), weight=0.5, one_sided=True),
     "tool-deflection": Row(bodies.tool_deflection, one_sided=True),
     "time-offset": Row(joints.time_offset, _needs("speed")),
+    "reading-lag": Row(joints.reading_lag, one_sided=True),
     "axis-run-out": Row(bodies.axis_run_out, weight=1.5),
     "range-scale": Row(bodies.range_scale, Wish(_BALLS)),
     "field-bias": Row(bodies.field_bias, Wish(_BALLS)),
