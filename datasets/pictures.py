@@ -6,6 +6,7 @@ from pathlib import Path, PurePosixPath
 from datasets.errors import complaint
 from datasets.files import check_file, inside, label
 from datasets.formats.table import Table, read_table
+from datasets.rows import Rows
 
 ROLES = ("board", "board-laser", "scan")
 NEEDS = {"board": "placement", "board-laser": "placement", "scan": "scan"}
@@ -22,7 +23,7 @@ MARKS = {
 are left to OpenCV's own look at the header."""
 
 
-def read_images(folder: Path, name: str, called: str, samples) -> tuple[Mapping, ...]:
+def read_images(folder: Path, name: str, called: str, samples) -> Rows:
     """Rows of images.csv as mappings, every picture checked to exist and to be complete.
 
     A row holds text for image, role, placement, scan and note, whole numbers for step and sample,
@@ -32,13 +33,13 @@ def read_images(folder: Path, name: str, called: str, samples) -> tuple[Mapping,
     path = inside(folder, name, "key images.file", called)
     table = read_table(path, label(path), TEXT, blanks=True)
     _check_columns(table)
-    rows = tuple(_row(table, k) for k in range(len(table.rows)))
+    rows = Rows.of(table.columns)
     for k, row in enumerate(rows):
         _check_row(table, k, row, samples)
         picture = inside(folder, row["image"], f"row {table.rows[k]}, column image", table.called)
         check_picture(picture, f"{table.where(k, 'image')}, {row['image']}")
     _check_together(table, rows)
-    return tuple({k: int(v) if k in INTEGERS else v for k, v in row.items()} for row in rows)
+    return Rows.of(table.columns, INTEGERS)
 
 
 def _check_columns(table: Table) -> None:
@@ -49,12 +50,6 @@ def _check_columns(table: Table) -> None:
         if column in UNITS:
             raise complaint(f"{table.called}, column {column}", f"the column {UNITS[column]}", column,
                             f"convert it and rename it to {UNITS[column]}")
-
-
-def _row(table: Table, k: int) -> dict:
-    cells = {name: values[k] for name, values in table.columns.items()}
-    cells = {name: str(v) if isinstance(v, str) else float(v) for name, v in cells.items()}
-    return {name: v for name, v in cells.items() if v == v}  # an empty cell is nan
 
 
 def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
@@ -75,7 +70,7 @@ def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
                         "correct the number" if len(samples) else "add [samples] with that row")
 
 
-def _check_together(table: Table, rows: tuple[Mapping, ...]) -> None:
+def _check_together(table: Table, rows: Rows) -> None:
     """Every picture and every step of a scan once, and a board picture at every placement of the laser."""
     images, steps = {}, {}
     boards = {row.get("placement") for row in rows if row["role"] == "board"}

@@ -1,6 +1,6 @@
 """One recording in memory: columns as they stand in the file, and the arrays that a solve needs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ class Recording:
     """1 sigma of one measured coordinate; None where unknown."""
     balls: Mapping[int, tuple[float, float, float, float]] = field(default_factory=dict)
     """artefact.csv: ball number -> x, y, z, radius in the artefact frame, mm."""
-    images: tuple[Mapping, ...] = ()
+    images: Sequence[Mapping] = ()
     """Rows of images.csv; "image" is relative to `folder`."""
     board: Mapping | None = None
     """Keys of [board]; `fixed_to` is "tool" where the arm holds the board and the camera stands."""

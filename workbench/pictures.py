@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from datasets.pictures import TEXT
+from datasets.rows import Rows
 from sensors.pictures import read_grey
 from sensors.stripe.clipping import Counts
 from workbench.core.errors import InputError
 
 
-def by_role(recording, role: str) -> list[Mapping]:
+def by_role(recording, role: str) -> Rows:
     """Rows of images.csv with that role, in the file's order.
 
     Raises InputError where the recording has no pictures at all.
@@ -24,7 +26,7 @@ def by_role(recording, role: str) -> list[Mapping]:
             f"{recording.name}: expected a recording with pictures, found one of {recording.measures} "
             "without images.csv; name a board-images or scan-images recording"
         )
-    return [row for row in recording.images if row["role"] == role]
+    return Rows.kept(recording.images, TEXT).where("role", role)
 
 
 def path_of(recording, row: Mapping) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
+from datasets.rows import Rows
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.search import find_balls
@@ -16,7 +17,7 @@ from sensors.boards.detection import Rejected
 from sensors.pictures import flaw, read, stacks, unlit
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import Bend, bend_on_ball
-from sensors.stripe.find import Stripes, find_stripes
+from sensors.stripe.find import find_stripes
 from workbench import scanner as calibrated
 from workbench.ball_names import named
 from workbench.core.errors import InputError
@@ -104,29 +105,29 @@ def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress
     size = read(path_of(recording, first), f"{recording.name}/{first['image']}").size
     check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
     (folder / CLOUDS).mkdir()
-    work = _Work(recording, scanner, folder, full_scale(recording, sum(groups.values(), [])))
+    work = _Work(recording, scanner, folder, full_scale(recording, by_role(recording, "scan")))
     return Scans(recording, scanner, made, Spool(streamed(list(groups.items()), work, paced(progress, "scan"))))
 
 
-def scans_of(recording: Recording) -> dict[str, list[Mapping]]:
+def scans_of(recording: Recording) -> dict[str, Rows]:
     """Rows of images.csv by scan, in the order of their steps. InputError where there is none, or a step twice."""
-    groups: dict[str, list[Mapping]] = {}
-    for row in by_role(recording, "scan"):
-        groups.setdefault(str(row["scan"]), []).append(row)
-    if not groups:
+    rows = by_role(recording, "scan")
+    if not len(rows):
         raise InputError(
             f"{recording.name}, images.csv, column role: expected pictures of scans, found none; add rows "
             "with role scan"
         )
-    for name, rows in groups.items():
-        steps = [row.get("step", 0) for row in rows]
-        if len(set(steps)) < len(steps):
-            twice = next(step for step in steps if steps.count(step) > 1)
+    groups = {}
+    for name, mine in rows.by("scan").items():
+        steps = mine.values("step", 0)
+        order = np.argsort(steps, kind="stable")
+        if (again := np.flatnonzero(np.diff(steps[order]) == 0)).size:
+            twice = steps[order[again[0]]]
             raise InputError(
                 f"{recording.name}, images.csv, scan {name}: expected every step once, found step {twice:g} "
-                f"{steps.count(twice)} times; give each picture its own step or scan"
+                f"{(steps == twice).sum()} times; give each picture its own step or scan"
             )
-        rows.sort(key=lambda row: row.get("step", 0))
+        groups[name] = mine[order]
     return groups
 
 
@@ -186,7 +187,7 @@ class _Work:
         for stack in stacks(paths, _FRAMES, called.get):
             flaws += [unlit(frame) for frame in stack]
             found = find_stripes(stack, self.along, saturation=self.saturation)
-            parts.append((found.pixels, first + found.frame, found.sigma, _shape(found)))
+            parts.append((found.pixels, first + found.frame, found.sigma, found.shape))
             dropped.update(found.dropped)
             first += len(stack)
         pixels, frame, sigma, shape = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
@@ -292,12 +293,6 @@ def _fitted(points, lit, radius, start, own) -> BallFit:
     own = own | {"sigma": np.where(lit, own["sigma"], np.nan)}
     fit = fit_ball(points, radius=radius, view=points, start=start, **own)
     return replace(fit, reason=np.where(~lit & (fit.reason == MISSING), INCIDENCE, fit.reason))
-
-
-def _shape(found: Stripes) -> np.ndarray:
-    """(2, n) width in px, and photon variance at the peak over that beside the line."""
-    noise = found.noise
-    return np.stack([found.width, noise.gain * found.peak / noise.variance(found.background)]).astype(float)
 
 
 def write_cloud(path: Path, points: np.ndarray) -> None:

@@ -20,7 +20,8 @@ class BoardStripes:
     """n stripe points: `pixels` (2, n) px, `placement` (n,) text, `step` (n,) int, `sigma` (n,) px.
 
     `along`: "rows" where a centre was measured along each row of the picture, else "columns".
-    `mirror` (n,) rad as commanded, nan where unknown; `covariates` (n,) by column of images.csv.
+    `mirror` (n,) rad as commanded, nan where unknown; `covariates` (n,) by column of images.csv; `shape` (2, n) as
+    `Stripes.shape`, None where unknown.
     """
 
     pixels: np.ndarray
@@ -30,6 +31,7 @@ class BoardStripes:
     along: str = "rows"
     mirror: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
+    shape: np.ndarray | None = None
 
     @classmethod
     def of(cls, stripes, placements: Sequence[str], steps: Sequence[int], mirror_deg: Sequence[float] | None = None,
@@ -39,7 +41,7 @@ class BoardStripes:
         angles = None if mirror_deg is None else np.deg2rad(np.asarray(mirror_deg, float))[frame]
         columns = {name: np.asarray(values, float)[frame] for name, values in (covariates or {}).items()}
         return cls(stripes.pixels, np.asarray(placements, str)[frame], np.asarray(steps, int)[frame],
-                   np.asarray(stripes.sigma, float), stripes.along, angles, columns)  # fmt: skip
+                   np.asarray(stripes.sigma, float), stripes.along, angles, columns, stripes.shape)  # fmt: skip
 
     @property
     def n(self) -> int:
@@ -56,6 +58,7 @@ class BoardStripes:
             self, pixels=self.pixels[:, keep], placement=self.placement[keep], step=self.step[keep],
             sigma=self.sigma[keep], mirror=None if self.mirror is None else self.mirror[keep],
             covariates={name: column[keep] for name, column in self.covariates.items()},
+            shape=None if self.shape is None else self.shape[:, keep],
         )  # fmt: skip
 
     def angles(self, steps: np.ndarray) -> np.ndarray | None:
@@ -79,12 +82,13 @@ def joined(parts: Sequence[BoardStripes]) -> BoardStripes:
         found = "none" if not parts else "some along rows and some along columns"
         raise InputError(f"stripes on boards: expected stripes measured in one direction, found {found}; "
                          "take pictures of the board under the laser, all with one setting")
-    known = all(part.mirror is not None for part in parts)
+    known, shaped = (all(getattr(part, name) is not None for part in parts) for name in ("mirror", "shape"))
     names = set.intersection(*(set(part.covariates) for part in parts))
     gather = {name: np.concatenate([part.covariates[name] for part in parts]) for name in sorted(names)}
     whole = (np.concatenate([getattr(part, name) for part in parts]) for name in ("placement", "step", "sigma"))
     return BoardStripes(np.hstack([part.pixels for part in parts]), *whole, parts[0].along,
-                        np.concatenate([part.mirror for part in parts]) if known else None, gather)  # fmt: skip
+                        np.concatenate([part.mirror for part in parts]) if known else None, gather,
+                        np.hstack([part.shape for part in parts]) if shaped else None)  # fmt: skip
 
 
 def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:

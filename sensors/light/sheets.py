@@ -61,6 +61,11 @@ class Sheets:
     def n(self) -> int:
         return self.pixels.shape[1]
 
+    @property
+    def along(self) -> np.ndarray:
+        """(n,) px, places of points along their stripes."""
+        return (self.pixels[::-1] * self.scan).sum(0)
+
     @cached_property
     def at_start(self) -> "Evaluation":
         """The chain where it starts, with one mm as the unit of its residual."""

@@ -44,6 +44,18 @@ class Together:
                     "do not hold it")  # fmt: skip
         return f"points of a stripe err together too, in 0.001 px (1 sigma): {', '.join(told)}; it is in the sigmas"
 
+    def too_much(self, centre_px: float) -> list[str]:
+        """A sentence where placements err by more than a single centre, of 1 sigma `centre_px`, does.
+
+        Uneven light and blur pull a centre by parts of what speckle does to it, and not all stripes alike.
+        """
+        sigma, std = self.sigma[2], self.std[2]
+        if not sigma - 2 * std > centre_px:
+            return []
+        return [f"all stripes of a placement are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single centre "
+                f"by {centre_px:.2g} px: no light on a board does that; something that changed from placement to placement "
+                "is missing, as the direction or speed of the mirror's sweep, or temperature: see `workbench diagnose`"]
+
     @classmethod
     def of(cls, labels: Mapping[str, np.ndarray], along: np.ndarray) -> "Together":
         """Of points with `placement` and `step`, at places `along` (n,) px their stripes; none erring yet."""

@@ -150,21 +150,23 @@ def at_solution(made: Adjustment) -> Adjustment:
 
 def adjust(corners: Corners, sheets: Sheets, effects: Sequence[Effect], known: Parameters | None = None,
            free: Sequence[str] = (), progress: Callable[[str], None] = lambda text: None) -> Adjustment:  # fmt: skip
-    """Robust first, then without what is wrong, until the noise of corners and of stripes is what it was taken for.
+    """Robust first, then without what is wrong, until the noise of stripes is what it was taken for.
 
     Variance components: each kind of measurement is weighted by its own residuals (Foerstner,
-    Z. Vermess. 104 (1979)).
+    Z. Vermess. 104 (1979)). Corners say themselves how well they are seen, before any stripe counts: they may turn out
+    better beside the stripes, with effects that were not in the camera's model, but what they are worse by is where
+    the stripes contradict them, and no noise.
     """
     made = solve_once(corners, sheets, effects, known, free, "huber")
     corners, sheets = _without_wrong(made.corners, made.fit, 0), _without_wrong(made.sheets, made.fit, 1)
     progress(f"{sheets.n} points of stripes and {corners.pixels.shape[1]} corners are kept")
     scales = made.fit.scales
     for _ in range(_ROUNDS):
-        corners = replace(corners, sigma=corners.sigma * scales[0])
+        corners = replace(corners, sigma=corners.sigma * (scales[0] if scales[0] < 1 - _AGREES else 1))
         sheets = replace(sheets, sigma=sheets.sigma * scales[1])
         made = solve_once(corners, sheets, effects, made.parameters, free)
         corners, sheets, scales = made.corners, made.sheets, made.fit.scales
-        if max(abs(scale - 1) for scale in scales) < _AGREES:
+        if scales[0] > 1 - _AGREES and abs(scales[1] - 1) < _AGREES:
             break
     return made
 

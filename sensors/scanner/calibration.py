@@ -10,11 +10,13 @@ from sensors.light.board_stripes import BoardStripes, on_the_board, thinned, wro
 from sensors.light.mirror_choice import FEWEST, MirrorCheck, try_mirror
 from sensors.light.planes import plane_through, plane_variance
 from sensors.light.sheets import Sheets
+from sensors.light.straight import straightened, unshaded
+from sensors.light.together import Together
 from sensors.scanner.adjustment import Adjustment, adjust
 from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
 from sensors.scanner.model import Scanner
-from sensors.scanner.shared import with_shared_errors
+from sensors.scanner.shared import own_noise, with_shared_errors
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
@@ -137,15 +139,26 @@ def calibrate_scanner(
     progress(f"light planes of {len(found.steps)} steps from {found.whole.n} points of stripes")
     thin, _ = thinned(found.whole.at(~found.wrong))
     still = tuple(effect for effect in every if effect.where != "mirror" and effect.port != "mirror")
-    free = with_shared_errors(adjust(camera.chain, thin, still, camera.parameters, progress=progress))
+    corners = replace(camera.chain, sigma=camera.chain.sigma * camera.fit.scales[0])
+    free = with_shared_errors(adjust(corners, thin, still, camera.parameters, progress=progress))
     made, checked = free, None
     if mirror and len(found.steps) >= FEWEST:
         by_step = found.commanded is None or np.ptp(found.commanded) < _STILL
         numbers = found.steps.astype(float) if by_step else found.commanded
         tried, checked = try_mirror(free, numbers, by_step, found.volume, every, progress)
-        made = with_shared_errors(tried) if checked.supported else free
+        if checked.supported:
+            found, tried = _unshaded(found, tried, checked.mirror.point)
+            made = with_shared_errors(tried)
     left = leave_out(made, found.whole, progress) if check else None
     return _result(camera, found, free, made, checked, left, provenance)
+
+
+def _unshaded(found: "_Found", tried: Adjustment, light):
+    """Stripes less what the light's slope on tilted boards pulls them by, where a mirror says where it comes from."""
+    there = replace(found.whole, poses=tried.sheets.poses)
+    shift = unshaded(there, found.sheet_mm, light).pixels
+    sheets = replace(tried.sheets, pixels=unshaded(tried.sheets, found.sheet_mm, light).pixels)
+    return replace(found, whole=replace(found.whole, pixels=shift)), replace(tried, sheets=sheets)
 
 
 def _result(camera, found, free, made, checked, left, provenance) -> ScannerCalibration:
@@ -154,21 +167,27 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
     pixels, millimetres = residuals(made, last)
     good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
     dropped = {**found.dropped, _WRONG: int((~good).sum())}
-    apart = made.apart(found.volume)
+    apart, centre = made.apart(found.volume), _centre_noise(last.at(good), pixels[good])
     scanner = Scanner(
         made.camera, found.steps, made.sheets.planes, made.sheets.mirror,
         None if made.sheets.mirror is None else made.sheets.angles, _effects(made),
-        float(np.sqrt((pixels[good] ** 2).mean())), apart.planes, found.volume, last.scan[:, 0], dict(provenance or {}),
+        centre, apart.planes, found.volume, last.scan[:, 0], dict(provenance or {}),
         apart.frame, made.sheets.together.named,
     )  # fmt: skip
     said = (*_on_dropped(dropped), *camera.undetermined, *_on_mirror(checked), made.sheets.together.sentence,
-            *_on_fit(made))  # fmt: skip
+            *made.sheets.together.too_much(centre), *_on_fit(made))  # fmt: skip
     step = last.labels["step"]
     return ScannerCalibration(
         scanner, camera, made, free, checked, left, tuple(camera.placements), last, pixels, millimetres, ~good,
         _rms(pixels, step, good, len(found.steps)), _rms(millimetres, step, good, len(found.steps)),
         _sigma_planes(made, found.volume), apart, dropped, found.volume, said,
     )  # fmt: skip
+
+
+def _centre_noise(sheets, residual):
+    """px, 1 sigma of single centres of stripes, without what they share; of all where there are too few to tell."""
+    variance = own_noise(residual, np.ones(sheets.n), Together.of(sheets.labels, sheets.along))
+    return float(np.sqrt(variance if np.isfinite(variance) else (residual**2).mean()))
 
 
 def _rms(values, step, good, count):
@@ -179,13 +198,15 @@ def _rms(values, step, good, count):
 
 @dataclass(frozen=True)
 class _Found:
-    """Stripe points on boards, sorted out: the chain at its start, its steps (S,) and their commanded angles."""
+    """Stripe points on boards, sorted out: the chain at its start, its steps (S,) and their commanded angles, and
+    `sheet_mm` as of `straightened`."""
 
     whole: Sheets
     wrong: np.ndarray
     steps: np.ndarray
     commanded: np.ndarray | None
     dropped: dict[str, int]
+    sheet_mm: float
 
     @property
     def volume(self) -> tuple[float, float]:
@@ -214,7 +235,8 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
           "move the board and take more pictures")  # fmt: skip
     steps = steps[fine]
     whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])
-    return _Found(whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped)
+    whole, sheet = straightened(whole, kept.shape)
+    return _Found(whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped, sheet)
 
 
 def _some(kept, expected, dropped, remedy):

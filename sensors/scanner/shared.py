@@ -11,27 +11,47 @@ from sensors.scanner.adjustment import Adjustment, linearised, solve_once, strip
 _MOST = 600  # stripes from which the variances are taken: they are then good to 3 %
 _NEAR = 1e-2  # sigmas
 _LEAST = 30.0  # degrees of freedom that tell the noise within stripes to an eighth
-_ROUNDS, _AGREES = 2, 0.03  # by which a noise may differ from what it was taken for
+_ROUNDS, _AGREES = 8, 0.1  # by which part of what it is known to a variance may still change
+_LIGHT = 1e3  # times their sigma, at which stripes no longer move a board that its corners hold
 
 
 def with_shared_errors(made: Adjustment) -> Adjustment:
-    """The same adjustment, weighted by what points of stripes err alone and together."""
-    for _ in range(_ROUNDS + 1):
-        if made.sheets.together is None and not _turned(made):
-            break
-        plain = replace(made.sheets, together=None)
-        made = solve_once(made.corners, plain, made.effects, made.parameters, made.free)
-    together, noise = shared_errors(made)
-    sheets = replace(made.sheets, together=together, sigma=made.sheets.sigma * noise)
-    made = solve_once(made.corners, sheets, made.effects, made.parameters, made.free)
+    """The same adjustment, weighted by what points of stripes err alone and together.
+
+    Boards first stand where their corners alone put them. From where stripes had pushed them, before it was known
+    what these share, no line leads to the likelihood of that: the push would be read as noise of the corners.
+    """
+    if made.sheets.together is None:
+        made = _held_by_corners(made)
     for _ in range(_ROUNDS):
-        scales = made.fit.scales
-        if max(abs(scale - 1) for scale in scales) < _AGREES:
+        before = made.sheets.together
+        together, noise = shared_errors(made)
+        sheets = replace(made.sheets, together=together, sigma=made.sheets.sigma * noise)
+        made = solve_once(made.corners, sheets, made.effects, made.parameters, made.free)
+        if _settled(before, together) and abs(noise - 1) < _AGREES and not _turned(made):
             break
-        corners = replace(made.corners, sigma=made.corners.sigma * scales[0])
-        sheets = replace(made.sheets, sigma=made.sheets.sigma * scales[1])
-        made = solve_once(corners, sheets, made.effects, made.parameters, made.free)
     return made
+
+
+def _held_by_corners(made: Adjustment) -> Adjustment:
+    """Poses by the corners alone and planes by the stripes there; as a first guess of what these share, what they
+    miss their planes by: the root of the mean square of the means of placements, and of stripes beside these."""
+    sheets = replace(made.sheets, sigma=made.sheets.sigma * _LIGHT)
+    held = solve_once(made.corners, sheets, made.effects, made.parameters, made.free)
+    sheets = replace(held.sheets, sigma=held.sheets.sigma / _LIGHT)
+    together, left, sigma = Together.of(sheets.labels, sheets.along), held.fit.residual[1][0], np.zeros(len(NAMES))
+    for kind in (2, 0):
+        label = together.labels[kind]
+        means = np.bincount(label, left) / np.bincount(label)
+        left, sigma[kind] = left - means[label], np.sqrt((means**2).mean())
+    return replace(held, sheets=replace(sheets, together=replace(together, sigma=sigma)))
+
+
+def _settled(before: Together, now: Together) -> bool:
+    """Whether variances stay, to a part of what they are known to."""
+    told = np.isfinite(now.std)
+    doubt = (now.std * np.maximum(now.sigma, now.std))[told]
+    return bool((np.abs(now.sigma**2 - before.sigma**2)[told] <= _AGREES * doubt).all())
 
 
 def _turned(made):
@@ -43,25 +63,22 @@ def _turned(made):
 
 
 def shared_errors(made: Adjustment) -> tuple[Together, float]:
-    """Sigmas of what points share, and the factor on their own noise, from residuals of an adjustment without them.
+    """Sigmas of what points share, and the factor on their own noise, from an adjustment at its solution.
 
-    Restricted maximum likelihood (`sensors.components`) on the adjustment's linear model, with its
+    Restricted maximum likelihood (`sensors.components`) on the adjustment's linear model there, with its
     unknowns, so that what planes and poses take of a stripe's error is not counted as none. A kind that
     another one is by construction (one stripe a placement) stays 0. Where there are more than
     `_MOST` stripes, those of steps spread evenly count: the others reach them only through the
     few numbers that all share.
     """
     sheets = made.sheets
-    along = (sheets.pixels[::-1] * sheets.scan).sum(0)
-    together = Together.of(sheets.labels, along)
+    together = Together.of(sheets.labels, sheets.along)
     effects = _effects(sheets, together)
     if not len(effects.kind):
         return together, 1.0
-    # a placement's shift is nearly all the pose's: of what is left of it a derivative from one step before
-    # would make less than nothing
-    made = linearised(made)
+    noise = own_noise(made.fit.residual[1][0], np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0, together)
+    noise = noise if np.isfinite(noise) else 1.0
     own, pull = _left(made, effects)
-    noise = _own_noise(made, together)
     found = components(own / noise, pull / noise, effects.kind)
     more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
     variance, doubt = np.append(found.variance, np.zeros(more)), np.append(found.std, np.full(more, np.inf))
@@ -72,23 +89,21 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
     return replace(together, sigma=sigma, std=std), float(np.sqrt(noise))
 
 
-def _own_noise(made, together) -> float:
-    """Factor on the points' own variance: what is left within each stripe once its shift and its tilt are off.
+def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> float:
+    """Variance of residuals (n,), for unit weight, within stripes: each one's shift and tilt are off; nan for too few.
 
     Planes, poses and all shared errors are of that form along a stripe: whatever else is wrong, this is not.
     """
-    sheets, stripe, place = made.sheets, together.labels[0], together.shapes[1]
-    weight = np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0
-    residual = made.fit.residual[1][0]
+    stripe, place = together.labels[0], together.shapes[1]
 
     def sums(values):
         return np.bincount(stripe, weight * values)
 
-    total = sums(np.ones(sheets.n))
-    for shape in (np.ones(sheets.n), place - (sums(place) / total)[stripe]):
+    total = sums(np.ones(len(residual)))
+    for shape in (np.ones(len(residual)), place - (sums(place) / total)[stripe]):
         residual = residual - shape * (sums(shape * residual) / np.maximum(sums(shape**2), 1e-300))[stripe]
     degrees = float(np.maximum(np.bincount(stripe) - 2, 0).sum())
-    return max(float(weight @ residual**2) / degrees, 1e-300) if degrees >= _LEAST else 1.0
+    return max(float(weight @ residual**2) / degrees, 1e-300) if degrees >= _LEAST else float("nan")
 
 
 @dataclass(frozen=True)
@@ -137,24 +152,27 @@ def _left(made: Adjustment, effects: _Effects):
     """R (E, E) and g (E,) of the shared errors beside the adjustment's unknowns, with unit noise.
 
     Poses are eliminated as in the bundle: K the covariance of what is left under unit noise, and
-    a pose's own inverse, together those of all unknowns.
+    a pose's own inverse, together those of all unknowns. R and g are those of points that share nothing, of the
+    linear model where the adjustment stands: if that was solved for points that do, the unknowns would still move.
     """
-    fit = made.fit
-    rows, pose, step = _rows(made)
+    # of what is left of a placement's shift, nearly all the pose's, a derivative from one step before would make less
+    # than nothing
+    apart = linearised(replace(made, sheets=replace(made.sheets, together=None)))
+    fit, where, residual = apart.fit, effects.placement, apart.fit.residual[1][0]
+    rows, pose = _rows(apart)
     by_pose = effects.sums @ pose.T
-    dense = np.hstack([effects.sums @ rows.T, (effects.sums @ step).toarray()]) if step is not None else (
-        effects.sums @ rows.T)  # fmt: skip
-    dense = dense - np.einsum("el,eld->ed", by_pose, fit.eliminated.mix[effects.placement])
+    dense = (effects.sums @ rows).toarray() - np.einsum("el,eld->ed", by_pose, fit.eliminated.mix[where])
     unit = fit.covariance / fit.sigma_scale**2
-    alike = effects.placement[:, None] == effects.placement
-    inner = np.einsum("el,elk->ek", by_pose, fit.eliminated.inverse[effects.placement])
-    own = effects.norm.toarray() - dense @ unit @ dense.T - np.where(alike, inner @ by_pose.T, 0)
-    return own, effects.sums @ fit.residual[1][0]
+    inner = np.einsum("el,elk->ek", by_pose, fit.eliminated.inverse[where])
+    own = effects.norm.toarray() - dense @ unit @ dense.T - np.where(where[:, None] == where, inner @ by_pose.T, 0)
+    moves, own_moves = fit.next
+    residual = residual + rows @ moves + (pose * own_moves[made.sheets.labels["placement"]].T).sum(0)
+    return own, effects.sums @ residual
 
 
 def _rows(made: Adjustment):
-    """Derivatives (F, n) by the shared parameters, (6, n) by the pose, and sparse (n, 3 S) by the planes or None."""
-    from scipy.sparse import csr_array
+    """Derivatives, sparse (n, D) by the dense unknowns and (6, n) by the pose."""
+    from scipy.sparse import csr_array, hstack
 
     model, table = stripe_model(made.sheets, made.effects, made.parameters)
     columns = [made.fit.table.index.get(key) for key in table.keys]
@@ -165,10 +183,10 @@ def _rows(made: Adjustment):
     steps = 0 if made.sheets.mirror is not None else 3 * made.sheets.planes.shape[1]
     whole = np.zeros((len(made.fit.table) - steps, made.sheets.n))
     whole[[column for column in columns if column is not None]] = rows
-    pose = evaluation.family_rows("placement")[:, 0]
+    pose, n = evaluation.family_rows("placement")[:, 0], made.sheets.n
     if not steps:
-        return whole, pose, None
-    n, own = made.sheets.n, evaluation.family_rows("step")[:, 0]
+        return csr_array(whole.T), pose
+    own = evaluation.family_rows("step")[:, 0]
     place = 3 * made.sheets.labels["step"][:, None] + np.arange(3)
     by_step = csr_array((own.T.ravel(), (np.repeat(np.arange(n), 3), place.ravel())), shape=(n, steps))
-    return whole, pose, by_step
+    return hstack([csr_array(whole.T), by_step]).tocsr(), pose

@@ -1,4 +1,4 @@
-"""What a curved surface does to the line's centre: the stripe on a ball is not symmetric, and its fit is pulled aside.
+"""What a surface does to the line's centre: on a ball or a tilted board the stripe is not symmetric, its fit is pulled.
 
 Across the stripe the light is exp(-f^2 / (2 s^2)) cos(incidence), f the distance from the sheet's
 middle, s the sheet's 1 sigma. Along the scan line, v px from where f = 0,
@@ -11,7 +11,8 @@ the fit of a Gaussian to what is left finds its centre off by
 
     c = a^2 (l - (f2 / f1) (3 - q a^2 / w^2)),
 
-q = 3/2 where all pixels count alike and 0 where they count by their photons.
+q = 3/2 where all pixels count alike and 0 where they count by their photons. On a flat board f2 is perspective's: its
+nearer part is seen larger.
 """
 
 from dataclasses import dataclass
@@ -20,14 +21,14 @@ import numpy as np
 
 from sensors.camera.model import Camera
 
-_STEP = 0.5  # px, of the difference quotients; a ball's radius is some hundred px
+_STEP = 0.5  # px, of the difference quotients; a ball's radius is some hundred px, a board wider
 _STEEPEST = 0.1  # cosine of the light's incidence below which nothing is lit
 _RATIOS = np.geomspace(1e-2, 1e3, 26)
 
 
 @dataclass(frozen=True)
 class Bend:
-    """A ball's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
+    """A surface's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
     `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `away` (n,) mm from
     the sheet's middle.
     """
@@ -71,24 +72,43 @@ def bend_on_ball(camera: Camera, centre: np.ndarray, radius: float, pixels: np.n
     centre (3,) and radius mm in the camera frame; planes (4, n) of the points; scan (2,) unit vector;
     light (3,) mm where the light comes from, None where that is unknown: then `shade` is 0. nan beside the ball.
     """
+
+    def surface(rays):
+        along = centre @ rays
+        with np.errstate(invalid="ignore"):
+            points = rays * (along - np.sqrt(radius**2 - ((rays * along - centre[:, None]) ** 2).sum(0)))
+        return points, (points - centre[:, None]) / radius
+
+    return _bend(camera, surface, pixels, planes, scan, light)
+
+
+def bend_on_boards(camera: Camera, normals: np.ndarray, heights: np.ndarray, pixels: np.ndarray, planes: np.ndarray,
+                   scan: np.ndarray, light: np.ndarray | None = None) -> Bend:  # fmt: skip
+    """As `bend_on_ball`, of points on flat boards n.X = h: unit normals (3, n) and heights (n,) mm, camera frame."""
+    side = np.sign((normals * (0 if light is None else light[:, None])).sum(0) - heights)
+
+    def surface(rays):
+        return rays * (heights / (normals * rays).sum(0)), normals * side
+
+    return _bend(camera, surface, pixels, planes, scan, light)
+
+
+def _bend(camera, surface, pixels, planes, scan, light):
     low, middle, high = (
-        _seen(camera, centre, radius, pixels + step * scan[:, None], planes, light) for step in (-_STEP, 0.0, _STEP)
+        _seen(surface, camera.rays(pixels + step * scan[:, None]), planes, light) for step in (-_STEP, 0.0, _STEP)
     )
     away, shade = (high - low) / (2 * _STEP)
     return Bend(away, (high[0] - 2 * middle[0] + low[0]) / (2 * _STEP**2), shade, np.exp(middle[1]), middle[0])
 
 
-def _seen(camera, centre, radius, pixels, planes, light):
-    """(2, n): distance from the sheet, and logarithm of the cosine of the light's incidence, of what pixels see."""
-    rays = camera.rays(pixels)
-    along = centre @ rays
-    with np.errstate(invalid="ignore"):
-        points = rays * (along - np.sqrt(radius**2 - ((rays * along - centre[:, None]) ** 2).sum(0)))
+def _seen(surface, rays, planes, light):
+    """(2, n): distance from the sheet, and logarithm of the cosine of the light's incidence, of what rays see."""
+    points, normals = surface(rays)
     away = (planes[:3] * points).sum(0) + planes[3]
     if light is None:
         return np.stack([away, 0 * away])
     towards = light[:, None] - points
-    cosine = (towards * (points - centre[:, None])).sum(0) / (radius * np.sqrt((towards**2).sum(0)))
+    cosine = (towards * normals).sum(0) / np.sqrt((towards**2).sum(0))
     return np.stack([away, np.log(np.maximum(cosine, _STEEPEST))])
 
 

@@ -64,6 +64,11 @@ class Stripes:
         """(2, n) px."""
         return np.stack([self.centre, self.line] if self.along == "rows" else [self.line, self.centre]).astype(float)
 
+    @property
+    def shape(self) -> np.ndarray:
+        """(2, n) width in px, and photon variance at the peak over that beside the line."""
+        return np.stack([self.width, self.noise.gain * self.peak / self.noise.variance(self.background)]).astype(float)
+
     def select(self, keep: np.ndarray) -> "Stripes":
         """Those where `keep` (n,) bool says so."""
         if keep.all():

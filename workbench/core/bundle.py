@@ -45,7 +45,8 @@ class BundleFit:
     of the measurement, `weights` (n,) of the robust loss and `scales`, its residuals over its
     sigmas; `normal` (D, D) what the data know of the dense unknowns when the eliminated ones are
     free, in their own units; `sigma_scale` by which all stated sigmas have to be multiplied;
-    `table` of the dense unknowns; `history`, `outcome`, `degrees` as of `solve.Fit`.
+    `table` of the dense unknowns; `history`, `outcome`, `degrees` as of `solve.Fit`; `next` how far its last derivative
+    would move the dense (D,) and the eliminated (G, L) unknowns, nearly nothing but where it was allowed no step.
     """
 
     parameters: Parameters
@@ -60,6 +61,7 @@ class BundleFit:
     outcome: str
     degrees: float
     eliminated: "Eliminated" = field(repr=False)
+    next: tuple[np.ndarray, np.ndarray] = field(repr=False)
 
     @property
     def converged(self) -> bool:
@@ -340,6 +342,7 @@ class _Problem:
         counts = [part.tiles.live.sum() * len(s) for part, s in zip(self.parts, self.inverse_sigma)]
         spent = degrees / max(self.measured, 1)
         place = [part.tiles.place for part in self.parts]
+        move, own_move = self.newton(_FLOOR)
         return BundleFit(
             self.point.parameters, self.point.values,
             tuple(r[:, p] for r, p in zip(self.point.residuals, place)),
@@ -347,7 +350,7 @@ class _Problem:
             tuple(float(np.sqrt(q / max(c * spent, 1))) for q, c in zip(squares, counts)),
             normal / np.outer(self.scale, self.scale), self.table(), float(np.sqrt(sum(squares) / degrees)),
             tuple(self.history), self.outcome or OUT_OF_STEPS, degrees,
-            Eliminated(inverse, mix * own / self.scale),
+            Eliminated(inverse, mix * own / self.scale), (move * self.scale, own_move * self.own_scale),
         )  # fmt: skip
 
     def table(self):

@@ -17,6 +17,7 @@ from workbench.core.effect import Effect
 # an order once and twice a turn is what eccentric gears and encoders make; more are rarer
 _ORDERS = {1: 0.3, 2: 0.3, 3: 0.1, 4: 0.1}
 GEAR_MASS = 0.2
+_DRIFTS = "evenly", "with one bend", "with two bends"  # by the order of the polynomial: few numbers show small drifts
 _LOADED_NM, _MOVES_RAD = 0.02, 0.2
 # shares of the largest torque over which a gap is pressed shut, and how likely each is beside the sharp one
 _SEATED, _SOFT_MASS = (0.05, 0.1, 0.2), 0.3
@@ -91,7 +92,8 @@ def _base(chain, elastic):
         yield _option("pedestal-compliance", "base")
     time = clock(chain.state)
     if np.ptp(time) > 0:
-        yield _option("base-drift", "base", start=float(time.min()), end=float(time.max()))
+        for order, word in enumerate(_DRIFTS, 1):
+            yield _option("base-drift", "base", word, start=float(time.min()), end=float(time.max()), order=order)
     if elastic:
         yield _option("mount-tilt", "base")
     yield _option("tool-deflection", "tool")
