@@ -12,11 +12,13 @@ import numpy as np
 from workbench.core.covariates import clock
 from workbench.core.rigid import rotation_matrix
 from workbench.core.solve import pose_scores
+from workbench.diagnosis.library import options
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.words import length, listed
 
 _PART, _LEAST = 0.2, 10  # first and last part of the recording that are compared, and rows that each must have
 _SIGMAS = 3.0
+_WARM = "link-thermal-growth", "joint-thermal-drift"
 
 
 @dataclass(frozen=True)
@@ -49,14 +51,15 @@ class FixedPoints:
         if self.found is None:
             return f"{said} ({length(float(np.linalg.norm(self.measured)))}); no drift of the base was claimed."
         found = _um(self.found, self.found_std)
-        return f"{said}; the drift that was found without them says {found} µm: {self._verdict()}."
+        free = "found without them, with links and joints free to warm as well,"
+        return f"{said}; the drift that was {free} says {found} µm: {self._verdict()}."
 
     def _verdict(self) -> str:
         off = [name for name, good in zip("xyz", self._near()) if not good]
         if not off:
             return "they agree"
-        return (f"they disagree in {listed(off)}, where a part of what is called the base's drift is the arm's own, as "
-                "of links that warm and grow")  # fmt: skip
+        return (f"they disagree in {listed(off)}, where a part of what is called the base's drift is the arm's own, or "
+                "the fixed reflectors' own")  # fmt: skip
 
     def _near(self) -> np.ndarray:
         return np.abs(self.found - self.measured) < _SIGMAS * np.hypot(self.std, self.found_std)
@@ -104,11 +107,17 @@ def _clock_of(poses, bench) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _predicted(bench, terms, points, time, ends):
-    """(3,) mm by which a drift of the base in the model moves the points from one end to the other, and its std."""
+    """(3,) mm by which a drift of the base in the model moves the points from one end to the other, and its std.
+
+    The arm's links and joints are free to warm in that time, too: otherwise the base is given what they do.
+    """
     effects = [e for term in terms for e in term.finding.effects]
     drift = next((e for e in effects if e.effect == "base-drift"), None)
     if drift is None:
         return None, None
+    held = {(e.effect, e.where) for e in effects}
+    warm = [o.effect for o in options(bench.chain, False) if o.effect.effect in _WARM]
+    effects += [e for e in warm if (e.effect, e.where) not in held]
     model, fit, _ = bench.solve(effects)
     span = model.spans[len(bench.baseline) + effects.index(drift)]
     pose = fit.parameters.values[:6]
@@ -124,7 +133,8 @@ def _predicted(bench, terms, points, time, ends):
 
 def _covariance(bench, model, fit) -> np.ndarray:
     """(F, F) of the free parameters, where the rows of one pose err together: Liang & Zeger, Biometrika 73 (1986)."""
-    inverse = np.linalg.pinv(fit.normal, hermitian=True) * fit.sigma_scale**2
+    known = np.diag(fit.parameters.precision[fit.parameters.mask])
+    inverse = np.linalg.pinv(fit.normal / fit.sigma_scale**2 + known, hermitian=True)
     scores = pose_scores(model, fit, bench.pose)
     return inverse if scores is None else inverse @ scores @ inverse
 
