@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
+import numpy as np
+
 from datasets.errors import complaint
 from datasets.files import check_file, inside, label
 from datasets.formats.table import Table, read_table
@@ -72,26 +74,36 @@ def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
 
 def _check_together(table: Table, rows: Rows) -> None:
     """Every picture and every step of a scan once, and a board picture at every placement of the laser."""
-    images, steps = {}, {}
-    boards = {row.get("placement") for row in rows if row["role"] == "board"}
-    for k, row in enumerate(rows):
-        first = images.setdefault(str(PurePosixPath(row["image"])), k)
-        if first != k:
-            raise complaint(table.where(k, "image"), "every picture once",
-                            f"{row['image']} again (first in row {table.rows[first]})",
-                            "delete the copy or name the picture that was meant")
-        place = row.get("scan") if row["role"] == "scan" else row.get("placement")
-        first = k if row["role"] == "board" else steps.setdefault(_step(row, place), k)
-        if first != k:
-            raise complaint(table.where(k, "step"), f"every step of a {NEEDS[row['role']]} once",
-                            f"the step of row {table.rows[first]} again", "number the steps")
-        if row["role"] == "board-laser" and place not in boards:
-            raise complaint(table.where(k, "placement"), "a placement with a picture of role board",
-                            f"none at {place!r}", "add that picture or delete the row")
+    same = np.fromiter((hash(str(PurePosixPath(name))) for name in table.columns["image"]), np.int64, len(rows))
+    if twice := _repeated(same[:, None]):
+        first, again = twice
+        raise complaint(table.where(again, "image"), "every picture once",
+                        f"{rows[again]['image']} again (first in row {table.rows[first]})",
+                        "delete the copy or name the picture that was meant")
+    role = table.columns["role"]
+    none = np.zeros(len(rows), "U1")
+    place = np.where(role == "scan", *(table.columns.get(name, none) for name in ("scan", "placement")))
+    swept = np.flatnonzero(role != "board")
+    numbers = [np.unique(values, return_inverse=True)[1].ravel() for values in (role, place)]
+    steps = np.stack([*numbers, rows.values("step", np.inf), rows.values("sweep", np.inf)], 1)
+    if twice := _repeated(steps[swept]):
+        first, again = swept[list(twice)]
+        raise complaint(table.where(again, "step"), f"every step of a {NEEDS[role[again]]} once",
+                        f"the step of row {table.rows[first]} again", "number the steps")
+    alone = np.flatnonzero((role == "board-laser") & ~np.isin(place, place[role == "board"]))
+    if len(alone):
+        raise complaint(table.where(alone[0], "placement"), "a placement with a picture of role board",
+                        f"none at {str(place[alone[0]])!r}", "add that picture or delete the row")
 
 
-def _step(row: Mapping, place: str | None) -> tuple:
-    return row["role"], place, row.get("step"), row.get("sweep")
+def _repeated(keys: np.ndarray) -> tuple[int, int] | None:
+    """The first row of keys (n, k) that stood before, and where it stood: (before, row); None where none did."""
+    order = np.lexsort(keys.T)
+    again = np.flatnonzero((keys[order[1:]] == keys[order[:-1]]).all(1))
+    if not len(again):
+        return None
+    row = order[again + 1].min()
+    return int(np.flatnonzero((keys == keys[row]).all(1))[0]), int(row)
 
 
 def check_picture(path: Path, called: str) -> None:

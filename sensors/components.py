@@ -17,10 +17,25 @@ _GROWS = 10.0  # times what a variance is known to, that it may grow by in one s
 
 @dataclass(frozen=True)
 class Components:
-    """`variance` (K,) of each kind, and `std` (K,) of these, inf where the data tell nothing."""
+    """`variance` (K,) of each kind, and `std` (K,) of these, inf where the data tell nothing; `signed` (K,) the same
+    where nothing forbids it to be negative."""
 
     variance: np.ndarray
     std: np.ndarray
+    signed: np.ndarray
+
+    @property
+    def expected(self) -> np.ndarray:
+        """(K,) the variance to count on: the mean of what a normal distribution leaves above nought.
+
+        One that comes out as nought is known to its std only; to take it for nought states sigmas too small.
+        """
+        from scipy.stats import norm
+
+        known = np.isfinite(self.std)
+        std = np.where(known, self.std, 1.0)
+        beyond = np.exp(norm.logpdf(self.signed / std) - norm.logcdf(self.signed / std))
+        return np.where(known, np.maximum(self.signed + std * beyond, 0.0), self.variance)
 
 
 def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Components:
@@ -32,15 +47,16 @@ def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Component
     """
     count = int(kind.max(initial=-1)) + 1
     told = np.array([_left(own[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool)
-    variance, std = np.zeros(count), np.full(count, np.inf)
+    variance, std, signed = np.zeros(count), np.full(count, np.inf), np.zeros(count)
     for _ in range(_ROUNDS):
         before = variance
         left, said = _at(own, pull, variance[kind])
         known, score = _scoring(left, said, kind, count)
+        signed = variance + score / np.maximum(np.diag(known), 1e-300)
         variance, std = _stepped(variance, known, score, told)
         if (np.abs(variance - before) <= _STILL * np.where(np.isfinite(std), std, 0)).all():
             break
-    return Components(variance, std)
+    return Components(variance, std, np.where(variance > 0, variance, np.minimum(signed, 0.0)))
 
 
 def _left(own):

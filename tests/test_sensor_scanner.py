@@ -313,10 +313,12 @@ def test_a_file_that_is_not_there_and_a_folder_that_cannot_be_written_to(tmp_pat
 def test_stripes_of_pictures_know_their_placement_step_and_angle():
     class Found:
         frame, pixels, sigma, along = np.array([0, 0, 1]), np.ones((2, 3)), np.full(3, 0.1), "rows"
+        shape = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
 
     made = BoardStripes.of(Found, ["a", "b"], [4, 5], [10.0, 20.0], {"time_s": [1, 2]})
     assert made.placement.tolist() == ["a", "a", "b"] and made.step.tolist() == [4, 4, 5]
     assert np.allclose(np.rad2deg(made.mirror), [10, 10, 20]) and made.covariates["time_s"].tolist() == [1, 1, 2]
+    assert joined([made, made.at(np.array([2]))]).shape.tolist() == [[1, 2, 3, 3], [4, 5, 6, 6]]
 
 
 @pytest.mark.slow

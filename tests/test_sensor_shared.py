@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plane_scenes import CAMERA, board, board_stripes, twin, views
+from plane_scenes import CAMERA, aligned, board, board_stripes, seen, stripe_points, twin, views
 from sensors.ball.fit import fit_ball
 from sensors.ball.shared import Shared
-from sensors.components import components
+from sensors.components import Components, components
 from sensors.light.planes import tilt_directions
 from sensors.light.sheets import Sheets
 from sensors.light.together import Together, decorrelated
@@ -220,6 +220,43 @@ def test_placements_whose_stripes_all_err_alike_are_found_and_stand_in_the_sigma
     assert abs(together.sigma[2] - 1.0) < 3 * together.std[2] < 1.5 and together.sigma[:2].max() < 0.05
     assert np.abs(np.array(made.free.fit.scales) - 1).max() < 0.05
     assert 0.5 < np.square(whitened(made, truth)).mean() < 2
+
+
+def lagging(seed, half_gap, placements=8, steps=16):
+    """A twin whose mirror stands half a gap before its command at every other placement, and half a gap behind."""
+    rng = np.random.default_rng(seed)
+    truth = twin(rng, placements, steps, 60, sweep=np.deg2rad(7))
+    planes = {way: truth.mirror.planes(truth.angles + way * half_gap) for way in (1, -1)}
+    pixels = []
+    for g, pose in enumerate(truth.poses):
+        for s in range(steps):
+            found, inside = seen(CAMERA, pose, stripe_points(pose, planes[1 - 2 * (g % 2)][:, s], 60))
+            pixels.append((found[:, inside], g, s))
+    stripes = np.hstack([found for found, _, _ in pixels])
+    placement, step = (np.concatenate([np.full(row[0].shape[1], row[k]) for row in pixels]) for k in (1, 2))
+    stripes[0] += 0.1 * rng.normal(size=stripes.shape[1])
+    return replace(truth, stripes=stripes, placement=placement, step=step)
+
+
+def test_sweeps_that_disagree_move_no_board_and_are_said():
+    """By five pixels, the corners known to a few hundredths: it is no noise of these, and no plane is thrown off by it."""
+    truth = lagging(3, 3e-4)
+    made = calibrated(truth)
+    plain = calibrated(lagging(3, 0.0))
+    together = made.made.sheets.together
+    assert 2 < together.sigma[2] < 4 and made.sigma_corner_px == pytest.approx(0.06, rel=0.1)
+    for one, limit in ((made, 0.02), (plain, 0.004)):
+        assert aligned(truth, one.camera, one.scanner.planes, steps=one.scanner.steps)[1] < limit
+    assert any("something that changed from placement to placement is missing" in said for said in made.sentences)
+    assert not any("is missing" in said for said in plain.sentences)
+    assert made.scanner.sigma_px == pytest.approx(0.1, rel=0.05)  # of a centre: what stripes share is not in it
+
+
+def test_what_may_be_negative_is_counted_on_by_the_part_above_nought():
+    """The mean of a normal distribution beyond nought, by its closed form and where it is far above."""
+    found = Components(np.array([0.0, 4.0, 1e-3, 2.0]), np.array([1.0, 0.1, np.inf, 1.0]), np.array([0.0, 4.0, 1e-3, -40.0]))
+    assert found.expected[0] == pytest.approx(np.sqrt(2 / np.pi)) and found.expected[1] == pytest.approx(4.0)
+    assert found.expected[2] == 1e-3 and 0 < found.expected[3] < 0.03
 
 
 def test_a_profiler_states_its_plane_in_the_cameras_frame():

@@ -1,6 +1,8 @@
 """The scanner's entries of the catalogue page: a rendered recording, its pictures taken once more with each effect."""
 
+import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,50 +12,19 @@ import numpy as np
 import datasets
 from catalogue_entries import Entry, large_enough, listed, sizes, twins
 from sensors.effects import CATALOGUE
+from sensors.rendering import Scene, make_recording
 from workbench.diagnosis.sensor import SensorBench, bench_of
 from workbench.diagnosis.sensor_data import Chains
 from workbench.diagnosis.sensor_simulate import simulated, solved
 from workbench.diagnosis.words import measured
-from workbench.render import render
 
-SCENE = """
-title = "small scanner"
-seed = 3
-balls = [[0.0, 0.0, 0.0, 12.0]]
-[camera]
-width_px = 400
-height_px = 320
-fx_px = 620.0
-fy_px = 619.0
-cx_px = 201.0
-cy_px = 157.0
-distortion = [-0.1, 0.05, 0.0003, -0.0004, 0.0]
-[lens]
-blur_px = 0.6
-defocus_px = 0.0
-[laser]
-width_mm = 0.2
-[mirror]
-steps = 16
-first_deg = -4.0
-last_deg = 4.0
-[board]
-kind = "chessboard"
-columns = 7
-rows = 5
-square_mm = 6.0
-dark = 0.25
-[placements]
-count = 12
-laser = 6
-range_mm = [112.0, 140.0]
-tilt_deg = 35.0
-aside = 0.3
-[scans]
-count = 3
-range_mm = [122.0, 134.0]
-aside = 0.1
-"""
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from sensor_recordings import SCENE  # noqa: E402
+
+# what differs from the small scene of the tests: more steps, boards and scans, pixels in parts as usual
+_MORE = {"mirror": {"steps": 16}, "placements": {"count": 12, "laser": 6},
+         "scans": {"count": 3, "range_mm": (122.0, 134.0), "aside": 0.1}}  # fmt: skip
 _PLACES = {"camera": "camera", "laser": "laser", "mirror": "mirror", "sensor": "sensor", "artefact": "artefact",
            "time": "time", "ball": "ball-1"}  # fmt: skip
 _OPTIONS = {"mirror-encoder-harmonic": {"order": 60}}
@@ -73,11 +44,11 @@ def entries() -> Iterator[Entry]:
 
 def _perfect() -> SensorBench:
     """The bench of rendered pictures, its measurements replaced by those of its own solution and noise."""
+    keys = {name: value for name, value in tomllib.loads(SCENE).items() if name != "parts"}
+    scene = Scene(**keys | {name: keys[name] | more for name, more in _MORE.items()})
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scene.toml"
-        path.write_text(SCENE, encoding="utf-8")
-        render(path, Path(folder) / "made", lambda text: None)
-        bench = bench_of(datasets.read(Path(folder) / "made"))
+        make_recording(scene, Path(folder))
+        bench = bench_of(datasets.read(Path(folder)))
     return SensorBench(_with_causes(solved(bench)))
 
 

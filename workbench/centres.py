@@ -107,32 +107,43 @@ def characteristics(made: Scans) -> tuple[Characteristic, ...]:
     known = made.recording.balls
     numbers = {number: k + 1 for k, number in enumerate(known)}
     table = np.array([ball[:3] for ball in known.values()]).T if known else None
-    each = []
+    every: tuple[_Combined, ...] = ()
     for one in made.scans:
         balls = [ball for ball in one.balls if ball.whole]
         told = table if all(ball.number is not None for ball in balls) else None
         probed = [
             Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius) for k, ball in enumerate(balls)
         ]
-        temperature = one.row.get("temperature_c")
-        each.append((one.name, acceptance(probed, told, temperature=temperature)))
-    if not each:
-        return acceptance()
-    return tuple(_combined([(name, row[k]) for name, row in each]) for k in range(len(each[0][1])))
+        found = acceptance(probed, told, temperature=one.row.get("temperature_c"))
+        every = every or tuple(_Combined(own) for own in found)
+        for whole, own in zip(every, found):
+            whole.add(one.name, own)
+    return tuple(whole.characteristic() for whole in every) or acceptance()
 
 
-def _combined(named: Sequence[tuple[str, Characteristic]]) -> Characteristic:
-    """One characteristic of all scans: the largest of those determined; of shares and temperatures the mean."""
-    there = [(name, one) for name, one in named if one.determined]
-    if not there:
-        return named[0][1]
-    parts = {f"scan {name}, {part}": value for name, one in there for part, value in one.parts.items()}
-    if there[0][1].name in ("rejected", "temperature"):
-        weights = np.array([one.n for _, one in there], float)
-        value = float(np.average([one.value for _, one in there], weights=weights))
-        return replace(there[0][1], value=value, n=int(weights.sum()), parts=parts)
-    worst = max((one for _, one in there), key=lambda one: abs(one.value))
-    return replace(worst, n=sum(one.n for _, one in there), parts=parts)
+class _Combined:
+    """One characteristic of all scans, as they come: the largest of those determined; of shares and temperatures the
+    mean."""
+
+    def __init__(self, undetermined: Characteristic):
+        self._kept, self._known, self._n, self._sum, self._parts = undetermined, False, 0, 0.0, {}
+
+    def add(self, name: str, one: Characteristic) -> None:
+        """That of the next scan."""
+        if not one.determined:
+            return
+        if not self._known or abs(one.value) > abs(self._kept.value):
+            self._kept, self._known = one, True
+        self._n, self._sum = self._n + one.n, self._sum + one.n * one.value
+        self._parts |= {f"scan {name}, {part}": value for part, value in one.parts.items()}
+
+    def characteristic(self) -> Characteristic:
+        """That of all scans so far."""
+        if not self._known:
+            return self._kept
+        mean = self._kept.name in ("rejected", "temperature")
+        return replace(self._kept, value=float(self._sum / self._n) if mean else self._kept.value, n=self._n,
+                       parts=self._parts)  # fmt: skip
 
 
 def characteristic_json(one: Characteristic) -> dict:

@@ -9,17 +9,17 @@ it: the residual is in pixels along that line, where the stripe's centre was mea
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
 from sensors.camera import corners
 from sensors.camera.corners import camera_parameters
 from sensors.camera.model import Camera
-from sensors.light.mirror import MovedMirror, mirror_parameters
-from sensors.light.planes import moved, moved_rows
+from sensors.light.mirror import mirror_parameters
+from sensors.light.sight import Sight
 from sensors.light.together import Together, decorrelated
 from sensors.state import SensorState, stripe_direction
-from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
@@ -160,29 +160,18 @@ class Sheets:
         return Evaluation(self, values, deltas, self.gain)
 
 
-class Evaluation:
+class Evaluation(Sight):
     """The chain at one set of values; rows are derivatives of the residual, in px per unit."""
 
     def __init__(self, chain: Sheets, values: np.ndarray, deltas: Mapping, gain):
-        self.chain, self.gain = chain, gain
-        self.camera = Camera.of(values[: len(chain.camera.values)], chain.camera.size)
-        self.changes = values[len(chain.camera.values) :]
-        self.deltas = {port: _whole(port, *delta, chain.n) for port, delta in deltas.items() if port != "noise"}
+        super().__init__(chain, values, deltas, gain)
         self._hit()
-        self._plane()
+        self._miss()
         self.residual = (self.miss / gain)[None]
-
-    def _delta(self, port):
-        return self.deltas.get(port, np.zeros((corners.PORTS[port], 1)))
 
     def _hit(self):
         """Where the rays of the pixels meet the boards."""
         chain, group = self.chain, self.chain.labels["placement"]
-        self.flat = self.camera.normalised(chain.pixels - self._delta("pixel"))
-        self.ray = np.stack([*self.flat, np.ones(chain.n)])
-        self.length = np.sqrt((self.ray**2).sum(0))
-        if "ray" in self.deltas:
-            self.ray = self.ray + self.length * self.deltas["ray"]
         normals = rotation_matrix(chain.poses[:, 3:])[:, :, 2]
         self.normal = normals[group].T
         self.facing = (self.normal * self.ray).sum(0)
@@ -190,40 +179,18 @@ class Evaluation:
         self.depth = height / self.facing
         self.hits = self.ray * self.depth
 
-    def _plane(self):
+    def _miss(self):
         """How far the hits miss their planes, mm, and the slope of that."""
-        chain, step = self.chain, self.chain.labels["step"]
         self.place = self.hits + self._delta("point")
-        self.plane = self._planes() if "mirror" in self.deltas else self._planes()[:, step]
-        curvature = self._delta("plane")[4]
-        self.plane = self.plane + self._delta("plane")[:4]
+        change = self._delta("plane")
+        self.plane, curvature = self._planes() + change[:4], change[4]
         self.slope = self.plane[:3]
         self.miss = (self.slope * self.place).sum(0) + self.plane[3]
         if curvature.any():
-            along = stripe_direction(chain.planes)[:, step]
+            along = stripe_direction(self.chain.planes)[:, self.chain.labels["step"]]
             self.across = (along * self.place).sum(0)
             self.slope = self.slope + 2 * curvature * self.across * along
             self.miss = self.miss + curvature * self.across**2
-
-    @cached_property
-    def mirror(self) -> MovedMirror:
-        return MovedMirror(self.chain.mirror, self.changes)
-
-    def _angles(self):
-        """Commanded angles and what the effects add: (n,) where there are any, else (S,) and 0."""
-        angles = self.chain.angles
-        if "mirror" not in self.deltas:
-            return angles, 0.0
-        return angles[self.chain.labels["step"]], self.deltas["mirror"][0]
-
-    def _planes(self):
-        chain = self.chain
-        if chain.mirror is not None:
-            return self.mirror.planes(*self._angles())
-        if "mirror" in self.deltas:
-            raise InputError("an effect of the mirror: expected the mirror's angles and its model, found free light "
-                             "planes, which already hold it; give mirror_deg or take the effect out")
-        return chain.planes if chain.change is None else moved(chain.planes, chain.change)
 
     @cached_property
     def grazing(self) -> np.ndarray:
@@ -235,27 +202,6 @@ class Evaluation:
         """(3, n) mm per unit of the ray (x/z, y/z, 1)."""
         return self.depth * (self.slope - self.grazing * self.normal)
 
-    @cached_property
-    def by_bent(self) -> np.ndarray:
-        """(2, n) mm per unit of the distorted normalised point: implicit, M' h = w for the lens' slope M."""
-        by_flat = self.by_ray[:2]
-        if "ray" in self.deltas:
-            by_flat = by_flat + (self.by_ray * self.deltas["ray"]).sum(0) / self.length * self.flat
-        slope = self.lens[1]
-        determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
-        return np.stack([slope[1, 1] * by_flat[0] - slope[0, 1] * by_flat[1],
-                         slope[0, 0] * by_flat[1] - slope[1, 0] * by_flat[0]]) / determinant  # fmt: skip
-
-    @cached_property
-    def lens(self):
-        """Distorted points, their slope and what each coefficient does to them."""
-        return self.camera.distort_rows(self.flat)
-
-    @cached_property
-    def by_pixel(self) -> np.ndarray:
-        """(2, n) mm per pixel."""
-        return self.by_bent / np.array([[self.camera.fx], [self.camera.fy]])
-
     @property
     def on_board(self) -> np.ndarray:
         """(3, n) mm, the hits in the frame of their board."""
@@ -263,35 +209,16 @@ class Evaluation:
         turn = rotation_matrix(poses[:, 3:])[group]
         return np.einsum("nij,in->jn", turn, self.hits - poses[group, :3].T)
 
-    def own_rows(self, indices: np.ndarray) -> np.ndarray:
-        """(k, 1, n) for parameters of the camera and the mirror."""
-        cameras = len(self.camera.values)
-        made = self._camera_rows()
-        if len(indices) and indices.max() >= cameras:
-            made = np.concatenate([made, self._times_point(self.mirror.rows(*self._angles()))])
-        return (made[indices] / self.gain)[:, None]
-
-    def _camera_rows(self):
-        seen, (_, _, by_coefficient), by_pixel = self.lens[0], self.lens, self.by_pixel
-        focal = -by_pixel * seen
-        return np.concatenate([focal, -by_pixel, -(self.by_bent * by_coefficient).sum(1)])
-
-    def _times_point(self, rows):
-        """(P, n) mm from changes of planes (P, 4, S) or (P, 4, n)."""
-        step = slice(None) if rows.shape[2] == self.chain.n and "mirror" in self.deltas else self.chain.labels["step"]
-        made = rows[:, 3][:, step]
+    def _by_planes(self, rows):
+        """(P, n) mm from changes of planes (P, 4, n)."""
+        made = rows[:, 3]
         for axis in range(3):
-            made = made + rows[:, axis][:, step] * self.place[axis]
+            made = made + rows[:, axis] * self.place[axis]
         return made
 
     def family_rows(self, name: str) -> np.ndarray:
         """(6, 1, n) for the placement's pose, or (3, 1, n) for the step's plane."""
-        if name == "placement":
-            made = self._pose_rows()
-        else:
-            change = np.zeros((self.chain.planes.shape[1], 3)) if self.chain.change is None else self.chain.change
-            made = self._times_point(moved_rows(self.chain.planes, change))
-        return (made / self.gain)[:, None]
+        return (self._pose_rows() / self.gain)[:, None] if name == "placement" else self.step_rows()
 
     def _pose_rows(self):
         poses, group = self.chain.poses, self.chain.labels["placement"]
@@ -299,10 +226,6 @@ class Evaluation:
         lever = np.cross(self.hits - poses[group, :3].T, shift, axis=0)
         turn = left_jacobian(poses[:, 3:])[group]
         return np.concatenate([shift, np.einsum("nij,in->jn", turn, lever)])
-
-    def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
-        """(k, 1, n) for slots of a port."""
-        return (_PORTS[port](self)[slots] / self.gain)[:, None]
 
     def _target_rows(self):
         return np.stack([np.zeros_like(self.grazing)] * 2 + [self.grazing])
@@ -312,24 +235,11 @@ class Evaluation:
         across = (along * self.place).sum(0)
         return np.stack([*self.place, np.ones(self.chain.n), across**2])
 
-    def _mirror_rows(self):
-        turning = self.mirror.mirror.by_angle(self.mirror.angles(*self._angles()))
-        turning = turning if "mirror" in self.deltas else turning[:, self.chain.labels["step"]]
-        return ((turning[:3] * self.place).sum(0) + turning[3])[None]
-
-
-_PORTS = {
-    "pixel": lambda here: -here.by_pixel,
-    "ray": lambda here: here.by_ray * here.length,
-    "mirror": Evaluation._mirror_rows,
-    "plane": Evaluation._plane_rows,
-    "point": lambda here: here.slope,
-    "target": Evaluation._target_rows,
-}
-
-
-def _whole(port, slots, change, n):
-    """(width, n) change of all slots of a port."""
-    made = np.zeros((corners.PORTS[port], n))
-    made[np.asarray(slots)] = change
-    return made
+    ports = MappingProxyType({
+        "pixel": lambda here: -here.by_pixel,
+        "ray": lambda here: here.by_ray * here.length,
+        "mirror": Sight.mirror_rows,
+        "plane": _plane_rows,
+        "point": lambda here: here.slope,
+        "target": _target_rows,
+    })  # fmt: skip

@@ -52,9 +52,10 @@ class Together:
         sigma, std = self.sigma[2], self.std[2]
         if not sigma - 2 * std > centre_px:
             return []
-        return [f"all stripes of a placement are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single centre "
-                f"by {centre_px:.2g} px: no light on a board does that; something that changed from placement to placement "
-                "is missing, as the direction or speed of the mirror's sweep, or temperature: see `workbench diagnose`"]
+        return [f"all stripes of a placement are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single "
+                f"centre by {centre_px:.2g} px: no light on a board does that; something that changed from placement "
+                "to placement is missing, as the direction or speed of the mirror's sweep, or temperature: see "
+                "`workbench diagnose`"]  # fmt: skip
 
     @classmethod
     def of(cls, labels: Mapping[str, np.ndarray], along: np.ndarray) -> "Together":

@@ -78,10 +78,10 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
         return together, 1.0
     noise = own_noise(made.fit.residual[1][0], np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0, together)
     noise = noise if np.isfinite(noise) else 1.0
-    own, pull = _left(made, effects)
-    found = components(own / noise, pull / noise, effects.kind)
+    own, pull, kind = _apart_from_all(*_left(made, effects), effects.kind)
+    found = components(own / noise, pull / noise, kind)
     more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
-    variance, doubt = np.append(found.variance, np.zeros(more)), np.append(found.std, np.full(more, np.inf))
+    variance, doubt = np.append(found.expected, np.zeros(more)), np.append(found.std, np.full(more, np.inf))
     sigma = np.sqrt(variance)
     # of a square root; of one that is 0, the sigma that two sigmas of its variance would make
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -104,6 +104,21 @@ def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> f
         residual = residual - shape * (sums(shape * residual) / np.maximum(sums(shape**2), 1e-300))[stripe]
     degrees = float(np.maximum(np.bincount(stripe) - 2, 0).sum())
     return max(float(weight @ residual**2) / degrees, 1e-300) if degrees >= _LEAST else float("nan")
+
+
+def _apart_from_all(own, pull, kind):
+    """R, g and kinds with contrasts of the placements' shifts in place of these.
+
+    What all placements are off by alike is the scanner's and no placement's: planes and principal point take it up but
+    for next to nothing, and that remnant would answer for whatever else is wrong.
+    """
+    from scipy.linalg import block_diag, helmert
+
+    others, shifts = int((kind != 2).sum()), int((kind == 2).sum())
+    if not shifts:
+        return own, pull, kind
+    turn = block_diag(np.eye(others), helmert(shifts))
+    return turn @ own @ turn.T, turn @ pull, kind[: others + shifts - 1]
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,15 @@ along the scan line moves it. Ports are those of the stripe chain; `target` move
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
 from sensors.camera import corners
 from sensors.camera.corners import camera_parameters
 from sensors.camera.model import Camera
-from sensors.light.mirror import MovedMirror, mirror_parameters
-from sensors.light.planes import moved, moved_rows
+from sensors.light.mirror import mirror_parameters
+from sensors.light.sight import Sight
 from sensors.state import SensorState, stripe_direction
 from workbench.core.bundle import Family
 from workbench.core.parameters import Parameters
@@ -121,14 +122,11 @@ class Balls:
         return Evaluation(self, values, deltas, self.gain)
 
 
-class Evaluation:
+class Evaluation(Sight):
     """The chain at one set of values; rows are derivatives of the residual, in px per unit."""
 
     def __init__(self, chain: Balls, values: np.ndarray, deltas: Mapping, gain):
-        self.chain, self.gain = chain, gain
-        self.camera = Camera.of(values[: len(chain.camera.values)], chain.camera.size)
-        self.changes = values[len(chain.camera.values) :]
-        self.deltas = {port: _whole(port, *delta, chain.n) for port, delta in deltas.items() if port != "noise"}
+        super().__init__(chain, values, deltas, gain)
         self._hit()
         ball = chain.labels["ball"]
         away = self.hits - self._delta("point") - chain.centres[ball].T - self._delta("target")
@@ -136,20 +134,10 @@ class Evaluation:
         self.normal = away / distance
         self.residual = ((distance - chain.radii[ball]) / gain)[None]
 
-    def _delta(self, port):
-        return self.deltas.get(port, np.zeros((corners.PORTS[port], 1)))
-
     def _hit(self):
         """Where the rays of the pixels meet the sheets; a curved one by one step of Newton's from the flat one."""
-        chain = self.chain
-        self.flat = self.camera.normalised(chain.pixels - self._delta("pixel"))
-        self.ray = np.stack([*self.flat, np.ones(chain.n)])
-        self.length = np.sqrt((self.ray**2).sum(0))
-        if "ray" in self.deltas:
-            self.ray = self.ray + self.length * self.deltas["ray"]
-        plane = self._planes() if "mirror" in self.deltas else self._planes()[:, chain.labels["step"]]
-        change = self._delta("plane")
-        plane = plane + change[:4]
+        chain, change = self.chain, self._delta("plane")
+        plane = self._planes() + change[:4]
         depth = -plane[3] / (plane[:3] * self.ray).sum(0)
         along = stripe_direction(chain.planes)[:, chain.labels["step"]]
         self.slope = plane[:3]
@@ -162,23 +150,6 @@ class Evaluation:
         self.across = (along * self.hits).sum(0)
 
     @cached_property
-    def mirror(self) -> MovedMirror:
-        return MovedMirror(self.chain.mirror, self.changes)
-
-    def _angles(self):
-        """Commanded angles and what the effects add: (n,) where there are any, else (S,) and 0."""
-        angles = self.chain.angles
-        if "mirror" not in self.deltas:
-            return angles, 0.0
-        return angles[self.chain.labels["step"]], self.deltas["mirror"][0]
-
-    def _planes(self):
-        chain = self.chain
-        if chain.mirror is not None:
-            return self.mirror.planes(*self._angles())
-        return chain.planes if chain.change is None else moved(chain.planes, chain.change)
-
-    @cached_property
     def by_sheet(self) -> np.ndarray:
         """(n,) mm along the normal per mm that the sheet's function rises."""
         return -(self.normal * self.ray).sum(0) / (self.slope * self.ray).sum(0)
@@ -188,70 +159,19 @@ class Evaluation:
         """(3, n) mm per unit of the ray (x/z, y/z, 1)."""
         return self.depth * (self.normal + self.by_sheet * self.slope)
 
-    @cached_property
-    def by_bent(self) -> np.ndarray:
-        """(2, n) mm per unit of the distorted normalised point."""
-        by_flat = self.by_ray[:2]
-        if "ray" in self.deltas:
-            by_flat = by_flat + (self.by_ray * self.deltas["ray"]).sum(0) / self.length * self.flat
-        slope = self.lens[1]
-        determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
-        return np.stack([slope[1, 1] * by_flat[0] - slope[0, 1] * by_flat[1],
-                         slope[0, 0] * by_flat[1] - slope[1, 0] * by_flat[0]]) / determinant  # fmt: skip
-
-    @cached_property
-    def lens(self):
-        """Distorted points, their slope and what each coefficient does to them."""
-        return self.camera.distort_rows(self.flat)
-
-    @cached_property
-    def by_pixel(self) -> np.ndarray:
-        """(2, n) mm per pixel."""
-        return self.by_bent / np.array([[self.camera.fx], [self.camera.fy]])
-
-    def own_rows(self, indices: np.ndarray) -> np.ndarray:
-        """(k, 1, n) for parameters of the camera and the mirror."""
-        seen, (_, _, by_coefficient) = self.lens[0], self.lens
-        made = np.concatenate([-self.by_pixel * seen, -self.by_pixel, -(self.by_bent * by_coefficient).sum(1)])
-        if len(indices) and indices.max() >= len(self.camera.values):
-            made = np.concatenate([made, self._by_planes(self.mirror.rows(*self._angles()))])
-        return (made[indices] / self.gain)[:, None]
-
     def _by_planes(self, rows):
-        """(P, n) mm from changes of planes (P, 4, S) or (P, 4, n)."""
-        if rows.shape[2] != self.chain.n or "mirror" not in self.deltas:
-            rows = rows[:, :, self.chain.labels["step"]]
+        """(P, n) mm from changes of planes (P, 4, n)."""
         return self.by_sheet * (np.einsum("pin,in->pn", rows[:, :3], self.hits) + rows[:, 3])
 
     def family_rows(self, name: str) -> np.ndarray:
         """(3, 1, n) for the ball's centre, or for the step's plane."""
-        if name == "ball":
-            return (-self.normal / self.gain)[:, None]
-        change = np.zeros((self.chain.planes.shape[1], 3)) if self.chain.change is None else self.chain.change
-        return (self._by_planes(moved_rows(self.chain.planes, change)) / self.gain)[:, None]
+        return (-self.normal / self.gain)[:, None] if name == "ball" else self.step_rows()
 
-    def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
-        """(k, 1, n) for slots of a port."""
-        return (_PORTS[port](self)[slots] / self.gain)[:, None]
-
-    def _mirror_rows(self):
-        turning = self.mirror.mirror.by_angle(self.mirror.angles(*self._angles()))
-        turning = turning if "mirror" in self.deltas else turning[:, self.chain.labels["step"]]
-        return (self.by_sheet * ((turning[:3] * self.hits).sum(0) + turning[3]))[None]
-
-
-_PORTS = {
-    "pixel": lambda here: -here.by_pixel,
-    "ray": lambda here: here.by_ray * here.length,
-    "mirror": Evaluation._mirror_rows,
-    "plane": lambda here: here.by_sheet * np.stack([*here.hits, np.ones(here.chain.n), here.across**2]),
-    "point": lambda here: -here.normal,
-    "target": lambda here: -here.normal,
-}
-
-
-def _whole(port, slots, change, n):
-    """(width, n) change of all slots of a port."""
-    made = np.zeros((corners.PORTS[port], n))
-    made[np.asarray(slots)] = change
-    return made
+    ports = MappingProxyType({
+        "pixel": lambda here: -here.by_pixel,
+        "ray": lambda here: here.by_ray * here.length,
+        "mirror": Sight.mirror_rows,
+        "plane": lambda here: here.by_sheet * np.stack([*here.hits, np.ones(here.chain.n), here.across**2]),
+        "point": lambda here: -here.normal,
+        "target": lambda here: -here.normal,
+    })  # fmt: skip
