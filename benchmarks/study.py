@@ -1,7 +1,7 @@
 """`python -m benchmarks.study [RUNS] [STUDY]`: a study on one process and on two, and what the engine itself costs.
 
 Prints seconds on one and on two, their ratio, what the machine itself gives two processes at once on the same runs, the
-overhead over the runs, and whether the tables are equal. Anything else that runs on the machine counts against the ratio.
+overhead over the runs, and whether the tables are equal. All else that runs on the machine counts against the ratio.
 """
 
 import sys

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import study_scenes as scenes
-from workbench.study import executors, resampling, robots, tables
+from workbench import processes
+from workbench.study import resampling, robots, tables
 from workbench.study.engine import carry_out, given, parts_of
 from workbench.study.runs import row_of, seed_of
 from workbench.study.spec import read_study, study_names
@@ -142,4 +143,4 @@ def test_studies_that_come_along_can_start():
     for name in study_names():
         study, _ = read(name)
         assert seed_of(study, 1) != seed_of(study, 2) or study.vary.same_noise
-    assert executors.cores() >= 1 and len(study_names()) == len({read_study(name).title for name in study_names()})
+    assert processes.cores() >= 1 and len(study_names()) == len({read_study(name).title for name in study_names()})

@@ -15,6 +15,7 @@ from workbench.core.errors import InputError
 from workbench.flange import rows_of_samples
 from workbench.provenance import provenance
 from workbench.scan import Ball, Scan, Scans
+from workbench.spool import Made
 
 FOLDER = "ball-centres"
 
@@ -23,7 +24,7 @@ def as_json(made: Scans, folder: Path) -> dict:
     """The answer of `workbench scan`; folder: where the run will stand."""
     centres = centres_of(made)
     return {
-        "scans": [scan_json(one, folder, made.scanner) for one in made.scans],
+        "scans": Made(made.scans, lambda one: scan_json(one, folder, made.scanner)),
         "uncertainty": uncertainty(made.scanner),
         "scanner": None if made.calibration is None else str(folder / "scanner.toml"),
         "ball_centres": None if centres is None else {"folder": str(folder / FOLDER), "samples": centres.n},

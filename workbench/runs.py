@@ -7,7 +7,7 @@ there, so that no reader ever meets half a result, and no earlier run is overwri
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -55,15 +55,16 @@ def slug(subject: str | Path) -> str:
     return re.sub(r"[^A-Za-z0-9._]+", "-", last).strip("-.")[:60] or "recording"
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Write `text` under a temporary name, then move it to `path`. Raises InputError.
+def replace_file(path: Path, text: str | Iterable[str]) -> None:
+    """Write `text`, whole or in parts, under a temporary name, then move it to `path`. Raises InputError.
 
     A pipe or a device is written as it is: moving a file there would take its place.
     """
     partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
     special = path.exists() and not path.is_file()
     try:
-        (path if special else partial).write_text(text, encoding="utf-8")
+        with (path if special else partial).open("w", encoding="utf-8") as file:
+            file.writelines([text] if isinstance(text, str) else text)
         if not special:
             partial.replace(path.resolve())
     except OSError as error:

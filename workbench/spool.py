@@ -2,7 +2,7 @@
 
 import pickle
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 
@@ -46,3 +46,18 @@ class Spool(Sequence):
     def _read(self, start, size):
         self._file.seek(start)
         return pickle.loads(self._file.read(size))
+
+
+class Made(Sequence):
+    """What `make` makes of each of a sequence's things, made anew whenever it is asked for and not kept."""
+
+    def __init__(self, things: Sequence[Any], make: Callable[[Any], Any]):
+        self._things, self._make = things, make
+
+    def __len__(self) -> int:
+        return len(self._things)
+
+    def __getitem__(self, place):
+        if isinstance(place, slice):
+            return [self._make(thing) for thing in self._things[place]]
+        return self._make(self._things[place])

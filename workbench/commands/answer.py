@@ -7,7 +7,7 @@ person then goes to standard error.
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,6 +26,7 @@ OutFolder = Annotated[
     typer.Option("--out", metavar="DIR", help="Write here instead of a new folder under runs/."),
 ]
 
+Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; one a core otherwise.")]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page.")]
 ScannerFile = Annotated[
     Path | None,
@@ -66,16 +67,35 @@ def check_target(target: str | None, option: str = "--json") -> None:
 
 def as_text(answer: Mapping[str, Any]) -> str:
     """Strict JSON: numpy's scalars and arrays become plain ones, what is not finite null."""
-    return json.dumps(_plain(answer), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return "".join(parts(answer))
+
+
+def parts(answer: Mapping[str, Any]) -> Iterator[str]:
+    """The same in parts, one an element of the answer's lists: the thousands of a session are never all in memory."""
+    before = "{"
+    for key, value in answer.items():
+        yield f"{before}\n  {_dumped(str(key))}: "
+        before = ","
+        if isinstance(value, Sequence) and not isinstance(value, str) and len(value):
+            for k, inner in enumerate(value):
+                yield ("," if k else "[") + "\n    " + _dumped(inner).replace("\n", "\n    ")
+            yield "\n  ]"
+        else:
+            yield _dumped(value).replace("\n", "\n  ")
+    yield "\n}\n" if answer else "{}\n"
+
+
+def _dumped(value) -> str:
+    return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
 
 
 def deliver(answer: Mapping[str, Any], target: str | None) -> None:
     """Write the answer where `--json` says; None writes nothing."""
     if target == "-":
-        sys.stdout.write(as_text(answer))
+        sys.stdout.writelines(parts(answer))
         sys.stdout.flush()
     elif target is not None:
-        replace_file(Path(target), as_text(answer))
+        replace_file(Path(target), parts(answer))
 
 
 def last_line(console, folder: Path) -> None:
@@ -87,7 +107,7 @@ def last_line(console, folder: Path) -> None:
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple | set):
+    if isinstance(value, Sequence | set) and not isinstance(value, str):
         return [_plain(inner) for inner in value]
     if hasattr(value, "tolist"):  # numpy, without importing it
         return _plain(value.tolist())

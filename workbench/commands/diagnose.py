@@ -26,6 +26,7 @@ def command(
     solution: Solution = None,
     baseline: Baseline = "geometry",
     scanner: answer.ScannerFile = None,
+    jobs: answer.Jobs = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
@@ -33,6 +34,9 @@ def command(
     """Say what the model of a recording leaves out: where, what, how sure, and how much better it predicts with it."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
+        from workbench.processes import cores, one_thread
+
+        one_thread()  # its matrices are small: threads would only push one another
         import datasets
         from workbench.diagnosis.answer import diagnose
         from workbench.diagnosis.files import save
@@ -43,7 +47,7 @@ def command(
         _check_scanner(found, scanner)
         with runs.opened("diagnose", recording, out) as run:
             made = diagnose(found, baseline=baseline, simulation=simulation, solution=solution, scanner=scanner,
-                            progress=say)  # fmt: skip
+                            progress=say, jobs=jobs or cores())  # fmt: skip
             result = {**made.as_json(), "run": run.path}
             save(made, run.partial)
             if not no_report:

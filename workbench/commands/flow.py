@@ -18,7 +18,7 @@ def run(command: str, subject: str, out: Path | None, json: str | None, work: Wo
     answer.check_target(json)
     with answer.progress(f"reading {subject}") as say, runs.opened(command, subject, out) as folder:
         result = {"command": command, **work(folder, say), "run": folder.path}
-        runs.replace_file(folder.partial / "answer.json", answer.as_text(result))
+        runs.replace_file(folder.partial / "answer.json", answer.parts(result))
     answer.deliver(result, json)
     console = answer.console(json)
     show(console, result)

@@ -20,7 +20,7 @@ def command(
     folder: Annotated[
         Path | None, typer.Option("--folder", metavar="DIR", help="Recordings and sealed answers of your own.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; one a core otherwise.")] = None,
+    jobs: answer.Jobs = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="The folder of the examination.")] = None,
     minutes: Annotated[
         float | None, typer.Option("--minutes", min=0, help="Begin no diagnosis later; call again to go on.")

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from workbench.commands.tables import grid, measured, number
 
+_SHOWN = 40  # balls that a terminal names
 
 def camera(console, answer: Mapping) -> None:
     """Errors and parameters of a camera; `answer`: the object of `camera --json`."""
@@ -69,16 +70,22 @@ def scanner(console, answer: Mapping) -> None:
 
 def scan(console, answer: Mapping) -> None:
     """Balls of each scan and the acceptance figures; `answer`: the object of `scan --json`."""
-    rows = [row for one in answer["scans"] for row in _balls(one)]
     head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "RMS mm", "1 sigma mm", ""]
-    points = sum(one["points"] for one in answer["scans"])
-    grid(console, f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points", head, rows[:40])
-    if len(rows) > 40:
-        console.print(f"and {len(rows) - 40} more, which the JSON names\n")
-    for sentence, scans in _outcomes(answer["scans"]).items():
+    rows, unseen, outcomes, points, more = [], [], {}, 0, 0
+    for one in answer["scans"]:  # once: a long session's are read anew each time
+        points, balls = points + one["points"], _balls(one)
+        more += max(len(rows) + len(balls) - _SHOWN, 0)
+        rows += balls[: _SHOWN - len(rows)]
+        unseen += one["rejected"]
+        if one["outcome"]:
+            outcomes.setdefault(one["outcome"], []).append(one["scan"])
+    grid(console, f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points", head, rows)
+    if more:
+        console.print(f"and {more} more, which the JSON names\n")
+    for sentence, scans in outcomes.items():
         names = ", ".join(scans[:6]) + " ..." * (len(scans) > 6)
         console.print(f"- scan {names}: {sentence}", markup=False, soft_wrap=True)
-    rejected(console, [row for one in answer["scans"] for row in one["rejected"]])
+    rejected(console, unseen)
     told = [[row["name"].replace("_", " "), row["symbol"], *_valued(row)] for row in answer["acceptance"]]
     told = [row for row in told if row[2] is not None]
     if told:
@@ -96,15 +103,6 @@ def _balls(one: Mapping) -> list[list]:
         figures = (*(measured(value, spread)[0] for value in place), number(ball["rms_mm"], 2), number(spread, 2))
         rows.append([one["scan"], ball["ball"], ball["used"], *figures, said])
     return rows or [[one["scan"], *[None] * 7, "no ball"]]
-
-
-def _outcomes(scans: Sequence[Mapping]) -> dict[str, list[str]]:
-    """What is to be said of scans, and of which."""
-    told: dict[str, list[str]] = {}
-    for one in scans:
-        if one["outcome"]:
-            told.setdefault(one["outcome"], []).append(one["scan"])
-    return told
 
 
 def _valued(row: Mapping) -> tuple:

@@ -80,7 +80,7 @@ def _alone(study: Path, run: int, json: str | None) -> None:
     """One run, by its number."""
     with answer.progress(f"run {run} of {study}"):
         from workbench.core.errors import InputError
-        from workbench.study.executors import one_thread
+        from workbench.processes import one_thread
         from workbench.study.runs import row_of, seed_of
         from workbench.study.study import read
         from workbench.study.variation import count

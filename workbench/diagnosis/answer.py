@@ -1,5 +1,6 @@
 """The whole diagnosis: from a recording to findings that are located, named, proved and told in words."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -22,6 +23,7 @@ PICTURES = ("board-images", "scan-images")
 NO_MASSES = ("The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "
              "for: write mass_kg and com_mm of every joint.")  # fmt: skip
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
+_LONG_S = 1.0  # a search beyond which processes are worth their start
 Say = Callable[[str], None]
 
 
@@ -34,11 +36,13 @@ def diagnose(
     scanner: Path | None = None,
     progress: Say = lambda text: None,
     seed: int = 0,
+    jobs: int = 1,
 ) -> Diagnosis:
     """What physics the baseline of a recording leaves out.
 
     baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
-    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans.
+    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. jobs:
+    processes for the searches inside folds, where one search takes long enough.
     Raises InputError.
     """
     if recording.measures in PICTURES:
@@ -50,7 +54,7 @@ def diagnose(
     if reference is not None:
         bench, shares = _against(bench, reference, recording)
         baseline = reference.name
-    return _whole(recording, bench, baseline, shares, progress)
+    return _whole(recording, bench, baseline, shares, progress, jobs)
 
 
 def _of_sensor(recording, reference, progress) -> Diagnosis:
@@ -82,12 +86,14 @@ def _held(effect, others) -> bool:
     return any((e.effect, e.where) == (effect.effect, effect.where) for e in others)
 
 
-def _whole(recording, bench: Bench, baseline: str, shares, say: Say) -> Diagnosis:
+def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int = 1) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
+    start = time.perf_counter()
     found = find(bench, progress=say)
+    jobs = jobs if time.perf_counter() - start > _LONG_S else 1
     unit = getattr(bench, "unit", "mm")
     last = _Final(bench, found, unit)
-    terms, refused, proved = _proved(bench, found, last.noise, say)
+    terms, refused, proved = _proved(bench, found, last.noise, say, jobs)
     last = _Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, refused, last.after))
     if (verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))) == UNEXPLAINED:
@@ -116,9 +122,9 @@ def _warnings(bench) -> tuple[str, ...]:
     return (NO_MASSES.format(robot=chain.robot.name),)
 
 
-def _proved(bench, found: Found, noise, say):
+def _proved(bench, found: Found, noise, say, jobs):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    proved, kept, refused = proof.prove(bench, found, find, noise, say)
+    proved, kept, refused = proof.prove(bench, found, find, noise, say, jobs)
     effects = [e for term in kept for e in term.finding.effects]
     rows = bench.parameters(effects)
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in kept)

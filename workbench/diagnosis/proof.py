@@ -11,6 +11,7 @@ workspace alone.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from workbench.core.effect import Effect
 from workbench.diagnosis.controls import controls, of_order
 from workbench.diagnosis.folds import TIME, Scheme, schemes, thinned
 from workbench.diagnosis.heldout import Errors, left_out, paired, rms
+from workbench.diagnosis.parallel import searches
 from workbench.diagnosis.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.result import Proof, Term
 
@@ -40,17 +42,20 @@ class _Whole:
     t: float
 
 
-def prove(bench: Bench, found: Found, find: Find, noise: tuple[float, str], say: Say = lambda text: None):
+def prove(
+    bench: Bench, found: Found, find: Find, noise: tuple[float, str], say: Say = lambda text: None, jobs: int = 1
+):
     """(Proof, terms that stay, terms refused) of what `find(bench)` found on all samples.
 
     find: the whole search, called again inside each fold as find(bench, samples). noise: RMS distance that the
     instrument leaves (mm, px), and how it is known. A term stays where its held-out gain beside the others is real,
-    where it is real, too, in what the folds found by themselves, and where it passes its controls.
+    where it is real, too, in what the folds found by themselves, and where it passes its controls. jobs: processes
+    that search the folds.
     """
     usual = ~found.outliers
     errors = Errors(bench)
     terms, refused = _earned(bench, list(found.findings), None, say)
-    whole = _whole(bench, found, find if terms else None, errors, say)
+    whole = _whole(bench, found, find if terms else None, errors, say, jobs)
     terms, lost = _stable(errors, terms, whole, usual)
     terms, more = _controlled(bench, terms, say)
     effects = _effects([term.finding for term in terms])
@@ -62,13 +67,13 @@ def _luck(t: float) -> str:
     return f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
 
 
-def _whole(bench, found: Found, find: Find | None, errors: Errors, say) -> _Whole:
+def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: int) -> _Whole:
     """The search anew inside every fold of every scheme; None: there is nothing to be proved."""
     usual, parts = ~found.outliers, schemes(bench.pose, found.before)
     plain = [errors((), s.fold) for s in parts]
     if find is None:
         return _Whole(parts, plain, plain, [{} for _ in parts], 0.0)
-    anew = [_anew(bench, find, s, say) for s in parts]
+    anew = _anew(bench, find, parts, say, jobs)
     made = [errors.predicted(s, {k: _effects(f) for k, f in a.items()}, p) for s, a, p in zip(parts, anew, plain)]
     t = float(np.mean([paired(bench.pose, before, after, usual) for before, after in zip(plain, made)]))
     return _Whole(parts, plain, made, anew, t)
@@ -92,16 +97,19 @@ def _told(scheme: Scheme, usual, pose, before, after, fixed) -> dict:
             "t": paired(pose, before, after, usual)}  # fmt: skip
 
 
-def _anew(bench, find: Find, scheme: Scheme, say) -> dict[int, list[Finding]]:
+def _anew(bench, find: Find, parts: list[Scheme], say, jobs: int) -> list[dict[int, list[Finding]]]:
     """What the search finds on the other folds, and what of it a held-out test on those alone leaves, fold by fold."""
-    found = {}
-    for k in scheme.folds:
-        say(f"{scheme.name}: the whole search without block {k + 1} of {len(scheme.folds)}")
-        found[k] = earned_inside(bench, find, scheme.fold != k)
+    found: list[dict[int, list[Finding]]] = [{} for _ in parts]
+    work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
+    say(f"the whole search anew without each of {len(work)} blocks")
+    with searches(bench, partial(earned_inside, find=find), jobs) as searched:
+        for (i, s, k), terms in zip(work, searched([s.fold != k for _, s, k in work])):
+            found[i][k] = terms
+            say(f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}")
     return found
 
 
-def earned_inside(bench: Bench, find: Find, samples: np.ndarray) -> list[Finding]:
+def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding]:
     """What search and held-out test leave on `samples` (n,) bool, which are then all that it has seen."""
     found = find(bench, thinned(bench.pose, samples))
     return [term.finding for term in _earned(bench, list(found.findings), samples)[0]]

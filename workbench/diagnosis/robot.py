@@ -106,6 +106,10 @@ class RobotBench:
         self._parts: dict = {}
         self._start = None
 
+    def __getstate__(self) -> dict:
+        """What another process needs: not what was solved before."""
+        return self.__dict__ | {"_solved": {}, "_parts": {}}
+
     def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
         model, fit, weights = self.solve(effects, samples)

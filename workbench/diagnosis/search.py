@@ -82,6 +82,16 @@ class Search:
         """Gain of an accepted hypothesis beside the others, and the p-value of its F test by itself."""
         return _asked(self.problem, i, self.others(i))
 
+    def together(self, members: tuple[int, ...]) -> float:
+        """Gain of some of the accepted hypotheses at once beside the others."""
+        others = tuple(j for j in self.everyone if j not in members)
+        return Projected(self.problem.keeping(others)).fall(np.hstack([self.problem.added[i] for i in members]))
+
+    def against(self, i: int) -> bool:
+        """Whether an accepted hypothesis that cannot be negative is, in the solution."""
+        positive = getattr(self.accepted[i].source, "positive", 0)
+        return bool((self.problem.values[i][:positive] < 0).any())
+
     def size(self, i: int) -> float:
         """RMS over all coordinates of what an accepted hypothesis makes beside the others, in stated sigmas."""
         return float(np.sqrt(_asked(self.plain, i, self.others(i))[0] / len(self.plain.sample)))

@@ -7,14 +7,15 @@ import numpy as np
 
 from workbench.diagnosis.data import of_data, unevenly
 from workbench.diagnosis.evidence import Projected
-from workbench.diagnosis.findings import ELASTIC, YIELDS, finding, tells, with_hidden
+from workbench.diagnosis.findings import YIELDS, finding, tells, with_hidden
 from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.locate import located
+from workbench.diagnosis.parts import against, folded, near
 from workbench.diagnosis.problem import Bench, Found, Problem
 from workbench.diagnosis.rest import grown_by_prediction
 from workbench.diagnosis.scatter import CLAIMED, Scatter, beside, place_of, scattered, told
 from workbench.diagnosis.search import Search, name_of
-from workbench.diagnosis.sets import LAW, SECOND, Sets, room, same_place
+from workbench.diagnosis.sets import LAW, SECOND, Sets, room
 
 LEVEL = 0.005
 """Chance that a recording with nothing missing is said to miss something."""
@@ -110,7 +111,7 @@ def _elsewhere(search: Search) -> bool:
     laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
     bare, kept = search.problem.keeping(laws), search.problem.keeping()
     found = scattered(bare, CLAIMED) if unknown else None
-    if found is None or any(_near(found.site.where, where) for where in unknown):
+    if found is None or any(near(found.site.where, where) for where in unknown):
         return False
     before, after = (float((p.clear(p.residual) ** 2).sum()) for p in (bare, kept))
     if found.gain < 0.5 * kept.degrees * np.log(before / after):
@@ -136,7 +137,7 @@ def _beside_unknowns(search: Search) -> bool:
     _sure(search)
     if any(h.unnamed and h.where == site.where for h in search.accepted):
         _beaten(search)
-        _folded(search)
+        folded(search)
         return False
     search.scatter = None
     search.solve()
@@ -177,7 +178,8 @@ def _named(search: Search):
     grown_by_prediction(search)
     _sure(search)
     _beaten(search)
-    _folded(search)
+    folded(search)
+    against(search)
     _ordered(search)
 
 
@@ -207,42 +209,6 @@ def _likelier(search: Search, i: int, slack: float) -> Hypothesis | None:
               if h.log_weight > own.log_weight and h.p / h.weight <= search.level
               and h.gain > own.gain + (slack if h.unnamed else 0.0)]  # fmt: skip
     return max(rivals, key=lambda h: h.log_weight, default=None)
-
-
-def _folded(search: Search):
-    """Laws that explain less than an unknown at their place, or near it than it is wrong by, are a part of it.
-
-    A smooth function is no more exact than a law: what it misses of what is there lies about where it lies.
-    """
-    gains = [search.beside(i)[0] for i in search.everyone]
-    unknown = [(h.where, gain) for h, gain in zip(search.accepted, gains) if h.unnamed]
-    gone = _twins(search, gains)
-    for i, h in enumerate(search.accepted):
-        own = same_place(h)
-        least = [gain * (1.0 if where in own else 1 - LAW) for where, gain in unknown if _near(h.where, where)]
-        if not h.unnamed and gains[i] < max(least, default=0.0):
-            gone.add(i)
-    if gone:
-        search.without(gone, "taken for a part of what else is there")
-
-
-def _twins(search: Search, gains: list[float]) -> set[int]:
-    """The less likely of two laws that yield at one place in two ways, where it adds less than laws are wrong by."""
-    least, gone = (1 - LAW) * search.explained(), set()
-    for i, h in enumerate(search.accepted):
-        for j in range(i):
-            other = search.accepted[j]
-            same = other.where in same_place(h) or h.where in same_place(other)
-            if same and h.effect != other.effect and {h.effect, other.effect} <= set(ELASTIC):
-                small = min(i, j, key=lambda k: search.own(k).log_weight)
-                gone |= {small} if gains[small] < least else set()
-    return gone
-
-
-def _near(place: str, other: str) -> bool:
-    """Whether two places are the same, or of neighbouring links."""
-    numbers = [int(p.rpartition("-")[2]) for p in (place, other) if "-" in p]
-    return place == other or len(numbers) == 2 and abs(numbers[0] - numbers[1]) <= 1
 
 
 def _confirmed(search: Search, samples) -> Found:

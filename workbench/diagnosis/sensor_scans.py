@@ -46,7 +46,7 @@ def balls_of(recording: Recording, made: ScannerCalibration, sheets: Sheets, siz
     if not recording.balls or not by_role(recording, "scan"):
         return None, ()
     groups = scans_of(recording)
-    depth = full_scale(recording, sum(groups.values(), []))
+    depth = full_scale(recording, by_role(recording, "scan"))
     light = None if sheets.mirror is None else sheets.mirror.point
     arcs, scans = [], []
     for name, rows in groups.items():

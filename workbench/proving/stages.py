@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from workbench import concealed
+from workbench import concealed, processes
 from workbench.core.errors import InputError
 from workbench.proving import checks, scoring, tasks
 from workbench.runs import replace_file
@@ -119,7 +119,7 @@ def workers(jobs: int | None) -> int:
     """As many processes as asked for, else one a core. Raises InputError."""
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs expects a number from 1, found {jobs}; give one or leave it out.")
-    return jobs or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else jobs or os.cpu_count() or 1
+    return jobs or processes.cores()
 
 
 def _spread(function: Callable, work: list[tuple], jobs: int) -> Iterator:
@@ -129,7 +129,7 @@ def _spread(function: Callable, work: list[tuple], jobs: int) -> Iterator:
     from concurrent.futures import ProcessPoolExecutor, as_completed
     from multiprocessing import get_context
 
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in processes.THREADS:
         os.environ.setdefault(name, "1")  # before numpy is loaded there: a thread a process, a process a core
     with ProcessPoolExecutor(min(jobs, len(work)), mp_context=get_context("spawn")) as pool:
         running = [pool.submit(function, *arguments) for arguments in work]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from workbench import processes
 from workbench.core.errors import InputError, Stopped
 from workbench.pace import paced
 from workbench.study import executors, folder, robots, tables
@@ -113,7 +114,7 @@ def _made(study: Study, where: Path, workers: int | None, scheduler: str | None,
 
 def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager:
     if scheduler is None:
-        wanted = workers or executors.cores()
+        wanted = workers or processes.cores()
         return nullcontext((partial(executors.local, wanted), wanted))
     return _cluster(scheduler)
 

@@ -1,0 +1,53 @@
+"""Processes of this machine for work that falls into parts: one thread each, and as many as there are cores."""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+
+THREADS = (
+    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"),
+    *("VECLIB_MAXIMUM_THREADS", "OPENCV_FOR_THREADS_NUM"),
+)
+
+
+def one_thread() -> None:
+    """Keep the numerical libraries of this process to one thread: runs fill the cores, threads would only push."""
+    import sys
+
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # read when the libraries are loaded
+    for name, call in (("cv2", "setNumThreads"), ("torch", "set_num_threads")):
+        if name in sys.modules:
+            getattr(sys.modules[name], call)(1)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def local(workers: int, loaded: str, begin: Callable = one_thread, *given) -> Iterator[Executor]:
+    """Processes of this machine, each with one thread, of which none inherits what this one has open.
+
+    Where the system can fork, they come from a server that has loaded the module `loaded` once. Each calls `begin` with
+    what is `given`.
+    """
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # a fresh process takes them over before it loads anything
+    pool = ProcessPoolExecutor(workers, mp_context=_context(loaded), initializer=begin, initargs=given)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def _context(loaded: str):
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([loaded])
+    return context
