@@ -84,7 +84,7 @@ def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared,
 
 
 def _variances(problem, solved, shared, weight):
-    """(m,) variances of the unknown errors, by restricted maximum likelihood (`components`).
+    """(m,) variances of the unknown errors to count on, by restricted maximum likelihood (`components`).
 
     R and g are those of the points' weights W, less what ball and known errors, with derivatives A and
     covariance K, take: Z'W Z - Z'W A K A'W Z and Z'W r - Z'W A K A'W r.
@@ -100,7 +100,7 @@ def _variances(problem, solved, shared, weight):
     whole = taken.T @ _posterior(part, shared.covariance)
     own = normal.groups[np.ix_(new, new)] - whole @ taken
     pull = normal.pull_groups[new] - whole @ np.concatenate([part.pull, part.pull_groups])
-    return components(own, pull, kind[new] - k).variance
+    return components(own, pull, kind[new] - k).expected
 
 
 def _posterior(normal, covariance):

@@ -1,0 +1,116 @@
+"""What the stripe chain and the ball chain share: rays of pixels through the lens, and the light planes of their steps.
+
+A chain's evaluation goes on from here to where its rays meet a surface; it says what a change of a ray, and one of a
+plane, moves its residual by.
+"""
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+
+from sensors.camera import corners
+from sensors.camera.model import Camera
+from sensors.light.mirror import MovedMirror
+from sensors.light.planes import moved, moved_rows
+from workbench.core.errors import InputError
+
+
+class Sight:
+    """A chain of n pixels at one set of values; rows are derivatives of the residual, in px per unit.
+
+    The chain has `camera`, `pixels` (2, n), `labels["step"]` (n,), `planes` (4, S) with `change` (S, 3) or None,
+    `mirror` with `angles` (S,) or None. `gain` (n,) or 1: mm that one pixel of the residual stands for. What an
+    evaluation adds: `by_ray` (3, n) mm per unit of the ray (x/z, y/z, 1), `_by_planes` and `ports`.
+    """
+
+    def __init__(self, chain, values: np.ndarray, deltas: Mapping, gain):
+        self.chain, self.gain = chain, gain
+        self.camera = Camera.of(values[: len(chain.camera.values)], chain.camera.size)
+        self.changes = values[len(chain.camera.values) :]
+        self.deltas = {port: _whole(port, *delta, chain.n) for port, delta in deltas.items() if port != "noise"}
+        self.flat = self.camera.normalised(chain.pixels - self._delta("pixel"))
+        self.ray = np.stack([*self.flat, np.ones(chain.n)])
+        self.length = np.sqrt((self.ray**2).sum(0))
+        if "ray" in self.deltas:
+            self.ray = self.ray + self.length * self.deltas["ray"]
+
+    def _delta(self, port):
+        return self.deltas.get(port, np.zeros((corners.PORTS[port], 1)))
+
+    @cached_property
+    def mirror(self) -> MovedMirror:
+        return MovedMirror(self.chain.mirror, self.changes)
+
+    def _angles(self):
+        """Commanded angles and what the effects add: (n,) where there are any, else (S,) and 0."""
+        angles = self.chain.angles
+        if "mirror" not in self.deltas:
+            return angles, 0.0
+        return angles[self.chain.labels["step"]], self.deltas["mirror"][0]
+
+    def _planes(self):
+        """(4, n) of each point."""
+        chain, step = self.chain, self.chain.labels["step"]
+        if chain.mirror is not None:
+            planes = self.mirror.planes(*self._angles())
+            return planes if "mirror" in self.deltas else planes[:, step]
+        if "mirror" in self.deltas:
+            raise InputError("an effect of the mirror: expected the mirror's angles and its model, found free light "
+                             "planes, which already hold it; give mirror_deg or take the effect out")
+        return (chain.planes if chain.change is None else moved(chain.planes, chain.change))[:, step]
+
+    @cached_property
+    def by_bent(self) -> np.ndarray:
+        """(2, n) mm per unit of the distorted normalised point: implicit, M' h = w for the lens' slope M."""
+        by_flat = self.by_ray[:2]
+        if "ray" in self.deltas:
+            by_flat = by_flat + (self.by_ray * self.deltas["ray"]).sum(0) / self.length * self.flat
+        slope = self.lens[1]
+        determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
+        return np.stack([slope[1, 1] * by_flat[0] - slope[0, 1] * by_flat[1],
+                         slope[0, 0] * by_flat[1] - slope[1, 0] * by_flat[0]]) / determinant  # fmt: skip
+
+    @cached_property
+    def lens(self):
+        """Distorted points, their slope and what each coefficient does to them."""
+        return self.camera.distort_rows(self.flat)
+
+    @cached_property
+    def by_pixel(self) -> np.ndarray:
+        """(2, n) mm per pixel."""
+        return self.by_bent / np.array([[self.camera.fx], [self.camera.fy]])
+
+    def own_rows(self, indices: np.ndarray) -> np.ndarray:
+        """(k, 1, n) for parameters of the camera and the mirror."""
+        seen, _, by_coefficient = self.lens
+        made = np.concatenate([-self.by_pixel * seen, -self.by_pixel, -(self.by_bent * by_coefficient).sum(1)])
+        if len(indices) and indices.max() >= len(self.camera.values):
+            made = np.concatenate([made, self._by_planes(self._of_points(self.mirror.rows(*self._angles())))])
+        return (made[indices] / self.gain)[:, None]
+
+    def step_rows(self) -> np.ndarray:
+        """(3, 1, n) for the tilts and the offset of the step's plane."""
+        change = np.zeros((self.chain.planes.shape[1], 3)) if self.chain.change is None else self.chain.change
+        made = self._by_planes(moved_rows(self.chain.planes, change)[..., self.chain.labels["step"]])
+        return (made / self.gain)[:, None]
+
+    def mirror_rows(self) -> np.ndarray:
+        """(1, n) mm per rad of the mirror."""
+        turning = self.mirror.mirror.by_angle(self.mirror.angles(*self._angles()))
+        return self._by_planes(self._of_points(turning)[None])
+
+    def _of_points(self, rows):
+        """(..., n) of each point, of rows by its step (..., S) or by itself where effects turn the mirror."""
+        return rows if "mirror" in self.deltas else rows[..., self.chain.labels["step"]]
+
+    def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
+        """(k, 1, n) for slots of a port."""
+        return (self.ports[port](self)[slots] / self.gain)[:, None]
+
+
+def _whole(port, slots, change, n):
+    """(width, n) change of all slots of a port."""
+    made = np.zeros((corners.PORTS[port], n))
+    made[np.asarray(slots)] = change
+    return made

@@ -1,0 +1,48 @@
+"""Stripes on tilted boards are not symmetric: what pulls their centres is taken off before planes are fitted to them.
+
+A tilted board is seen larger where it is nearer, and lit more where it is nearer to the light: `sensors.stripe.bend`
+says what that does to the centre. It is some thousandths of a pixel, the same for all stripes of a placement: planes
+from many stripes are known better than that.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sensors.light.sheets import Sheets
+from sensors.stripe.bend import Bend, bend_on_boards
+from workbench.core.rigid import rotation_matrix
+
+
+def straightened(chain: Sheets, shape: np.ndarray | None) -> tuple[Sheets, float]:
+    """The chain without the pull of perspective, and the light sheet's 1 sigma, mm, 0 where its lines do not tell it.
+
+    shape (2, n): width of the line in px, and photon variance at its peak over that beside it; None where unknown.
+    """
+    if shape is None:
+        return chain, 0.0
+    bend = _bend(chain, None)
+    sheet = bend.sheet(shape[0])
+    return _without(chain, bend.pull(sheet, *shape)), sheet
+
+
+def unshaded(chain: Sheets, sheet: float, light: np.ndarray) -> Sheets:
+    """The chain without the pull of light that comes from the point `light` (3,) mm, a `sheet` of that 1 sigma (mm).
+
+    How fast the light itself fans out is not known: where its source stands behind the mirror, no board tells.
+    """
+    if not sheet:
+        return chain
+    bend = _bend(chain, light)
+    return _without(chain, (sheet / bend.slope) ** 2 * bend.shade)
+
+
+def _bend(chain, light) -> Bend:
+    turns, placement = rotation_matrix(chain.poses[:, 3:]), chain.labels["placement"]
+    heights = (turns[:, :, 2] * chain.poses[:, :3]).sum(1)
+    return bend_on_boards(chain.camera, turns[placement, :, 2].T, heights[placement], chain.pixels,
+                          chain.planes[:, chain.labels["step"]], chain.scan[:, 0], light)  # fmt: skip
+
+
+def _without(chain, pull):
+    return replace(chain, pixels=chain.pixels - chain.scan * np.nan_to_num(pull))

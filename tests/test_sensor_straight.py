@@ -1,0 +1,92 @@
+"""Stripes on tilted boards: what perspective and the light's slope pull a centre by, and what is left once it is off."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, least_squares
+
+from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror
+from sensors.camera.model import Camera
+from sensors.light.sheets import Sheets
+from sensors.light.straight import straightened, unshaded
+from sensors.stripe.bend import bend_on_boards
+from workbench.core.rigid import rotation_matrix
+
+PINHOLE = Camera.of([1700.0, 1700.0, 640.0, 512.0, 0.0, 0.0, 0.0, 0.0, 0.0], (1280, 1024))
+SHEET = 0.12  # mm
+LIGHT = mirror().point
+
+
+def board(turn):
+    """Unit normal (3,) and distance (mm) of a board that stands at 125 mm, turned about the picture's vertical."""
+    normal = rotation_matrix(np.array([0.0, turn, 0.0]))[:, 2]
+    return normal, normal @ [0.0, 0.0, 125.0]
+
+
+def across(normal, height, plane, x, y):
+    """Points (3, k) of the board that pixels x (k,) of row y see, and their distances (k,) from the sheet."""
+    rays = PINHOLE.rays(np.stack([x, np.full(len(x), y)]))
+    points = rays * (height / (normal @ rays))
+    return points, plane[:3] @ points + plane[3]
+
+
+def crossing(normal, height, plane, y):
+    """px, where the sheet's middle is seen in row y."""
+    return brentq(lambda x: across(normal, height, plane, np.array([x]), y)[1][0], 100.0, 1200.0)
+
+
+def fitted_centre(normal, height, plane, zero, y, light):
+    """Middle and width of a Gaussian that is fitted to the light along row y."""
+    x = zero + np.arange(-30, 30, 0.05)
+    points, away = across(normal, height, plane, x, y)
+    bright = np.exp(-0.5 * (away / SHEET) ** 2)
+    if light is not None:
+        towards = light[:, None] - points
+        bright = bright * np.abs(normal @ towards) / np.linalg.norm(towards, axis=0)
+    start = [bright.max(), x[bright.argmax()], 3.0]
+    found = least_squares(lambda p: p[0] * np.exp(-0.5 * ((x - p[1]) / p[2]) ** 2) - bright, start, x_scale=[0.01, 0.1, 0.1])
+    return found.x[1], found.x[2]
+
+
+@pytest.mark.parametrize("turn", [-0.4, 0.0, 0.45])
+@pytest.mark.parametrize("light", [None, LIGHT])
+def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
+    normal, height = board(turn)
+    plane = mirror().planes(np.array([0.01]))[:, 0]
+    zero = crossing(normal, height, plane, 300.0)
+    centre, width = fitted_centre(normal, height, plane, zero, 300.0, light)
+    bend = bend_on_boards(PINHOLE, normal[:, None], np.array([height]), np.array([[zero], [300.0]]), plane[:, None],
+                          np.array([1.0, 0.0]), light)  # fmt: skip
+    told = bend.pull(SHEET, np.array([width]), np.array([0.0]))[0]
+    assert abs(bend.away[0]) < 1e-9
+    assert told == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
+    assert abs(told) > 0.002 or turn >= 0
+
+
+def chain(seed=1):
+    """Sheets of boards turned both ways, with the width of every line: sheet and blur together."""
+    rng, planes = np.random.default_rng(seed), mirror().planes(np.linspace(-0.05, 0.05, 8))
+    turns = np.stack([np.zeros(6), np.linspace(-0.5, 0.5, 6), np.zeros(6)], 1)
+    middle = np.stack([*np.zeros((2, 6)), np.linspace(115, 135, 6)], 1)
+    poses = np.hstack([middle - np.einsum("gij,j->gi", rotation_matrix(turns), [*MIDDLE, 0.0]), turns])
+    group, step = np.repeat(np.arange(6), 8 * 30), np.tile(np.repeat(np.arange(8), 30), 6)
+    pixels = np.stack([rng.uniform(200, 1000, 1440), np.tile(np.linspace(100, 900, 30), 48)])
+    made = Sheets(CAMERA, pixels, {"placement": group, "step": step}, poses, planes, MIDDLE, HALF_DIAGONAL)
+    turn = rotation_matrix(turns)[:, :, 2]
+    bend = bend_on_boards(CAMERA, turn[group].T, (turn * poses[:, :3]).sum(1)[group], pixels, planes[:, step],
+                          np.array([1.0, 0.0]))  # fmt: skip
+    return made, np.hypot(SHEET / bend.slope, 0.8)
+
+
+def test_the_sheets_width_is_read_from_the_lines_and_unknown_widths_change_nothing():
+    made, width = chain()
+    straight, sheet = straightened(made, np.stack([width, np.ones(made.n)]))
+    assert sheet == pytest.approx(SHEET, rel=0.01)
+    shift = (straight.pixels - made.pixels)[0]
+    assert 0.005 < np.abs(shift).max() < 0.2 and (straight.pixels[1] == made.pixels[1]).all()
+    assert straightened(made, None) == (made, 0.0)
+    assert unshaded(made, 0.0, LIGHT) is made
+    away = unshaded(made, sheet, 1e9 * LIGHT)  # parallel light falls evenly on a flat board
+    assert np.abs(away.pixels - made.pixels).max() < 1e-6 < np.abs(unshaded(made, sheet, LIGHT).pixels - made.pixels).max()
+    assert replace(made, pixels=straight.pixels).n == made.n
