@@ -12,7 +12,7 @@ from robot_model.effects import CATALOGUE
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.folds import schemes
-from workbench.diagnosis.heldout import Errors, left_out, paired, rms
+from workbench.diagnosis.heldout import Errors, paired, rms
 from workbench.diagnosis.problem import Finding
 from workbench.diagnosis.result import CONSISTENT, Term
 from workbench.diagnosis.robot import bench_of
@@ -88,7 +88,7 @@ def test_a_few_poses_far_off_do_not_hide_that_joints_yield(recording):
 
 
 def test_the_base_of_irb120_wanders_as_its_own_reflectors_say(recording):
-    """Left out of the fit, they move level by what the base's drift says; upwards the arm itself grows."""
+    """Left out of the fit, they move by what the base's drift says where the arm may warm as well."""
     measured = every(recording("irb120_faro"), 3)
     bench = bench_of(measured)
     time = bench.chain.state.covariates["time"]
@@ -97,29 +97,29 @@ def test_the_base_of_irb120_wanders_as_its_own_reflectors_say(recording):
     terms = [Term(Finding(e.effect, e.where, "", (e,), 0.0, 1.0, 0.0, 0.0)) for e in (*soft, *drift)]
     found = fixed_points(measured, bench, terms)
     assert found.reflectors == (4, 5, 6) and 0.03 < np.linalg.norm(found.measured) < 0.06
-    assert (np.abs(found.found - found.measured) < 3 * np.hypot(found.std, found.found_std))[:2].all()
+    assert found.agrees and found.found_std.max() < 0.05
     assert fixed_points(measured, bench, []).agrees is None
 
 
-def test_read_back_joints_lag_by_the_last_move_and_not_when_rows_are_shuffled(recording):
-    """Each of joints 1-3 errs with its own last move, held out beside all others; in another order of rows none does."""
-    taken = consecutive(recording("irb120_faro:read-back"), 300)
-    for measured, real in ((taken, True), (shuffled(taken), False)):
-        bench = bench_of(measured)
-        sites = {site.where: site for site in bench.problem(()).sites if site.port == "joint"}
-        moved = [bench.smooth(sites[f"joint-{k}"], (f"move{k}",)) for k in range(1, 7)]
-        problem = bench.problem((*moved, *law("joint-compliance", *(f"joint-{k}" for k in (2, 3, 4, 5)))))
-        for k in (1, 2, 3):
-            t = without(bench, problem, k - 1)
-            assert (min(t) > 2) == real, (k, t)
+def test_joints_that_were_read_while_the_arm_braked_are_found_from_the_order_of_rows(recording):
+    """Named, held out, and of the size that the commanded joints, which are not shown, say; not in another order."""
+    taken, lag = consecutive(recording("irb120_faro:read-back"), 300), CATALOGUE["reading-lag"]("time")
+    assert ("reading-lag", "time") in [(f.effect, f.where) for f in find(bench_of(taken)).findings][:2]
+    for _, _, t in held_out(bench_of(taken), (lag,)):
+        assert t > 5
+    short = bench_of(taken).parameters((lag, *law("joint-compliance", "joint-2", "joint-3")))[0]
+    told = consecutive(recording("irb120_faro"), 300)
+    came = bench_of(told).chain.state
+    moves = np.stack([came.covariate(f"move{k}") for k in (1, 2, 3)])  # the wrist has no lever to be seen by
+    longest = np.abs([came.covariate(f"move{k}") for k in range(1, 7)]).max(0)
+    share = moves / np.maximum(longest, 1e-9)
+    behind = (told.joints - taken.joints).T[:3]
+    assert short["value"] == pytest.approx((share * behind).sum() / (share**2).sum(), rel=0.15)
 
 
-def without(bench, problem, k: int) -> list[float]:
-    """t, by scheme, of the held-out gain of one of a problem's effects beside all others."""
-    rest = problem.keeping([i for i in range(len(problem.effects)) if i != k])
-    every, usual = problem.keeping(), np.ones(problem.n, bool)
-    return [paired(bench.pose, left_out(rest, s.fold), left_out(every, s.fold), usual)
-            for s in schemes(bench.pose, problem)]  # fmt: skip
+def test_in_another_order_of_rows_nothing_lags(recording):
+    mixed = shuffled(consecutive(recording("irb120_faro:read-back"), 300))
+    assert "reading-lag" not in [f.effect for f in find(bench_of(mixed)).findings]
 
 
 @pytest.mark.parametrize("ground", GROUNDS)
