@@ -48,6 +48,7 @@ CAUSES = (
     ("pedestal-compliance", "base", {}, {"about_x": 2e-5, "about_y": 1e-5}),
     ("tool-deflection", "tool", {}, {"sag_x": 0.1, "sag_y": -0.06, "sag_z": -0.04}),
     ("mount-tilt", "base", {}, {"tilt_1": 0.02, "tilt_2": -0.01}),
+    ("mount-tilt-torsion", "base", {}, {"base.mount-tilt.torsion_1": 6e-6, "base.mount-tilt.torsion_2": -4e-6}),
     ("first-moment", "link-3", {}, {"mx": 100.0}),
     ("link-thermal-growth", "link-2", {}, {"per_unit": 2.4e-5}),
     ("base-drift", "base", {"start": 0.0, "end": 1490.0, "order": 1}, {"x_t1": 0.1, "rz_t1": 1e-4}),

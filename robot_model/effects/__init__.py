@@ -19,6 +19,7 @@ CATALOGUE = {
     "pedestal-compliance": elastic.PedestalCompliance,
     "tool-deflection": elastic.ToolDeflection,
     "mount-tilt": elastic.MountTilt,
+    "mount-tilt-torsion": elastic.MountTorsion,
     "first-moment": elastic.FirstMoment,
     "link-thermal-growth": drift.LinkThermalGrowth,
     "base-drift": drift.BaseDrift,

@@ -205,6 +205,32 @@ class MountTilt(Effect):
         return np.repeat(across[:, :, None], state.n, 2)
 
 
+class MountTorsion(Effect):
+    """Gravity is not along base -z, so that an upright first joint has a load, and yields to it.
+
+    What that joint's compliance is, nothing else tells; the two numbers are its compliance times the tilt.
+    """
+
+    effect = "mount-tilt"
+    port = "joint"
+    places = ("base",)
+    elastic = True
+    equation = "dq_1 = lambda (t_1 tau_1 + t_2 tau_2), tau_i the torque of gravity across its nominal direction"
+    source = "the torsion spring of joint-compliance under the two direction cosines of mount-tilt"
+
+    def slots(self, chain):
+        return chain.slots("joint", "joint-1")
+
+    def table(self, chain):
+        label = "joint 1's compliance times the tilt of gravity"
+        return tuple(self.parameter(f"torsion_{i}", joint_unit(chain, 1), 3e-6, f"{label} ({i})", 1e-4) for i in (1, 2))
+
+    def basis(self, state):
+        across = np.linalg.svd(state.robot.gravity[None])[2][1:]
+        levers = state.link_levers.torque[0] + state.load_levers.torque[0]
+        return np.einsum("ai,in->an", across, levers)[:, None]
+
+
 def joint_unit(chain, number: int) -> str:
     """Unit of a joint's compliance: a slide yields in mm to a force, and typically by as much."""
     return "mm/N" if chain.robot.prismatic[number - 1] else "rad/(N m)"

@@ -96,6 +96,9 @@ def _base(chain, elastic):
             yield _option("base-drift", "base", word, start=float(time.min()), end=float(time.max()), order=order)
     if elastic:
         yield _option("mount-tilt", "base")
+        if np.ptp(chain.state.torque[0]) <= _LOADED_NM and (chain.state.robot.mass.any() or chain.state.payload.any()):
+            torsion = CATALOGUE["mount-tilt-torsion"]("base")
+            yield Option(torsion, "where an upright joint 1 yields to it", "mount-tilt base")
     yield _option("tool-deflection", "tool")
     yield from _tilts(chain)
 
