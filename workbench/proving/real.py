@@ -157,7 +157,7 @@ def _withheld(index: int, seed: int):
 
 _ELASTIC = {"joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance", "pedestal-compliance",
             "tool-deflection"}  # fmt: skip
-_OF_TIME = {"base-drift", "zero-shift"}
+_OF_TIME = {"base-drift", "zero-shift", "reading-lag"}
 _CLOCKED = ("time", "approach", "step", "last")
 
 
@@ -221,7 +221,8 @@ def _moves(truth, answer, twin) -> dict:
 
     said = {scoring.plain(n) for c in answer["effects"] for n in c.get("depends_on") or ()}
     found = any(name.startswith(("approach", "step", "last")) for name in said) or any(
-        c["effect"] == "backlash" and c.get("variant") != "seated by gravity" for c in answer["effects"]
+        c["effect"] == "reading-lag" or (c["effect"] == "backlash" and c.get("variant") != "seated by gravity")
+        for c in answer["effects"]
     )
     return {"outcome": "exact" if found else "missed", "located": found}
 
