@@ -1,6 +1,7 @@
 """images.csv and the pictures that it names: there, whole, and of a kind that can be read."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -41,7 +42,7 @@ def read_images(folder: Path, name: str, called: str, samples) -> Rows:
         picture = inside(folder, row["image"], f"row {table.rows[k]}, column image", table.called)
         check_picture(picture, f"{table.where(k, 'image')}, {row['image']}")
     _check_together(table, rows)
-    return Rows.of(table.columns, INTEGERS)
+    return replace(rows, integers=frozenset(INTEGERS))
 
 
 def _check_columns(table: Table) -> None:
