@@ -18,7 +18,7 @@ import numpy as np
 
 from workbench.core.effect import Effect
 
-NAMED, UNNAMED = "named", "unnamed"
+_ROUNDING = 1e-9  # share of columns below which what a baseline leaves of them is only rounding
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Problem:
         residual = self.residual - sum(back) if back else self.residual
         basis = self.basis
         if len(kept) and self.added:
-            basis = np.concatenate([basis, _unit(self.clear(np.concatenate([self.added[i] for i in kept], 1)))], 1)
+            basis = np.concatenate([basis, self.beside(np.concatenate([self.added[i] for i in kept], 1))], 1)
         effects = tuple(self.effects[i] for i in kept)
         return replace(self, residual=residual, basis=basis, effects=effects, added=(), values=())
 
@@ -176,6 +176,15 @@ class Problem:
             candidates=candidates(self.candidates), loose=candidates(self.loose),
         )  # fmt: skip
 
+    def beside(self, columns: np.ndarray) -> np.ndarray:
+        """(N, R) orthonormal basis of what columns (N, P) make and the baseline does not, without rounding's share.
+
+        What the baseline makes exactly leaves 1e-13 of itself, in no direction that means anything.
+        """
+        own = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
+        u, s, _ = np.linalg.svd(self.clear(own), full_matrices=False)
+        return np.linalg.qr(self.clear(u[:, s > _ROUNDING]))[0]
+
     def clear(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) with all that the baseline can make of it taken out: M x = x - Q Q' x."""
         return columns - self.basis @ (self.basis.T @ columns)
@@ -189,13 +198,6 @@ class Problem:
     def degrees(self) -> int:
         """Degrees of freedom that the baseline has left: coordinates in use less its rank."""
         return int((self.weights[self.sample] > 0).sum()) - self.basis.shape[1]
-
-
-def _unit(columns: np.ndarray) -> np.ndarray:
-    """(N, R) orthonormal basis of columns (N, P), without what rounding leaves."""
-    length = np.sqrt((columns**2).sum(0))
-    u, s, _ = np.linalg.svd(columns / np.maximum(length, 1e-300), full_matrices=False)
-    return u[:, s > 1e-6]
 
 
 class Bench(Protocol):

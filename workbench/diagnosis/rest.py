@@ -96,9 +96,8 @@ class _Trial:
 
     def wider(self, columns: np.ndarray) -> Problem:
         """The problem with columns (N, P) in its basis."""
-        clear = self.problem.clear(columns)
-        u, s, _ = np.linalg.svd(clear / np.maximum(np.sqrt((clear**2).sum(0)), 1e-300), full_matrices=False)
-        return replace(self.problem, basis=np.concatenate([self.problem.basis, u[:, s > 1e-6]], 1))
+        basis = np.concatenate([self.problem.basis, self.problem.beside(columns)], 1)
+        return replace(self.problem, basis=basis)
 
     def beside(self, columns: np.ndarray) -> "_Trial":
         """The same with one more accepted."""
