@@ -15,7 +15,6 @@ _DEGREES = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
 _SCALES = np.geomspace(0.75, 1.35, 13)  # of the spread, against what the median sample says
 _SHARES, _MOST = 5, 0.1  # how many shares of outliers are tried, from half a sample to a tenth
 _NEAREST, _FARTHEST = 5.0, 60.0  # sigmas
-_AREA = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}  # of the unit sphere
 _MANY, _INNER = 2000, 3.5  # samples beyond which those within so many sigmas stand for one another
 
 
@@ -46,9 +45,14 @@ def _mixed(near, far, share):
 def _far(x: np.ndarray) -> np.ndarray:
     """(n,) log density of an outlier: off in any direction, or, as likely, in one coordinate alone."""
     m = len(x)
-    anywhere = _off(np.sqrt((x**2).sum(0)), m) - np.log(_AREA[m])
-    along = logsumexp(_off(np.abs(x), 1) + _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi)), axis=0) - np.log(_AREA[1] * m)
+    anywhere = _off(np.sqrt((x**2).sum(0)), m) - _sphere(m)
+    along = logsumexp(_off(np.abs(x), 1) + _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi)), axis=0) - _sphere(1) - np.log(m)
     return np.logaddexp(anywhere, along) - np.log(2)
+
+
+def _sphere(m: int) -> float:
+    """Log area of the unit sphere in m dimensions."""
+    return float(np.log(2) + 0.5 * m * np.log(np.pi) - gammaln(0.5 * m))
 
 
 def _off(length, m):
