@@ -119,10 +119,10 @@ class State:
         return self.covariates[name]
 
 
-def moved(robot: Robot, variables: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
-    """`move<k>` (n,) rad, mm: how far each joint of the arm came from the configuration before."""
+def moved(robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray) -> dict[str, np.ndarray]:
+    """`move<k>` (n,) rad, mm: how far each joint of the arm came from the configuration before; pose (n,): labels."""
     still = np.where(robot.prismatic, *_STILL)
-    return {f"move{k}": row for k, row in enumerate(last_moves(variables, time, still), 1)}
+    return {f"move{k}": row for k, row in enumerate(last_moves(variables, time, still, pose), 1)}
 
 
 def sliding(robot: Robot) -> np.ndarray:

@@ -295,7 +295,7 @@ def _state(robot, looks, variables, measurement, tool) -> State:
     covariates = {name: np.concatenate([columns[name] for columns in held]) for name in held[-1]}
     covariates.setdefault("row", np.tile(np.arange(looks[0].n, dtype=float), len(looks)))
     if len(looks) == 1:  # two ends of a length have no order
-        covariates |= moved(robot, variables, covariates.get("time_s", covariates["row"]))
+        covariates |= moved(robot, variables, covariates.get("time_s", covariates["row"]), looks[0].poses)
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
     centre = robot.payload_com if robot.payload_mass > 0 else tool[:3]
     seen = measurement.measured, measurement.numbers, measurement.targets(tool)

@@ -23,12 +23,18 @@ SCENE = {
 def test_rows_of_one_configuration_share_how_it_was_reached():
     q = np.array([[0.0, 0.0, 0.5, 0.5, 0.5, 0.2], [1.0, 1.0, 1.0, 1.0, 1.0, 1.4]])
     expected = [[0.0, 0.0, 0.5, 0.5, 0.5, -0.3], [0.0, 0.0, 0.0, 0.0, 0.0, 0.4]]
-    np.testing.assert_allclose(last_moves(q, np.arange(6.0), STILL), expected, atol=1e-12)
+    np.testing.assert_allclose(last_moves(q, np.arange(6.0), STILL, np.arange(6)), expected, atol=1e-12)
+
+
+def test_readings_that_jitter_within_a_pose_are_no_move():
+    q = np.array([[0.0, 0.001, 0.5, 0.502, 0.501]])
+    moves = last_moves(q, np.arange(5.0), STILL[:1], np.array([3, 3, 7, 7, 7]))
+    np.testing.assert_allclose(moves, [[0.0, 0.0, 0.499, 0.499, 0.499]])
 
 
 def test_the_clock_and_not_the_row_says_what_came_before():
     q = np.array([[0.2, 0.0, 0.5]])
-    np.testing.assert_allclose(last_moves(q, np.array([2.0, 0.0, 1.0]), STILL[:1]), [[-0.3, 0.0, 0.5]])
+    np.testing.assert_allclose(last_moves(q, np.array([2.0, 0.0, 1.0]), STILL[:1], np.arange(3)), [[-0.3, 0.0, 0.5]])
 
 
 @pytest.mark.parametrize(("law", "expected"), [("braking", [0.5, -1.0]), ("share", [0.2, -0.4])])

@@ -176,6 +176,9 @@ def stream_of(chunks: Chunks, thin: Calibration, progress: Callable[[str], None]
     """All samples under the model that the thinned ones chose, with the sigma that they honestly have."""
     if any(effect.port == NOISE for effect in thin.model.effects):
         raise InputError("plan: expected no effect on the noise for a calibration in chunks, found one; take it out")
+    if any(effect.by_moves for effect in thin.model.effects):
+        raise InputError("plan: expected no effect of the last moves (reading-lag) for a calibration in chunks, which "
+                         "sees no sample's predecessor; take it out")
     chain = thin.model.chain
     stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
     extra = np.median(chain.sigma**2 - stated**2, axis=1)

@@ -2,8 +2,9 @@
 
 The noise of the others is Gaussian or Student's, each sample's or each coordinate's, of unknown spread and degrees of
 freedom; all of that is summed over. An outlier may lie from five to sixty sigmas off, in any direction or along one
-axis. One over the Bayes factor of "some are outliers" against "none is" is a valid p-value: by Markov's inequality
-the factor passes k by chance at most once in k times (Vovk & Wang, Ann. Stat. 49 (2021), 1736, on e-values).
+axis. One over the Bayes factor of "some are outliers" against "none is" is a valid p-value on average over these
+noises: by Markov's inequality the factor passes k by chance at most once in k times (Vovk & Wang, Ann. Stat. 49 (2021),
+1736, on e-values).
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.special import gammaln, logsumexp
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
-_DEGREES = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
+_DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
 _SCALES = np.geomspace(0.75, 1.35, 13)  # of the spread, against what the median sample says
 _SHARES, _MOST = 5, 0.1  # how many shares of outliers are tried, from half a sample to a tenth
 _NEAREST, _FARTHEST = 5.0, 60.0  # sigmas
@@ -20,7 +21,10 @@ _MANY, _INNER = 2000, 3.5  # samples beyond which those within so many sigmas st
 
 def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     """Log Bayes factor that some of the residuals (m, n) are outliers, and the probability (n,) of each then."""
-    x = white / max(np.sqrt(np.median((white**2).sum(0)) / chi2.ppf(0.5, len(white))), 1e-300)
+    middle = float(np.median((white**2).sum(0)))
+    if not 0 < middle < np.inf:  # most fit exactly, or something is no number: there is no noise to judge by
+        return -np.inf, np.zeros(white.shape[1])
+    x = white / np.sqrt(middle / chi2.ppf(0.5, len(white)))
     chosen, counts = _thinned(x)
     shares = np.geomspace(0.5 / x.shape[1], _MOST, _SHARES)
     far, noises = _far(x), list(_noises(len(x)))
@@ -46,7 +50,8 @@ def _far(x: np.ndarray) -> np.ndarray:
     """(n,) log density of an outlier: off in any direction, or, as likely, in one coordinate alone."""
     m = len(x)
     anywhere = _off(np.sqrt((x**2).sum(0)), m) - _sphere(m)
-    along = logsumexp(_off(np.abs(x), 1) + _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi)), axis=0) - _sphere(1) - np.log(m)
+    others = _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi))
+    along = logsumexp(_off(np.abs(x), 1) + others, axis=0) - _sphere(1) - np.log(m)
     return np.logaddexp(anywhere, along) - np.log(2)
 
 

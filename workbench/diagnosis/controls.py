@@ -49,7 +49,7 @@ def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
     """Backwards, where that changes what the effect does; and its clock moved round, where it reads one."""
-    if trial.chain is None or not trial.changes(backwards := _backwards_state(trial.chain)):
+    if trial.chain is None or not trial.changes(backwards := _backwards_state(trial.chain, trial.problem.pose)):
         return ()
     made = [_told(REVERSED, trial, [backwards], "backwards in time it does nearly the same")]
     if any(_clocked(e, trial.chain.state, backwards) for e in trial.effects):
@@ -78,7 +78,7 @@ def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
     chain = getattr(bench, "chain", None)
     if chain is None or not effects:
         return any("time" in getattr(e, "names", ()) for e in effects)
-    backwards = _backwards_state(chain)
+    backwards = _backwards_state(chain, bench.pose)
     return any(_clocked(e, chain.state, backwards) for e in effects)
 
 
@@ -90,14 +90,14 @@ def _clocked(effect, state, backwards) -> bool:
     return not np.allclose(here, there, rtol=0, atol=_SAME * np.abs(here).max())
 
 
-def _backwards_state(chain):
+def _backwards_state(chain, pose):
     """The state with its clock running backwards, and the last moves taken from the rows after."""
     from workbench.diagnosis.robot import covariates_of
 
     held = dict(chain.state.covariates)
     turned = {name: x.max() + x.min() - x for name, x in held.items() if name in _CLOCKS}
     state = replace(chain.state, covariates=held | turned)
-    return replace(state, covariates=covariates_of(replace(chain, state=state)))
+    return replace(state, covariates=covariates_of(replace(chain, state=state), pose))
 
 
 def _turned_state(chain, part: float):

@@ -82,7 +82,10 @@ def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
     fixed = recording.select(~recording.moving)
     if recording.measures != "external-point" or fixed.n < 2 * _LEAST or not hasattr(bench, "chain"):
         return None
-    time, known = _clock_of(fixed.poses, bench)
+    labels = recording.poses  # of the whole recording: a selection numbers its own
+    time, known = _clock_of(labels[~recording.moving], labels[recording.moving], bench)
+    if known.sum() < 2 * _LEAST:
+        return None
     low, high = np.quantile(time[known], [_PART, 1 - _PART])
     ends = [known & (time <= low), known & (time >= high)]
     if min(end.sum() for end in ends) < _LEAST:
@@ -98,9 +101,9 @@ def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
     return FixedPoints(tuple(int(k) for k in np.unique(ids)), last.mean(1) - first.mean(1), std, found, error)
 
 
-def _clock_of(poses, bench) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) clock of fixed rows, that of the moving rows of the same pose, and (k,) whether there are any."""
-    own, index = np.unique(bench.pose, return_inverse=True)
+def _clock_of(poses, moving, bench) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) clock of fixed rows of `poses`, that of the `moving` rows of the same pose; (k,) whether there are any."""
+    own, index = np.unique(moving, return_inverse=True)
     mean = np.bincount(index, clock(bench.chain.state)) / np.bincount(index)
     place = np.clip(np.searchsorted(own, poses), 0, len(own) - 1)
     return mean[place], own[place] == poses

@@ -90,7 +90,7 @@ class Errors:
 
 def name_of(effect: Effect) -> str:
     """What tells an effect from every other."""
-    return f"{effect.effect} {effect.where} {effect.options}"
+    return f"{type(effect).__qualname__} {effect.effect} {effect.where} {effect.options}"
 
 
 def _alone(rows: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ class Plan:
 
     def covariates(self, chain) -> dict[str, np.ndarray]:
         """Covariates of all rows, the planned side of approach and last move written over the extra ones."""
-        made = covariates_of(chain)
+        made = covariates_of(chain, np.arange(chain.n))
         extra = np.arange(chain.n) >= chain.n - len(self.pose)
         for name in list(made):
             if not self.sides.any() or not name.startswith(("approach", "move")):
@@ -138,7 +138,7 @@ def _seen(bench, joined):
     """The recording with the points that the fitted baseline predicts: what an effect reads of them."""
     model, fit, _ = bench.solve(())
     chain = bind(model.chain.robot, joined, model.chain.start)
-    chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain)))
+    chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain, np.arange(chain.n))))
     here = Model(chain, bench.baseline)
     residual = here.residual(here.parameters.take_over(fit.parameters))
     return replace(joined, columns=dict(joined.columns) | chain.measurement.columns(residual))

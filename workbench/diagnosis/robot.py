@@ -46,21 +46,21 @@ def bench_of(recording, baseline: str = "geometry") -> "RobotBench":
         raise InputError(f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one")
     moving = samples_of(recording)
     chain = bind(load_robot(recording.robot, f"robot of {recording.name}"), moving)
-    chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain)))
+    chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain, moving.poses)))
     effects = ()
     if baseline == "joint-compliance":
         effects = tuple(o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance")
     return RobotBench(chain, moving.poses, effects, moving)
 
 
-def covariates_of(chain: RobotChain) -> dict[str, np.ndarray]:
-    """Recorded covariates, and what follows from the readings: q, move, tau, payload.
+def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
+    """Recorded covariates, and what follows from the readings: q, move, tau, payload; pose (n,): labels of repeats.
 
     Angles rad, slides mm, torques N m. `move<k>` needs the rows in the order in which they were measured.
     """
     recorded = dict(chain.state.covariates)
     made = {f"q{k}": q for k, q in enumerate(chain.variables, 1)}
-    made |= moved(chain.robot, chain.variables, clock(chain.state))
+    made |= moved(chain.robot, chain.variables, clock(chain.state), pose)
     made |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
     made["time"] = clock(chain.state)
     attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)
@@ -134,7 +134,7 @@ class RobotBench:
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
         """Model on the samples with sigmas widened to what is left unexplained, fit, robust weights (n,)."""
-        key = tuple((e.effect, e.where, *map(repr, e.options.values())) for e in effects), _key(samples)
+        key = tuple((type(e), e.where, *map(repr, e.options.values())) for e in effects), _key(samples)
         if key not in self._solved:
             self._solved[key] = self._solve(effects, samples)
         return self._solved[key]
@@ -318,7 +318,7 @@ def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Ca
 def _columns(model, fit, rows, white, effect):
     """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
     if effect.port in STATE_PORTS:
-        present = tuple(e for e in model.effects if (e.effect, e.where) != (effect.effect, effect.where))
+        present = tuple(e for e in model.effects if (type(e), e.where) != (type(effect), effect.where))
         wider = replace(model, effects=(*present, effect))
         start = wider.parameters.take_over(fit.parameters)
         own = np.arange(len(start)) >= wider.spans[-1].start

@@ -20,6 +20,7 @@ _FAR = 3.0  # median lengths, from which on a sample counts no more
 _PERIODS, _ORDERS, _CLEAR = 1.6, 400000, 1e-4  # how far a count may be from what its spread says; how many are tried
 _GRID = 20  # places of a grid in the shortest wave
 LABEL = "from sample to sample, with nothing that was recorded"
+ALONG = "from sample to sample, back along the last moves"
 _COLUMNS = {"approach": "approach", "temperature": "temperature", "payload": "payload", "speed": "qdot"}
 
 
@@ -85,7 +86,8 @@ def _last_moves(problem: Problem, joints) -> list[Site]:
     held = [problem.covariates.get(site.where.replace("joint-", "move")) for site in joints]
     if any(x is None for x in held):
         return []
-    moves = np.stack(held) / np.maximum(np.abs(held).max(0), 1e-300)
+    metres = np.array([[1e-3 if site.unit == "mm" else 1.0] for site in joints])  # a slide's metre counts as a radian
+    moves = np.stack(held) / np.maximum(np.abs(held * metres).max(0), 1e-300)
     row = sum(site.rows * move[problem.sample] for site, move in zip(joints, moves))
     return [replace(joints[0], where="time", rows=row, typical=joints[0].typical, covariates=(), pairs=())]
 
@@ -195,8 +197,8 @@ def _along(d, z):
 def evened_by(problem: Problem, scatter: Scatter) -> Problem:
     """The problem with residuals, and all that is compared with them, whitened by what a site scatters as well."""
     m = len(problem.residual) // problem.n
-    mine = scatter.site.where, scatter.site.port
-    site = next(s for s in places(problem) if (s.where, s.port) == mine)
+    mine = _which(scatter.site)
+    site = next(s for s in places(problem) if _which(s) == mine)
     d = _directions(site, m)
     covariance = np.eye(m)[:, :, None] + scatter.ratio**2 * np.einsum("kan,kbn->abn", d, d)
     values, vectors = np.linalg.eigh(covariance.transpose(2, 0, 1))
@@ -206,6 +208,11 @@ def evened_by(problem: Problem, scatter: Scatter) -> Problem:
         return np.einsum("abn,kbn->kan", root, rows.reshape(-1, m, problem.n)).reshape(rows.shape)
 
     return problem.through(white)
+
+
+def _which(site: Site) -> tuple:
+    """What tells a place from all others: all joints, and all along their last moves, are both of the clock."""
+    return site.where, site.port, len(site.rows)
 
 
 def beside(problem: Problem, where: str, port: str, level: float) -> Scatter | None:
@@ -236,7 +243,8 @@ def told(scatter: Scatter, problem: Problem) -> Finding:
     given = (scatter.p_value, 1.0 - scatter.p_value, size, size**2 * len(problem.residual))
     if scatter.rounds < _CLEAR:
         return Finding("encoder-quantisation", scatter.site.where, "", (), *given)
-    return Finding("unknown", scatter.site.where, LABEL, (), *given, alternatives=hidden(scatter, problem))
+    label = ALONG if _which(scatter.site)[::2] == ("time", 1) else LABEL
+    return Finding("unknown", scatter.site.where, label, (), *given, alternatives=hidden(scatter, problem))
 
 
 def hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:

@@ -12,6 +12,7 @@ from robot_model.effects import CATALOGUE as ROBOT
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.diagnosis.problem import Finding
 from workbench.diagnosis.result import Term
+from workbench.diagnosis.scatter import ALONG
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}  # fmt: skip
 _PLACES = {"time": "the clock", "noise": "the noise", "samples": "the samples", "world": "the floor"}
@@ -202,6 +203,9 @@ def _of_data(found: Finding) -> str:
         return f"The noise is not the same everywhere: its spread goes with {depends}."
     if found.effect == "encoder-quantisation":
         return f"The reading of {place(found.where)} is rounded to counts."
+    if found.label == ALONG:
+        return ("What is left points back along the last moves, by another share of them each time: the joints were "
+                "read at differing moments before the arm stood still.")  # fmt: skip
     said = (f"{place(found.where).capitalize()} moves from sample to sample, with nothing that was recorded: what is "
             "left points along what that place does.")  # fmt: skip
     could = [f"{one.effect} at {place(one.where)} with {covariate(one.missing)}" for one in found.alternatives

@@ -99,13 +99,14 @@ def rows_of(effects: Sequence[Mapping]) -> tuple[tuple, ...] | None:
         return None
     options = {"order", "seat", "width", "joint", "after", "start", "end"}
     return tuple(
-        (one["effect"], one["where"], _typed({k: v for k, v in one["detail"].items() if k in options}))
+        (one["effect"], one["where"], _typed(one["effect"], {k: v for k, v in one["detail"].items() if k in options}))
         for one in effects
     )
 
 
-def _typed(options: dict) -> dict:
-    return {k: float(v) if k in ("order", "width", "after", "start", "end") else v for k, v in options.items()}
+def _typed(effect: str, options: dict) -> dict:
+    numbers = {"order", "width", "after", "start", "end"} - ({"order"} if effect == "base-drift" else set())
+    return {k: float(v) if k in numbers else v for k, v in options.items()}
 
 
 def claimed_rows(answer: Mapping | None) -> tuple[tuple, ...]:
@@ -119,7 +120,7 @@ def _options(claim: Mapping) -> dict | None:
     """Options of a claim's effect, from its own words where it states none; None where they do not tell them."""
     words, stated = (claim.get("variant") or "").split(), claim.get("options")
     if stated:
-        return _typed(dict(stated))
+        return _typed(claim["effect"], dict(stated))
     number = float(words[1]) if len(words) > 1 and words[1].replace(".", "", 1).isdigit() else None
     told = {"order": {"order": number}, "after": {"after": number}}.get(words[0] if words else "", {})
     if words[:1] == ["from"]:
