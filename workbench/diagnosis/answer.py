@@ -15,7 +15,7 @@ from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.problem import Bench, Finding, Found
 from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, much_left, told, verdict_of
 from workbench.diagnosis.robot import RobotBench, bench_of
-from workbench.diagnosis.select import find
+from workbench.diagnosis.select import LEVEL, find
 from workbench.diagnosis.visible import smallest
 from workbench.provenance import provenance
 
@@ -23,6 +23,7 @@ PICTURES = ("board-images", "scan-images")
 NO_MASSES = ("The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "
              "for: write mass_kg and com_mm of every joint.")  # fmt: skip
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
+_UNEVEN = "noise-heteroscedastic"
 _LONG_S = 1.0  # a search beyond which processes are worth their start
 Say = Callable[[str], None]
 
@@ -95,7 +96,7 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     last = _Final(bench, found, unit)
     terms, refused, proved = _proved(bench, found, last.noise, say, jobs)
     last = _Final(bench, found, unit, terms)
-    terms = (*terms, *_of_noise(found, refused, last.after))
+    terms = (*terms, *_of_noise(found, terms, refused, last.after))
     if (verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))) == UNEXPLAINED:
         terms = (*terms, *_somewhere(found, terms))
     say("what these data could have shown")
@@ -157,11 +158,13 @@ def _size(bench, effects, term: Term) -> float | None:
     return float(np.sqrt((moved**2).sum() / problem.n))
 
 
-def _of_noise(found: Found, refused, problem) -> tuple[Term, ...]:
+def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     """Findings on the data. They have no mean to be held out, so that their p-value, valid over the search, is all
     their proof; and only where all that the mean was said to hold is proved does it hold.
     """
     told = [f for f in found.spread if not refused or f.effect == "outliers"]
+    if not terms and found.p_first <= LEVEL and {f.effect for f in told} <= {_UNEVEN, "outliers"}:
+        told = [f for f in told if f.effect != _UNEVEN]  # a mean that nothing explains makes a spread uneven, too
     return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in told)
 
 

@@ -146,10 +146,11 @@ def _row(table: _Table, k, seen, apart, twin, units) -> Visible:
     candidate = table.every[k]
     survives = float(np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300)))
     unit = units[0] if len(set(units)) == 1 else ""
-    at = _median(seen / np.where(survives > _NOTHING, table.length[k], 0))
+    length = table.length[k] if survives > _NOTHING else np.full_like(table.length[k], np.nan)  # nothing is seen of it
+    at = _median(seen / length)
     least = np.maximum(seen, told_apart() * table.length[k] / np.maximum(apart, 1e-300))
     same = twin < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
-    far = None if same else _median(least / np.where(survives > _NOTHING, table.length[k], 0))
+    far = None if same else _median(least / length)
     other = table.every[twin] if twin >= 0 else None
     raw, left, own = (float(np.median(size[k])) for size in (table.raw, table.left, table.parameter))
     return Visible(
