@@ -50,7 +50,7 @@ def test_scans_are_the_same_from_the_spool_as_from_memory(tmp_path, monkeypatch)
     monkeypatch.setattr(scan, "Spool", lambda things: Spool(things, kept=0))
     again = scan.scan(recording, None, _new(tmp_path / "again"), lambda text: None)
     first, second = (centres.as_json(one, tmp_path) for one in (made, again))
-    assert first == second
+    assert {**first, "scans": list(first["scans"])} == {**second, "scans": list(second["scans"])}
     assert all(one.row == other.row and np.array_equal(one.drawn, other.drawn) for one, other in zip(made.scans, again.scans))
     names = [field.name for field in fields(made.scans[0].balls[0])]
     assert names == [field.name for field in fields(again.scans[0].balls[0])]
