@@ -39,6 +39,19 @@ def real():
     return folder
 
 
+@pytest.fixture(scope="module")
+def recording(real):
+    """`recording("name:variant")` is the real recording; the test is skipped where it is absent."""
+
+    def read(name: str):
+        import datasets
+
+        real(name.partition(":")[0])
+        return datasets.read(name)
+
+    return read
+
+
 @pytest.fixture
 def workbench(tmp_path):
     """`workbench("calibrate", …)` runs a command in a process of its own, in an empty folder."""

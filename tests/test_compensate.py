@@ -11,6 +11,7 @@ from datasets.makers import gubankov, liu, ye
 from datasets.mujoco_arm import pose, reflector_points
 from datasets.recording import Recording
 from robot_model import load_robot
+from robot_model.effects import CATALOGUE
 from workbench.calibrate import calibrate, save
 from workbench.compensate import actual_poses, checked, compensate, nominal_poses
 from workbench.core.errors import InputError
@@ -85,6 +86,14 @@ def test_the_model_is_inverted_exactly(run, made):
     done = compensate(arm, readings)
     np.testing.assert_allclose(actual_poses(arm, done.readings)[:, :3, 3], done.poses[:, :3, 3], atol=1e-4)
     np.testing.assert_allclose(actual_poses(arm, done.readings)[:, :3, :3], done.poses[:, :3, :3], atol=1e-6)
+
+
+def test_a_lag_of_the_readings_corrects_no_target(run, made):
+    """The arm stands where it was sent, however early its joints were read."""
+    arm, readings = read_solution(run[0]), targets(made)[:5]
+    lag = CATALOGUE["reading-lag"]("time")
+    late = replace(arm, effects=(*arm.effects, lag), values=arm.values | {"time.reading-lag.short": 1e-3})
+    np.testing.assert_allclose(compensate(late, readings).readings, compensate(arm, readings).readings, atol=1e-12)
 
 
 def test_poses_are_reached_from_a_start_that_is_far_off(run, made):

@@ -22,7 +22,7 @@ FINE = {
     "forty lines": '"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 40,
     "one step": '"""Doc."""\n\n\nclass A(ValueError): pass\nclass B(A): pass\n',
     "address": '"""See https://example.org/home/page."""\n',
-    "relative": '"""Doc."""\n\nPLACE = "../work/x"\n',
+    "relative": '"""Doc."""\n\nPLACE = "..' + "/" + 'tmp/x"\n',
 }
 
 

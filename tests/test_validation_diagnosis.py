@@ -7,7 +7,6 @@ taken at every so many configurations, so that a test stays under a minute.
 import numpy as np
 import pytest
 
-import datasets
 from robot_model.effects import CATALOGUE
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.fixed import fixed_points
@@ -20,17 +19,6 @@ from workbench.diagnosis.select import find
 
 pytestmark = pytest.mark.slow
 GROUNDS = ("flat", "pallet", "orthogonal_wood", "wood_left_track", "seesaw", "diagonal_wood", "outdoor")
-
-
-@pytest.fixture(scope="module")
-def recording(real):
-    """`recording("name:variant")` is the real recording; the test is skipped where it is absent."""
-
-    def read(name: str):
-        real(name.partition(":")[0])
-        return datasets.read(name)
-
-    return read
 
 
 def every(recording, step: int):

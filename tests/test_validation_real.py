@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import datasets
 import workbench as package
 from robot_model import load_robot
 from robot_model.system import bind
@@ -20,17 +19,6 @@ from workbench.plans import geometry
 
 BENDING = Path(package.__file__).parent / "plan_files" / "geometry-compliance-bending.toml"
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def recording(real):
-    """`recording("name:variant")` is the real recording; the test is skipped where it is absent."""
-
-    def read(name: str):
-        real(name.partition(":")[0])
-        return datasets.read(name)
-
-    return read
 
 
 def only_geometry(recording):

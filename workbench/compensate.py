@@ -24,10 +24,8 @@ _STEPS, _LEVER_MM = 40, 200.0
 _TRIES, _OPEN = 20, (-np.pi, np.pi)
 # a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
 _REACHED_MM = 1e-5
-# what acts on the arm; the instrument's own errors, and its drift against the base, move no flange
 _ROOT = ("joint-1.theta1", "joint-1.d1")
-# what wanders is not there tomorrow; what is wrong with how joints were read moves no arm
-_OF_THE_READINGS = ("base-drift", "reading-lag", "time-offset")
+# what acts on the arm; the instrument's own errors, its drift against the base and the moment of reading move no flange
 _OF_THE_ARM = ("joint", "geometry", "frame", "gravity", "mass")
 
 
@@ -104,7 +102,7 @@ def _model(arm, readings, wanted, covariates) -> Model:
     state = State(arm.robot, variables, covariates, arm.robot.gravity, payload, arm.load_centre, blank,
                   np.ones(n, int), blank)  # fmt: skip
     ones = np.ones((6, n))
-    acting = tuple(e for e in arm.effects if e.port in _OF_THE_ARM and e.effect not in _OF_THE_READINGS)
+    acting = tuple(e for e in arm.effects if e.port in _OF_THE_ARM and e.effect != "base-drift" and e.where != "time")
     return Model(RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones), acting)
 
 
