@@ -62,13 +62,13 @@ class Rows(Sequence):
         number = np.flatnonzero(self.texts[column] == value.encode("utf-8"))
         return self[np.isin(self.columns[column][self.chosen], number)]
 
-    def by(self, column: str) -> dict[str, "Rows"]:
-        """Rows of each text in that column, texts and rows in their order here."""
-        codes = self.columns[column][self.chosen]
-        order = np.argsort(codes, kind="stable")
-        parts = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1) if len(order) else []
-        names = {part[0]: self.texts[column][codes[part[0]]].decode("utf-8") for part in parts}
-        return {names[part[0]]: self[part] for part in sorted(parts, key=lambda part: part[0])}
+    def by(self, column: str, then: str | None = None) -> "Grouped":
+        """Rows of each text in that column, texts in their order here; rows too, or by the numbers of `then`."""
+        _, first, group = np.unique(self.columns[column][self.chosen], return_index=True, return_inverse=True)
+        place = first[group.ravel()] if len(self) else np.empty(0, int)  # where its text came first
+        order = np.lexsort((self.values(then, 0), place)) if then else np.argsort(place, kind="stable")
+        starts = np.flatnonzero(np.diff(place[order], prepend=-1, append=len(self)))
+        return Grouped(self[order], column, starts if len(self) else np.zeros(1, int))
 
     def values(self, column: str, otherwise: float) -> np.ndarray:
         """(m,) numbers of a column, `otherwise` where a row has none."""
@@ -76,6 +76,13 @@ class Rows(Sequence):
             return np.full(len(self), float(otherwise))
         found = self.columns[column][self.chosen]
         return np.where(np.isfinite(found), found, otherwise)
+
+    def code(self, column: str, text: str) -> int:
+        """The number of a text in that column; KeyError where it is not there."""
+        found = np.flatnonzero(self.texts[column] == text.encode("utf-8"))
+        if not found.size:
+            raise KeyError(text)
+        return int(found[0])
 
     @classmethod
     def kept(cls, rows: Sequence[Mapping], text: Sequence[str]) -> "Rows":
@@ -87,3 +94,37 @@ class Rows(Sequence):
                    np.array([row.get(name, np.nan) for row in rows], float) for name in names}  # fmt: skip
         whole = [name for name in names if name not in text and all(isinstance(row.get(name, 0), int) for row in rows)]
         return cls.of(columns, whole)
+
+
+@dataclass(frozen=True, eq=False)
+class Grouped(Mapping):
+    """Rows of each text of a column; a group is made when it is asked for.
+
+    `rows` one group after the other, of which group k begins at `starts[k]`; starts (g + 1,).
+    """
+
+    rows: Rows
+    column: str
+    starts: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def __iter__(self) -> Iterator[str]:
+        return (self.at(k)[0] for k in range(len(self)))
+
+    def __getitem__(self, text: str) -> Rows:
+        codes = self.rows.columns[self.column][self.rows.chosen[self.starts[:-1]]]
+        found = np.flatnonzero(codes == self.rows.code(self.column, text))
+        if not found.size:
+            raise KeyError(text)
+        return self.at(found[0])[1]
+
+    def items(self) -> Iterator[tuple[str, Rows]]:
+        """Texts and rows, in order."""
+        return (self.at(k) for k in range(len(self)))
+
+    def at(self, k: int) -> tuple[str, Rows]:
+        """Text and rows of group k."""
+        mine = self.rows[self.starts[k] : self.starts[k + 1]]
+        return mine[0][self.column], mine

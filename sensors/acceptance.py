@@ -9,6 +9,7 @@ limit that the user gave.
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -63,6 +64,12 @@ class Probed:
     radius: float | None = None
     radius_std: float = 0.0
 
+    @cached_property
+    def unconstrained(self) -> BallFit:
+        """The least-squares ball of free radius through all points that were not trimmed."""
+        counted = (self.fit.reason == USED) | (self.fit.reason == OUTLIER)
+        return fit_ball(self.points[:, counted], loss="linear", start=np.append(self.fit.centre, self.fit.radius))
+
 
 def acceptance(balls: Sequence[Probed] = (), artefact: np.ndarray | None = None, plane: np.ndarray | None = None,
                temperature=None, limits: Mapping[str, float] | None = None, artefact_std: float = 0.0,
@@ -105,7 +112,7 @@ def probing_form(balls: Sequence[Probed]) -> Characteristic:
     stated trimming by incidence and edge left; outliers count. Of several balls the largest.
     """
     return _of_balls(probing_form, "probing_form", "P_Form.Sph.D95%:SMV.SV:O3D", "", balls,
-                     lambda ball: shell(_all_points(ball)[0], _HELD))  # fmt: skip
+                     lambda ball: shell(ball.unconstrained.residual, _HELD))  # fmt: skip
 
 
 def probing_range(balls: Sequence[Probed]) -> Characteristic:
@@ -114,7 +121,7 @@ def probing_range(balls: Sequence[Probed]) -> Characteristic:
     At most 3 of 1,000 points are left out, those that widen the range most. Of several balls the largest.
     """
     return _of_balls(probing_range, "probing_range", "", "PF", balls,
-                     lambda ball: shell(_all_points(ball)[0], 1 - _LEFT_OUT))  # fmt: skip
+                     lambda ball: shell(ball.unconstrained.residual, 1 - _LEFT_OUT))  # fmt: skip
 
 
 def probing_rms(balls: Sequence[Probed]) -> Characteristic:
@@ -133,13 +140,13 @@ def probing_size(balls: Sequence[Probed]) -> Characteristic:
     """
     known = [ball for ball in balls if ball.radius is not None]
     made = _of_balls(probing_size, "probing_size", "P_Size.Sph.All:SMV.SV:O3D", "PS", known,
-                     lambda ball: 2 * (_all_points(ball)[1].radius - ball.radius))  # fmt: skip
+                     lambda ball: 2 * (ball.unconstrained.radius - ball.radius))  # fmt: skip
     if not known and balls:
         return replace(made, why="no calibrated radius was given")
     if not made.determined:
         return made
     worst = next(ball for ball in known if f"ball-{ball.number}" == _worst(made.parts))
-    return replace(made, std=2 * float(np.hypot(_all_points(worst)[1].std[-1], worst.radius_std)))
+    return replace(made, std=2 * float(np.hypot(worst.unconstrained.std[-1], worst.radius_std)))
 
 
 def sphere_spacing(fits: Sequence[BallFit], numbers: np.ndarray, artefact: np.ndarray | None,
@@ -223,14 +230,6 @@ def _of_balls(of: Callable, name, symbol, vdi, balls, measure) -> Characteristic
         return _undetermined(of, name, symbol, vdi, "mm", why)
     n = sum(int((ball.fit.reason <= OUTLIER).sum()) for ball in good)
     return _characteristic(of, name, symbol, vdi, parts[_worst(parts)], "mm", n, parts=parts)
-
-
-def _all_points(ball: Probed) -> tuple[np.ndarray, BallFit]:
-    """Distances (n,) of all points that were not trimmed from their unconstrained least-squares ball, and that ball."""
-    counted = (ball.fit.reason == USED) | (ball.fit.reason == OUTLIER)
-    start = np.append(ball.fit.centre, ball.fit.radius)
-    fit = fit_ball(ball.points[:, counted], loss="linear", start=start)
-    return fit.residual, fit
 
 
 def _of_plane(of, name, symbol, vdi, plane, share) -> Characteristic:

@@ -47,7 +47,7 @@ def test_scans_are_the_same_from_the_spool_as_from_memory(tmp_path, monkeypatch)
     recording = datasets.read(folder)
     said = []
     made = scan.scan(recording, None, tmp_path, said.append)
-    monkeypatch.setattr(scan, "Spool", lambda things: Spool(things, kept=0))
+    monkeypatch.setattr(scan, "Spool", lambda things, folder: Spool(things, 0, folder))
     again = scan.scan(recording, None, _new(tmp_path / "again"), lambda text: None)
     first, second = (centres.as_json(one, tmp_path) for one in (made, again))
     assert {**first, "scans": list(first["scans"])} == {**second, "scans": list(second["scans"])}

@@ -33,7 +33,9 @@ def test_rows_are_chosen_and_grouped_in_their_order():
     made = Rows.of(TABLE, ["step"]).where("role", "scan")
     assert made == [ROWS[0], *ROWS[2:]]
     assert {name: list(mine) for name, mine in made.by("scan").items()} == {"2": [ROWS[0], ROWS[3]], "1": [ROWS[2]]}
-    assert list(made.by("scan")) == ["2", "1"]
+    assert list(made.by("scan")) == ["2", "1"] and len(made.by("scan")) == 2 and made.by("scan")["1"] == [ROWS[2]]
+    assert list(made.by("scan", "step")["2"]) == [ROWS[3], ROWS[0]] and "" not in made.by("scan") and "3" not in made.by("scan")
+    assert not made[:0].by("scan")
     assert made.values("step", -1).tolist() == [1, 0, 0] and made.values("time_s", -1).tolist() == [0.5, 2, -1]
     assert made.values("none", 7).tolist() == [7, 7, 7] and not made.where("none", "x")
 

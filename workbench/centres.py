@@ -1,21 +1,23 @@
 """What comes out of scans: the JSON contract, acceptance figures, and the recording of ball centres for `calibrate`."""
 
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
 import datasets
 from datasets.recording import Recording
-from sensors.acceptance import Characteristic, Probed, acceptance
+from sensors.acceptance import Characteristic, acceptance
 from sensors.ball.fit import BallFit
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 from workbench.flange import rows_of_samples
 from workbench.provenance import provenance
 from workbench.scan import Ball, Scan, Scans
-from workbench.spool import Made
+from workbench.spool import Made, Parts, Spool
 
 FOLDER = "ball-centres"
 
@@ -104,53 +106,49 @@ def _number(value: float) -> float | None:
 def characteristics(made: Scans) -> tuple[Characteristic, ...]:
     """Acceptance figures over all scans: the largest of all scans is the result.
 
-    Balls that are cut by the field, hidden in part or beyond the calibrated depths do not count."""
-    known = made.recording.balls
-    numbers = {number: k + 1 for k, number in enumerate(known)}
-    table = np.array([ball[:3] for ball in known.values()]).T if known else None
-    every: tuple[_Combined, ...] = ()
-    for one in made.scans:
-        balls = [ball for ball in one.balls if ball.whole]
-        told = table if all(ball.number is not None for ball in balls) else None
-        probed = [
-            Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius) for k, ball in enumerate(balls)
-        ]
-        found = acceptance(probed, told, temperature=one.row.get("temperature_c"))
-        every = every or tuple(_Combined(own) for own in found)
-        for whole, own in zip(every, found):
-            whole.add(one.name, own)
-    return tuple(whole.characteristic() for whole in every) or acceptance()
+    Balls that are cut by the field, hidden in part or beyond the calibrated depths do not count. Worked out once."""
+    if "characteristics" not in made.told:
+        made.told["characteristics"] = _characteristics(made)
+    return made.told["characteristics"]
+
+
+def _characteristics(made: Scans) -> tuple[Characteristic, ...]:
+    every = tuple(map(_Combined, acceptance()))
+    single = ([whole.add(one.name, own) for whole, own in zip(every, one.accepted)] for one in made.scans)
+    spool = Spool(single, folder=made.folder)  # single results of a long session are read when they are written
+    return tuple(whole.characteristic(Parts(Made(spool, itemgetter(k)))) for k, whole in enumerate(every))
 
 
 class _Combined:
     """One characteristic of all scans, as they come: the largest of those determined; of shares and temperatures the
-    mean."""
+    mean. `undetermined` stands where there is no scan."""
 
     def __init__(self, undetermined: Characteristic):
-        self._kept, self._known, self._n, self._sum, self._parts = undetermined, False, 0, 0.0, {}
+        self._kept, self._scans, self._n, self._sum = undetermined, 0, 0, 0.0
 
-    def add(self, name: str, one: Characteristic) -> None:
-        """That of the next scan."""
+    def add(self, name: str, one: Characteristic) -> dict[str, float]:
+        """That of the next scan; gives back its single results by their names among those of all scans."""
+        self._scans += 1
+        if self._scans == 1 or one.determined and not abs(one.value) <= abs(self._kept.value):  # nan: none so far
+            self._kept = one
         if not one.determined:
-            return
-        if not self._known or abs(one.value) > abs(self._kept.value):
-            self._kept, self._known = one, True
+            return {}
         self._n, self._sum = self._n + one.n, self._sum + one.n * one.value
-        self._parts |= {f"scan {name}, {part}": value for part, value in one.parts.items()}
+        return {f"scan {name}, {part}": value for part, value in one.parts.items()}
 
-    def characteristic(self) -> Characteristic:
-        """That of all scans so far."""
-        if not self._known:
+    def characteristic(self, parts: Mapping[str, float]) -> Characteristic:
+        """That of all scans so far, with their single results."""
+        if not self._kept.determined:
             return self._kept
         mean = self._kept.name in ("rejected", "temperature")
-        return replace(self._kept, value=float(self._sum / self._n) if mean else self._kept.value, n=self._n,
-                       parts=self._parts)  # fmt: skip
+        value = float(self._sum / self._n) if mean else self._kept.value
+        return replace(self._kept, value=value, n=self._n, parts=parts)
 
 
 def characteristic_json(one: Characteristic) -> dict:
     """A line of the acceptance report."""
     return {"name": one.name, "symbol": one.symbol, "vdi": one.vdi, "value": one.value if one.determined else None,
-            "unit": one.unit, "std": one.std, "n": one.n, "why": one.why, "parts": dict(one.parts),
+            "unit": one.unit, "std": one.std, "n": one.n, "why": one.why, "parts": one.parts,
             "definition": one.definition, "verdict": one.verdict}  # fmt: skip
 
 
@@ -159,22 +157,27 @@ def centres_of(made: Scans) -> Recording | None:
 
     One row a ball and scan, with all columns of the sample that the scan belongs to, sigmas of each
     coordinate from the covariance of the fit, and where in the sensor's field the ball was seen. The sigmas are in the
-    frame that fits best: what the camera's own frame is off, the calibration of the arm takes up.
+    frame that fits best: what the camera's own frame is off, the calibration of the arm takes up. Worked out once.
     """
-    rows = list(_rows(made))
+    if "centres" not in made.told:
+        made.told["centres"] = _centres_of(made)
+    return made.told["centres"]
+
+
+def _centres_of(made: Scans) -> Recording | None:
     recording = made.recording
-    if not rows or not recording.robot or not recording.columns:
+    told = _columns(made) if recording.robot and recording.columns else {}
+    if not told:
         return None
-    place = rows_of_samples(recording, [row["sample"] for row, _ in rows])
+    place = rows_of_samples(recording, told.pop("sample"))
     columns = {name: values[place] for name, values in recording.columns.items()}
     if len(set(place.tolist())) < len(place):
         columns["pose"] = columns.get("pose", columns["sample"])
         columns["sample"] = np.arange(1.0, len(place) + 1)
-    told = [_told(made, ball) for _, ball in rows]
-    columns |= {name: np.array([one[name] for one in told], float) for name in told[0]}
     return Recording(
-        "ball-centre", columns, recording.robot, title=recording.title, balls=recording.balls, guess=recording.guess,
-        name=recording.name, source=recording.source, licence=recording.licence, sha256=recording.sha256,
+        "ball-centre", columns | told, recording.robot, title=recording.title, balls=recording.balls,
+        guess=recording.guess, name=recording.name, source=recording.source, licence=recording.licence,
+        sha256=recording.sha256,
     )  # fmt: skip
 
 
@@ -220,6 +223,15 @@ def _rows(made: Scans) -> Iterator[tuple[dict, Ball]]:
         for ball in one.balls:
             if ball.number is not None and ball.fit and not ball.beyond and "sample" in one.row:
                 yield one.row, ball
+
+
+def _columns(made: Scans) -> dict[str, np.ndarray]:
+    """Columns (k,) of `_told` of every row of `_rows`, and its sample; numbers alone are kept of a ball."""
+    columns: dict[str, array] = {}
+    for row, ball in _rows(made):
+        for name, value in {"sample": row["sample"], **_told(made, ball)}.items():
+            columns.setdefault(name, array("d")).append(value)
+    return {name: np.array(values) for name, values in columns.items()}
 
 
 def _told(made: Scans, ball: Ball) -> dict[str, float]:

@@ -36,11 +36,12 @@ def flange_poses(recording: Recording) -> np.ndarray:
 
 def rows_of_samples(recording: Recording, samples: Sequence[float]) -> np.ndarray:
     """(k,) row of samples.csv of each sample number (k,). Raises InputError for one that is not there."""
-    place = {int(number): row for row, number in enumerate(recording.sample_ids)}
-    missing = [int(sample) for sample in samples if int(sample) not in place]
-    if missing:
+    wanted, there = np.asarray(samples).astype(int), recording.sample_ids
+    missing = wanted[~np.isin(wanted, there)]
+    if missing.size:
         raise InputError(
             f"{recording.name}, images.csv, column sample: expected a row of samples.csv, found "
             f"{missing[0]}, which it does not have; correct the number"
         )
-    return np.array([place[int(sample)] for sample in samples], int)
+    order = np.argsort(there)
+    return order[np.searchsorted(there, wanted, sorter=order)]

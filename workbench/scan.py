@@ -2,14 +2,15 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from datasets.recording import Recording
-from datasets.rows import Rows
+from datasets.rows import Grouped
+from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.search import find_balls
@@ -25,7 +26,7 @@ from workbench.pace import paced
 from workbench.pictures import by_role, check_size, full_scale, path_of, streamed
 from workbench.runs import slug
 from workbench.scan_surface import reconstructed
-from workbench.spool import Spool
+from workbench.spool import Made, Spool
 
 CLOUDS = "clouds"
 INCIDENCE_DEG = 60.0
@@ -63,7 +64,8 @@ class Ball:
 @dataclass(frozen=True)
 class Scan:
     """One scan: its `row` of images.csv, number of `points` in `cloud` (a file of the run), `drawn` (3, k) mm some of
-    them, stripe centres `dropped` by reason, its balls, what is to be said of them, and pictures `rejected`."""
+    them, stripe centres `dropped` by reason, its balls, what is to be said of them, pictures `rejected`, and its own
+    acceptance figures."""
 
     name: str
     row: Mapping
@@ -74,17 +76,21 @@ class Scan:
     balls: tuple[Ball, ...]
     outcome: str
     rejected: tuple[Rejected, ...] = ()
+    accepted: tuple[Characteristic, ...] = ()
 
 
 @dataclass(frozen=True)
 class Scans:
     """All scans of a recording, of which few are in memory; `calibration` is the scanner's run, None where a file was
-    given."""
+    given; in `folder` waits what a long session cannot keep in memory; `told` holds what was made of all scans, which
+    are gone through once for it."""
 
     recording: Recording
     scanner: Scanner
     calibration: object
     scans: Sequence[Scan]
+    folder: Path | None = None
+    told: dict[str, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
 def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress: Callable[[str], None]) -> Scans:
@@ -101,15 +107,17 @@ def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress
         )
     made = None if scanner_file else calibrated.calibrate(recording, progress=progress)
     scanner = made.scanner if made else calibrated.read(scanner_file)
-    first = next(iter(groups.values()))[0]
+    first = groups.rows[0]
     size = read(path_of(recording, first), f"{recording.name}/{first['image']}").size
     check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
     (folder / CLOUDS).mkdir()
     work = _Work(recording, scanner, folder, full_scale(recording, by_role(recording, "scan")))
-    return Scans(recording, scanner, made, Spool(streamed(list(groups.items()), work, paced(progress, "scan"))))
+    each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
+    beside = folder.parent  # on its disk, and not in it: not every system moves a folder with an open file
+    return Scans(recording, scanner, made, Spool(each, folder=beside), beside)
 
 
-def scans_of(recording: Recording) -> dict[str, Rows]:
+def scans_of(recording: Recording) -> Grouped:
     """Rows of images.csv by scan, in the order of their steps. InputError where there is none, or a step twice."""
     rows = by_role(recording, "scan")
     if not len(rows):
@@ -117,17 +125,17 @@ def scans_of(recording: Recording) -> dict[str, Rows]:
             f"{recording.name}, images.csv, column role: expected pictures of scans, found none; add rows "
             "with role scan"
         )
-    groups = {}
-    for name, mine in rows.by("scan").items():
-        steps = mine.values("step", 0)
-        order = np.argsort(steps, kind="stable")
-        if (again := np.flatnonzero(np.diff(steps[order]) == 0)).size:
-            twice = steps[order[again[0]]]
-            raise InputError(
-                f"{recording.name}, images.csv, scan {name}: expected every step once, found step {twice:g} "
-                f"{(steps == twice).sum()} times; give each picture its own step or scan"
-            )
-        groups[name] = mine[order]
+    groups = rows.by("scan", "step")
+    steps = groups.rows.values("step", 0)
+    same = np.diff(steps) == 0
+    same[groups.starts[1:-1] - 1] = False  # the last of a scan and the first of the next
+    if same.any():
+        again = int(np.argmax(same))
+        name, mine = groups.at(int(np.searchsorted(groups.starts, again, "right")) - 1)
+        raise InputError(
+            f"{recording.name}, images.csv, scan {name}: expected every step once, found step {steps[again]:g} "
+            f"{(mine.values('step', 0) == steps[again]).sum()} times; give each picture its own step or scan"
+        )
     return groups
 
 
@@ -161,7 +169,8 @@ class _Work:
         outside = sum(ball.beyond for ball in balls)
         far = f"{outside} balls beyond the depths of the boards, where the planes are not calibrated" if outside else ""
         told = "; ".join(filter(None, (lost, outcome if points.size else self.dark(known), far, surface)))
-        return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told, rejected)
+        accepted = figures(self.recording, rows[0], balls)
+        return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told, rejected, accepted)
 
     def dark(self, rows) -> str:
         """Why a scan has no points, as far as its middle picture tells."""
@@ -269,6 +278,18 @@ class _Work:
         if number is not None:
             return self.recording.balls[number][3]
         return None if radii is None else min(radii, key=lambda radius: abs(radius - found))
+
+
+def figures(recording: Recording, row: Mapping, balls: Sequence[Ball]) -> tuple[Characteristic, ...]:
+    """Acceptance figures of one scan; balls that are not seen well enough do not count."""
+    known = recording.balls
+    numbers = {number: k + 1 for k, number in enumerate(known)}
+    table = np.array([ball[:3] for ball in known.values()]).T if known else None
+    whole = [ball for ball in balls if ball.whole]
+    told = table if all(ball.number is not None for ball in whole) else None
+    probed = [Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius)
+              for k, ball in enumerate(whole)]  # fmt: skip
+    return acceptance(probed, told, temperature=row.get("temperature_c"))
 
 
 def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:

@@ -2,32 +2,34 @@
 
 import pickle
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 
 class Spool(Sequence):
     """Things in the order in which they came; the first `kept` stay in memory, later ones are read back when asked for.
 
-    The file has no name, so that nobody else can write what is read back, and it goes with the process.
+    The file has no name, so that nobody else can write what is read back, and it goes with the process. It lies in
+    `folder`: that for temporary files, which is asked where None is given, is in memory on many systems.
     """
 
-    def __init__(self, things: Iterable[Any] = (), kept: int = 64):
+    def __init__(self, things: Iterable[Any] = (), kept: int = 64, folder: Path | None = None):
         self._first: list[Any] = []
-        self._places: list[tuple[int, int]] = []
-        self._file = None
+        self._places = array("q")  # where each begins in the file: 8 bytes a thing are all that grows
+        self._file, self._folder = None, folder
         for thing in things:
             self._append(thing, kept)
 
-    def _append(self, thing, kept):
+    def _append(self, thing: Any, kept: int) -> None:
         if len(self._first) < kept:
             self._first.append(thing)
             return
         if self._file is None:
-            self._file = tempfile.TemporaryFile(prefix="workbench-spool-")
-        data = pickle.dumps(thing, pickle.HIGHEST_PROTOCOL)
-        self._places.append((self._file.seek(0, 2), len(data)))
-        self._file.write(data)
+            self._file = tempfile.TemporaryFile(prefix="workbench-spool-", dir=self._folder)
+        self._places.append(self._file.seek(0, 2))
+        pickle.dump(thing, self._file, pickle.HIGHEST_PROTOCOL)
 
     def __len__(self) -> int:
         return len(self._first) + len(self._places)
@@ -38,14 +40,37 @@ class Spool(Sequence):
         place = place + len(self) if place < 0 else place
         if not 0 <= place < len(self):
             raise IndexError(place)
-        return self._first[place] if place < len(self._first) else self._read(*self._places[place - len(self._first)])
+        return self._first[place] if place < len(self._first) else self._read(self._places[place - len(self._first)])
 
     def __iter__(self) -> Iterator[Any]:
         return (self[k] for k in range(len(self)))
 
-    def _read(self, start, size):
+    def _read(self, start: int) -> Any:
         self._file.seek(start)
-        return pickle.loads(self._file.read(size))
+        return pickle.load(self._file)
+
+
+class Parts(Mapping):
+    """A long mapping made of many small ones, in the order in which they come; no key is in two of them."""
+
+    def __init__(self, parts: Sequence[Mapping[str, Any]]):
+        self._parts = parts
+
+    def __len__(self) -> int:
+        return sum(len(part) for part in self._parts)
+
+    def __iter__(self) -> Iterator[str]:
+        return (key for part in self._parts for key in part)
+
+    def __getitem__(self, key):
+        for part in self._parts:
+            if key in part:
+                return part[key]
+        raise KeyError(key)
+
+    def items(self) -> Iterator[tuple[str, Any]]:
+        """Keys and values in one go through the parts, not in one for every key."""
+        return (item for part in self._parts for item in part.items())
 
 
 class Made(Sequence):

@@ -12,6 +12,8 @@ from datasets.columns import INTEGERS
 from datasets.errors import complaint
 from datasets.recording import Recording
 
+_AT_A_TIME = 5_000  # rows of a CSV file: a cell as text takes ten times the room of a number
+
 
 def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Path:
     """Write `recording` as a new folder in recording/1 and return the folder.
@@ -102,11 +104,13 @@ def _write_toml(path: Path, keys: Mapping) -> None:
 
 def write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """One CSV file; floats are written so that reading gives the same bits."""
-    cells = [[_cell(name, v) for v in np.asarray(values).tolist()] for name, values in columns.items()]
+    columns = {name: np.asarray(values) for name, values in columns.items()}
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*cells))
+        for start in range(0, max(map(len, columns.values()), default=0), _AT_A_TIME):
+            some = {name: values[start : start + _AT_A_TIME].tolist() for name, values in columns.items()}
+            writer.writerows(zip(*([_cell(name, v) for v in values] for name, values in some.items())))
 
 
 def _cell(name: str, value) -> str:

@@ -43,6 +43,9 @@ def console(target: str | None):
     return Console(stderr=target == "-", highlight=False)
 
 
+_JSON = json.JSONEncoder(indent=2, ensure_ascii=False, allow_nan=False)
+
+
 @contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
     """A line on standard error that says what is being done; call what it yields to change it."""
@@ -71,22 +74,26 @@ def as_text(answer: Mapping[str, Any]) -> str:
 
 
 def parts(answer: Mapping[str, Any]) -> Iterator[str]:
-    """The same in parts, one an element of the answer's lists: the thousands of a session are never all in memory."""
-    before = "{"
-    for key, value in answer.items():
-        yield f"{before}\n  {_dumped(str(key))}: "
+    """The same in parts: what is made or read anew for every element of a session is never all in memory."""
+    yield from _parts(answer, "\n")
+    yield "\n"
+
+
+def _parts(value: Any, line: str) -> Iterator[str]:
+    """A value, element by element, whose further lines begin with `line`."""
+    keyed = isinstance(value, Mapping)
+    if not keyed and (not isinstance(value, Sequence) or isinstance(value, str)):
+        yield _JSON.encode(_plain(value)).replace("\n", line)
+        return
+    first, end = "{}" if keyed else "[]"
+    before = first
+    for inner in value.items() if keyed else value:
+        yield before + line + "  "
         before = ","
-        if isinstance(value, Sequence) and not isinstance(value, str) and len(value):
-            for k, inner in enumerate(value):
-                yield ("," if k else "[") + "\n    " + _dumped(inner).replace("\n", "\n    ")
-            yield "\n  ]"
-        else:
-            yield _dumped(value).replace("\n", "\n  ")
-    yield "\n}\n" if answer else "{}\n"
-
-
-def _dumped(value) -> str:
-    return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+        if keyed:
+            yield _JSON.encode(str(inner[0])) + ": "
+        yield from _parts(inner[1] if keyed else inner, line + "  ")
+    yield line + end if before == "," else first + end
 
 
 def deliver(answer: Mapping[str, Any], target: str | None) -> None:

@@ -23,6 +23,7 @@ def command(
         from workbench import centres, scan
 
         made = scan.scan(datasets.read(recording), scanner, run.partial, say)
+        say("writing the ball centres")
         centres.save(made, run.partial)
         if not no_report:
             say("writing the report")

@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from workbench.commands.tables import grid, measured, number
 
 _SHOWN = 40  # balls that a terminal names
+_NAMED = 6  # scans that a sentence names
+_SENTENCES = 12  # of scans or pictures; those of a long session may all differ
+
 
 def camera(console, answer: Mapping) -> None:
     """Errors and parameters of a camera; `answer`: the object of `camera --json`."""
@@ -35,12 +38,12 @@ def _about_camera(answer: Mapping) -> Sequence[str]:
     return [*told, *answer.get("undetermined", ())]
 
 
-def rejected(console, rows: Sequence[Mapping], most: int = 12) -> None:
-    """Pictures that were left out, each with its reason."""
-    for row in rows[:most]:
+def rejected(console, rows: Sequence[Mapping], others: int = 0) -> None:
+    """Pictures that were left out, each with its reason; `others` that are not in `rows`."""
+    for row in rows[:_SENTENCES]:
         console.print(f"left out: {row['image']}: {row['why']}", markup=False, soft_wrap=True)
-    if len(rows) > most:
-        console.print(f"and {len(rows) - most} more, which the JSON names")
+    if (more := len(rows[_SENTENCES:]) + others) > 0:
+        console.print(f"and {more} more, which the JSON names")
     if rows:
         console.print()
 
@@ -71,26 +74,37 @@ def scanner(console, answer: Mapping) -> None:
 def scan(console, answer: Mapping) -> None:
     """Balls of each scan and the acceptance figures; `answer`: the object of `scan --json`."""
     head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "RMS mm", "1 sigma mm", ""]
-    rows, unseen, outcomes, points, more = [], [], {}, 0, 0
-    for one in answer["scans"]:  # once: a long session's are read anew each time
+    rows, unseen, outcomes, points, more, others, untold = [], [], {}, 0, 0, 0, 0
+    for one in answer["scans"]:  # once: a long session's are read anew each time, and few of them kept
         points, balls = points + one["points"], _balls(one)
         more += max(len(rows) + len(balls) - _SHOWN, 0)
         rows += balls[: _SHOWN - len(rows)]
-        unseen += one["rejected"]
-        if one["outcome"]:
-            outcomes.setdefault(one["outcome"], []).append(one["scan"])
+        others += max(len(unseen) + len(one["rejected"]) - _SENTENCES, 0)
+        unseen += one["rejected"][: _SENTENCES - len(unseen)]
+        untold += not _noted(outcomes, one["outcome"], one["scan"])
     grid(console, f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points", head, rows)
     if more:
         console.print(f"and {more} more, which the JSON names\n")
     for sentence, scans in outcomes.items():
-        names = ", ".join(scans[:6]) + " ..." * (len(scans) > 6)
+        names = ", ".join(scans[:_NAMED]) + " ..." * (len(scans) > _NAMED)
         console.print(f"- scan {names}: {sentence}", markup=False, soft_wrap=True)
-    rejected(console, unseen)
+    if untold:
+        console.print(f"- {untold} more scans: other sentences, which the JSON holds")
+    rejected(console, unseen, others)
     told = [[row["name"].replace("_", " "), row["symbol"], *_valued(row)] for row in answer["acceptance"]]
     told = [row for row in told if row[2] is not None]
     if told:
         console.print()
         grid(console, "Acceptance figures, the worst scan", ["characteristic", "symbol", "value", "unit"], told, left=2)
+
+
+def _noted(outcomes: dict[str, list[str]], sentence: str, scan: str) -> bool:
+    """Whether there is room among the sentences for a scan's; few names of scans are kept with each."""
+    if not sentence or sentence in outcomes or len(outcomes) < _SENTENCES:
+        names = outcomes.setdefault(sentence, []) if sentence else []
+        names += [scan] * (len(names) <= _NAMED)
+        return True
+    return False
 
 
 def _balls(one: Mapping) -> list[list]:

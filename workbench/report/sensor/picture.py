@@ -11,6 +11,7 @@ from workbench.report.page import PICTURE
 from workbench.report.sections import Page
 
 _INK, _MOST = "#222222", 5000
+_SCANS = 60  # as many bars as can be told apart
 _log = logging.getLogger(__name__)
 Panel = Callable[[object], None]
 
@@ -83,8 +84,10 @@ def scanner(run) -> tuple[Panel, ...]:
 
 
 def scan(run) -> tuple[Panel, ...]:
-    """Form of the balls, and how well their centres are known."""
-    balls = [(one.name, ball) for one in run.scans for ball in one.balls if ball.fit]
+    """Form of the balls, and how well their centres are known; of a long session those of some scans, evenly spread."""
+    some = np.linspace(0, len(run.scans) - 1, min(len(run.scans), _SCANS)).astype(int)
+    balls = [(one.name, ball) for one in map(run.scans.__getitem__, some) for ball in one.balls if ball.fit]
+    of = f", {len(some)} of {len(run.scans):,} scans" if len(some) < len(run.scans) else ", scan by scan"
 
     def form(axes):
         for name, ball in balls[:12]:
@@ -97,7 +100,7 @@ def scan(run) -> tuple[Panel, ...]:
         place = np.arange(1, len(balls) + 1)
         for k, (axis, colour) in enumerate(zip("xyz", (style.BLUE, style.ORANGE, style.GREEN))):
             axes.bar(place + 0.27 * (k - 1), [1000 * b.fit.std[k] for _, b in balls], 0.26, color=colour, label=axis)
-        axes.set(xlabel="ball, scan by scan", ylabel="1 sigma (um)", title="how well the centres are known")
+        axes.set(xlabel=f"ball{of}", ylabel="1 sigma (um)", title="how well the centres are known")
         axes.legend(frameon=False)
 
     return form, centres

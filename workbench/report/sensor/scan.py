@@ -19,17 +19,18 @@ _CLOUDS = 6
 _MAPS = 4
 _ROWS = 60
 _DOUBTS = 12
+_NAMED = 6
 _MAP_POINTS = 4000
 
 
 def page(made: Scans) -> Page:
     """The whole page of `workbench scan`."""
-    whole = [(ball.whole, ball.fit.rms, ball.fit.std[:3].max()) for _, ball in every(made) if ball.fit]
+    form, spread, found = _most(made)
     numbers = [
-        ("form of a ball, RMS", rounded(max((rms for good, rms, _ in whole if good), default=None)), "mm"),
-        ("centre, largest 1 σ, best frame", rounded(max((std for good, _, std in whole if good), default=None)), "mm"),
+        ("form of a ball, RMS", rounded(form), "mm"),
+        ("centre, largest 1 σ, best frame", rounded(spread), "mm"),
         ("scans", str(len(made.scans)), ""),
-        ("balls found", str(len(whole)), ""),
+        ("balls found", str(found), ""),
     ]
     tail = [cameras.provenance(made.recording, made.calibration.camera if made.calibration else made)]
     own = scanners.sections(made.calibration) if made.calibration else ()
@@ -40,6 +41,18 @@ def page(made: Scans) -> Page:
         tuple(lead(made)),
         (*sections(made), *own, *tail),
     )
+
+
+def _most(made: Scans) -> tuple[float | None, float | None, int]:
+    """The largest RMS and 1 sigma of a centre, mm, of balls that are seen well; None without one; and how many balls
+    were found."""
+    form, spread, count = None, None, 0
+    for _, ball in _found(made):
+        count += 1
+        if ball.whole:
+            form = max(form or 0.0, ball.fit.rms)
+            spread = max(spread or 0.0, float(ball.fit.std[:3].max()))
+    return form, spread, count
 
 
 def chain(made: Scans) -> tuple[Section, ...]:
@@ -146,9 +159,9 @@ def _balls(made: Scans):
     yield table(_HEAD, [_row(one, ball) for one, ball in shown], left=3)
     if (others := sum(1 for _ in _found(made)) - len(shown)) > 0:
         yield words(f"The JSON names the other {others} balls.", quiet=True)
-    if doubts := _doubts(made):
-        more = [f"And {len(doubts) - _DOUBTS} more, which the JSON holds."] if len(doubts) > _DOUBTS else []
-        yield note("To be known", doubts[:_DOUBTS] + more)
+    doubts, untold = _doubts(made)
+    if doubts:
+        yield note("To be known", doubts + [f"And {untold} more, which the JSON holds."] * (untold > 0))
     residual = 1000 * np.concatenate([ball.fit.residual[ball.fit.inliers] for _, ball in shown])
     of = ", of those in the table" if others > 0 else ""
     told = f"Distances of all points used from the surface of their ball{of}."
@@ -192,25 +205,33 @@ def _row(one: Scan, ball: Ball) -> tuple:
     )
 
 
-def _doubts(made: Scans) -> list[str]:
-    """What is not as it should be, scan by scan and ball by ball; what several scans share is said once."""
-    same: dict[str, list[str]] = {}
+def _doubts(made: Scans) -> tuple[list[str], int]:
+    """What is not as it should be, scan by scan and ball by ball, and how much more there is; what several scans share
+    is said once."""
+    same, odd, known, untold = {}, [], [], 0
     for one in made.scans:
         for part in filter(None, one.outcome.split("; ")):
-            same.setdefault(part, []).append(one.name)
-    odd, known = [], []
-    for one, ball in _found(made):
-        if not ball.whole and ";" in ball.fit.outcome:
-            odd.append(f"{_called(one, ball)}: {sentence(ball.fit.outcome)}")
-        elif ball.whole and ball.fit.warnings:
-            known.append(f"{_called(one, ball)}: {sentence('; '.join(ball.fit.warnings))}")
-    return [f"{_scans(names)}: {sentence(part)}" for part, names in same.items()] + odd + known
+            if part in same or len(same) < _DOUBTS:
+                count, names = same.get(part, (0, []))
+                same[part] = count + 1, [*names, one.name][:_NAMED]
+            else:
+                untold += 1
+        for ball in filter(lambda ball: ball.fit, one.balls):
+            if not ball.whole and ";" in ball.fit.outcome:
+                odd.append(f"{_called(one, ball)}: {sentence(ball.fit.outcome)}")
+            elif ball.whole and ball.fit.warnings:
+                known.append(f"{_called(one, ball)}: {sentence('; '.join(ball.fit.warnings))}")
+        untold += len(odd[_DOUBTS:]) + len(known[_DOUBTS:])
+        del odd[_DOUBTS:], known[_DOUBTS:]
+    told = [f"{_scans(*scans)}: {sentence(part)}" for part, scans in same.items()] + odd + known
+    return told[:_DOUBTS], untold + len(told[_DOUBTS:])
 
 
-def _scans(names: list[str]) -> str:
-    if len(names) > 6:
-        return f"{len(names)} scans, {', '.join(names[:5])} and more"
-    return f"Scan {names[0]}" if len(names) == 1 else f"Scans {', '.join(names)}"
+def _scans(count: int, names: list[str]) -> str:
+    """`count` scans, of which the first few are named."""
+    if count > _NAMED:
+        return f"{count} scans, {', '.join(names[: _NAMED - 1])} and more"
+    return f"Scan {names[0]}" if count == 1 else f"Scans {', '.join(names)}"
 
 
 def ball_map(ball: Ball) -> go.Figure:
