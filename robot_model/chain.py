@@ -163,8 +163,8 @@ class _Walk:
         """Move everything outward of here by an exact small twist about `pivot`."""
         shift = sum(axis * t for axis, t in zip(self.axes, twist[:3]))
         vector = sum(axis * w for axis, w in zip(self.axes, twist[3:]))
-        self.axes = [rotate(vector, axis) for axis in self.axes]
-        self.origin = pivot + shift + rotate(vector, self.origin - pivot)
+        *self.axes, lever = rotate(vector, np.stack([*self.axes, self.origin - pivot]))
+        self.origin = pivot + shift + lever
 
     def finish(self, flange):
         rotation, offset = flange[:3, :3], flange[:3, 3]
@@ -186,7 +186,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def rotate(vector: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(3, n) points turned by rotation vectors (3, n): Rodrigues' formula, exact at 0."""
+    """(..., 3, n) points turned by rotation vectors (3, n): Rodrigues' formula, exact at 0."""
     angle = np.sqrt((vector**2).sum(0))
     once = cross(vector, points)
     half = np.sinc(angle / (2 * np.pi))

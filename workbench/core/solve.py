@@ -189,14 +189,14 @@ class _Problem:
         """One step; the damping grows until the cost falls."""
         before = self.cost
         size = len(self.gradient)
-        for _ in range(20):
+        for trial in range(20):
             damped = self.normal + (_FLOOR + self.damping) * np.eye(size)
             move = _newton(damped, self.gradient)
             decrement = -float(self.gradient @ move)
             unit = max(1.0, self.cost / max(self.residual.size, 1))
             if self.damping == 0 and decrement <= _NEARLY * unit and self.finished(move, decrement, unit):
                 return
-            if self.accept(move):
+            if self.accept(move, trial > 0):
                 if abs(before - self.cost) < max(1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)):
                     self.outcome = SETTLED
                 return
@@ -216,9 +216,14 @@ class _Problem:
         self.outcome = CONVERGED
         return True
 
-    def accept(self, move):
-        """Go there if the cost, under the present weights, is lower there."""
+    def accept(self, move, again):
+        """Go there if the cost, under the present weights, is lower there.
+
+        again: a move of this step was refused before, so that the derivative is only made once the cost is known.
+        """
         candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
+        if again and not self.cost_of(candidate, self.model.residual(candidate)) < self.cost:
+            return False
         there = self.linearise(candidate)
         if not self.cost_of(candidate, there[0]) < self.cost:
             return False

@@ -24,6 +24,12 @@ def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
     return found, (*spread, Finding("outliers", "samples", label, (), p, 1 / (1 + _RARE * p), 0.0, 0.0))
 
 
+def far_off(problem: Problem, outliers: np.ndarray) -> float:
+    """Whitened sum of squares of the samples `outliers` (n,) bool, without the robust weights."""
+    left = problem.clear(problem.residual) / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    return float((left[outliers[problem.sample]] ** 2).sum())
+
+
 def unevenly(problem: Problem) -> np.ndarray | None:
     """(n,) how far the noise of each sample is spread, 1 on average; None where it is the same everywhere.
 
@@ -75,4 +81,4 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     return (Finding("noise-heteroscedastic", "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
 
 
-__all__ = ["CLAIMED", "evened_out", "of_data", "unevenly"]
+__all__ = ["CLAIMED", "evened_out", "far_off", "of_data", "unevenly"]

@@ -12,13 +12,15 @@ likelihood is Student's and closed but for the size s, which is summed over a lo
 over the coordinates of a sample, so a family of a thousand change points costs one cumulative sum.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
-from workbench.diagnosis.problem import Problem, Scan, Site
+from workbench.diagnosis.problem import Problem, Scan
 
 SIZES = np.geomspace(0.1, 100.0, 13)
 """Sizes of a disturbance in units of what is typical."""
@@ -27,6 +29,7 @@ _TOTAL = float(logsumexp(_LIKELY))
 _ANCHOR = 4.0  # degrees of freedom that the stated sigma is worth: it may be wrong
 _GONE = 1e-9  # squared share of a direction that rounding leaves when the baseline makes it exactly
 _CHUNK = 4096
+_KEPT = 400_000  # numbers of the waves of one place that are kept
 
 
 @dataclass(frozen=True)
@@ -51,30 +54,48 @@ class Scores:
 
 
 class Projected:
-    """A problem with its baseline projected out: y, y'y, the degrees left, and moments of hypotheses."""
+    """A problem with its baseline projected out: y, y'y, the degrees left, and moments of hypotheses.
+
+    What the baseline alone makes of columns is kept with the problem (`Problem.known`), for all sets of effects that
+    are asked about beside it: of them only what the effects in the basis make is new.
+    """
 
     def __init__(self, problem: Problem):
         self.problem = problem
         self.y = problem.clear(problem.residual)
         self.crowd = crowding(self.y, problem)
         self.yy, self.degrees = float(self.y @ self.y) / self.crowd, problem.degrees / self.crowd
+        self.known = problem.known
+        self._first, self._more = problem.basis[:, : problem.first], problem.basis[:, problem.first :]
         n, size = problem.n, len(problem.sample)
         self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
 
-    def of_columns(self, columns: np.ndarray) -> Moments:
-        """columns (C, N, P), already in typical sizes."""
-        basis = self.problem.basis
-        made = np.einsum("nr,cnp->crp", basis, columns, optimize=True)
-        raw = np.einsum("cnp,cnq->cpq", columns, columns, optimize=True)
+    def of_columns(self, columns: np.ndarray, name: tuple | None = None) -> Moments:
+        """columns (C, N, P), already in typical sizes; `name`: of columns that are the problem's own."""
+
+        def first():
+            raw = np.einsum("cnp,cnq->cpq", columns, columns, optimize=True)
+            return _less(raw, _made(self._first, columns)), np.einsum("cpp->cp", raw).max(1)
+
+        gram, largest = first() if name is None else once(self.known, name, first)
         score = np.einsum("cnp,n->cp", columns, self.y)
-        return Moments(raw - np.swapaxes(made, 1, 2) @ made, score, np.einsum("cpp->cp", raw).max(1))
+        return Moments(_less(gram, _made(self._more, columns)), score, largest)
 
     def slots(self, rows: np.ndarray) -> "Slots":
-        """Sums over each sample's coordinates of rows (k, N) with y, with the basis and with one another."""
-        basis, add = self.problem.basis, self._sum
-        with_basis = np.stack([add @ (basis * row[:, None]) for row in rows])
-        with_rows = np.stack([add @ (rows * row).T for row in rows])
-        return Slots(add @ (rows * self.y).T, with_basis, with_rows)
+        """Sums over each sample's coordinates of rows (k, N) of the problem with y, the basis and one another."""
+        add = self._sum
+        once(self.known, id(rows), lambda: rows)  # kept so that no others get their id
+
+        def with_one_another():
+            return np.stack([add @ (rows * row).T for row in rows])
+
+        more = self._with(rows, self._more)
+        first = partial(self._with, rows, self._first)
+        return Slots(add @ (rows * self.y).T, more, first, with_one_another, self.known, id(rows))
+
+    def _with(self, rows, basis) -> np.ndarray:
+        """(k, n, R) sums over each sample's coordinates of the rows times a part of the basis."""
+        return np.stack([self._sum @ (basis * row[:, None]) for row in rows])
 
     def fall(self, columns: np.ndarray) -> float:
         """Fall of y'y by columns (N, P)."""
@@ -101,73 +122,138 @@ def crowding(y: np.ndarray, problem: Problem) -> float:
     return float(np.clip((sums**2).sum() / max(y @ y, 1e-300), 1.0, np.bincount(label).max()))
 
 
+def once(kept: dict, key, make):
+    """What `make()` gives, made once."""
+    if key not in kept:
+        kept[key] = make()
+    return kept[key]
+
+
+def _made(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(C, P, R) what a basis (N, R) makes of columns (C, N, P)."""
+    return np.einsum("nr,cnp->cpr", basis, columns, optimize=True)
+
+
+def _less(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
+    """(C, P, P) inner products without what is made, (C, P, R), of them."""
+    return gram - made @ made.swapaxes(1, 2) if made.shape[2] else gram
+
+
 @dataclass(frozen=True)
 class Slots:
-    """What is left of k slots once each sample's coordinates are summed: `score` (n, k), `basis` (k, n, R),
-    `rows` (k, n, k)."""
+    """What is left of k slots once each sample's coordinates are summed: `score` (n, k), and `more` (k, n, R) with the
+    columns of effects beside the baseline. Made where they are asked for: `basis` (k, n, R) with the baseline's own,
+    `rows` (k, n, k) with one another. `known`, `name`: where what depends on these alone is kept, under which name.
+    """
 
     score: np.ndarray
-    basis: np.ndarray
-    rows: np.ndarray
+    more: np.ndarray
+    with_baseline: Callable[[], np.ndarray]
+    with_one_another: Callable[[], np.ndarray]
+    known: dict
+    name: int
 
-    def times(self, waves: np.ndarray, typical: np.ndarray) -> Moments:
+    basis = cached_property(lambda self: self.with_baseline())
+    rows = cached_property(lambda self: self.with_one_another())
+
+    def _moments(self, option, score, typical, raw, made) -> Moments:
+        """Of C hypotheses in typical sizes (C, P): `score` (C, P), `raw()` (C, P, P), `made` of a basis (C, P, R)."""
+
+        def first():
+            own = raw()
+            return _less(own, made(self.basis)), (np.einsum("cpp->cp", own) * typical**2).max(1)
+
+        gram, largest = once(self.known, (self.name, option), first)
+        left = _less(gram, made(self.more)) if self.more.shape[2] else gram
+        return Moments(left * typical[:, :, None] * typical[:, None, :], score * typical, largest)
+
+    def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares=None) -> Moments:
         """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).
 
-        typical (C, k V): prior size of each coefficient, slot after slot.
+        name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot. squares() (C, U, n):
+        products of all pairs of the functions, where they are known.
         """
         groups, count, n = waves.shape
-        k = len(self.basis)
-        score = np.einsum("cvn,nk->ckv", waves, self.score, optimize=True).reshape(groups, -1)
+        k = len(self.more)
         flat = waves.reshape(groups * count, n)
-        made = np.stack([flat @ b for b in self.basis]).reshape(k, groups, count, -1)
-        made = made.transpose(1, 0, 2, 3).reshape(groups, k * count, -1)
+
+        def made(basis):
+            each = np.stack([flat @ b for b in basis]).reshape(k, groups, count, -1)
+            return each.transpose(1, 0, 2, 3).reshape(groups, k * count, -1)
+
+        def raw():
+            return self._of_squares(squares(), count) if squares else self._products(waves)
+
+        score = np.einsum("cvn,nk->ckv", waves, self.score, optimize=True).reshape(groups, -1)
+        return self._moments(name, score, typical, raw, made)
+
+    def _products(self, waves) -> np.ndarray:
+        """(C, k V, k V) inner products, slot by slot."""
+        groups, count, _ = waves.shape
+        k = len(self.more)
         raw = np.empty((groups, k, count, k, count))
         for i in range(k):
             for j in range(i, k):
                 block = (waves * self.rows[i, :, j]) @ waves.transpose(0, 2, 1)
                 raw[:, i, :, j], raw[:, j, :, i] = block, block.transpose(0, 2, 1)
-        raw = raw.reshape(groups, k * count, k * count)
-        return _scaled(raw - made @ made.transpose(0, 2, 1), score, raw, typical)
+        return raw.reshape(groups, k * count, k * count)
 
-    def steps(self, x: np.ndarray, options: np.ndarray, typical: np.ndarray) -> Moments:
-        """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,)."""
+    def _of_squares(self, squares, count) -> np.ndarray:
+        """As `_products`, from the products of all pairs of functions: one product of matrices for all slots."""
+        k = len(self.more)
+        slots, functions = _pairs(k), _pairs(count)
+        first, second = np.triu_indices(k)
+        sums = squares @ self.rows[first, :, second].T  # (C, pairs of functions, pairs of slots)
+        raw = sums[:, functions[None, :, None, :], slots[:, None, :, None]]
+        return raw.reshape(len(squares), k * count, k * count)
+
+    def steps(self, name: tuple, x: np.ndarray, options: np.ndarray, typical: np.ndarray) -> Moments:
+        """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,). name: of the steps."""
         order = np.argsort(x, kind="stable")[::-1]
         after = len(x) - np.searchsorted(x[order][::-1], options, side="right")
+
+        def made(basis):
+            return np.stack([_summed(b[order])[after] for b in basis], 1)
+
+        def raw():
+            return np.stack([_summed(r[order])[after] for r in self.rows], 1)
+
         score = _summed(self.score[order])[after]
-        made = np.stack([_summed(b[order])[after] for b in self.basis], 1)
-        raw = np.stack([_summed(r[order])[after] for r in self.rows], 1)
-        sizes = np.broadcast_to(typical, score.shape)
-        return _scaled(raw - made @ made.transpose(0, 2, 1), score, raw, sizes)
+        return self._moments(name, score, np.broadcast_to(typical, score.shape), raw, made)
 
+    def waves(self, name: tuple, pair: tuple[np.ndarray, np.ndarray], typical: np.ndarray) -> Moments:
+        """Moments of rows * cos(option x) and rows * sin(option x), one hypothesis an option; typical (k,).
 
-    def waves(self, x: np.ndarray, options: np.ndarray, typical: np.ndarray) -> Moments:
-        """Moments of rows * cos(option x) and rows * sin(option x), one hypothesis an option (V,); typical (k,).
-
-        Squares and products of waves are waves of twice the option, so that sums over samples are two products.
+        name: of the waves; pair: cosines and sines (V, n). Squares and products of waves are waves of twice the
+        option, so that sums over samples are two products.
         """
-        k, n, rank = self.basis.shape
-        turned, size = np.exp(1j * options[:, None] * x), (len(options), 2 * k)
-        pair = turned.real, turned.imag
+        (k, n, _), size = self.more.shape, (len(pair[0]), 2 * len(self.more))
+
+        def made(basis):
+            flat = basis.transpose(1, 0, 2).reshape(n, -1)
+            return np.stack([(part @ flat).reshape(len(part), k, -1) for part in pair], 2).reshape(*size, -1)
+
+        def raw():
+            rows = self.rows.transpose(1, 0, 2).reshape(n, k * k)
+            cosines, sines = pair
+            once, even, odd = rows.sum(0), (cosines**2 - sines**2) @ rows, (cosines * sines) @ rows
+            blocks = np.stack([(once + even) / 2, odd, odd, (once - even) / 2]).reshape(2, 2, -1, k, k)
+            return blocks.transpose(2, 3, 0, 4, 1).reshape(*size, 2 * k)
+
         score = np.stack([part @ self.score for part in pair], 2).reshape(size)
-        flat = self.basis.transpose(1, 0, 2).reshape(n, k * rank)
-        made = np.stack([(part @ flat).reshape(-1, k, rank) for part in pair], 2).reshape(*size, rank)
-        rows = self.rows.transpose(1, 0, 2).reshape(n, k * k)
-        once, twice = rows.sum(0), turned**2
-        even, odd = twice.real @ rows, (twice.imag @ rows) / 2
-        blocks = np.stack([(once + even) / 2, odd, odd, (once - even) / 2]).reshape(2, 2, -1, k, k)
-        raw = blocks.transpose(2, 3, 0, 4, 1).reshape(*size, 2 * k)
-        sizes = np.broadcast_to(np.repeat(typical, 2), size)
-        return _scaled(raw - made @ made.transpose(0, 2, 1), score, raw, sizes)
+        return self._moments(name, score, np.broadcast_to(np.repeat(typical, 2), size), raw, made)
+
+
+def _pairs(count: int) -> np.ndarray:
+    """(count, count) number of each pair among those of `np.triu_indices`."""
+    out, (i, j) = np.empty((count, count), int), np.triu_indices(count)
+    out[i, j] = out[j, i] = np.arange(len(i))
+    return out
 
 
 def _summed(values):
     """(n + 1, ...) sums of the first 0, 1, ... n."""
     return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, 0)])
-
-
-def _scaled(gram, score, raw, typical):
-    largest = (np.einsum("cpp->cp", raw) * typical**2).max(1)
-    return Moments(gram * typical[:, :, None] * typical[:, None, :], score * typical, largest)
 
 
 def log_evidence(volume: np.ndarray, gained: np.ndarray, projected: "Projected") -> np.ndarray:
@@ -206,13 +292,21 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     """Moments of every option of a scan."""
     slots = projected.slots(scan.rows)
     if scan.kind == "step":
-        return slots.steps(scan.x, scan.options, scan.typical)
-    parts = [slots.waves(scan.x, scan.options[start : start + _CHUNK // 4], scan.typical)
-             for start in range(0, len(scan.options), _CHUNK // 4)]  # fmt: skip
+        return slots.steps(("step",), scan.x, scan.options, scan.typical)
+    parts = []
+    for start in range(0, len(scan.options), _CHUNK // 4):
+        pair = _turned(projected.problem, scan, start)
+        parts.append(slots.waves(("wave", start), pair, scan.typical))
     return Moments(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("gram", "score", "raw")))
 
 
-def site_moments(slots: Slots, waves: np.ndarray, sizes: np.ndarray, site: Site) -> Moments:
-    """Moments of one smooth function, waves (V, n) with prior sizes (V,), on all slots of a site."""
-    typical = np.outer(site.typical, sizes).ravel()[None]
-    return slots.times(waves[None], typical)
+def _turned(problem: Problem, scan: Scan, start: int) -> tuple[np.ndarray, np.ndarray]:
+    """(V, n) cosines and sines of a chunk of a scan's options; kept for all problems of the same samples, if few."""
+    options = scan.options[start : start + _CHUNK // 4]
+
+    def make():
+        turned = np.exp(1j * options[:, None] * scan.x)
+        return np.ascontiguousarray(turned.real), np.ascontiguousarray(turned.imag)
+
+    kept = problem.made if len(options) * len(scan.x) <= _KEPT else {}
+    return once(kept, ("wave", scan.where, scan.effect, start), make)

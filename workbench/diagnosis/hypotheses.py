@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.effect import Effect
-from workbench.diagnosis.evidence import Moments, Projected, scan_moments, site_moments
+from workbench.diagnosis.evidence import Moments, Projected, once, scan_moments
 from workbench.diagnosis.problem import Candidate, Problem, Scan, Site
 from workbench.diagnosis.rivals import functions
 
@@ -15,6 +16,7 @@ UNNAMED_SHARE = 0.1
 """Prior chance that what is missing is in no row of the library."""
 LEVEL_UNNAMED = 0.3
 """Share of the error level that goes to the rivals without a name."""
+_KEPT = 2000  # samples up to which products of functions are kept
 _FEW = 12  # options of a scan that are looked at one by one; the others only count in their family
 
 
@@ -76,11 +78,24 @@ def columns_of(source, problem: Problem) -> np.ndarray:
 
 def waves_at(problem: Problem, names: tuple[str, ...], fine: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """(V, n) functions of some covariates on all samples of a problem, and their prior sizes (V,); made once."""
-    if (names, fine) not in problem.made:
+
+    def make():
         values = [problem.covariates[name] for name in names]
-        spans = [(float(v.min()), float(v.max())) for v in values]
-        problem.made[names, fine] = functions(names, values, spans, fine)
-    return problem.made[names, fine]
+        return functions(names, values, [(float(v.min()), float(v.max())) for v in values], fine)
+
+    return once(problem.made, (names, fine), make)
+
+
+def _squares(problem: Problem, chosen: Sequence[tuple[str, ...]], fine: int) -> np.ndarray:
+    """(C, U, n) products of all pairs of each of several `waves_at`; made once."""
+
+    def make(names):
+        waves, _ = waves_at(problem, names, fine)
+        first, second = np.triu_indices(len(waves))
+        return waves[first] * waves[second]
+
+    kept = problem.made if problem.n <= _KEPT else {}
+    return np.stack([once(kept, ("squares", names, fine), partial(make, names)) for names in chosen])
 
 
 def judged(problem: Problem, projected: Projected | None = None, wanted: Sequence = ()) -> list[Hypothesis]:
@@ -112,7 +127,7 @@ def _candidates(candidates: Sequence[Candidate], projected: Projected):
     widths = np.array([c.columns.shape[1] for c in candidates])
     for width in np.unique(widths):
         chosen = [c for c in candidates if c.columns.shape[1] == width]
-        moments = projected.of_columns(np.stack([c.columns * c.typical for c in chosen]))
+        moments = projected.of_columns(np.stack([c.columns * c.typical for c in chosen]), ("candidates", width))
         scores = projected.judge(moments)
         scores = replace(scores, evidence=scores.evidence + _one_sided(chosen, moments, scores, projected))
         for i, c in enumerate(chosen):
@@ -169,7 +184,9 @@ def _site(site: Site, problem: Problem, projected: Projected):
         waves, sizes = waves_at(problem, names, site.fine)
         groups.setdefault(len(waves), []).append((names, waves, np.outer(site.typical, sizes).ravel()))
     for group in groups.values():
-        moments = slots.times(np.stack([w for _, w, _ in group]), np.stack([t for *_, t in group]))
+        chosen, waves, typical = (np.stack(held) if i else tuple(held) for i, held in enumerate(zip(*group)))
+        squares = partial(_squares, problem, chosen, site.fine) if len(site.rows) > 1 else None
+        moments = slots.times((site.fine, *chosen), waves, typical, squares)
         scores = projected.judge(moments)
         for i, (names, *_) in enumerate(group):
             label = f"a {'sharply changing' if site.sharp else 'smooth'} function of " + " and ".join(names)
@@ -198,4 +215,4 @@ def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
     return float(min([1.0, *(h.p / h.weight for h in counted)]))
 
 
-__all__ = ["Hypothesis", "Moments", "columns_of", "family_wise", "judged", "site_moments", "waves_at"]
+__all__ = ["Hypothesis", "Moments", "columns_of", "family_wise", "judged", "waves_at"]

@@ -1,8 +1,10 @@
 """Laws that are only a part of what else is accepted, or that cannot be: taken out once all is solved."""
 
+from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.findings import ELASTIC
+from workbench.diagnosis.hypotheses import Hypothesis
 from workbench.diagnosis.search import Search
-from workbench.diagnosis.sets import LAW, same_place
+from workbench.diagnosis.sets import LAW, Sets, same_place
 
 _ROUNDS = 3
 
@@ -33,6 +35,23 @@ def against(search: Search):
         search.without({min(gone, key=lambda i: search.beside(i)[0])}, "it would yield against its load")
 
 
+def outdone(search: Search) -> Hypothesis | None:
+    """A function without a name that is likelier than all laws together that stay, and explains more than laws miss.
+
+    A dozen laws can make what one function makes, be preferred to it for that, and then lose their members one by one.
+    """
+    if not search.accepted or any(h.unnamed for h in search.accepted):
+        return None
+    functions = [h for h in search.table(()) if h.unnamed and isinstance(h.source, tuple) and not h.effects]
+    if not functions:
+        return None
+    bare, best = search.problem.keeping(()), max(functions, key=lambda h: h.log_weight)
+    sets = Sets.of(Projected(bare), bare, [*(search.own(i) for i in search.everyone), best])
+    alone = (len(search.accepted),)
+    better = LAW * sets.gain(alone) > sets.gain(search.everyone)
+    return best if better and sets.grown(alone)[1] > sets.grown(search.everyone)[1] else None
+
+
 def _twins(search: Search, gains: list[float]) -> set[int]:
     """The less likely of two laws that yield at one place in two ways, where it adds less to the other than laws are
     wrong by.
@@ -54,4 +73,4 @@ def near(place: str, other: str) -> bool:
     return place == other or len(numbers) == 2 and abs(numbers[0] - numbers[1]) <= 1
 
 
-__all__ = ["against", "folded", "near"]
+__all__ = ["against", "folded", "near", "outdone"]

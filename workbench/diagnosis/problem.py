@@ -139,6 +139,9 @@ class Problem:
     growing: tuple[Site, ...] = ()
     given: float = 0.0
     made: dict = field(default_factory=dict, compare=False, repr=False)  # functions of the covariates, made once
+    # what is known of all that is compared with the first `bare` columns of the basis (None: all), made once
+    known: dict = field(default_factory=dict, compare=False, repr=False)
+    bare: int | None = None
 
     def keeping(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.
@@ -152,7 +155,7 @@ class Problem:
         if len(kept) and self.added:
             basis = np.concatenate([basis, self.beside(np.concatenate([self.added[i] for i in kept], 1))], 1)
         effects = tuple(self.effects[i] for i in kept)
-        return replace(self, residual=residual, basis=basis, effects=effects, added=(), values=())
+        return replace(self, residual=residual, basis=basis, effects=effects, added=(), values=(), bare=self.first)
 
     def through(self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None) -> "Problem":
         """The problem with residual, basis and all that is compared with them mapped by `white`, rows (k, N) to (k, N).
@@ -173,7 +176,7 @@ class Problem:
             self, residual=white(self.residual), basis=np.linalg.qr(columns(self.basis))[0],
             weights=self.weights if weights is None else weights, added=tuple(map(columns, self.added)),
             sites=places(self.sites), growing=places(self.growing), scans=places(self.scans),
-            candidates=candidates(self.candidates), loose=candidates(self.loose),
+            candidates=candidates(self.candidates), loose=candidates(self.loose), known={}, bare=None,
         )  # fmt: skip
 
     def beside(self, columns: np.ndarray) -> np.ndarray:
@@ -188,6 +191,11 @@ class Problem:
     def clear(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) with all that the baseline can make of it taken out: M x = x - Q Q' x."""
         return columns - self.basis @ (self.basis.T @ columns)
+
+    @property
+    def first(self) -> int:
+        """How many columns of the basis are those of the baseline alone, for which `known` holds."""
+        return self.basis.shape[1] if self.bare is None else self.bare
 
     @property
     def n(self) -> int:

@@ -97,7 +97,7 @@ class _Trial:
     def wider(self, columns: np.ndarray) -> Problem:
         """The problem with columns (N, P) in its basis."""
         basis = np.concatenate([self.problem.basis, self.problem.beside(columns)], 1)
-        return replace(self.problem, basis=basis)
+        return replace(self.problem, basis=basis, bare=self.problem.first)
 
     def beside(self, columns: np.ndarray) -> "_Trial":
         """The same with one more accepted."""

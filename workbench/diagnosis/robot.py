@@ -34,7 +34,7 @@ _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be
 # how many of the first parameters of what yields to a load cannot be negative
 _POSITIVE = {"joint-compliance": 1, "link-self-weight": 1, "link-compliance": 1, "bearing-compliance": 1,
              "pedestal-compliance": 2}  # fmt: skip
-_LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
+_LOOSE = ("joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _KEPT = 4  # parts of the samples whose bases are kept
 _TOGETHER = ("transmission-harmonic", "joint-coupling", "measured-tilt")
@@ -78,15 +78,16 @@ class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
     `bases`: of effects, as a model keeps them; `held`: those effects, so that none of them is another's by its place
-    in memory; `known`: the library by whether something yields.
+    in memory; `known`: the library by whether something yields; `made`: functions of its covariates.
     """
 
-    def __init__(self, chain: RobotChain):
-        self.chain, self.bases, self.held, self.known = chain, {}, [], {}
+    def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
+        self.chain, self.baseline, self.bases, self.held = chain, baseline, {}, []
+        self.known, self.made = {}, {}
 
     def library(self, elastic: bool) -> list[Option]:
         if elastic not in self.known:
-            self.known[elastic] = options(self.chain, elastic)
+            self.known[elastic] = [o for o in options(self.chain, elastic) if not _held(o, self.baseline)]
         return self.known[elastic]
 
     def model(self, effects) -> Model:
@@ -114,12 +115,16 @@ class RobotBench:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
         model, fit, weights = self.solve(effects, samples)
         every = np.ones(self.chain.n, bool) if samples is None else samples
-        return _problem(model, fit, weights, self.pose[every], tuple(effects), self.loose, self._part(samples).library)
+        part = self._part(samples)
+        made = _problem(model, fit, weights, self.pose[every], tuple(effects), self.loose, part.library)
+        return replace(made, made=part.made)
 
     def _part(self, samples) -> _Part:
         """What is kept of some samples, of the last few that were asked for."""
         key = _key(samples)
-        made = self._parts.pop(key, None) or _Part(self.chain if samples is None else self.chain.at(samples))
+        made = self._parts.pop(key, None)
+        if made is None:
+            made = _Part(self.chain if samples is None else self.chain.at(samples), self.baseline)
         self._parts[key] = made
         if len(self._parts) > _KEPT:
             del self._parts[next(iter(self._parts))]
@@ -127,8 +132,8 @@ class RobotBench:
 
     @cached_property
     def loose(self) -> tuple[Option, ...]:
-        """Elastic laws with the masses of links as further unknowns."""
-        known = [o for o in options(self.chain, False) if o.effect.effect in _LOOSE]
+        """Elastic laws that the baseline does not hold, with the masses of links as further unknowns."""
+        known = [o for o in options(self.chain, False) if o.effect.effect in _LOOSE and not _held(o, self.baseline)]
         laws = [(o, loose.loosened(o.effect, self.chain.state)) for o in known]
         return tuple(replace(o, effect=law, label=loose.LABEL, mass=_LOOSE_MASS) for o, law in laws if law)
 
@@ -192,6 +197,11 @@ class RobotBench:
         held = [self.chain.state.covariates[name] for name in names]
         spans = [(float(x.min()), float(x.max())) for x in held]
         return Smooth(site.where, site.port, names, tuple(spans), site.unit, tuple(site.typical.tolist()), site.sharp)
+
+
+def _held(option: Option, baseline) -> bool:
+    """Whether the baseline holds an option's law at its place."""
+    return any((e.effect, e.where) == (option.effect.effect, option.effect.where) for e in baseline)
 
 
 def _key(samples):

@@ -87,10 +87,26 @@ class Search:
         others = tuple(j for j in self.everyone if j not in members)
         return Projected(self.problem.keeping(others)).fall(np.hstack([self.problem.added[i] for i in members]))
 
+    def too_small(self, gains: np.ndarray, least: float) -> set[int]:
+        """Numbers of the smallest of those accepted, more than one only where together they gain less than `least`.
+
+        gains: of each beside the others. Of twins each is small, since the other is there; both are not.
+        """
+        first, *more = np.argsort(gains)[: max(len(gains) - 1, 1)].tolist()
+        gone = [first]
+        for i in more:
+            if gains[i] < least / 2 and self.together((*gone, i)) < least:
+                gone.append(i)
+        return set(gone)
+
     def against(self, i: int) -> bool:
         """Whether an accepted hypothesis that cannot be negative is, in the solution."""
         positive = getattr(self.accepted[i].source, "positive", 0)
         return bool((self.problem.values[i][:positive] < 0).any())
+
+    def stands(self, h: Hypothesis) -> bool:
+        """Whether a hypothesis is accepted and does not yield against its load."""
+        return any(name_of(one) == name_of(h) and not self.against(i) for i, one in enumerate(self.accepted))
 
     def size(self, i: int) -> float:
         """RMS over all coordinates of what an accepted hypothesis makes beside the others, in stated sigmas."""

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.diagnosis.data import of_data, unevenly
+from workbench.diagnosis.data import far_off, of_data, unevenly
 from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.findings import YIELDS, finding, tells, with_hidden
 from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.locate import located
-from workbench.diagnosis.parts import against, folded, near
+from workbench.diagnosis.parts import against, folded, near, outdone
 from workbench.diagnosis.problem import Bench, Found, Problem
 from workbench.diagnosis.rest import grown_by_prediction
 from workbench.diagnosis.scatter import CLAIMED, Scatter, beside, place_of, scattered, told
@@ -70,12 +70,23 @@ def _found(search: Search) -> Found:
     if rest <= level or search.scatter:
         data = tuple(f for f in data if not search.scatter and f.p_value < rest)  # noise is judged where little is left
     if any(h.unnamed for h in search.accepted):
-        data = tuple(f for f in data if f.effect == "outliers")  # what a function leaves is not the same everywhere
+        outliers, data = _beyond_functions(search, after, outliers, data)
     if moving:
         data, places = _with_scatter(search, before, data, places)
         first = min(first, search.scatter.p_value)
     left = located(search.problem.keeping(), search.table(search.everyone))
     return Found(findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail))
+
+
+def _beyond_functions(search: Search, after: Problem, outliers, data):
+    """Outliers and findings on the data where functions without a name are accepted, which are only nearly right.
+
+    What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
+    hold more than what it may miss are outliers.
+    """
+    own = sum(search.beside(i)[0] for i in search.everyone if search.accepted[i].unnamed)
+    data = tuple(f for f in data if f.effect == "outliers" and far_off(after, outliers) > (1 - LAW) * own)
+    return outliers & bool(data), data
 
 
 def _first(search: Search, anew: bool = False) -> float:
@@ -174,21 +185,36 @@ def _named(search: Search):
     _settle(search)
     _prune(search)
     _usual(search)
+    _judged_again(search)
+    best = outdone(search)
+    if best is not None:
+        search.say(f"{best.effect} at {best.where} {best.label} for all laws: it is likelier than what stays of them")
+        search.accepted = (_with_effect(search.bench, best),)
+        search.solve()
+        _judged_again(search)
+    _ordered(search)
+
+
+def _judged_again(search: Search):
+    """What is still missing joins; whatever is not sure, beaten, a part of something else or against its load goes."""
     _grow(search)
     grown_by_prediction(search)
     _sure(search)
     _beaten(search)
     folded(search)
     against(search)
-    _ordered(search)
 
 
 def _beaten(search: Search):
-    """Whatever is likelier beside all others instead of a law; if without a name, by more than laws may miss."""
+    """Whatever is likelier beside all others instead of a law; if without a name, by more than laws may miss.
+
+    What is then left out itself, or yields against its load, has beaten nothing: what it took the place of stays.
+    """
+    failed: set[tuple] = set()
     for _ in range(_ROUNDS):
-        slack = (1 - LAW) * search.explained()
+        slack, before = (1 - LAW) * search.explained(), search.accepted
         for i in search.everyone:
-            own, best = search.own(i), _likelier(search, i, slack)
+            own, best = search.own(i), _likelier(search, i, slack, failed)
             if best is not None:
                 break
         else:
@@ -198,16 +224,25 @@ def _beaten(search: Search):
         search.accepted = (*kept, _with_effect(search.bench, best))
         search.solve()
         _prune(search)
+        if not search.stands(best):
+            search.say(f"{own.effect} at {own.where} {own.label}: stays, as that does not stand there")
+            search.accepted = before
+            search.solve()
+            failed.add((name_of(own), best.key))
 
 
-def _likelier(search: Search, i: int, slack: float) -> Hypothesis | None:
-    """What is likelier in the place of a law that is accepted, and at least as sure; None where nothing is."""
+def _likelier(search: Search, i: int, slack: float, failed: set[tuple]) -> Hypothesis | None:
+    """What is likelier in the place of a law that is accepted, and at least as sure; None where nothing is.
+
+    failed: names of laws with effect and place of what did not stand in their place.
+    """
     own = search.own(i)
     if own.unnamed or name_of(own) in search.usual:
         return None
     rivals = [h for h in search.table(search.others(i))
               if h.log_weight > own.log_weight and h.p / h.weight <= search.level
-              and h.gain > own.gain + (slack if h.unnamed else 0.0)]  # fmt: skip
+              and h.gain > own.gain + (slack if h.unnamed else 0.0)
+              and (name_of(own), h.key) not in failed]  # fmt: skip
     return max(rivals, key=lambda h: h.log_weight, default=None)
 
 
@@ -223,6 +258,9 @@ def _confirmed(search: Search, samples) -> Found:
     after = search.bench.problem(effects, samples).keeping()
     table = judged(after)
     outliers, spread = of_data(after)
+    if any(f.effect == "unknown" for f in found.findings):  # as the part has it, where laws and functions were judged
+        spread = tuple(f for f in spread if f.effect in {own.effect for own in found.spread})
+        outliers = outliers & any(f.effect == "outliers" for f in spread)
     return replace(found, before=whole, after=after, p_rest=family_wise(table), rest=located(after, table),
                    outliers=outliers, spread=spread)  # fmt: skip
 
@@ -280,10 +318,10 @@ def _prune(search: Search):
         worst = int(np.argmax(p))
         if p[worst] <= search.level:
             gains = np.array([gain for gain, _ in own])
-            worst, least = int(np.argmin(gains)), max(_inexact(search), search.left())
-            if len(gains) == 1 or gains[worst] >= least:
+            least = max(_inexact(search), search.left())
+            if len(gains) == 1 or gains.min() >= least:
                 break
-            search.without({worst, *np.flatnonzero(gains < least / 2)[: len(gains) - 1]}, _SMALL)
+            search.without(search.too_small(gains, least), _SMALL)
             continue
         if len(search.accepted) == 1:
             break

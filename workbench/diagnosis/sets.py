@@ -16,6 +16,7 @@ from workbench.diagnosis.evidence import SIZES, Projected, log_evidence
 from workbench.diagnosis.hypotheses import Hypothesis
 from workbench.diagnosis.problem import Problem
 from workbench.diagnosis.rivals import SHARP_DEGREE
+from workbench.diagnosis.schur import Beside, Left, Table
 
 SECOND = float(np.log(0.2))
 """Log prior odds of one more effect."""
@@ -41,6 +42,7 @@ class Sets:
     start: np.ndarray
     barred: set[int] = field(default_factory=set)
     seen: dict[frozenset, tuple[np.ndarray, float]] = field(default_factory=dict)
+    last: dict = field(default_factory=dict)
 
     @classmethod
     def of(cls, projected: Projected, problem: Problem, short: Sequence[Hypothesis]) -> "Sets":
@@ -89,6 +91,11 @@ class Sets:
         """Columns of a set."""
         return np.concatenate([np.zeros(0, int), *(np.arange(self.start[i], self.start[i + 1]) for i in members)])
 
+    @cached_property
+    def table(self) -> Table:
+        """The inner products by groups of hypotheses with equally many columns."""
+        return Table(self.gram, self.score, 1 / SIZES**2, tuple(columns for _, columns in self.groups))
+
     def grown(self, base: Members) -> tuple[np.ndarray, float]:
         """(K,) log weight of a set with each other hypothesis beside it (-inf where there is no room), and its own.
 
@@ -96,44 +103,50 @@ class Sets:
         """
         key = frozenset(base)
         if key not in self.seen:
-            self.seen[key] = self._grown(base)
+            self.seen[key] = self._weighed(base, self._beside(base).whole)
         weights, weight = self.seen[key]
         return np.where(self._free(base), weights, -np.inf), weight
 
-    def _grown(self, base: Members) -> tuple[np.ndarray, float]:
-        """As `grown`, room or not."""
-        held, shrink = self.index(base), 1 / SIZES**2
-        inside = self.gram[np.ix_(held, held)] + shrink[:, None, None] * np.eye(len(held))
-        right = np.concatenate([self.gram[held], self.score[held, None]], 1)
-        solved = np.linalg.solve(inside, np.broadcast_to(right, (len(SIZES), *right.shape)))
-        spent = np.linalg.slogdet(inside)[1] - len(held) * np.log(shrink)
-        gained = solved[:, :, -1] @ self.score[held]
-        left = self.score - np.einsum("bt,sb->st", self.gram[held], solved[:, :, -1])
-        weights = np.full(len(self.short), -np.inf)
-        for rows, columns in self.groups:
-            evidence = self._joined(held, solved, left, spent, gained, columns, shrink)
-            weights[rows] = evidence + self.priors[rows]
-        prior = float(self.priors[list(base)].sum()) + (len(base) - 1) * SECOND
-        return weights + prior + SECOND, float(log_evidence(spent, gained, self.projected)) + prior
+    def _beside(self, base: Members) -> Beside:
+        """What is solved for beside a set; the last one is kept, whose members may be taken out next."""
+        if self.last.get("members") != base:
+            self.last.update(members=base, beside=Beside(self.table, self.index(base)))
+        return self.last["beside"]
 
-    def _joined(self, held, solved, left, spent, gained, columns, shrink):
-        """(C,) log evidence of the set with each of C hypotheses with columns (C, w).
+    def _lose(self, base: Members) -> None:
+        """All sets with one member less, weighed from what is solved for beside the whole."""
+        edges = np.concatenate([[0], np.cumsum(np.diff(self.start)[list(base)])])
+        for k in range(len(base)):
+            fewer = base[:k] + base[k + 1 :]
+            if frozenset(fewer) not in self.seen:
+                left = self._beside(base).without(slice(edges[k], edges[k + 1]))
+                self.seen[frozenset(fewer)] = self._weighed(fewer, left)
+
+    def _weighed(self, base: Members, left: Left) -> tuple[np.ndarray, float]:
+        """As `grown`, room or not, from what is left beside a set."""
+        weights = np.full(len(self.short), -np.inf)
+        for (rows, columns), blocks in zip(self.groups, left.blocks):
+            weights[rows] = self._joined(left, columns, blocks) + self.priors[rows]
+        prior = float(self.priors[list(base)].sum()) + (len(base) - 1) * SECOND
+        own = float(log_evidence(left.spent, left.gained, self.projected)) + prior
+        return weights + prior + SECOND, own
+
+    def _joined(self, left: Left, columns: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+        """(C,) log evidence of a set with each of C hypotheses with columns (C, w), blocks (S, C, w, w).
 
         One Cholesky factor of each, the score as its last row, gives both determinant and gain.
         """
-        width = columns.shape[1]
-        both = np.zeros((len(shrink), len(columns), width + 1, width + 1))
-        own = both[..., :-1, :-1]
-        own[:] = self.gram[columns[:, :, None], columns[:, None, :]] + shrink[:, None, None, None] * np.eye(width)
-        if len(held):
-            own -= self.gram[columns[:, :, None], held] @ np.moveaxis(solved[:, :, columns], 1, 2)
-        both[..., -1, :-1] = left[:, columns]
+        shrink, width = self.table.shrink, columns.shape[1]
+        both = np.zeros((*blocks.shape[:2], width + 1, width + 1))
+        both[..., :-1, :-1] = blocks
+        both[..., range(width), range(width)] += shrink[:, None, None]
+        both[..., -1, :-1] = left.left[:, columns]
         both[..., -1, -1] = 1e300  # any number that is large enough
         factor = np.linalg.cholesky(both)
         more = (factor[..., -1, :-1] ** 2).sum(-1)
         diagonal = np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]
         volume = 2 * np.log(diagonal).sum(-1) - width * np.log(shrink)[:, None]
-        return log_evidence(spent[:, None] + volume, gained[:, None] + more, self.projected)
+        return log_evidence(left.spent[:, None] + volume, left.gained[:, None] + more, self.projected)
 
     def _free(self, base: Members) -> np.ndarray:
         free = np.ones(len(self.short), bool) if not base else self.rooms[list(base)].all(0)
@@ -270,6 +283,7 @@ class Sets:
 
     def _changed(self, present: Members) -> Iterator[tuple[float, Members]]:
         """Weights and sets with each member taken out, and with each exchanged for what is best instead."""
+        self._lose(present)
         for i in present:
             fewer = tuple(j for j in present if j != i)
             others, without = self.grown(fewer)

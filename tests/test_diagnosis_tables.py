@@ -1,0 +1,107 @@
+"""What a search keeps: tables, sets less a member and rotations as they are made anew, and laws that nothing beats."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robot_model.chain import rotate
+from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import recorded
+from workbench.diagnosis import select
+from workbench.diagnosis.evidence import Projected
+from workbench.diagnosis.hypotheses import judged
+from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.schur import Beside, Table
+from workbench.diagnosis.search import Search, name_of
+from workbench.diagnosis.sets import Sets
+
+
+def solved():
+    """A problem solved with two effects, with the clock and a slip in the recording."""
+    effects = CATALOGUE["joint-compliance"]("joint-3"), CATALOGUE["zero-shift"]("joint-1", after=2000.0)
+    bench = bench_of(recorded(31, effects, [4e-6, 3e-4], n=120))
+    return bench.problem(effects)
+
+
+@pytest.mark.parametrize("kept", [(), (0,), (1,), (0, 1)])
+def test_a_table_beside_what_is_kept_is_that_made_anew(kept):
+    """What the baseline makes of every hypothesis is kept with the problem; beside it all is as without."""
+    problem = solved()
+    judged(problem.keeping(()))
+    shared = problem.keeping(kept)
+    fresh = replace(shared, known={}, made={}, bare=None)
+    found, expected = judged(shared), judged(fresh)
+    own = {(h.effect, h.where, h.label): (h.evidence, h.gain, h.rank, np.log(h.p)) for h in expected}
+    assert len(found) == len(expected) > 500
+    for h in found:
+        made = h.evidence, h.gain, h.rank, np.log(h.p)
+        assert made == pytest.approx(own[h.effect, h.where, h.label], rel=1e-6, abs=1e-6)
+
+
+def test_what_a_spread_of_the_noise_changes_is_not_kept():
+    problem = solved()
+    judged(problem.keeping(()))
+    through = problem.through(lambda rows: 2 * rows)
+    assert not through.known and through.bare is None
+
+
+def test_a_set_less_a_member_is_the_smaller_set():
+    """Block inversion beside a decomposition of its own."""
+    rng = np.random.default_rng(5)
+    widths = np.array([1, 3, 2, 3, 1, 6])
+    start = np.concatenate([[0], np.cumsum(widths)])
+    columns = rng.normal(size=(60, start[-1])) * rng.uniform(1, 30, start[-1])
+    groups = tuple(start[:-1][widths == w][:, None] + np.arange(w) for w in np.unique(widths))
+    table = Table(columns.T @ columns, columns.T @ rng.normal(size=60), np.geomspace(100, 1e-4, 5), groups)
+    held = np.r_[start[1] : start[2], start[4] : start[5], start[5] : start[6]]
+    for member in (slice(0, 3), slice(3, 4), slice(4, 10)):
+        less = Beside(table, held).without(member)
+        own = Beside(table, np.delete(held, member)).whole
+        assert np.allclose(less.spent, own.spent, rtol=1e-9) and np.allclose(less.gained, own.gained, rtol=1e-9)
+        assert np.allclose(less.left, own.left, rtol=1e-7, atol=1e-7)
+        assert all(np.allclose(a, b, rtol=1e-7, atol=1e-7) for a, b in zip(less.blocks, own.blocks))
+
+
+def test_the_weight_of_a_set_is_that_of_its_columns():
+    """Beside a brute-force determinant and solution of every hypothesis that may join."""
+    problem = solved().keeping(())
+    projected = Projected(problem)
+    short = [h for h in judged(problem) if h.effects][:12]
+    sets = Sets.of(projected, problem, short)
+    sets._lose((0, 1, 2))
+    weights, own = sets.grown((0, 2))
+    again, same = Sets.of(projected, problem, short).grown((0, 2))
+    assert own == pytest.approx(same, rel=1e-9)
+    seen = np.isfinite(again)
+    assert (seen == np.isfinite(weights)).all() and np.allclose(weights[seen], again[seen], rtol=1e-9)
+
+
+def test_several_points_turn_as_each_does():
+    rng = np.random.default_rng(6)
+    vector, points = 0.01 * rng.normal(size=(3, 7)), rng.normal(size=(4, 3, 7))
+    assert all((rotate(vector, points)[k] == rotate(vector, points[k])).all() for k in range(4))
+
+
+def test_a_law_stays_where_what_took_its_place_does_not(monkeypatch):
+    """What is exchanged for a law and then left out itself as too small has beaten nothing."""
+    effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
+    search = Search(bench_of(recorded(32, effects, [4e-6, 4e-6], n=120)), None, select.LEVEL, lambda text: None)
+    search.solve()
+    own = {(h.effect, h.where): h for h in search.table(()) if not h.label}
+    search.accepted = tuple(own[e.effect, e.where] for e in effects)
+    search.solve()
+    weak = next(h for h in reversed(search.table((0, 1))) if h.effect == "joint-coupling")
+    monkeypatch.setattr(select, "_likelier", lambda s, i, slack, failed: None if i or failed else weak)
+    select._beaten(search)
+    assert {name_of(h) for h in search.accepted} == {("joint-compliance", "joint-2", ""), ("joint-compliance", "joint-3", "")}
+    assert any("stays" in line for line in search.trail)
+
+
+def test_twins_are_not_left_out_at_once_as_each_is_small_beside_the_other(monkeypatch):
+    """The first two make the same: each gains little beside the other, both together much."""
+    monkeypatch.setattr(Search, "together", lambda self, members: 100.0 if {0, 1} <= set(members) else 9.0)
+    search = Search(None, None, select.LEVEL, lambda text: None)
+    assert search.too_small(np.array([4.0, 5.0, 6.0, 500.0]), 50.0) == {0, 2}
+    assert search.too_small(np.array([4.0, 40.0, 45.0, 500.0]), 50.0) == {0}
+    assert search.too_small(np.array([4.0]), 50.0) == {0}
