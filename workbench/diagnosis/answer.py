@@ -15,6 +15,7 @@ from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.problem import Bench, Finding, Found
 from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, much_left, told, verdict_of
 from workbench.diagnosis.robot import RobotBench, bench_of
+from workbench.diagnosis.scatter import unrecorded
 from workbench.diagnosis.select import LEVEL, find
 from workbench.diagnosis.visible import smallest
 from workbench.provenance import provenance
@@ -98,7 +99,7 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     last = _Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, terms, refused, last.after))
     if (verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))) == UNEXPLAINED:
-        terms = (*terms, *_somewhere(found, terms))
+        terms = (*terms, *_somewhere(found, terms, last.after if terms else found.before))
     say("what these data could have shown")
     visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
     say("the next experiment")
@@ -180,14 +181,18 @@ def unwhitened(problem) -> np.ndarray:
     return problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
 
 
-def _somewhere(found: Found, terms) -> tuple[Term, ...]:
-    """What is there or left though nothing that was found carries to samples that were not fitted: where, on what."""
+def _somewhere(found: Found, terms, problem) -> tuple[Term, ...]:
+    """What is there or left though nothing that was found carries to samples that were not fitted: where, on what.
+
+    problem: without what it is said of. Beside it what could make it of a covariate that was not recorded.
+    """
     places = [one for one in (found.rest if terms else found.located) if one.depends_on]
     if not places or any(term.finding.effect == "unknown" for term in terms):
         return ()
     at = places[0]
     label = "a smooth function of " + " and ".join(at.depends_on)
-    unknown = Finding("unknown", at.where, label, (), at.p_value, 0.0, at.size, 0.0, at.depends_on)
+    unknown = Finding("unknown", at.where, label, (), at.p_value, 0.0, at.size, 0.0, at.depends_on,
+                      unrecorded(problem, at))  # fmt: skip
     return (Term(unknown, share=at.share, rest=bool(terms)),)
 
 

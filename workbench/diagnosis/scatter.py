@@ -16,6 +16,8 @@ from workbench.diagnosis.problem import Alternative, Finding, Located, Problem, 
 CLAIMED = 1e-4
 """Chance that a place of a recording with nothing wrong is said to move by chance."""
 _NEAR, _SPREADS, _SAME = 0.5, (0.05, 50.0), 1e-3
+_TRIED = 40  # spreads that are tried
+_ROUNDS, _LEAST = 30, 1e-9  # of the search for a shape, and its least width
 _FAR = 3.0  # median lengths, from which on a sample counts no more
 _PERIODS, _ORDERS, _CLEAR = 1.6, 400000, 1e-4  # how far a count may be from what its spread says; how many are tried
 _GRID = 20  # places of a grid in the shortest wave
@@ -46,8 +48,10 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
 
     For each site the sum over samples of z' A z, A the site's covariance in typical sizes less its trace and less
     its mean over all samples (which a noise that is not round makes), over the root of its squares: normal where
-    directions are chance. Of those about as clear the likeliest is taken. After the score tests of variance
-    components: Lin, Biometrika 84 (1997) 309.
+    directions are chance. After the score tests of variance components: Lin, Biometrika 84 (1997) 309. That test is
+    blind where a place moves all samples nearly the same way, as the last joint does what a sensor sees; so that
+    beside it the likelihoods of the directions are compared, a place's and that of a noise of any one shape. Of the
+    places about as clear the likeliest is taken.
     """
     m = len(problem.residual) // problem.n
     if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
@@ -58,15 +62,17 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
     length = np.sqrt((whole**2).sum(0))
     z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
     scores = np.array([_score(_tensor(site, m), z) for site in sites])
-    p = min(1.0, float(norm.sf(scores.max())) * len(scores))
+    turns = np.array([_turned(site, z) for site in sites]) - _constant(z)
+    p = 2 * len(sites) * min(float(norm.sf(scores.max())), _TRIED * float(np.exp(-max(turns.max(), 0.0))))
     if p > level:
         return None
-    near = [site for site, score in zip(sites, scores) if score > _NEAR * scores.max()]
+    near = [site for site, score, turn in zip(sites, scores, turns)
+            if score > _NEAR * scores.max() or turn > max(_NEAR * turns.max(), 0.0)]  # fmt: skip
     likely = [_likelihood(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
     own, (log, ratio, noise) = near[best], likely[best]
     spread = ratio * noise
-    return Scatter(own, max(p, 1e-300), spread, ratio, *_shape(own, whole),
+    return Scatter(own, float(np.clip(p, 1e-300, 1.0)), spread, ratio, *_shape(own, whole),
                    _rounds(own, whole, spread, problem.covariates), log - _of_noise(z))  # fmt: skip
 
 
@@ -110,12 +116,44 @@ def _likelihood(site, z) -> tuple[float, float, float]:
     d = _directions(site, len(z))
     values, vectors = np.linalg.eigh(np.einsum("kan,kbn->nab", d, d))
     squares = np.einsum("nab,an->bn", vectors, z) ** 2
-    spreads = np.geomspace(*_SPREADS, 40) / np.sqrt(np.maximum(values.mean(), 1e-300))
+    spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
     widths = 1 + spreads[:, None, None] ** 2 * values.T
     level = (squares / widths).mean((1, 2))
     logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
     best = int(np.argmax(logs))
     return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
+
+
+def _turned(site, z) -> float:
+    """Log likelihood of the directions of residuals z (m, n) where a site moves by chance in round noise, at its best.
+
+    Against directions that are all as likely; the angular central Gaussian: Tyler, Biometrika 74 (1987) 579.
+    """
+    d = _directions(site, len(z))
+    values, vectors = np.linalg.eigh(np.einsum("kan,kbn->nab", d, d))
+    unit = z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
+    squares = np.einsum("nab,an->bn", vectors, unit) ** 2
+    spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
+    widths = 1 + spreads[:, None, None] ** 2 * values.T
+    logs = -0.5 * np.log(widths).sum((1, 2)) - 0.5 * len(z) * np.log((squares / widths).sum(1)).sum(1)
+    return float(logs.max())
+
+
+def _constant(z) -> float:
+    """As `_turned`, of noise with the one shape, the same for all samples, that is likeliest (Tyler 1987).
+
+    One over the ratio of a place's likelihood to this is a valid p-value: the likeliest shape is no less likely than
+    the true one, whose ratio is more than k by chance at most once in k times. However far each sample lies off.
+    """
+    unit = z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
+    m, n = unit.shape
+    shape = np.eye(m)
+    for _ in range(_ROUNDS):
+        lengths = np.maximum(np.einsum("an,ab,bn->n", unit, np.linalg.inv(shape), unit), 1e-300)
+        shape = m / n * (unit / lengths) @ unit.T + _LEAST * np.eye(m)
+        shape *= m / np.trace(shape)
+    lengths = np.maximum(np.einsum("an,ab,bn->n", unit, np.linalg.inv(shape), unit), 1e-300)
+    return -0.5 * (n * float(np.linalg.slogdet(shape)[1]) + m * float(np.log(lengths).sum()))
 
 
 def _of_noise(z) -> float:
@@ -251,13 +289,43 @@ def hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:
     """What could do it through a covariate that the recording does not hold, the likelier first."""
     site, held = scatter.site, problem.covariates
     two = abs(scatter.kurtosis + 2) < min(2 * scatter.error, abs(scatter.kurtosis))  # two values: a coin's kurtosis
-    warm = ("joint-thermal-drift" if site.port == "joint" else "link-thermal-growth", site.where, "", "temperature")
-    rows = [warm] if site.where.startswith(("joint", "link")) else []
+    warm = _warm(site)
     if site.port == "joint" and site.where != "time":
-        rows = [("backlash", site.where, "by the side of approach", "approach"), *rows][:: 1 if two else -1]
-        rows.append(("joint-compliance", site.where, "", "payload"))
+        rows = [("backlash", site.where, "by the side of approach", "approach"), *warm][:: 1 if two else -1]
+        rows.append(_loaded(site))
+    else:
+        rows = warm
     if site.port != "geometry":
         rows.append(("time-offset", "time", "", "speed"))
+    return _lacking(rows, held)
+
+
+def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
+    """What could make what a place shows of a covariate that was not recorded; problem: without what is said of it.
+
+    Where the place moves from sample to sample besides, what `hidden` says of that; where it goes with time, what
+    changes with time.
+    """
+    found = scattered(problem, CLAIMED)
+    if found is not None and found.site.where == place.where:
+        return hidden(found, problem)
+    if "time" not in place.depends_on:
+        return ()
+    rows = [*_warm(place), *([_loaded(place)] if place.port == "joint" else [])]
+    return _lacking(rows, problem.covariates)
+
+
+def _warm(place) -> list[tuple]:
+    effect = "joint-thermal-drift" if place.port == "joint" else "link-thermal-growth"
+    return [(effect, place.where, "", "temperature")] if place.where.startswith(("joint", "link")) else []
+
+
+def _loaded(place) -> tuple:
+    return "joint-compliance", place.where, "", "payload"
+
+
+def _lacking(rows, held) -> tuple[Alternative, ...]:
+    """Rows (effect, where, variant, kind of covariate) whose covariate is not among those `held`, as alternatives."""
     rows = [row for row in rows if not any(_COLUMNS[row[-1]] in name and np.ptp(x) > 0 for name, x in held.items())]
     shares = 0.5 ** np.arange(1, len(rows) + 1)
     why = "it needs what was not recorded"
@@ -269,4 +337,4 @@ def place_of(scatter: Scatter) -> Located:
     return Located(scatter.site.where, scatter.site.port, (), 0.0, scatter.p_value, scatter.spread)
 
 
-__all__ = ["Scatter", "beside", "evened_by", "hidden", "movement", "place_of", "scattered", "told"]
+__all__ = ["Scatter", "beside", "evened_by", "hidden", "movement", "place_of", "scattered", "told", "unrecorded"]

@@ -1,0 +1,76 @@
+"""What moves by chance, and what stands beside it: directions against noise of any one shape, what is not asked twice."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from test_diagnosis_engine import recorded
+from workbench.diagnosis.data import far_off
+from workbench.diagnosis.problem import Located
+from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.scatter import _TRIED, _constant, _turned, unrecorded
+from workbench.diagnosis.select import _beyond_functions
+from workbench.diagnosis.sets import LAW
+
+
+def _site(rng, n: int, turn: float):
+    """A place whose direction turns by `turn` rad over the samples, and whose lever goes from 1 to 4."""
+    angle = turn * rng.uniform(-1, 1, n)
+    lever = rng.uniform(1, 4, n)
+    rows = np.stack([lever * np.cos(angle), lever * np.sin(angle), np.zeros(n)])
+    return SimpleNamespace(rows=rows.reshape(1, -1), typical=np.ones(1))
+
+
+def test_noise_of_one_shape_is_no_movement_however_heavy_its_tails():
+    rng = np.random.default_rng(3)
+    ratios = []
+    for _ in range(150):
+        tails = rng.standard_t(2, 120) * np.exp(rng.normal(size=120))
+        z = np.diag([4.0, 1.5, 1.0]) @ rng.normal(size=(3, 120)) * tails
+        ratios.append(_turned(_site(rng, 120, 0.3), z) - _constant(z))
+    assert max(ratios) < np.log(_TRIED * 150)
+
+
+def test_a_place_that_moves_all_samples_nearly_one_way_is_told_from_such_noise():
+    rng = np.random.default_rng(4)
+    site = _site(rng, 400, 0.3)
+    z = rng.normal(size=(3, 400)) + site.rows.reshape(3, -1) * rng.normal(size=400)
+    assert _turned(site, z) - _constant(z) > np.log(_TRIED / 1e-4)
+
+
+def test_what_goes_with_time_asks_for_what_changes_with_time():
+    problem = bench_of(recorded(5, n=60)).problem()
+    asked = {a.missing for a in unrecorded(problem, Located("joint-3", "joint", ("time",), 0.3, 1e-9))}
+    assert asked == {"temperature", "payload"}
+    assert not unrecorded(problem, Located("joint-3", "joint", ("q3",), 0.3, 1e-9))
+
+
+@pytest.mark.parametrize("kind", ["candidates", "loose"])
+def test_what_the_baseline_holds_is_no_candidate(kind):
+    recording = recorded(5, n=60)
+    bare = {(c.effect, c.where) for c in getattr(bench_of(recording).problem(), kind)}
+    yields = {(c.effect, c.where) for c in getattr(bench_of(recording, "joint-compliance").problem(), kind)}
+    gone = {pair for pair in bare if pair[0] == "joint-compliance"}
+    assert gone
+    assert not yields & gone
+
+
+@pytest.mark.parametrize(("share", "stay"), [(2.0, True), (0.5, False)])
+def test_outliers_beside_an_unknown_hold_more_than_it_may_miss(share, stay):
+    problem = bench_of(recorded(8, n=60)).problem()
+    outliers = np.arange(60) < 3
+    gain = far_off(problem, outliers) / (1 - LAW) / share
+    search = SimpleNamespace(accepted=[SimpleNamespace(unnamed=("q4",))], everyone=(0,), beside=lambda i: (gain, 0.0))
+    said = (SimpleNamespace(effect="outliers"), SimpleNamespace(effect="noise-heteroscedastic"))
+    left, data = _beyond_functions(search, problem, outliers, said)
+    assert (left == (outliers & stay)).all()
+    assert [f.effect for f in data] == ["outliers"] * stay
+
+
+def test_what_lies_far_off_counts_without_the_weights_that_made_it_little():
+    problem = bench_of(recorded(8, n=60)).problem()
+    every = np.ones(problem.n, bool)
+    left = problem.clear(problem.residual) / np.sqrt(problem.weights)[problem.sample]
+    assert far_off(problem, every) == pytest.approx((left**2).sum())
+    assert far_off(problem, ~every) == 0.0
