@@ -89,12 +89,56 @@ def test_a_few_poses_far_off_do_not_hide_what_helps_all_others():
     assert heldout.paired(pose, after, before, usual) == pytest.approx(-heldout.paired(pose, before, after, usual))
 
 
+def held_out_errors(rng, shown, noise, true=1.0, count=60):
+    """Poses, errors without and with an effect that makes `shown` (p,) sigmas at a pose and is `true` large, and
+    sigmas (n,); its size is fitted to the other four fifths of the poses."""
+    pose = np.repeat(np.arange(len(shown)), count)
+    sigma, effect = np.resize(noise, len(pose)), np.repeat(shown, count) * rng.choice([-1, 1], len(pose))
+    error, left = rng.normal(size=len(pose)) + true * effect, np.empty(len(pose))
+    for fold in range(5):
+        out = pose % 5 == fold
+        left[out] = error[out] - effect[out] * (effect[~out] @ error[~out]) / (effect[~out] @ effect[~out])
+    return pose, np.abs(error) * sigma, np.abs(left) * sigma, sigma
+
+
+def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
+    """Boards show it a little, or more; balls not at all; every fifth sample is of a kind that is ten times as noisy."""
+    shown = np.concatenate([np.geomspace(0.1, 0.8, 14), np.zeros(20)])
+    rng, noise = np.random.default_rng(3), np.array([1.0, 1.0, 1.0, 1.0, 10.0])
+    plain, told = [], []
+    for _ in range(30):
+        pose, before, after, sigma = held_out_errors(rng, shown, noise)
+        usual = np.ones(len(pose), bool)
+        plain.append(heldout.paired(pose, before, after, usual))
+        told.append(heldout.paired(pose, before, after, usual, sigma))
+    assert min(plain) < 2 < min(told)
+    assert np.median(told) > 1.5 * np.median(plain)
+
+
+def test_what_is_not_there_and_what_one_pose_alone_shows_prove_nothing_beside_what_could_show():
+    rng = np.random.default_rng(4)
+    shown = np.concatenate([np.geomspace(0.02, 0.3, 14), np.zeros(20)])
+    several = [held_out_errors(rng, shown, np.ones(1), 0.0) for _ in range(300)]
+    chance = np.array([heldout.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in several])
+    assert np.mean(chance > 2) < 0.023 and chance.mean() < 0
+    one = np.where(np.arange(34) == 5, 3.0, 0.01)
+    alone = [held_out_errors(rng, one, np.ones(1)) for _ in range(20)]
+    assert max(heldout.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in alone) < 2
+
+
+def test_with_sigma_a_root_mean_square_weighs_samples_as_a_fit_does():
+    errors, sigma = np.array([1.0, 1.0, 30.0, np.nan]), np.array([1.0, 1.0, 10.0, 1.0])
+    usual = np.ones(4, bool)
+    assert heldout.rms(errors, usual, sigma) == pytest.approx(np.sqrt((1 + 1 + 9) / 2.01))
+    assert heldout.rms(errors, usual) == pytest.approx(np.sqrt(902 / 3))
+
+
 def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
     every = np.ones(3000, bool)
     few = folds.thinned(np.arange(3000) // 125, every)
     many = folds.thinned(np.arange(3000) // 3, every)
-    assert few.sum() <= 600 and len(np.unique((np.arange(3000) // 125)[few])) == 24
-    assert many.sum() <= 600 and (many.reshape(1000, 3).all(1) | ~many.reshape(1000, 3).any(1)).all()
+    assert few.sum() <= folds._SEARCHED and len(np.unique((np.arange(3000) // 125)[few])) == 24
+    assert many.sum() <= folds._SEARCHED and (many.reshape(1000, 3).all(1) | ~many.reshape(1000, 3).any(1)).all()
 
 
 def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(bench):

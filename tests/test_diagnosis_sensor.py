@@ -1,6 +1,7 @@
 """The sensor's diagnosis on measurements without pictures: derivatives, noise, names, held-out errors."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +9,12 @@ import pytest
 import sensor_virtual
 from sensors.effects import CATALOGUE
 from workbench.core.model import Model
-from workbench.diagnosis import sensor, sensor_data
+from workbench.diagnosis import folds, sensor, sensor_data, sensor_review
 from workbench.diagnosis.controls import controls
 from workbench.diagnosis.heldout import name_of
+from workbench.diagnosis.hypotheses import Hypothesis
+from workbench.diagnosis.problem import Finding, Found
+from workbench.diagnosis.proof import earned_inside
 from workbench.diagnosis.select import find
 from workbench.diagnosis.sensor_simulate import simulated
 
@@ -97,6 +101,27 @@ def test_an_effects_columns_are_what_the_baseline_leaves_of_it():
     assert change @ expected / (expected @ expected) == pytest.approx(-1.0, abs=0.1)  # the prediction lacks it
 
 
+def test_a_search_inside_a_fold_sees_all_of_the_other_placements():
+    """A tenth of the samples shows a tenth as much: what was found outside would be called luck."""
+    seen, bench = [], clean()
+
+    def search(bench, samples):
+        seen.append(samples)
+        return SimpleNamespace(findings=())
+
+    others = bench.pose % 5 > 0
+    assert earned_inside(bench, others, search) == []
+    assert others.sum() > 2 * folds._SEARCHED and np.array_equal(seen[0], others)
+
+
+def test_every_sample_has_the_noise_of_its_kind():
+    bench = clean()
+    corners, sheets, balls = bench.chains.counts
+    kinds = np.split(bench.sigma, np.cumsum((corners, sheets)))
+    assert [len(kind) for kind in kinds] == [corners, sheets, balls]
+    assert np.allclose([np.median(kind) for kind in kinds], (0.01, 0.03, 0.03), rtol=0.1)
+
+
 def test_nothing_is_found_in_a_flawless_scanner():
     found = find(clean())
     assert found.p_first > 0.01
@@ -159,3 +184,20 @@ def test_a_wobble_so_large_that_it_is_not_linear_is_named_or_declared_beside_its
     assert len(found) == 1
     assert ("mirror-wobble", "mirror") in said
     assert said <= twins
+
+
+@pytest.mark.parametrize("where, evidence, size, declared", [("mirror", 30.0, True, True), ("mirror", 30.0, False, False),
+                                                             ("mirror", 10.0, True, False), ("laser", 30.0, True, False)])  # fmt: skip
+def test_a_large_law_that_is_likelier_stands_beside_a_function_at_its_place(monkeypatch, where, evidence, size, declared):
+    label = "a smooth function of mirror and along"
+    law = Hypothesis("a law", where, "", "", (), (), "", False, None, -3.0, 0.1, evidence, 1e-9, 80.0, 3)
+    own = Hypothesis("unknown", "mirror", label, "", (), ("mirror", "along"), "", True, None, -5.0, 0.1, 20.0, 1e-9, 100.0, 16)
+    bare = SimpleNamespace(keeping=lambda: None)
+    monkeypatch.setattr(sensor_review, "judged", lambda problem: [law, own])
+    monkeypatch.setattr(sensor_review, "large", lambda *about: size)
+    finding = Finding("unknown", "mirror", label, ("a function",), 1e-9, 0.99, 1.0, 100.0, ("mirror", "along"))
+    found = Found((finding,), bare, bare, 0.0, 0.0, (), (), np.zeros(1, bool))
+    (told,) = sensor_review.reviewed(SimpleNamespace(problem=lambda *about: bare), found).findings
+    assert [a.effect for a in told.alternatives] == ["a law"] * declared
+    assert told.probability + sum(a.probability for a in told.alternatives) == pytest.approx(1.0 if declared else 0.99)
+    assert (told.effect, told.depends_on) == ("unknown", ("mirror", "along"))

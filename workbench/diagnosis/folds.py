@@ -14,7 +14,7 @@ from workbench.diagnosis.problem import Problem
 TIME, SPACE, DEALT = "blocks of time", "blocks of the workspace", "placements and balls in turn"
 _FOLDS, _HALVINGS = 5, 2
 _FEW = 50  # poses below which a fold leaves out half as many: a fifth of them would leave the geometry open
-_SEARCHED = 500  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold
+_SEARCHED = 900  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold
 
 
 @dataclass(frozen=True)

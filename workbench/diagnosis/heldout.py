@@ -15,33 +15,67 @@ _HELD = 1e-3  # of a direction, what its prior is worth at least where one block
 _LIMIT, _MEDIAN = 2.8, 2.366
 
 
-def rms(errors: np.ndarray, usual: np.ndarray) -> float:
-    """Root mean square of the errors (n,) that there are, of the usual samples."""
-    kept = errors[usual & np.isfinite(errors)]
-    return float(np.sqrt((kept**2).mean())) if kept.size else float("nan")
+def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) -> float:
+    """Root mean square of the errors (n,) that there are, of the usual samples; with sigma (n,) in the errors' unit
+    each weighs as in a fit."""
+    kept = usual & np.isfinite(errors)
+    if not kept.any():
+        return float("nan")
+    return float(np.sqrt(np.average(errors[kept] ** 2, weights=None if sigma is None else sigma[kept] ** -2.0)))
 
 
-def paired(pose: np.ndarray, before: np.ndarray, after: np.ndarray, usual: np.ndarray) -> float:
+def paired(
+    pose: np.ndarray, before: np.ndarray, after: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None
+) -> float:
     """t of the falls of the loss, one fall a pose: their mean over its standard error.
 
     The loss is Huber's, as in every fit: of squares alone, a few poses that lie far off own the spread of all falls,
     and what helps nine tenths of the poses is called luck (Diebold & Mariano, J. Bus. Econ. Stat. 13 (1995), leave the
     loss free). Its scale is that of the median sample, of the smaller errors of the two.
+
+    sigma (n,): noise of each sample where they are not all of one kind, as corners, stripes on boards and stripes on
+    balls are not. Errors then count in it and a pose by all of its samples, see `_beside_what_shows`.
     """
     kept = usual & np.isfinite(before) & np.isfinite(after)
     _, group = np.unique(pose[kept], return_inverse=True)
     if not kept.any() or group.max() < 2:
         return 0.0
-    squares = before[kept] ** 2, after[kept] ** 2
+    unit = 1.0 if sigma is None else sigma[kept]
+    squares = (before[kept] / unit) ** 2, (after[kept] / unit) ** 2
     scale = max(min(float(np.median(s)) for s in squares) / _MEDIAN, 1e-300)
-    falls = np.bincount(group, _loss(squares[0] / scale) - _loss(squares[1] / scale)) / np.bincount(group)
+    losses = [_loss(s / scale) for s in squares]
+    falls = np.bincount(group, losses[0] - losses[1])
+    if sigma is not None:
+        return _beside_what_shows(falls, np.bincount(group, (np.sqrt(losses[0]) - np.sqrt(losses[1])) ** 2))
+    falls = falls / np.bincount(group)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     return float(falls.mean() / spread) if spread > 0 else 0.0
+
+
+def _beside_what_shows(falls: np.ndarray, moved: np.ndarray) -> float:
+    """t of the sum of the falls (p,) of poses that differ in how much of an effect they can show, `moved` (p,).
+
+    An effect moves the prediction of some poses a lot and of others not at all: a ball's not by what the board does,
+    a board's hardly where it stands square to the light. Where an effect is there, a pose's fall is in proportion to
+    the square of that; how the poses differ in it is no doubt of the effect, and only what the falls differ from
+    proportion by is. Each pose's by the proportion of all the others (MacKinnon & White, J. Econometrics 29 (1985),
+    the jackknife), so that one that shows nearly all of it by itself proves little.
+    """
+    total, shown = falls.sum(), moved.sum()
+    others = np.divide(total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > _HELD * shown)
+    spread = np.sqrt(((falls - others * moved) ** 2).sum() * (len(falls) - 1) / len(falls))
+    return float(total / spread) if spread > 0 else 0.0
 
 
 def _loss(z: np.ndarray) -> np.ndarray:
     """Huber's loss of squared lengths z."""
     return np.where(z < _LIMIT**2, z, 2 * _LIMIT * np.sqrt(z) - _LIMIT**2)
+
+
+def sigma_of(bench, samples: np.ndarray | None = None) -> np.ndarray | None:
+    """(n,) noise (px) of each of some samples (n,) bool (None: all) of a bench that has them of several kinds."""
+    sigma = getattr(bench, "sigma", None)
+    return sigma if sigma is None or samples is None else sigma[samples]
 
 
 class Errors:
@@ -118,4 +152,4 @@ def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.
     return np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
 
 
-__all__ = ["Errors", "left_out", "name_of", "paired", "rms"]
+__all__ = ["Errors", "left_out", "name_of", "paired", "rms", "sigma_of"]

@@ -18,14 +18,16 @@ import numpy as np
 from workbench.core.effect import Effect
 from workbench.diagnosis.controls import controls, of_order
 from workbench.diagnosis.folds import TIME, Scheme, schemes, thinned
-from workbench.diagnosis.heldout import Errors, left_out, paired, rms
+from workbench.diagnosis.heldout import Errors, left_out, paired, rms, sigma_of
 from workbench.diagnosis.parallel import searches
 from workbench.diagnosis.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.result import Proof, Term
 
 REAL = 2.0
 """t of the paired gains above which a held-out gain is taken for real."""
+_WAVE = "transmission-harmonic"
 _LIKELY, _ALIKE = 0.1, 0.9  # probability, or share of a finding's signature, from which on another is its twin
+_MOST = 0.5  # of what a term makes, that others make of it
 _FAR = 0.05  # robust weight below which a sample is another process's
 Find = Callable[..., Found]
 Say = Callable[[str], None]
@@ -54,13 +56,28 @@ def prove(
     """
     usual = ~found.outliers
     errors = Errors(bench)
-    terms, refused = _earned(bench, list(found.findings), None, say)
+    terms, refused = _inside(found.before, *_earned(bench, list(found.findings), None, say))
     whole = _whole(bench, found, find if terms else None, errors, say, jobs)
     terms, lost = _stable(errors, terms, whole, usual)
     terms, more = _controlled(bench, terms, say)
     effects = _effects([term.finding for term in terms])
     fixed = [errors(effects, s.fold) for s in whole.schemes] if effects else whole.plain
     return _proof(bench, whole, fixed, noise, usual, bool(terms)), tuple(terms), (*refused, *lost, *more)
+
+
+def _inside(problem: Problem, terms: list[Term], refused: list[Term]) -> tuple[list[Term], list[Term]]:
+    """The terms but waves of the last order that was asked for, whose best order may be any beyond; and the refused."""
+    waves = [s for s in problem.scans if s.effect == _WAVE]
+    last = {s.where: s.options[-1] for s in waves if s.options[-1] - s.options[-2] <= 1}  # not a motor's, by itself
+    reason = "its order is the last that was asked for, so that the wave that is there may be any of a higher order"
+    kept = []
+    for term in terms:
+        found = term.finding
+        if found.effect == _WAVE and found.effects[0].order >= last.get(found.where, np.inf):
+            refused = [*refused, replace(term, kept=False, reason=reason)]
+        else:
+            kept.append(term)
+    return kept, refused
 
 
 def _luck(t: float) -> str:
@@ -75,8 +92,8 @@ def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: in
         return _Whole(parts, plain, plain, [{} for _ in parts], 0.0)
     anew = _anew(bench, find, parts, say, jobs)
     made = [errors.predicted(s, {k: _effects(f) for k, f in a.items()}, p) for s, a, p in zip(parts, anew, plain)]
-    t = float(np.mean([paired(bench.pose, before, after, usual) for before, after in zip(plain, made)]))
-    return _Whole(parts, plain, made, anew, t)
+    t = [paired(bench.pose, before, after, usual, sigma_of(bench)) for before, after in zip(plain, made)]
+    return _Whole(parts, plain, made, anew, float(np.mean(t)))
 
 
 def _proof(bench, whole: _Whole, fixed, noise, usual, kept: bool) -> Proof:
@@ -85,16 +102,16 @@ def _proof(bench, whole: _Whole, fixed, noise, usual, kept: bool) -> Proof:
     rows = zip(whole.schemes, whole.plain, errors, fixed)
     return Proof(
         rms(whole.plain[0], usual), rms(errors[0], usual), rms(fixed[0], usual),
-        paired(bench.pose, whole.plain[0], errors[0], usual), len(whole.schemes[0].folds), *noise,
+        paired(bench.pose, whole.plain[0], errors[0], usual, sigma_of(bench)), len(whole.schemes[0].folds), *noise,
         np.stack([whole.plain[0], errors[0]]), whole.schemes[0].fold,
-        tuple(_told(s, usual, bench.pose, *row) for s, *row in rows),
+        tuple(_told(bench, s, usual, *row) for s, *row in rows),
     )  # fmt: skip
 
 
-def _told(scheme: Scheme, usual, pose, before, after, fixed) -> dict:
+def _told(bench, scheme: Scheme, usual, before, after, fixed) -> dict:
     return {"folds_by": scheme.name, "folds": len(scheme.folds), "before": rms(before, usual),
             "after": rms(after, usual), "after_same_terms": rms(fixed, usual),
-            "t": paired(pose, before, after, usual)}  # fmt: skip
+            "t": paired(bench.pose, before, after, usual, sigma_of(bench))}  # fmt: skip
 
 
 def _anew(bench, find: Find, parts: list[Scheme], say, jobs: int) -> list[dict[int, list[Finding]]]:
@@ -110,8 +127,11 @@ def _anew(bench, find: Find, parts: list[Scheme], say, jobs: int) -> list[dict[i
 
 
 def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding]:
-    """What search and held-out test leave on `samples` (n,) bool, which are then all that it has seen."""
-    found = find(bench, thinned(bench.pose, samples))
+    """What search and held-out test leave on `samples` (n,) bool, which are then all that it has seen.
+
+    Fewer of them where the bench can do with fewer; a bench that is `whole` sees in a fold what it saw outside.
+    """
+    found = find(bench, samples if getattr(bench, "whole", False) else thinned(bench.pose, samples))
     return [term.finding for term in _earned(bench, list(found.findings), samples)[0]]
 
 
@@ -123,11 +143,12 @@ def _earned(bench, findings: list[Finding], samples, say: Say = lambda text: Non
     say(f"held-out gain of {len(findings)} terms, each beside the others")
     gone: list[Term] = []
     problem = bench.problem(_effects(findings), samples) if findings else None
+    sigma = sigma_of(bench, samples)
     numbers = dict(zip(map(id, findings), _numbered(findings)))
     left = [Term(f) for f in findings]
     while left:
         kept = [i for term in left for i in numbers[id(term.finding)]]
-        left = [_judged(bench, problem, kept, term, numbers[id(term.finding)]) for term in left]
+        left = [_judged(bench, problem, kept, term, numbers[id(term.finding)], sigma) for term in left]
         worst = min(left, key=lambda term: term.t)
         if worst.t > REAL and worst.gain > 0:
             break
@@ -140,14 +161,14 @@ def _unreal(t: float) -> str:
     return f"its held-out gain beside the others is not real (t = {t:.1f}, where more than {REAL:g} is expected)"
 
 
-def _judged(bench, problem: Problem, kept: Sequence[int], term: Term, own: Sequence[int]) -> Term:
+def _judged(bench, problem: Problem, kept: Sequence[int], term: Term, own: Sequence[int], sigma) -> Term:
     """The term with t and gain of its being there beside the problem's others, over the schemes that may judge it."""
     every, rest = problem.keeping(kept), problem.keeping([i for i in kept if i not in own])
     usual, t, gain = problem.weights > _FAR, [], []
     for scheme in _judges(bench, term.finding.effects, schemes(problem.pose, problem)):
         with_it, without = left_out(every, scheme.fold), left_out(rest, scheme.fold)
-        t.append(paired(problem.pose, without, with_it, usual))
-        gain.append(rms(without, usual) - rms(with_it, usual))
+        t.append(paired(problem.pose, without, with_it, usual, sigma))
+        gain.append(rms(without, usual, sigma) - rms(with_it, usual, sigma))
     worst = int(np.argmin(t))
     known = t[worst] if t[worst] < -REAL else float(np.mean(t))
     return replace(term, t=known, gain=gain[0] if known > REAL else gain[worst])
@@ -174,16 +195,18 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
     if terms and not whole.t > REAL:
         return [], [replace(term, kept=False, reason=_luck(whole.t)) for term in terms]
     kept, lost = [], []
-    bench = errors.bench
-    with_all = {s.name: _linear(bench, s, a) for s, a in zip(whole.schemes, whole.anew)} if terms else {}
-    for term in terms:
+    bench, folds = errors.bench, [_solved(errors.bench, a) for a in whole.anew] if terms else []
+    with_all = [_linear(s, rows) for s, rows in zip(whole.schemes, folds)]
+    own = _made(bench.problem(_effects([t.finding for t in terms])), [t.finding for t in terms]) if terms else []
+    made = [_made(problem, found) for rows in folds for found, problem in rows.values()]
+    for term, moved in zip(terms, own):
         t = []
         for scheme in _judges(bench, term.finding.effects, whole.schemes):
-            found = whole.anew[whole.schemes.index(scheme)]
-            less = _linear(bench, scheme, found, term.finding)
-            t.append(paired(bench.pose, less, with_all[scheme.name], usual))
-        again = [any(_same(one, term.finding) for one in found) for a in whole.anew for found in a.values()]
-        term = replace(term, again=sum(again), chances=len(again), t_anew=max(t))
+            at = whole.schemes.index(scheme)
+            less = _linear(scheme, folds[at], term.finding)
+            t.append(paired(bench.pose, less, with_all[at], usual, sigma_of(bench)))
+        again = sum(_alike(moved, others) for others in made)
+        term = replace(term, again=again, chances=len(made), t_anew=max(t))
         if term.t_anew > REAL:
             kept.append(term)
         else:
@@ -192,11 +215,33 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
     return kept, lost
 
 
-def _linear(bench, scheme: Scheme, found: dict[int, list[Finding]], without: Finding | None = None) -> np.ndarray:
-    """(n,) errors where every fold is predicted with what was found without it, to first order; one may be left out."""
+def _solved(bench, anew: dict[int, list[Finding]]) -> dict[int, tuple[list[Finding], Problem]]:
+    """What each fold found, with all samples solved with that."""
+    return {k: (found, bench.problem(_effects(found))) for k, found in anew.items()}
+
+
+def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
+    """(N,) mm, px: what each finding makes, beside what the baseline can make of it."""
+    bare = problem.keeping(())
+    unit = problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    return [unit * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own)) for own in _numbered(findings)]
+
+
+def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
+    """Whether what some findings make together is most of what one makes, (N,) each, by whatever names."""
+    if not others:
+        return False
+    basis = np.linalg.qr(np.stack(others, 1))[0]
+    return bool(((basis.T @ moved) ** 2).sum() > _MOST * (moved**2).sum())
+
+
+def _linear(scheme: Scheme, folds: dict, without: Finding | None = None) -> np.ndarray:
+    """(n,) errors where every fold is predicted with what was found without it, to first order; one may be left out.
+
+    folds: as of `_solved`.
+    """
     out = np.empty(len(scheme.fold))
-    for k, findings in found.items():
-        problem = bench.problem(_effects(findings))
+    for k, (findings, problem) in folds.items():
         numbers = _numbered(findings)
         kept = [i for f, own in zip(findings, numbers) if without is None or not _same(f, without) for i in own]
         mine = scheme.fold == k

@@ -38,7 +38,8 @@ def bench_of(recording: Recording, progress: Progress = lambda text: None) -> "S
 class SensorBench:
     """Implements `workbench.diagnosis.problem.Bench` for corners, stripes on boards and stripes on balls.
 
-    A sample is a corner or a block of a stripe; `pose` (n,): the placement, or the scan's ball after them.
+    A sample is a corner or a block of a stripe; `pose` (n,): the placement, or the scan's ball after them; `sigma`
+    (n,) px its noise.
     """
 
     unit = "px"
@@ -56,6 +57,7 @@ class SensorBench:
         self.chains = replace(chains, **filled)
         self.n = sum(chains.counts)
         self.pose = _poses(self.chains)
+        self.sigma = _sigma(self.chains)
         self.order = self.covariates.get("time_s", np.arange(self.n, dtype=float))
         self._solved: dict = {}
         self._start: tuple | None = None
@@ -179,6 +181,12 @@ def _poses(chains: Chains) -> np.ndarray:
     labels = [chain.labels["ball"] + first if name == "balls" else chain.labels["placement"]
               for name, chain in chains.parts.items()]  # fmt: skip
     return np.concatenate(labels)
+
+
+def _sigma(chains: Chains) -> np.ndarray:
+    """(n,) px, noise of a coordinate of each sample."""
+    return np.concatenate([np.sqrt((np.broadcast_to(chain.sigma, (len(chain.sigma), count)) ** 2).mean(0))
+                           for chain, count in zip(chains.parts.values(), chains.counts)])  # fmt: skip
 
 
 def _at(chains: Chains, samples: np.ndarray) -> Chains:

@@ -1,7 +1,8 @@
 """Findings of a sensor against twins that first order cannot tell apart.
 
 A mirror hides nearly all of a wobble, so what is seen of one is large, and of what is large the
-derivatives at nothing make only nine tenths. Such a difference of gains is no evidence for a name.
+derivatives at nothing make only nine tenths. Such a difference of gains is no evidence for a name, nor one for a
+function without a name against a law that would be large: about a solution with the function the law looks small.
 """
 
 from collections.abc import Sequence
@@ -22,16 +23,17 @@ def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> F
     """The same with twins of each named finding declared where one of the two would have to be large."""
     findings = list(found.findings)
     for i, finding in enumerate(findings):
-        if finding.effects and not finding.depends_on:
+        if finding.effects:
             others = [e for j, f in enumerate(findings) if j != i for e in f.effects]
             findings[i] = _beside_twins(bench, bench.problem(others, samples).keeping(), finding)
     return replace(found, findings=tuple(findings))
 
 
 def _beside_twins(bench, bare: Problem, finding: Finding) -> Finding:
-    table = [h for h in judged(bare) if not h.unnamed]
+    table = judged(bare)
     own = next((h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)), None)
-    twins = [] if own is None else _twins(bench, bare, table, own)
+    named = [h for h in table if not h.unnamed]
+    twins = [] if own is None else (_laws if own.unnamed else _twins)(bench, bare, named, own)
     if not twins:
         return finding
     weights = np.array([np.logaddexp.reduce([h.log_prior for h in table if h.key == one.key]) for one in (own, *twins)])
@@ -48,6 +50,15 @@ def _twins(bench, bare: Problem, table: Sequence[Hypothesis], own: Hypothesis) -
     if not best or large(bench, bare, own):
         return list(best.values())
     return [h for h in best.values() if large(bench, bare, h)]
+
+
+def _laws(bench, bare: Problem, named: Sequence[Hypothesis], own: Hypothesis) -> list[Hypothesis]:
+    """Laws that would be large at the place of a function without a name, and are likelier than it about nothing."""
+    best: dict[tuple, Hypothesis] = {}
+    for h in named:
+        if h.where == own.where and h.log_weight > own.log_weight and large(bench, bare, h):
+            best.setdefault(h.key, h)
+    return list(best.values())
 
 
 def large(bench, bare: Problem, h: Hypothesis) -> bool:
@@ -67,7 +78,7 @@ def _told(finding: Finding, own: Hypothesis, twins, shares) -> Finding:
     left = 1 - sum(a.probability for a in rest)
     made = [
         Alternative(*h.key, h.label, float(left * share), float(min(1.0, h.gain / max(own.gain, 1e-300))),
-                    "both would be so large that to first order they cannot be told apart", h.missing)
+                    "one of the two would be so large that to first order they cannot be told apart", h.missing)
         for h, share in zip(twins, shares[1:])
     ]  # fmt: skip
     return replace(finding, probability=float(left * shares[0]), alternatives=(*made, *rest))
