@@ -23,7 +23,7 @@ from pathlib import Path
 from workbench.core.errors import InputError
 from workbench.runs import replace_file
 
-PATIENCE_S = 300
+PATIENCE_S = 1200
 """A diagnosis that has not answered after so long, in time of its own processor, has not answered."""
 _WAIT = 6  # times as long by the clock: others may use the machine
 

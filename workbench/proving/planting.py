@@ -1,7 +1,7 @@
 """Takes fitted terms out of real readings, and plants effects into them, so that noise and structure stay real."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,10 +12,25 @@ _SUPPORT = 0.9
 """A term is supported where it lowers the held-out RMS of all terms before it to this share, and not by luck."""
 _MOST_TERMS = 3
 _SMALL = 1e-4
+_YIELDS = ("joint-compliance", "link-compliance", "bearing-compliance")
 _kept: dict[str, tuple] = {}
+_LOADED_NM, _TURNS_RAD = 0.5, 1.0
 
-Term = tuple[str, str, tuple]
-"""Effect, place, and its options as pairs, so that it can be compared."""
+
+@dataclass(frozen=True)
+class Term:
+    """An effect that data support: name, place, options as pairs, and `twins`, (effect, place) of what yields to the
+    same load and predicts the samples that were left out as well."""
+
+    effect: str
+    where: str
+    options: tuple = ()
+    twins: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def row(self) -> tuple:
+        """The row of the catalogue."""
+        return self.effect, self.where, dict(self.options)
 
 
 def supported(recording, name: str) -> tuple[Term, ...]:
@@ -24,35 +39,43 @@ def supported(recording, name: str) -> tuple[Term, ...]:
         bench = Bench(recording, "geometry")
         left, terms, best = _possible(bench), [], bench.predicted(())
         while left and len(terms) < _MOST_TERMS:
-            tried = [bench.predicted([row_of(t) for t in (*terms, one)]) for one in left]
+            tried = [bench.predicted([t.row for t in (*terms, one)]) for one in left]
             k = int(np.argmin([one.rms for one in tried]))
             if tried[k].rms > _SUPPORT * best.rms or not tried[k].beats(best):
                 break
             best = tried[k]
-            terms.append(left.pop(k))
+            terms.append(replace(left[k], twins=_twins(left, tried, k)))
+            left.pop(k)
         _kept[name] = tuple(terms)
     return _kept[name]
 
 
-def row_of(term: Term) -> tuple:
-    """The row of the catalogue."""
-    return term[0], term[1], dict(term[2])
+def _twins(terms, tried, k: int) -> tuple[tuple[str, str], ...]:
+    """Of what yields, what the k-th does not predict better than."""
+    if terms[k].effect not in _YIELDS:
+        return ()
+    return tuple((one.effect, one.where) for one, made in zip(terms, tried)
+                 if one is not terms[k] and one.effect in _YIELDS and not tried[k].beats(made))  # fmt: skip
 
 
 def _possible(bench: Bench) -> list[Term]:
-    """Compliance of the loaded joints where masses are known, and waves twice a turn of the joints that turn far."""
-    torque, angle = np.ptp(bench.chain.state.torque, axis=1), np.ptp(bench.chain.variables, axis=1)
-    yields = [("joint-compliance", f"joint-{k + 1}", ()) for k in np.flatnonzero(torque > 0.5)]
-    turns = np.flatnonzero((angle > 1.0) & ~bench.robot.prismatic)
-    return yields + [("transmission-harmonic", f"joint-{k + 1}", (("order", 2.0),)) for k in turns]
+    """All that yields to a load where masses are known, and waves twice a turn of the joints that turn far."""
+    state, angle = bench.chain.state, np.ptp(bench.chain.variables, axis=1)
+    torque = np.ptp(state.torque, axis=1)
+    bends = [np.ptp(rows, axis=-1).max(-1) for rows in (state.moment[1:-1], state.bearing_moment)]
+    places = zip(_YIELDS, ("joint", "link", "joint"), (torque, *bends))
+    yields = [Term(effect, f"{kind}-{k + 1}") for effect, kind, loads in places
+              for k in np.flatnonzero(loads > _LOADED_NM)]  # fmt: skip
+    turns = np.flatnonzero((angle > _TURNS_RAD) & ~bench.robot.prismatic)
+    return yields + [Term("transmission-harmonic", f"joint-{k + 1}", (("order", 2.0),)) for k in turns]
 
 
 def without(recording, name: str, terms):
     """The recording with the fitted contribution of `terms` taken out of its points, all supported terms fitted."""
     model, fitted = _fitted(name, recording)
     bare = fitted
-    for effect, where, _ in terms:
-        bare = bare.update({key: 0.0 for key in fitted.keys if key.startswith(f"{where}.{effect}.")})
+    for one in terms:
+        bare = bare.update({key: 0.0 for key in fitted.keys if key.startswith(f"{one.where}.{one.effect}.")})
     change = model.residual(fitted)[:3] - model.residual(bare)[:3]
     return _moved(recording, -change)
 
@@ -60,7 +83,7 @@ def without(recording, name: str, terms):
 def _fitted(name: str, recording):
     from workbench.core.solve import solve
 
-    rows = [row_of(term) for term in supported(recording, name)]
+    rows = [term.row for term in supported(recording, name)]
     model, start = Bench(recording, "geometry").model(rows)
     return model, solve(model, start, "huber").parameters
 

@@ -30,6 +30,9 @@ WITHHELD = (
 )
 """Rule, set, whether the rows are shuffled, and what it is in words."""
 
+_TIMES = (1.0, 1.0, 0.5, 2.0, 0.25)
+"""What survives of planted effects over what is really left, one round of all sets after another."""
+
 Made = tuple[Callable[[Path], None], Callable[[], str]]
 
 
@@ -110,10 +113,12 @@ def _knocked_out(index: int, seed: int):
     terms = planting.supported(recording, name)
     kept = None if term is None else terms[term]
     corrected = planting.without(recording, name, tuple(t for t in terms if t != kept))
+    told = {"terms": [[t.effect, t.where] for t in terms], "set": name}
     if kept is None:
-        return corrected, {"rule": "not-again", "effects": [], "terms": [list(t[:2]) for t in terms], "set": name}
-    effect = {"effect": kept[0], "where": kept[1], "detail": dict(kept[2])}
-    return corrected, {"rule": "named", "effects": [effect], "terms": [list(t[:2]) for t in terms], "set": name}
+        return corrected, {"rule": "not-again", "effects": [], **told}
+    effect = {"effect": kept.effect, "where": kept.where, "detail": dict(kept.options), "accept": list(kept.twins),
+              "places": [where for _, where in kept.twins]}  # fmt: skip
+    return corrected, {"rule": "named", "effects": [effect], **told}
 
 
 # --------------------------------------------------------------------- planted
@@ -132,7 +137,7 @@ def _planted(index: int, seed: int):
     if index < 2 * len(here):
         copy = planting.jittered(recording, rng)
         return copy, {"rule": "unplanted", "effects": [], "set": here[which], "twin": twin}
-    times = (1.0, 1.0, 0.5, 2.0, 0.25)[(index // len(here)) % 5]
+    times = _TIMES[(index // len(here) - 2) % len(_TIMES)]
     planted, effect = planting.plant(recording, rng, times)
     return planted, {"rule": "planted", "effects": [effect], "set": here[which], "twin": twin, "times": times}
 
