@@ -5,11 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
+from workbench.diagnosis.answer import _of_noise
 from workbench.diagnosis.data import far_off
-from workbench.diagnosis.problem import Located
+from workbench.diagnosis.problem import Finding, Located
 from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.scatter import _TRIED, _constant, _turned, unrecorded
+from workbench.diagnosis.scatter import _TRIED, LABEL, _constant, _turned, unrecorded
 from workbench.diagnosis.select import _beyond_functions
 from workbench.diagnosis.sets import LAW
 
@@ -66,6 +68,22 @@ def test_outliers_beside_an_unknown_hold_more_than_it_may_miss(share, stay):
     left, data = _beyond_functions(search, problem, outliers, said)
     assert (left == (outliers & stay)).all()
     assert [f.effect for f in data] == ["outliers"] * stay
+
+
+class Random(CATALOGUE["joint-coupling"]):
+    def basis(self, state):
+        return np.random.default_rng(1).normal(size=(1, 1, state.n))
+
+
+@pytest.mark.parametrize(("moves", "told"), [(2e-4, ["joint-2"]), (0.0, [])])
+def test_what_moves_by_chance_is_told_beside_what_was_refused_if_it_still_does(moves, told):
+    problem = bench_of(recorded(12, [Random("joint-2", joint=4)], [moves])).problem().keeping()
+    spread = (
+        Finding("unknown", "joint-2", LABEL, (), 1e-9, 1.0, 0.0, 0.0),
+        Finding("noise-heteroscedastic", "noise", "with q1", (), 1e-9, 1.0, 0.0, 0.0, ("q1",)),
+    )
+    found = SimpleNamespace(spread=spread, p_first=1e-9)
+    assert [t.finding.where for t in _of_noise(found, (), ("refused",), problem)] == told
 
 
 def test_what_lies_far_off_counts_without_the_weights_that_made_it_little():

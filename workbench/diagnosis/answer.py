@@ -15,7 +15,7 @@ from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.problem import Bench, Finding, Found
 from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, much_left, told, verdict_of
 from workbench.diagnosis.robot import RobotBench, bench_of
-from workbench.diagnosis.scatter import unrecorded
+from workbench.diagnosis.scatter import CLAIMED, scattered, unrecorded
 from workbench.diagnosis.select import LEVEL, find
 from workbench.diagnosis.visible import smallest
 from workbench.provenance import provenance
@@ -161,9 +161,11 @@ def _size(bench, effects, term: Term) -> float | None:
 
 def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     """Findings on the data. They have no mean to be held out, so that their p-value, valid over the search, is all
-    their proof; and only where all that the mean was said to hold is proved does it hold.
+    their proof. Where something of the mean was refused, only outliers and what still moves by chance without it hold.
     """
-    told = [f for f in found.spread if not refused or f.effect == "outliers"]
+    moves = scattered(problem, CLAIMED) if refused and found.spread else None
+    still = moves.site.where if moves else None
+    told = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
     if not terms and found.p_first <= LEVEL and {f.effect for f in told} <= {_UNEVEN, "outliers"}:
         told = [f for f in told if f.effect != _UNEVEN]  # a mean that nothing explains makes a spread uneven, too
     return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in told)
