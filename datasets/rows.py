@@ -114,6 +114,8 @@ class Grouped(Mapping):
         return (self.at(k)[0] for k in range(len(self)))
 
     def __getitem__(self, text: str) -> Rows:
+        if not isinstance(text, str):
+            raise KeyError(text)
         codes = self.rows.columns[self.column][self.rows.chosen[self.starts[:-1]]]
         found = np.flatnonzero(codes == self.rows.code(self.column, text))
         if not found.size:

@@ -1,5 +1,7 @@
 """What a diagnosis proves, says and proposes: held-out blocks, controls, smallest sizes, shares, sentences."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import tomli_w
@@ -7,9 +9,10 @@ import tomli_w
 from conftest import ROOT
 from robot_model.effects import CATALOGUE
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.diagnosis import against, folds, heldout, replicates, visible, words
+from workbench.diagnosis import against, folds, heldout, proof, replicates, visible, words
 from workbench.diagnosis.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
 from workbench.diagnosis.experiment import Doubt, compared, missing_of, next_experiment, told
+from workbench.diagnosis.places import _orders
 from workbench.diagnosis.problem import Alternative, Finding
 from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.diagnosis.robot import bench_of
@@ -112,7 +115,7 @@ def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
         plain.append(heldout.paired(pose, before, after, usual))
         told.append(heldout.paired(pose, before, after, usual, sigma))
     assert min(plain) < 2 < min(told)
-    assert np.median(told) > 1.5 * np.median(plain)
+    assert np.median(told) > 1.2 * np.median(plain)  # told as a normal would have it, of about nine poses that show it
 
 
 def test_what_is_not_there_and_what_one_pose_alone_shows_prove_nothing_beside_what_could_show():
@@ -124,6 +127,38 @@ def test_what_is_not_there_and_what_one_pose_alone_shows_prove_nothing_beside_wh
     one = np.where(np.arange(34) == 5, 3.0, 0.01)
     alone = [held_out_errors(rng, one, np.ones(1)) for _ in range(20)]
     assert max(heldout.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in alone) < 2
+
+
+def test_where_few_poses_show_most_luck_proves_no_more_often():
+    """A term that makes the prediction no better: t beyond 2 as often as a normal's, however few poses show it."""
+    rng, t = np.random.default_rng(6), []
+    for _ in range(1500):
+        moves = 0.5 * np.exp(rng.normal(size=5)) * rng.choice([-1, 1], 5)
+        before = rng.normal(size=5) + moves / 2
+        t.append(heldout._beside_what_shows(20 * (before**2 - (before - moves) ** 2), 20 * moves**2))
+    assert np.mean(np.array(t) > 2) < 0.03
+    assert max(t) < 4
+
+
+@pytest.mark.parametrize(
+    ("ratio", "order", "kept"),
+    [(np.nan, 200.0, False), (np.nan, 199.0, True), (100.0, 200.0, True), (121.0, 200.0, False), (121.0, 242.0, True)],
+)
+def test_a_wave_of_the_last_order_is_refused_unless_it_is_a_motors(ratio, order, kept):
+    options, mass = _orders(ratio)
+    scan = SimpleNamespace(effect="transmission-harmonic", where="joint-2", options=options, mass=mass)
+    finding = Finding("transmission-harmonic", "joint-2", "", (SimpleNamespace(order=order),), 0.0, 1.0, 1.0, 1.0)
+    stay, gone = proof._inside(SimpleNamespace(scans=(scan,)), [Term(finding)], [])
+    assert (len(stay), len(gone)) == (int(kept), int(not kept))
+
+
+def test_a_fold_finds_a_term_again_by_what_it_makes_and_not_by_its_name():
+    rng = np.random.default_rng(7)
+    own, other = rng.normal(size=(2, 300))
+    assert proof._alike(own, [0.4 * own + 0.1 * other, other])
+    assert not proof._alike(own, [-own])
+    assert not proof._alike(own, [other])
+    assert not proof._alike(own, [])
 
 
 def test_with_sigma_a_root_mean_square_weighs_samples_as_a_fit_does():

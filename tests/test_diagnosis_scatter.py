@@ -1,5 +1,6 @@
 """What moves by chance, and what stands beside it: directions against noise of any one shape, what is not asked twice."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from workbench.diagnosis.answer import _of_noise
 from workbench.diagnosis.data import far_off
 from workbench.diagnosis.problem import Finding, Located
 from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.scatter import _TRIED, LABEL, _constant, _turned, unrecorded
+from workbench.diagnosis.scatter import _TRIED, LABEL, _constant, _turned, scattered, unrecorded
 from workbench.diagnosis.select import _beyond_functions
 from workbench.diagnosis.sets import LAW
 
@@ -30,7 +31,7 @@ def test_noise_of_one_shape_is_no_movement_however_heavy_its_tails():
     for _ in range(150):
         tails = rng.standard_t(2, 120) * np.exp(rng.normal(size=120))
         z = np.diag([4.0, 1.5, 1.0]) @ rng.normal(size=(3, 120)) * tails
-        ratios.append(_turned(_site(rng, 120, 0.3), z) - _constant(z))
+        ratios.append(_turned(_site(rng, 120, 0.3), z, np.ones(120)) - _constant(z, np.ones(120)))
     assert max(ratios) < np.log(_TRIED * 150)
 
 
@@ -38,7 +39,18 @@ def test_a_place_that_moves_all_samples_nearly_one_way_is_told_from_such_noise()
     rng = np.random.default_rng(4)
     site = _site(rng, 400, 0.3)
     z = rng.normal(size=(3, 400)) + site.rows.reshape(3, -1) * rng.normal(size=400)
-    assert _turned(site, z) - _constant(z) > np.log(_TRIED / 1e-4)
+    assert _turned(site, z, np.ones(400)) - _constant(z, np.ones(400)) > np.log(_TRIED / 1e-4)
+
+
+def test_repeats_of_a_pose_that_err_together_are_no_movement_by_chance():
+    rng, smallest = np.random.default_rng(5), []
+    plain = bench_of(recorded(14, n=240)).problem().keeping()
+    pose = np.arange(240) // 6
+    for _ in range(12):
+        shared = rng.normal(size=(3, 40))[:, pose] + 0.3 * rng.normal(size=(3, 240))
+        found = scattered(replace(plain, residual=plain.clear(shared.ravel()), weights=np.ones(240), pose=pose), 1.0)
+        smallest.append(1.0 if found is None else found.p_value)
+    assert min(smallest) > 0.01
 
 
 def test_what_goes_with_time_asks_for_what_changes_with_time():

@@ -11,6 +11,7 @@ from test_diagnosis_engine import recorded
 from workbench.diagnosis import select
 from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.hypotheses import judged
+from workbench.diagnosis.parts import outdone
 from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.schur import Beside, Table
 from workbench.diagnosis.search import Search, name_of
@@ -105,3 +106,35 @@ def test_twins_are_not_left_out_at_once_as_each_is_small_beside_the_other(monkey
     assert search.too_small(np.array([4.0, 5.0, 6.0, 500.0]), 50.0) == {0, 2}
     assert search.too_small(np.array([4.0, 40.0, 45.0, 500.0]), 50.0) == {0}
     assert search.too_small(np.array([4.0]), 50.0) == {0}
+
+
+def test_one_function_takes_the_place_of_laws_that_make_less_of_the_same():
+    class Odd(CATALOGUE["joint-coupling"]):
+        def basis(self, state):
+            return np.sin(2 * state.variables[3] * state.variables[5])[None, None]
+
+    search = Search(bench_of(recorded(33, [Odd("joint-5", joint=4)], [6e-4])), None, select.LEVEL, lambda text: None)
+    search.solve()
+    law = next(h for h in search.table(()) if h.effects and h.where == "joint-5" and h.label)
+    search.accepted = (law,)
+    search.solve()
+    best = outdone(search)
+    assert (best.where, set(best.unnamed)) == ("joint-5", {"q4", "q6"})
+
+
+def test_laws_that_make_all_of_it_are_not_outdone():
+    slip = CATALOGUE["zero-shift"]("joint-4", after=1510.0)
+    search = Search(bench_of(recorded(34, [slip], [1e-3], n=120)), None, select.LEVEL, lambda text: None)
+    search.solve()
+    search.accepted = tuple(h for h in search.table(()) if h.effects)[:1]
+    search.solve()
+    assert search.accepted[0].effect == "zero-shift"
+    assert outdone(search) is None
+
+
+def test_hardly_any_noise_is_no_error(monkeypatch):
+    """Points rounded to four decimals are exact but for that: inner products beyond what rounding can tell apart."""
+    monkeypatch.setattr("test_diagnosis_engine.SIGMA", 1e-6)
+    effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
+    answer = select.find(bench_of(recorded(35, effects, [2e-5, 2e-5], n=60)))
+    assert {(f.effect, f.where) for f in answer.findings} == {(e.effect, e.where) for e in effects}

@@ -11,6 +11,7 @@ import pytest
 import datasets
 from sensor_recordings import scanner_recording
 from workbench import centres, scan
+from workbench.core.errors import InputError
 from workbench.pace import paced
 from workbench.spool import Spool
 
@@ -24,6 +25,12 @@ def test_a_spool_is_the_sequence_that_went_in():
     assert all(np.array_equal(one["values"], np.arange(one["number"])) for one in made)
     with pytest.raises(IndexError):
         made[20]
+
+
+def test_a_full_disk_is_named_by_its_folder(monkeypatch, tmp_path):
+    monkeypatch.setattr("workbench.spool.tempfile.TemporaryFile", lambda prefix, dir: open("/dev/full", "w+b"))
+    with pytest.raises(InputError, match=f"{tmp_path}.*No space left.*make room"):
+        Spool(range(9), kept=2, folder=tmp_path)
 
 
 def test_a_spool_holds_no_more_the_longer_it_is():

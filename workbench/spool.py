@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from workbench.core.errors import InputError
+
 
 class Spool(Sequence):
     """Things in the order in which they came; the first `kept` stay in memory, later ones are read back when asked for.
@@ -26,10 +28,18 @@ class Spool(Sequence):
         if len(self._first) < kept:
             self._first.append(thing)
             return
-        if self._file is None:
-            self._file = tempfile.TemporaryFile(prefix="workbench-spool-", dir=self._folder)
-        self._places.append(self._file.seek(0, 2))
-        pickle.dump(thing, self._file, pickle.HIGHEST_PROTOCOL)
+        try:
+            if self._file is None:
+                self._file = tempfile.TemporaryFile(prefix="workbench-spool-", dir=self._folder)
+            place = self._file.seek(0, 2)
+            pickle.dump(thing, self._file, pickle.HIGHEST_PROTOCOL)
+            self._file.flush()
+        except OSError as error:  # a file without a name cannot say which disk is full
+            raise InputError(
+                f"{self._folder or tempfile.gettempdir()}: room is expected there for what does not stay in memory, "
+                f"and the system says '{error.strerror}'; make room or choose another place."
+            ) from error
+        self._places.append(place)
 
     def __len__(self) -> int:
         return len(self._first) + len(self._places)

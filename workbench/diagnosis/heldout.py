@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from workbench.core.effect import Effect
 from workbench.crossvalidation import hold_out
@@ -64,7 +66,10 @@ def _beside_what_shows(falls: np.ndarray, moved: np.ndarray) -> float:
     total, shown = falls.sum(), moved.sum()
     others = np.divide(total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > _HELD * shown)
     spread = np.sqrt(((falls - others * moved) ** 2).sum() * (len(falls) - 1) / len(falls))
-    return float(total / spread) if spread > 0 else 0.0
+    if not spread > 0:
+        return 0.0
+    worth = shown**2 / (moved**2).sum()  # of so many poses the sum is as good as made: t as a normal would have it
+    return float(norm.isf(np.clip(student.sf(total / spread, max(worth, 1.0)), 1e-300, 1 - 1e-16)))
 
 
 def _loss(z: np.ndarray) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 First the whole: the search is made anew inside each fold, and what it finds there must predict the other samples
 better than the baseline does. Then each term, by leaving it out with all others in place; the weakest goes first, and
-the others are judged again without it. Last, each term's part in what the folds found by themselves: a twin that is
-chosen in another fold is the same term.
+the others are judged again without it. Last, each term's part in what the folds found by themselves, where a twin that
+is chosen in another fold stands for the term.
 
 A law of time cannot be carried into a stretch of time that was not measured, so that it is judged by blocks of the
 workspace alone.
@@ -27,6 +27,7 @@ REAL = 2.0
 """t of the paired gains above which a held-out gain is taken for real."""
 _WAVE = "transmission-harmonic"
 _LIKELY, _ALIKE = 0.1, 0.9  # probability, or share of a finding's signature, from which on another is its twin
+_MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
 _MOST = 0.5  # of what a term makes, that others make of it
 _FAR = 0.05  # robust weight below which a sample is another process's
 Find = Callable[..., Found]
@@ -68,12 +69,12 @@ def prove(
 def _inside(problem: Problem, terms: list[Term], refused: list[Term]) -> tuple[list[Term], list[Term]]:
     """The terms but waves of the last order that was asked for, whose best order may be any beyond; and the refused."""
     waves = [s for s in problem.scans if s.effect == _WAVE]
-    last = {s.where: s.options[-1] for s in waves if s.options[-1] - s.options[-2] <= 1}  # not a motor's, by itself
+    last = {s.where: s.options[s.mass < _MOTOR * np.median(s.mass)].max() for s in waves}  # a motor's: by themselves
     reason = "its order is the last that was asked for, so that the wave that is there may be any of a higher order"
     kept = []
     for term in terms:
         found = term.finding
-        if found.effect == _WAVE and found.effects[0].order >= last.get(found.where, np.inf):
+        if found.effect == _WAVE and found.effects[0].order == last.get(found.where):
             refused = [*refused, replace(term, kept=False, reason=reason)]
         else:
             kept.append(term)
@@ -228,11 +229,16 @@ def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
 
 
 def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
-    """Whether what some findings make together is most of what one makes, (N,) each, by whatever names."""
+    """Whether what some findings make together is most of what one makes, (N,) each, by whatever names, and as it does.
+
+    What they make is scaled as is best, since a fold finds another size, but not turned round.
+    """
     if not others:
         return False
-    basis = np.linalg.qr(np.stack(others, 1))[0]
-    return bool(((basis.T @ moved) ** 2).sum() > _MOST * (moved**2).sum())
+    made = np.stack(others, 1)
+    share = np.linalg.lstsq(made, moved, rcond=None)[0]
+    like = np.maximum(share, 0.0) @ made.T
+    return bool(((moved - like) ** 2).sum() < (1 - _MOST) * (moved**2).sum())
 
 
 def _linear(scheme: Scheme, folds: dict, without: Finding | None = None) -> np.ndarray:

@@ -36,9 +36,10 @@ class Term:
     """A finding with its proof and its words.
 
     `t` of the paired gains of poses, and `t_anew` where each fold knows only what was found without it; `gain` (mm, px)
-    the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the search found it
-    anew; `size` (mm, px) RMS displacement of the measured point; `kept` False where a proof failed, and `reason` then
-    says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of what is located and not modelled,
+    the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which what the search found
+    anew makes most of what it makes; `size` (mm, px) RMS displacement of the measured point; `kept` False where a
+    proof failed, and `reason` then says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of
+    what is located and not modelled,
     or of what is left beside the other terms where `rest`.
     """
 

@@ -61,8 +61,10 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
     sites = [replace(site, rows=site.rows / root) for site in places(problem)]
     length = np.sqrt((whole**2).sum(0))
     z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
-    scores = np.array([_score(_tensor(site, m), z) for site in sites])
-    turns = np.array([_turned(site, z) for site in sites]) - _constant(z)
+    _, pose = np.unique(problem.pose, return_inverse=True)
+    share = 1.0 / np.bincount(pose)[pose]  # repeats of a pose err together: by Hoelder's inequality they count as one
+    scores = np.array([_score(_tensor(site, m), z, pose) for site in sites])
+    turns = np.array([_turned(site, z, share) for site in sites]) - _constant(z, share)
     p = 2 * len(sites) * min(float(norm.sf(scores.max())), _TRIED * float(np.exp(-max(turns.max(), 0.0))))
     if p > level:
         return None
@@ -124,7 +126,7 @@ def _likelihood(site, z) -> tuple[float, float, float]:
     return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
 
 
-def _turned(site, z) -> float:
+def _turned(site, z, share) -> float:
     """Log likelihood of the directions of residuals z (m, n) where a site moves by chance in round noise, at its best.
 
     Against directions that are all as likely; the angular central Gaussian: Tyler, Biometrika 74 (1987) 579.
@@ -135,25 +137,25 @@ def _turned(site, z) -> float:
     squares = np.einsum("nab,an->bn", vectors, unit) ** 2
     spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
     widths = 1 + spreads[:, None, None] ** 2 * values.T
-    logs = -0.5 * np.log(widths).sum((1, 2)) - 0.5 * len(z) * np.log((squares / widths).sum(1)).sum(1)
+    logs = -0.5 * (np.log(widths).sum(1) + len(z) * np.log((squares / widths).sum(1))) @ share
     return float(logs.max())
 
 
-def _constant(z) -> float:
+def _constant(z, share) -> float:
     """As `_turned`, of noise with the one shape, the same for all samples, that is likeliest (Tyler 1987).
 
     One over the ratio of a place's likelihood to this is a valid p-value: the likeliest shape is no less likely than
     the true one, whose ratio is more than k by chance at most once in k times. However far each sample lies off.
     """
     unit = z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
-    m, n = unit.shape
+    m = len(unit)
     shape = np.eye(m)
     for _ in range(_ROUNDS):
         lengths = np.maximum(np.einsum("an,ab,bn->n", unit, np.linalg.inv(shape), unit), 1e-300)
-        shape = m / n * (unit / lengths) @ unit.T + _LEAST * np.eye(m)
+        shape = m / share.sum() * (unit * share / lengths) @ unit.T + _LEAST * np.eye(m)
         shape *= m / np.trace(shape)
     lengths = np.maximum(np.einsum("an,ab,bn->n", unit, np.linalg.inv(shape), unit), 1e-300)
-    return -0.5 * (n * float(np.linalg.slogdet(shape)[1]) + m * float(np.log(lengths).sum()))
+    return -0.5 * (share.sum() * float(np.linalg.slogdet(shape)[1]) + m * float(np.log(lengths) @ share))
 
 
 def _of_noise(z) -> float:
@@ -161,12 +163,12 @@ def _of_noise(z) -> float:
     return -0.5 * z.size * float(np.log((z**2).mean()))
 
 
-def _score(tensor, z):
+def _score(tensor, z, pose):
     whole, z = (tensor**2).sum(), z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
     tensor = tensor - tensor.mean(-1, keepdims=True)
     if (tensor**2).sum() <= _SAME * whole:  # the same for all samples, as of a frame that the instrument moves with
         return 0.0
-    each = np.einsum("an,abn,bn->n", z, tensor, z)
+    each = np.bincount(pose, np.einsum("an,abn,bn->n", z, tensor, z))
     score = float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
     number = (each**2).sum() ** 2 / max((each**4).sum(), 1e-300)  # of samples that the sum is as good as made of
     return float(norm.isf(max(student.sf(score, number), 1e-300)))

@@ -119,7 +119,10 @@ class Sets:
         for k in range(len(base)):
             fewer = base[:k] + base[k + 1 :]
             if frozenset(fewer) not in self.seen:
-                left = self._beside(base).without(slice(edges[k], edges[k + 1]))
+                try:
+                    left = self._beside(base).without(slice(edges[k], edges[k + 1]))
+                except np.linalg.LinAlgError:  # too close to singular for this: `grown` solves it by itself
+                    continue
                 self.seen[frozenset(fewer)] = self._weighed(fewer, left)
 
     def _weighed(self, base: Members, left: Left) -> tuple[np.ndarray, float]:
@@ -142,10 +145,16 @@ class Sets:
         both[..., range(width), range(width)] += shrink[:, None, None]
         both[..., -1, :-1] = left.left[:, columns]
         both[..., -1, -1] = 1e300  # any number that is large enough
-        factor = np.linalg.cholesky(both)
-        more = (factor[..., -1, :-1] ** 2).sum(-1)
-        diagonal = np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]
-        volume = 2 * np.log(diagonal).sum(-1) - width * np.log(shrink)[:, None]
+        try:
+            factor = np.linalg.cholesky(both)
+            more = (factor[..., -1, :-1] ** 2).sum(-1)
+            spent = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
+        except np.linalg.LinAlgError:  # hardly any noise: rounding of what is made exactly exceeds what is left
+            values, vectors = np.linalg.eigh(blocks)
+            values = np.maximum(values, 0.0) + shrink[:, None, None]
+            more = (np.einsum("scij,sci->scj", vectors, left.left[:, columns]) ** 2 / values).sum(-1)
+            spent = np.log(values).sum(-1)
+        volume = spent - width * np.log(shrink)[:, None]
         return log_evidence(left.spent[:, None] + volume, left.gained[:, None] + more, self.projected)
 
     def _free(self, base: Members) -> np.ndarray:

@@ -61,7 +61,7 @@ def _findings(made: Diagnosis):
         yield words(term.statement)
     if made.terms:
         yield table(["term", "where", "p", "probability", f"size ({made.unit} RMS)", "t held out",
-                     "found again, or a twin"], [_row(term) for term in made.terms], left=2)  # fmt: skip
+                     "found again"], [_row(term) for term in made.terms], left=2)  # fmt: skip
         yield figure("sizes", figures.evidence(made), "Chi-square that each term explains beside the others, its "
                      "size, and t of its held-out gain.")  # fmt: skip
     if made.refused:
