@@ -78,6 +78,23 @@ def test_the_weight_of_a_set_is_that_of_its_columns():
     assert (seen == np.isfinite(weights)).all() and np.allclose(weights[seen], again[seen], rtol=1e-9)
 
 
+def test_what_moves_nothing_makes_nothing():
+    problem = solved().keeping(())
+    seen = np.random.default_rng(8).normal(size=(len(problem.sample), 1))
+    projected = Projected(problem)
+    assert projected.fall(np.hstack([seen, 0 * seen])) == pytest.approx(projected.fall(seen))
+
+
+def test_the_basis_of_an_effect_that_is_gone_is_not_anothers():
+    """Objects get the place in memory of those that are gone."""
+    model = bench_of(recorded(31, n=40)).solve()[0]
+    for k in range(60):
+        joint = 1 + k % 5
+        effect = CATALOGUE["joint-coupling"]("joint-6", joint=joint)
+        assert np.array_equal(model.basis(effect), effect.basis(model.chain.state))
+        del effect
+
+
 def test_several_points_turn_as_each_does():
     rng = np.random.default_rng(6)
     vector, points = 0.01 * rng.normal(size=(3, 7)), rng.normal(size=(4, 3, 7))

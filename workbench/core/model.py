@@ -224,8 +224,8 @@ class Model:
     def _kept(self, effect, cause, make):
         key = (id(effect), id(cause))
         if key not in self._bases:
-            self._bases[key] = make()
-        return self._bases[key]
+            self._bases[key] = make(), effect, cause  # kept with it, so that no other object gets its id
+        return self._bases[key][0]
 
 
 class _Once:

@@ -77,12 +77,12 @@ def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
 class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
-    `bases`: of effects, as a model keeps them; `held`: those effects, so that none of them is another's by its place
-    in memory; `known`: the library by whether something yields; `made`: functions of its covariates.
+    `bases`: of effects, as a model keeps them; `known`: the library by whether something yields; `made`: functions of
+    its covariates.
     """
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
-        self.chain, self.baseline, self.bases, self.held = chain, baseline, {}, []
+        self.chain, self.baseline, self.bases = chain, baseline, {}
         self.known, self.made = {}, {}
 
     def library(self, elastic: bool) -> list[Option]:
@@ -91,7 +91,6 @@ class _Part:
         return self.known[elastic]
 
     def model(self, effects) -> Model:
-        self.held.extend(effects)
         return Model(self.chain, tuple(effects), self.bases)
 
 
