@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from workbench.diagnosis.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
+from workbench.diagnosis.loose import LABEL
 from workbench.diagnosis.problem import Alternative, Finding
 from workbench.diagnosis.scatter import hidden, movement
 from workbench.diagnosis.search import Search, name_of
@@ -50,14 +51,16 @@ def _shared(shares: dict[tuple, float], own: Hypothesis, others):
 def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:
     """What else is in the 95 % credible set, or so near in what it explains that what is left could tip the balance.
 
-    And what yields in another place and explains as much but for chance: only its prior speaks against it.
+    And what yields in another place and explains as much but for chance: only its prior speaks against it. And a joint
+    that yields to its own links alone, which it is too where masses are found and the load's turns out to be none.
     """
     ranked, covered, out = sorted(shares.items(), key=lambda item: -item[1]), 0.0, []
     for key, share in ranked:
         other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
         twin = other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
         near = left > 0 and not other.unnamed and other.gain > own.gain - left and other.rank <= own.rank
-        near = twin or near and len(out) < _SHOWN
+        within = own.label == LABEL and (other.effect, other.where) == ("link-self-weight", own.where)
+        near = twin or within or near and len(out) < _SHOWN
         if key != own.key and (covered < _CREDIBLE or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
             why = f"it makes {100 * alike:.0f} % of the same signature in these poses"

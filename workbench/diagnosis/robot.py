@@ -34,7 +34,7 @@ _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be
 # how many of the first parameters of what yields to a load cannot be negative
 _POSITIVE = {"joint-compliance": 1, "link-self-weight": 1, "link-compliance": 1, "bearing-compliance": 1,
              "pedestal-compliance": 2}  # fmt: skip
-_LOOSE = ("joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance", "pedestal-compliance")
+_LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _KEPT = 4  # parts of the samples whose bases are kept
 _TOGETHER = ("transmission-harmonic", "joint-coupling", "measured-tilt")
