@@ -1,6 +1,7 @@
 """An examination held in parts, its checks of itself, and the scoreboard as a page of Markdown."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from test_prove import row
 from workbench import concealed, prove
 from workbench.core.errors import InputError
-from workbench.proving import board, checks, figures, oracle, scoring, stages, tasks
+from workbench.proving import board, checks, figures, oracle, planting, scoring, stages, tasks
 from workbench.proving.maps import Map
 
 
@@ -146,3 +147,14 @@ def test_a_planted_case_without_the_set_as_it_is_proves_nothing():
     assert real.score(bare, mine, mine)["outcome"] == "right"
     other = mine | {"answer": said | {"effects": []}}
     assert real.score(bare, mine, other)["outcome"] == "false alarm"
+
+
+def test_twins_of_a_supported_term_yield_too_and_predict_as_well():
+    def predicts(rms):
+        return SimpleNamespace(rms=rms, beats=lambda other: other.rms > 1.1 * rms)
+
+    rows = [("joint-compliance", "joint-2"), ("link-compliance", "link-1"), ("bearing-compliance", "joint-3"),
+            ("transmission-harmonic", "joint-4")]  # fmt: skip
+    terms, tried = [planting.Term(*row) for row in rows], [predicts(rms) for rms in (1.0, 1.05, 1.5, 1.02)]
+    assert planting._twins(terms, tried, 0) == (("link-compliance", "link-1"),)
+    assert planting._twins(terms, tried, 3) == ()

@@ -42,7 +42,7 @@ def outdone(search: Search) -> Hypothesis | None:
     """
     if not search.accepted or any(h.unnamed for h in search.accepted):
         return None
-    functions = [h for h in search.table(()) if h.unnamed and isinstance(h.source, tuple) and not h.effects]
+    functions = [h for h in search.table(()) if h.unnamed and not h.effects]
     if not functions:
         return None
     bare, best = search.problem.keeping(()), max(functions, key=lambda h: h.log_weight)

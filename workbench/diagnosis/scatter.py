@@ -130,6 +130,7 @@ def _turned(site, z, share) -> float:
     """Log likelihood of the directions of residuals z (m, n) where a site moves by chance in round noise, at its best.
 
     Against directions that are all as likely; the angular central Gaussian: Tyler, Biometrika 74 (1987) 579.
+    share (n,): what each sample counts.
     """
     d = _directions(site, len(z))
     values, vectors = np.linalg.eigh(np.einsum("kan,kbn->nab", d, d))

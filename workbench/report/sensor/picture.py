@@ -101,7 +101,8 @@ def scan(run) -> tuple[Panel, ...]:
         for k, (axis, colour) in enumerate(zip("xyz", (style.BLUE, style.ORANGE, style.GREEN))):
             axes.bar(place + 0.27 * (k - 1), [1000 * b.fit.std[k] for _, b in balls], 0.26, color=colour, label=axis)
         axes.set(xlabel=f"ball{of}", ylabel="1 sigma (um)", title="how well the centres are known")
-        axes.legend(frameon=False)
+        axes.margins(y=0.18)  # room for the legend above the bars
+        axes.legend(frameon=False, ncol=3, loc="upper center")
 
     return form, centres
 
