@@ -91,7 +91,8 @@ def _pictures(count, bow):
     import cv2
     import numpy as np
 
-    from sensors.boards.detection import Board, View
+    from sensors.boards.board import Board
+    from sensors.boards.detection import View
 
     random, board = np.random.default_rng(0), Board("chessboard", 11, 8, 3.5)
     x = (board.points[0] - board.middle[0]) / board.half_diagonal

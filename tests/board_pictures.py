@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from sensors.boards.detection import Board
+from sensors.boards.board import Board
 
 SIZE = (400, 300)
 OVER = 5

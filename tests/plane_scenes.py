@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.boards.detection import Board, View
+from sensors.boards.board import Board
+from sensors.boards.detection import View
 from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from sensors.light.board_stripes import BoardStripes

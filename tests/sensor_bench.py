@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from sensors.boards.detection import Board
+from sensors.boards.board import Board
 from sensors.camera.model import Camera
 from sensors.rendering.instrument import Instrument, Laser, sweeping_mirror
 from sensors.rendering.patterns import Pattern

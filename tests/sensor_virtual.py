@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sensors.boards.detection import Board
+from sensors.boards.board import Board
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
 from sensors.light.sheets import Sheets

@@ -10,7 +10,8 @@ from board_pictures import ASYMMETRIC, CHARUCO, CHESS, CIRCLES, SIZE, homography
 from datasets.recording import Recording
 from sensors.boards import circles
 from sensors.boards import finders as board_finders
-from sensors.boards.detection import Board, Rejected, View, detect, detect_all, relabelled
+from sensors.boards.board import Board
+from sensors.boards.detection import Rejected, View, detect, detect_all, relabelled
 from workbench.core.errors import InputError
 
 BOARDS = pytest.mark.parametrize("board", [CHESS, CIRCLES, ASYMMETRIC, CHARUCO], ids=lambda b: b.kind)

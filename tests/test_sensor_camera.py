@@ -9,7 +9,8 @@ import pytest
 from board_scenes import BOW, CAMERA, COLUMNS, ROWS, SQUARE, board_model
 from sensors import pictures
 from sensors.boards import detection as boards
-from sensors.boards.detection import Board, View
+from sensors.boards.board import Board
+from sensors.boards.detection import View
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.checks import projection_difference, projection_uncertainty
 from sensors.camera.model import Camera

@@ -7,7 +7,8 @@ import pytest
 
 from board_scenes import CAMERA, board_model
 from sensors.boards import detection as boards
-from sensors.boards.detection import Board, View
+from sensors.boards.board import Board
+from sensors.boards.detection import View
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera

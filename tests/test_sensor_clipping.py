@@ -6,7 +6,8 @@ import pytest
 from scipy.special import erf
 
 from datasets.recording import Recording
-from sensors.boards.detection import Board, View
+from sensors.boards.board import Board
+from sensors.boards.detection import View
 from sensors.camera.model import Camera
 from sensors.pictures import as_picture
 from sensors.scanner.file import write_scanner

@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_eye_scenes import CAMERA, NOISE, SHIFT, board, off, pictures, profiles
-from sensors.boards.detection import Board, View, detect, relabelled
+from sensors.boards.board import Board
+from sensors.boards.detection import View, detect, relabelled
 from sensors.camera.model import Camera
 from sensors.hand_eye.chain import BallChain, BoardChain
 from sensors.hand_eye.pictures import camera_prior, hand_eye_from_views

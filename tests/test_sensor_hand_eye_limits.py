@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, off, pictures, profiles
-from sensors.boards.detection import Board, View
+from sensors.boards.board import Board
+from sensors.boards.detection import View
 from sensors.camera.calibration import calibrate_camera
 from sensors.hand_eye.known import _beside
 from sensors.hand_eye.motion import readings

@@ -14,7 +14,8 @@ from board_pictures import CHESS, homography, render
 from sensor_recordings import scanner_recording
 from sensors import pictures
 from sensors.ball.search import find_balls
-from sensors.boards.detection import Board, detect
+from sensors.boards.board import Board
+from sensors.boards.detection import detect
 from sensors.boards.patches import _solved
 from workbench import cli
 from workbench.core.errors import InputError

@@ -11,7 +11,7 @@ from scipy.stats import norm
 pytest.importorskip("torch")
 
 from sensor_bench import BOARD, CAMERA, MILD, PLAIN, POSE, SOURCE, board, centroids, instrument, opencv, refined
-from sensors.boards.detection import Board
+from sensors.boards.board import Board
 from sensors.rendering import formation
 from sensors.rendering.instrument import Chip, Lamp, Laser, Optics
 from sensors.rendering.patterns import Pattern

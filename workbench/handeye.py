@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.boards.detection import Board, Rejected, View, detect_all
+from sensors.boards.board import Board
+from sensors.boards.detection import Rejected, View, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, camera_from_keys
 from sensors.hand_eye.result import HandEye

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.boards.detection import Board, Rejected, View
+from sensors.boards.board import Board
+from sensors.boards.detection import Rejected, View
 from sensors.light.board_stripes import BoardStripes, joined
 from sensors.pictures import read_grey, stacks, unlit
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner

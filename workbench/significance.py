@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from robot_model.chain import forward
+from robot_model.loading import builtin_robots, load_robot
 from robot_model.measurements import looks_of, samples_of
-from robot_model.robot import Robot, builtin_robots, load_robot
+from robot_model.robot import Robot
 from robot_model.state import sliding
 from robot_model.system import geometry_free
 from workbench.core.errors import InputError

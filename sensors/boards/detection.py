@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,91 +9,12 @@ import numpy as np
 
 from sensors import pictures
 from sensors.boards import finders as board_finders
+from sensors.boards.board import LEAST, Board
 from sensors.pictures import Picture
 from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
     from datasets.recording import Recording
-
-KINDS = ("chessboard", "charuco", "circles", "asymmetric-circles")
-LEAST = 6
-"""Corners below which a picture says nothing about a camera: its pose alone takes three."""
-
-
-@dataclass(frozen=True)
-class Board:
-    """A flat board. `columns` and `rows` count inner corners (also of ChArUco) or circles, `square_mm` is their step.
-
-    The square between corners 0, 1, columns and columns + 1 is dark. Asymmetric circles are OpenCV's: `columns`
-    in each of `rows` rows, every second row shifted by one step, circles of a row two steps apart.
-    """
-
-    kind: str
-    columns: int
-    rows: int
-    square_mm: float
-    marker_mm: float | None = None
-    dictionary: str = ""
-    legacy: bool = False
-
-    @classmethod
-    def of(cls, keys: Mapping) -> "Board":
-        """From the keys of a recording's [board]. Raises InputError where they make no board."""
-        kind = "asymmetric-circles" if keys.get("asymmetric") else keys.get("kind")
-        if kind not in KINDS:
-            raise InputError(f"[board], key kind: expected one of {', '.join(KINDS[:3])}, found {kind!r}; correct it")
-        more = {name: keys[name] for name in ("marker_mm", "dictionary", "legacy") if name in keys}
-        board = cls(kind, int(keys["columns"]), int(keys["rows"]), float(keys["square_mm"]), **more)
-        if min(board.columns, board.rows) < 2 or board.count < LEAST:
-            raise InputError(f"[board], keys columns and rows: expected 2 or more of each and {LEAST} in all, found "
-                             f"{board.columns} and {board.rows}; count the inner corners or the circles")
-        if kind == "charuco" and not (board.marker_mm and board.dictionary):
-            raise InputError("[board], keys marker_mm and dictionary: expected both for a ChArUco board, found none; "
-                             'add them, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"')
-        return board
-
-    @property
-    def count(self) -> int:
-        """Number of corners or circles."""
-        return self.columns * self.rows
-
-    @cached_property
-    def points(self) -> np.ndarray:
-        """(3, N) mm, z = 0: x along a row, y down the columns, row after row from corner 0."""
-        row, column = np.divmod(np.arange(self.count), self.columns)
-        across = 2 * column + row % 2 if self.kind == "asymmetric-circles" else column
-        return self.square_mm * np.stack([across, row, np.zeros_like(row)]).astype(float)
-
-    @property
-    def middle(self) -> np.ndarray:
-        """(3,) mm, of the rectangle around `points`."""
-        return (self.points.min(1) + self.points.max(1)) / 2
-
-    @property
-    def half_diagonal(self) -> float:
-        """mm, half the diagonal of the rectangle around `points`."""
-        return float(np.linalg.norm(np.ptp(self.points, axis=1)) / 2)
-
-    @property
-    def turns(self) -> int:
-        """In how many ways the board can be laid on itself by turning: 1 (its origin is seen), 2 or 4."""
-        even = (self.columns + self.rows) % 2 == 0
-        square = self.columns == self.rows
-        if self.kind == "chessboard":
-            return (4 if square and self.columns % 2 == 0 else 2) if even else 1
-        if self.kind == "circles":
-            return 4 if square else 2
-        return 2 if self.kind == "asymmetric-circles" and self.rows % 2 == 0 else 1
-
-    @property
-    def marks(self) -> str:
-        """What is counted on it."""
-        return "circles" if self.kind.endswith("circles") else "corners"
-
-    @property
-    def title(self) -> str:
-        return f"{self.columns} x {self.rows} {self.kind}"
-
 
 @dataclass(frozen=True, eq=False)
 class View:

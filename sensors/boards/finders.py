@@ -10,7 +10,7 @@ from sensors.boards import circles
 from sensors.boards.patches import Fit, fit_saddles
 
 if TYPE_CHECKING:
-    from sensors.boards.detection import Board
+    from sensors.boards.board import Board
 
 LARGE = 1600
 """px: pictures are made this small to look for corners; their places are refined in the picture itself."""

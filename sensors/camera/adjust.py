@@ -30,7 +30,8 @@ from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 
 if TYPE_CHECKING:
-    from sensors.boards.detection import Board, Rejected, View
+    from sensors.boards.board import Board
+    from sensors.boards.detection import Rejected, View
 
 FEWEST = 3
 """Placements: fewer do not determine a camera's focal lengths, principal point and distortion."""

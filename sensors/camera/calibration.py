@@ -31,7 +31,8 @@ from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters
 
 if TYPE_CHECKING:
-    from sensors.boards.detection import Board, Rejected, View
+    from sensors.boards.board import Board
+    from sensors.boards.detection import Rejected, View
 
 _BOW = "artefact.board-bow."
 _COVERED = 0.6

@@ -11,7 +11,8 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
 
 if TYPE_CHECKING:
-    from sensors.boards.detection import Board, View
+    from sensors.boards.board import Board
+    from sensors.boards.detection import View
 
 MODELS = {"brown": BROWN, "rational": RATIONAL}
 FEW = 16

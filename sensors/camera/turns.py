@@ -15,7 +15,8 @@ from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix, rotation_vector
 
 if TYPE_CHECKING:
-    from sensors.boards.detection import Board, View
+    from sensors.boards.board import Board
+    from sensors.boards.detection import View
 
 _BOW = tuple(f"artefact.board-bow.{name}" for name in ("xx", "yy", "xy"))
 _TOLD = 9.0  # chi-square between the two ways round that half of the placements must exceed: 3 sigmas

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sensors.boards.detection import Board
+from sensors.boards.board import Board
+from sensors.light.grouping import centred, groups
 from sensors.light.sheets import Evaluation, Sheets
 from workbench.core.errors import InputError
 
@@ -101,15 +102,6 @@ def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:
     return ((points[:2] >= low[:, None]) & (points[:2] <= high[:, None])).all(0)
 
 
-def groups(*labels: np.ndarray) -> tuple[np.ndarray, int]:
-    """(n,) number of each combination of labels (n,), from 0, and how many there are."""
-    code = labels[0]
-    for label in labels[1:]:
-        code = code * (int(label.max(initial=0)) + 1) + label
-    found, place = np.unique(code, return_inverse=True)
-    return place, len(found)
-
-
 def wrong_points(chain: Sheets, here: Evaluation) -> np.ndarray:
     """(n,) True where a point is far from the course of its own stripe.
 
@@ -129,14 +121,6 @@ def wrong_points(chain: Sheets, here: Evaluation) -> np.ndarray:
         spread = max(1.4826 * np.median(away), 1e-12)
         weights = 1 / (1 + (away / (2 * spread)) ** 2)
     return away > _FAR * spread
-
-
-def centred(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """(n,) values about the middle of their group (n,), of `count`, over its half width."""
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, group, values)
-    np.maximum.at(high, group, values)
-    return (values - (low + high)[group] / 2) / np.maximum((high - low)[group] / 2, 1e-9)
 
 
 def _fitted(shape, values, weights, group, count):

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sensors.light.grouping import centred, groups
+
 NAMES = ("stripe", "tilt", "placement")
 WORDS = ("shift of a whole stripe", "tilt of a stripe, at its ends", "shift of all stripes of a placement")
 
@@ -60,8 +62,6 @@ class Together:
     @classmethod
     def of(cls, labels: Mapping[str, np.ndarray], along: np.ndarray) -> "Together":
         """Of points with `placement` and `step`, at places `along` (n,) px their stripes; none erring yet."""
-        from sensors.light.board_stripes import centred, groups
-
         stripe, count = groups(labels["placement"], labels["step"])
         one = np.ones(len(along))
         return cls(np.zeros(3), np.full(3, np.inf), np.stack([stripe, stripe, groups(labels["placement"])[0]]),

@@ -1,6 +1,6 @@
 """What is printed on a board: its reflectance at any place, averaged over a small square.
 
-Places are in the board's own frame (`sensors.boards.detection.Board`), mm. A mean over the square of side
+Places are in the board's own frame (`sensors.boards.board.Board`), mm. A mean over the square of side
 `width`, with edges taken as straight within it, makes the few samples a pixel has count as many.
 """
 
@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sensors.boards.detection import Board
+from sensors.boards.board import Board
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from sensors.boards.detection import Board
+from sensors.boards.board import Board
 from sensors.camera.model import Camera
 from sensors.rendering.instrument import Chip, Instrument, Lamp, Laser, Optics, sweeping_mirror
 from sensors.rendering.patterns import Pattern

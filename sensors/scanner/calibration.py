@@ -21,7 +21,8 @@ from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
-    from sensors.boards.detection import Board, View
+    from sensors.boards.board import Board
+    from sensors.boards.detection import View
     from sensors.camera.calibration import CameraCalibration
 
 Progress = Callable[[str], None]

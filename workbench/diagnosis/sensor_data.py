@@ -15,7 +15,8 @@ from sensors.boards.detection import detect_all
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
-from sensors.light.board_stripes import groups, thinned
+from sensors.light.board_stripes import thinned
+from sensors.light.grouping import groups
 from sensors.light.mirror import NAMES, MovedMirror, start_mirror
 from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved

@@ -1,0 +1,54 @@
+"""Load an arm: by its builtin name, from robot.toml or from a URDF file."""
+
+from collections.abc import Mapping
+from importlib import resources
+from os import PathLike
+from pathlib import Path
+
+from robot_model.robot import Robot, wrong
+from robot_model.robot_file import read_toml, robot_from_keys
+from robot_model.urdf import robot_from_urdf
+
+
+def builtin_robots() -> list[str]:
+    """Names that `load_robot` knows without a file."""
+    folder = resources.files("robot_model").joinpath("robots")
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+
+
+def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
+    """The arm that `spec` names.
+
+    spec: the keys of robot.toml; {"builtin": name}; {"urdf": path, "joints": [...], "tip": link}
+    (see `robot_model.urdf.robot_from_urdf`); a path to a .toml or .urdf file; or a builtin name.
+    where: what to call a mapping in an error sentence, usually the file that it came from.
+    Raises InputError where the arm is not known or its numbers cannot be right.
+    """
+    if not isinstance(spec, Mapping):
+        return _load_named(Path(spec))
+    if "urdf" in spec:
+        return robot_from_urdf(spec, where)
+    if "builtin" in spec:
+        return _load_builtin(spec, where)
+    return robot_from_keys(spec, where)
+
+
+def _load_named(path: Path) -> Robot:
+    if path.suffix.lower() == ".urdf":
+        return load_robot({"urdf": str(path)}, str(path))
+    if path.suffix.lower() == ".toml":
+        keys = read_toml(path)
+        if isinstance(keys.get("urdf"), str):
+            keys["urdf"] = str(path.parent / keys["urdf"])
+        return load_robot(keys, str(path))
+    return load_robot({"builtin": str(path)})
+
+
+def _load_builtin(spec: Mapping, where: str) -> Robot:
+    name, known = spec["builtin"], builtin_robots()
+    if len(spec) > 1:
+        raise wrong(f"{where}: key builtin", "no other key beside it", ", ".join(map(str, spec)), "remove the others")
+    if name not in known:
+        raise wrong(f"{where}: key builtin", f"one of {', '.join(known)}", repr(name), "name one, or give a file")
+    file = resources.files("robot_model").joinpath("robots", f"{name}.toml")
+    return robot_from_keys(read_toml(file), f"{name}.toml")
