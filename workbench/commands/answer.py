@@ -35,6 +35,16 @@ ScannerFile = Annotated[
     ),
 ]
 
+Tolerance = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tolerance",
+        metavar="VALUE[UNIT]",
+        help="Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; exit status 1 where it is exceeded. "
+        "Once per unit.",
+    ),
+]
+
 
 def console(target: str | None):
     """The rich console for people: standard output, unless JSON has it."""
@@ -109,6 +119,31 @@ def last_line(console, folder: Path) -> None:
     """Name what was written, as the last line: the page, or the folder where there is none."""
     page = folder / "report.html"
     console.print(str(page if page.exists() else folder), soft_wrap=True, markup=False)
+
+
+def show_verdict(console, verdict: Mapping[str, Any] | None) -> None:
+    """Print the sentence of a verdict (its JSON object); one that fails stands out."""
+    if verdict is None:
+        return
+    style = "bold red" if verdict["pass"] is False else None
+    console.print(f"Verdict: {verdict['sentence']}", style=style, markup=False)
+
+
+def exit_on_fail(verdict: Mapping[str, Any] | None) -> None:
+    """End with status 1 where a tolerance was given and is not met. Call it last, after the run's path is printed."""
+    if verdict is not None and verdict["pass"] is False:
+        raise typer.Exit(1)
+
+
+def conclude(console, result: Mapping[str, Any], folder: Path) -> None:
+    """The end of a command with a run folder: the verdict's sentence, the path as last line, the exit status.
+
+    The verdict is `verdict_details` where `verdict` is a word (`diagnose`).
+    """
+    verdict = result.get("verdict_details", result.get("verdict"))
+    show_verdict(console, verdict)
+    last_line(console, folder)
+    exit_on_fail(verdict)
 
 
 def _plain(value: Any) -> Any:

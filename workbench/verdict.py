@@ -1,0 +1,219 @@
+"""The verdict of a command: its residual compared with the noise and with a tolerance.
+
+Two questions are answered separately. Is the residual larger than the noise explains (chi-square test of the
+variance)? Is it small enough for the user (`--tolerance`)? Only the second one decides the exit status: a real arm
+practically always leaves more than the noise of the tracker, and is good enough all the same.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from workbench.core.errors import InputError
+
+UNITS = ("mm", "deg", "px")
+STATED, REPLICATES, RESIDUALS = "stated", "from replicates", "from residuals"
+DIAGNOSE = "unmodelled effects, faulty observations or too small a noise statement remain; run `workbench diagnose`"
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([A-Za-z°µ]*)\s*")
+_LEVEL = 0.001
+# A ratio of standard deviations below this is not reported, however many samples make it significant: noise is
+# hardly ever known to better than a tenth.
+_RELEVANT = 1.1
+# Without degrees of freedom there is no test. Twice the noise is then called far above it.
+_FAR_UNTESTED = 2.0
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Largest residual that the user accepts; `unit` is one of `UNITS`."""
+
+    value: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.value:g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The error that is judged.
+
+    `value` in `unit`; `name` says which statistic it is ("held-out RMS position error"). `degrees` of freedom of its
+    mean square where they are known. `is_significant` overrides the test, where the caller has made a better one.
+    """
+
+    value: float
+    unit: str = "mm"
+    name: str = "RMS residual"
+    degrees: float | None = None
+    is_significant: bool | None = None
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the noise alone makes of the same statistic, in the same unit.
+
+    `value`: for the RMS of a 3-D distance it is sqrt(3) times sigma of one coordinate. `source` says how it is known:
+    `STATED`, `REPLICATES`, `RESIDUALS` or a phrase of the caller's.
+    """
+
+    value: float
+    source: str = STATED
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a result meets its tolerance, and how its residual compares with the noise.
+
+    `passed` None where no tolerance was given. `residual`, `noise` and `tolerance` in `unit`, None where unknown.
+    `parts`: the verdicts of the single quantities where several were judged (position and orientation).
+    """
+
+    passed: bool | None
+    tolerance: float | None
+    unit: str | None
+    residual: float | None
+    noise: float | None
+    noise_source: str | None
+    residual_over_noise: float | None
+    sentence: str
+    parts: tuple["Verdict", ...] = ()
+
+    def as_json(self) -> dict:
+        """The object `verdict` of the JSON contract; `checks` holds one object per quantity where there are several."""
+        made = {
+            "pass": self.passed,
+            "tolerance": self.tolerance,
+            "unit": self.unit,
+            "residual": self.residual,
+            "noise": self.noise,
+            "noise_source": self.noise_source,
+            "residual_over_noise": self.residual_over_noise,
+            "sentence": self.sentence,
+        }
+        if self.parts:
+            made["checks"] = [part.as_json() for part in self.parts]
+        return made
+
+
+def parse_tolerances(values: Sequence[str] | None, units: Sequence[str] = ("mm",)) -> tuple[Tolerance, ...]:
+    """Tolerances from the values of the repeatable option `--tolerance`: `0.1`, `0.1mm`, `0.05deg`, `0.3px`.
+
+    units: those that the command can judge here, the first is that of a bare number. Raises InputError for a value
+    that is not a positive number, a unit that is not judged here, and a unit that is given twice.
+    """
+    found: list[Tolerance] = []
+    for text in values or ():
+        one = _parse_tolerance(text, units)
+        if any(other.unit == one.unit for other in found):
+            raise InputError(
+                f"--tolerance {text}: expected one tolerance per unit, found a second one in {one.unit}; "
+                "leave one of them out"
+            )
+        found.append(one)
+    return tuple(found)
+
+
+def _parse_tolerance(text: str, units: Sequence[str]) -> Tolerance:
+    match = _NUMBER.fullmatch(text)
+    allowed = " or ".join(units)
+    if match is None:
+        raise InputError(
+            f"--tolerance {text}: expected a positive number, with its unit where it is not {units[0]} "
+            f"({allowed}), such as 0.1{units[0]}; found '{text}'; correct it"
+        )
+    value, unit = float(match[1]), match[2] or units[0]
+    if not math.isfinite(value) or value <= 0:
+        raise InputError(f"--tolerance {text}: expected a number above 0, found {value:g}; correct it")
+    if unit not in units:
+        raise InputError(
+            f"--tolerance {text}: expected a tolerance in {allowed}, which this command judges here, "
+            f"found unit '{unit}'; correct the unit or leave the option out"
+        )
+    return Tolerance(value, unit)
+
+
+def judge(
+    residual: Residual,
+    noise: Noise | None = None,
+    tolerances: Sequence[Tolerance] = (),
+    advice: str = DIAGNOSE,
+) -> Verdict:
+    """The verdict on one residual.
+
+    noise: None where it is neither stated nor can be estimated. tolerances: of any units; the one in the residual's
+    unit applies. advice: what a residual far above the noise means and what to do, without a full stop.
+    """
+    limit = next((one.value for one in tolerances if one.unit == residual.unit), None)
+    known = noise is not None and noise.value > 0
+    ratio = residual.value / noise.value if known and math.isfinite(residual.value) else None
+    passed = None if limit is None else bool(residual.value <= limit)
+    phrases = [_against_tolerance(residual, limit), _against_noise(residual, noise, ratio, advice)]
+    return Verdict(
+        passed,
+        limit,
+        residual.unit,
+        residual.value,
+        noise.value if known else None,
+        noise.source if known else None,
+        ratio,
+        "; ".join(phrase for phrase in phrases if phrase) + ".",
+    )
+
+
+def no_verdict(sentence: str) -> Verdict:
+    """The verdict of a command that measures no residual; the sentence says why there is none."""
+    return Verdict(None, None, None, None, None, None, None, sentence)
+
+
+def combine(verdicts: Sequence[Verdict]) -> Verdict:
+    """One verdict on several quantities: it passes where none of them fails.
+
+    Its figures are those of the first that fails, else of the first with a tolerance, else of the first.
+    """
+    if len(verdicts) == 1:
+        return verdicts[0]
+    by_rank = sorted(verdicts, key=lambda one: {False: 0, True: 1, None: 2}[one.passed])
+    sentence = " ".join(one.sentence for one in verdicts)
+    return replace(by_rank[0], sentence=sentence, parts=tuple(verdicts))
+
+
+def is_far_above(ratio: float, degrees: float | None) -> bool:
+    """Whether a residual of `ratio` times the noise is more than chance explains.
+
+    Chi-square test of the variance, one-sided at 0.1 %: degrees * ratio^2 is chi-square distributed with `degrees`
+    of freedom where noise is all there is.
+    """
+    if degrees is None:
+        return ratio > _FAR_UNTESTED
+    from scipy.stats import chi2
+
+    return bool(ratio > _RELEVANT and chi2.sf(degrees * ratio**2, degrees) < _LEVEL)
+
+
+def _against_tolerance(residual: Residual, limit: float | None) -> str:
+    stated = f"{residual.name} {residual.value:.3g} {residual.unit}"
+    stated = stated[:1].upper() + stated[1:]
+    if limit is None:
+        return stated
+    if residual.value <= limit:
+        return f"{stated} meets the tolerance of {limit:g} {residual.unit}"
+    if not math.isfinite(residual.value):
+        return f"{stated} is no number and does not meet the tolerance of {limit:g} {residual.unit}"
+    return f"{stated} exceeds the tolerance of {limit:g} {residual.unit} ({residual.value / limit:.3g} times as large)"
+
+
+def _against_noise(residual: Residual, noise: Noise | None, ratio: float | None, advice: str) -> str:
+    if noise is None or ratio is None:
+        return "no noise is stated or can be estimated, so it is not compared with the noise"
+    stated = f"the noise of {noise.value:.3g} {residual.unit} ({noise.source})"
+    far = residual.is_significant
+    if far is None:
+        far = is_far_above(ratio, residual.degrees)
+    if far:
+        return f"it is {ratio:.3g} times {stated}: {advice}"
+    if ratio < 1 / _RELEVANT:
+        return f"it is not larger than {stated}"
+    return f"it agrees with {stated}"
