@@ -12,6 +12,7 @@ from sensors.effects import CATALOGUE
 from sensors.light.board_stripes import BoardStripes, joined, thinned, wrong_points
 from sensors.light.planes import tilt_directions
 from sensors.light.sheets import Sheets
+from sensors.light.together import Together
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.file import read_scanner, scanner_text, write_scanner
 from sensors.scanner.model import Scanner
@@ -223,6 +224,25 @@ def test_thinning_keeps_residuals_and_information():
         known.append(rows @ rows.T)
     ratio = np.diag(known[1]) / np.diag(known[0])
     assert (ratio > 0.995).all() and (ratio < 1.001).all()
+
+
+def test_thinned_stripes_keep_the_errors_that_their_points_share():
+    scene = twin(np.random.default_rng(19), points=240, steps=3, placements=4)
+    labels = {"placement": scene.placement, "step": scene.step}
+    whole = Sheets(CAMERA, scene.stripes, labels, scene.poses, scene.planes, np.zeros(2), 1.0)
+    shared = replace(Together.of(labels, whole.along), sigma=np.array([0.03, 0.02, 0.05]))
+    whole = replace(whole, together=shared)
+    moved = whole.with_families({"placement": scene.poses + 1e-4})
+    for chain in (whole, moved):
+        thin, block = thinned(chain, chain.n // 8)
+        residual = thin.evaluate(thin.parameters.values, {}).residual
+        assert np.isfinite(thin.decorrelated(residual)).all()
+        size = np.bincount(block)
+        for kind in range(3):
+            # Covariance of the means that one shared error makes: A b b' A' of the covariance b b' of the points.
+            expected = np.bincount(block, shared.shapes[kind]) / size
+            assert np.allclose(thin.together.shapes[kind], expected, atol=1e-12)
+            assert np.array_equal(thin.together.labels[kind][block], shared.labels[kind])
 
 
 def test_points_far_from_their_stripe_are_named_and_no_others():

@@ -183,7 +183,8 @@ def _independent(chain: Sheets) -> int:
     return int(np.ceil(4 * memory)) if memory > 1 else 1
 
 
-def _averaged(chain, block, count):
+def _averaged(chain: Sheets, block: np.ndarray, count: int) -> Sheets:
+    """The chain of `count` weighted means over the points with one number in `block` (n,)."""
     weights = 1 / np.broadcast_to(chain.sigma, (1, chain.n))[0] ** 2
     total = np.bincount(block, weights, count)
 
@@ -192,12 +193,16 @@ def _averaged(chain, block, count):
 
     first = np.zeros(count, int)
     first[block] = np.arange(chain.n)
-    values = chain.parameters.values
+    # Everything that has one entry a point: labels and shared errors included.
     made = replace(
-        chain, pixels=np.stack([mean(row) for row in chain.pixels]), sigma=total[None] ** -0.5,
-        labels={name: label[first] for name, label in chain.labels.items()},
+        chain.at(first),
+        pixels=np.stack([mean(row) for row in chain.pixels]),
+        sigma=total[None] ** -0.5,
         covariates={name: mean(column) for name, column in chain.covariates.items()},
-    )  # fmt: skip
+        together=None if chain.together is None else chain.together.averaged(first, mean),
+        _start=None if chain._start is None else _averaged(chain._start, block, count),
+    )
+    values = chain.parameters.values
     missing = mean(chain.evaluate(values, {}).residual[0]) - made.evaluate(values, {}).residual[0]
     side = np.sign((made.at_start.by_pixel * made.scan).sum(0))
     return replace(made, pixels=made.pixels + made.scan * (missing * side))

@@ -6,7 +6,7 @@ effects: a shift of each stripe, a tilt of it along itself, and a shift of each 
 one variance for all, and stand in the covariance of the measurements as blocks.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,6 +71,15 @@ class Together:
         """Of some of the points (indices or mask)."""
         return replace(self, labels=self.labels[:, samples], shapes=self.shapes[:, samples],
                        number=self.number[samples])  # fmt: skip
+
+    def averaged(self, first: np.ndarray, mean: Callable[[np.ndarray], np.ndarray]) -> "Together":
+        """Shared errors of weighted means over blocks of points of one stripe.
+
+        first (blocks,): one point of each block, whose labels the block has. mean: (n,) -> (blocks,).
+        The mean of points that share an error shares it in proportion to their mean shape.
+        """
+        shapes = np.stack([mean(shape) for shape in self.shapes])
+        return replace(self, labels=self.labels[:, first], shapes=shapes, number=np.arange(len(first)))
 
     def steps(self, sigma: np.ndarray) -> list["Step"]:
         """Both of `steps_apart`, one after the other."""
