@@ -1,6 +1,6 @@
 """Writes docs/gallery/laser-spot.md and its picture: every number on the page is computed here.
 
-`python tools/gallery_laser_spot.py` takes about three minutes. The functions are what the tests of the
+`python tools/gallery.py laser-spot` takes about three minutes. The functions are what the tests of the
 paper call too.
 """
 
@@ -109,18 +109,3 @@ def table_3(made, fits: list[np.ndarray]) -> str:
 def shown(difference: np.ndarray) -> np.ndarray:
     """Those of (6, 4) that beams can show."""
     return np.array([difference[k, c] for k in range(6) for c in range(4) if (k, c) not in _UNSEEN])
-
-
-def main() -> None:
-    """Write page and picture."""
-    from gallery_laser_spot_page import page, picture
-
-    HERE.mkdir(exist_ok=True)
-    exact = liu.irb120(6, 7)
-    first, second = fit(exact, False), fit(exact, True)
-    picture(first, second, HERE / "laser-spot.png")
-    (HERE / "laser-spot.md").write_text(page(exact, first, second), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Writes docs/gallery/partial-pose.md with its chart: the TX60 of Mathematics 2023, 11, 4802, one axis at a time.
 
-`python tools/gallery_partial_pose.py` runs the page's own commands in an empty folder, twenty seeds more, and
+`python tools/gallery.py partial-pose` runs the page's own commands in an empty folder, twenty seeds more, and
 writes every number of the page. Half a minute.
 """
 
@@ -41,7 +41,7 @@ COMMANDS = (
 _TEXT = """# One axis is enough, if it is the right one
 
 *Mathematics 2023, 11, 4802: a Staubli TX60, a tracker that sees one reflector in two places 10 mm apart on the flange.
-This page and its numbers are written by `python tools/gallery_partial_pose.py`.*
+This page and its numbers are written by `python tools/gallery.py partial-pose`.*
 
 A tracker's reflector gives a place; moved along a slide on the flange it also gives one axis. The paper's question is
 which axis to measure. Before anything is measured, the effect of each parameter says it:
@@ -154,7 +154,3 @@ def _row(kind, found, paper) -> str:
 
 def _quote(text: str) -> str:
     return "\n".join(line.rstrip() for line in text.strip().splitlines())
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,7 @@
 """Writes docs/gallery/rendered-twin.md with its picture: the whole chain on rendered pictures, truth known.
 
-`python tools/gallery_rendered_twin.py FOLDER [PART ...]` keeps the figures of each part in FOLDER as
-JSON and makes the missing ones: some ten minutes in all on two cores. Without PART, every part and the page.
+`python tools/gallery.py rendered-twin` keeps the figures of each part as JSON and makes the missing
+ones: some ten minutes in all on two cores.
 """
 
 import json
@@ -113,19 +113,14 @@ def parts() -> dict:
     return made | {row[0]: lambda name=row[0]: effect(name) for row in EFFECTS}
 
 
-def main(folder: Path, wanted: list[str]) -> None:
-    """Make the missing parts, and the page where all are wanted."""
+def collect(folder: Path) -> dict[str, dict]:
+    """Figures by part; a part that `folder` already holds is read, not computed again."""
     folder.mkdir(parents=True, exist_ok=True)
+    found = {}
     for name, make in parts().items():
         path = folder / f"{name}.json"
-        if (not wanted or name in wanted) and not path.exists():
+        if not path.exists():
             print(name, flush=True)
             path.write_text(json.dumps(make()), encoding="utf-8")
-    if not wanted:
-        from gallery_rendered_twin_page import write
-
-        write({name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in parts()}, EFFECTS)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2:])
+        found[name] = json.loads(path.read_text(encoding="utf-8"))
+    return found

@@ -13,7 +13,7 @@ Ye et al., Sensors 2024, 24, 2559, section 5.1: 1280 × 1024 px, fx 3423 px, bas
 public set holds such a scanner's raw pictures together with what is true, so they are rendered
 ([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)): 20 boards with a bow of 50 µm at a corner, ten of them
 swept by the laser, six scans of a 15 mm ball, 1940 pictures in all. The chain sees the pictures and nothing else.
-This page is written by `python tools/gallery_rendered_twin.py FOLDER`.
+This page is written by `python tools/gallery.py rendered-twin`.
 
 ![what effects do, and what of them is left](rendered-twin.png)
 

@@ -1,6 +1,6 @@
 """Writes docs/gallery/touch-point.md and its picture: every number on the page is computed here.
 
-`python tools/gallery_touch_point.py` takes about three minutes. The functions are what the tests of
+`python tools/gallery.py touch-point` takes about three minutes. The functions are what the tests of
 the paper call too.
 """
 
@@ -175,17 +175,3 @@ def registration_table() -> str:
         closed = papers.registration_rms(papers.cloud(table, name), papers.cloud(table, "tracker"))
         lines.append(f"| {name} | {PAPER['registration'][name + '_mm']} | {closed:.4f} | {icp_rms(name):.4f} |")
     return "\n".join(lines)
-
-
-def main() -> None:
-    """Write page and picture."""
-    from gallery_touch_point_page import page, picture
-
-    HERE.mkdir(exist_ok=True)
-    many = paired(100)
-    picture(many, HERE / "touch-point.png")
-    (HERE / "touch-point.md").write_text(page(many), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

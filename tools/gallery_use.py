@@ -1,7 +1,7 @@
 """Writes docs/gallery/poses-and-compensation.md with its picture: which poses to measure, what a calibration is for.
 
-`python tools/gallery_use.py` runs the page's own commands in an empty folder, then more draws of the same, and
-writes every number of the page. Needs MuJoCo. Ten minutes.
+`python tools/gallery.py poses-and-compensation` runs the page's own commands in an empty folder, then
+more draws of the same, and writes every number of the page. Needs MuJoCo. Ten minutes.
 """
 
 import json
@@ -91,20 +91,18 @@ def run(command: str, folder: Path) -> str:
     return done.stdout
 
 
-def main() -> None:
-    """Run, collect, write."""
-    import gallery_use_page as text
-
+def collect() -> tuple[dict, dict, dict, list]:
+    """Terminal output of the page's commands, their JSON answers, measured pools of poses, compensated arms."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         said = {command: run(command, folder) for command in (*POSES, *TASKS, *USE, *EXPORTS)}
-        answers = {n: json.loads((folder / n / "answer.json").read_text()) for n in ("chosen", "chosen-for-cell",
-                                                                                    "corrected", "arm")}  # fmt: skip
-    pools = {name: (measured_errors(*kind, ye.CELL, compared=name in PICTURED), measured_errors(*kind, ye.NARROW))
-             for name, kind in POOLS.items()}  # fmt: skip
-    cases = [used(seed) for seed in ARMS]
-    text.picture([pools[name][0] for name in PICTURED], cases[0], PAGE.with_suffix(".png"))
-    PAGE.write_text(text.page(said, answers, gains(), pools, cases), encoding="utf-8")
+        runs = ("chosen", "chosen-for-cell", "corrected", "arm")
+        answers = {n: json.loads((folder / n / "answer.json").read_text()) for n in runs}
+    pools = {}
+    for name, kind in POOLS.items():
+        wide = measured_errors(*kind, ye.CELL, compared=name in PICTURED)
+        pools[name] = wide, measured_errors(*kind, ye.NARROW)
+    return said, answers, pools, [used(seed) for seed in ARMS]
 
 
 def gains() -> list[tuple[str, float, float]]:
@@ -191,7 +189,3 @@ def _reached(readings):
 def rms(values) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-if __name__ == "__main__":
-    main()

@@ -9,7 +9,7 @@ from gallery_use import CHOSEN, DRAWS, EXPORTS, NOISE, POSES, TASKS, USE, rms
 
 _TEXT = """# Which poses to measure, and what a calibration is for
 
-*This page and its numbers are written by `python tools/gallery_use.py`. The arm is that of
+*This page and its numbers are written by `python tools/gallery.py poses-and-compensation`. The arm is that of
 [Ye et al.](unified-kinematic-compliance.md), Sensors 2024, 24, 2559, by MuJoCo's statics with the 53 parameters that
 the paper prints; a tracker measures one reflector with {noise} mm a coordinate.*
 

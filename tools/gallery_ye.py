@@ -1,6 +1,6 @@
 """Writes docs/gallery/unified-kinematic-compliance.md with its pictures: the models of Ye et al., Sensors 24, 2559.
 
-`python tools/gallery_ye.py` runs the page's own commands in an empty folder and writes every number of the page.
+`python tools/gallery.py unified` runs the page's own commands in an empty folder and writes every number of the page.
 Needs MuJoCo. Six minutes, three more where the real recording irb120_faro is at hand.
 """
 
@@ -67,10 +67,8 @@ def run(command: str, folder: Path) -> None:
     subprocess.run(words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True)
 
 
-def main() -> None:
-    """Run, collect, write."""
-    import gallery_ye_page as text
-
+def collect() -> tuple[dict, dict]:
+    """JSON answers by experiment, and held-out errors over random draws by experiment."""
     real = datasets.find(REAL) is not None
     with tempfile.TemporaryDirectory() as folder:
         for command in (*COMMANDS, *([REAL_COMMAND] if real else [])):
@@ -81,8 +79,7 @@ def main() -> None:
             made = Path(folder) / f"compared-{name}"
             answers[number] = json.loads((made / "answer.json").read_text(encoding="utf-8"))
             shutil.copy(made / "comparison.png", PAGE.with_name(f"unified-{name}.png"))
-    draws = {k: (drawn(k), drawn(k, reading=True)) for k in (1, 2)}
-    PAGE.write_text(text.page(answers, draws, readings(), printed_sign()), encoding="utf-8")
+    return answers, {k: (drawn(k), drawn(k, reading=True)) for k in (1, 2)}
 
 
 def drawn(experiment: int, reading: bool = False) -> dict[str, np.ndarray]:
@@ -189,7 +186,3 @@ class _AsPrinted(CATALOGUE["ye-compliance"]):
         out[7, 2] += 2e-3 * p[2] * angle
         out[2, 2] += 2e-3 * p[7] * angle
         return out
-
-
-if __name__ == "__main__":
-    main()

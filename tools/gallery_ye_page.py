@@ -7,7 +7,7 @@ from gallery_ye import AFTER, COMMANDS, DRAWS, EXPERIMENT, LOAD, MODELS, NOISE, 
 _TEXT = """# Kinematics, gears and compliance in one model
 
 *Ye, Jia, Wang, Chen & Xi, Sensors 2024, 24, 2559. This page and its numbers are written by
-`python tools/gallery_ye.py`.*
+`python tools/gallery.py unified`.*
 
 The paper compares four models of a robot with a scanner: kinematics alone (MDH), with waves of the gears of joints 1 to
 3 (NTM), with compliance under load and self-weight (RFCM), and with both (all, its own). Here they are
