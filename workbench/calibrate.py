@@ -1,7 +1,7 @@
 """The main job: from a recording to a calibrated robot, stage by stage, with held-out errors."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from workbench.crossvalidation import (
     cross_validate,
     error_summary,
     hold_out,
+    in_rotation,
     in_space,
     repeat_summary,
 )
@@ -50,7 +51,10 @@ class Calibration:
     `recording`: the moving rows that entered, n samples. Residuals (3, n) mm are predicted minus
     measured in the frame of the measurement, nan where a row was never held out; `fold` (n,) -1
     there. `points` and `residual_in_root` (3, n) mm are in the robot's root frame. `nominal` has
-    base and tool fitted at the nominal geometry. All error figures are 3-D distances.
+    base and tool fitted at the nominal geometry. Error figures are 3-D distances and, where poses are
+    measured, rotation angles. `rotation`: "fit", "held_out", "nominal" -> residual (k, n) of the
+    orientation, rad: k = 3 components of the rotation vector from measured to predicted, 2 where one
+    axis is measured, 0 where no orientation is.
     """
 
     recording: object
@@ -71,6 +75,7 @@ class Calibration:
     suspects: tuple[int, ...]
     warnings: tuple[str, ...]
     provenance: dict
+    rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def as_json(self) -> dict:
         """The object of the JSON contract."""
@@ -161,7 +166,7 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
 
 def _doubts(robot, recording, nominal: _Step) -> tuple[str, ...]:
     """What looks wrong with the recording; InputError where one change would set it right."""
-    found = suspicion(robot, recording, error_summary(nominal.fit.residual[:3])["rms_mm"])
+    found = suspicion(robot, recording, error_summary(nominal.fit.residual)["rms_mm"])
     if found is not None and found.certain:
         raise InputError(found.sentence)
     return () if found is None else (found.sentence,)
@@ -170,12 +175,16 @@ def _doubts(robot, recording, nominal: _Step) -> tuple[str, ...]:
 def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
     """The split without fit samples that are far off what the whole model leaves elsewhere.
 
-    They say something about the recording and nothing about the robot: a lost beam, a wrong ball.
+    Far off in position or in orientation. They say something about the recording and nothing about the robot: a lost beam, a wrong ball.
     Judged only after all stages, so that physics not yet in the model is not taken for blunders;
     more than a twentieth of the samples is no blunder any more, and stays.
     """
-    distance = np.sqrt((step.model.residual(step.parameters)[:3] ** 2).sum(0))
-    off = everyone.fit & (distance > _OUTLIER * np.median(distance[split.fit]) / _MEDIAN_CHI3)
+    residual = step.model.residual(step.parameters)
+    off = np.zeros(len(everyone.fit), bool)
+    for part in (residual[:3], in_rotation(residual)):
+        size = np.sqrt((part**2).sum(0))
+        off |= size > _OUTLIER * np.median(size[split.fit]) / _MEDIAN_CHI3
+    off &= everyone.fit
     if off.sum() > everyone.fit.sum() / 20:
         return split
     return Split(everyone.fit & ~off, np.where(off, -1, everyone.fold), everyone.test)
@@ -212,7 +221,7 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
         progress(f"the result without {stage.name}")
         without = _try(replace(step, model=nominal.model), _merged(others, nominal), split)
         if not step.held_out.beats(without.held_out):
-            after = f"held-out {without.held_out.rms:.4f} mm without it, {step.held_out.rms:.4f} with it"
+            after = f"held-out {without.held_out.rms_in_words} without it, {step.held_out.rms_in_words} with it"
             sentence = f"{result.sentence}; no longer earned after the later stages ({after}): left out"
             rows[k] = stage, replace(result, earned=False, sentence=sentence)
             progress(rows[k][1].sentence)
@@ -312,13 +321,15 @@ def _final_held_out(step: _Step, split: Split) -> HeldOut:
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
-    change = f"held-out {before.held_out.rms:.4f} -> {after.held_out.rms:.4f} mm"
+    change = f"held-out {before.held_out.rms_in_words} -> {after.held_out.rms_in_words}"
     falls = after.held_out.falls_from(before.held_out)
     verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + ("" if earned else ": not earned, left out")
-    rms = error_summary(after.fit.residual[:3])["rms_mm"]
+    errors = error_summary(after.fit.residual)
+    rotation = after.held_out.rotation_rms
     return StageResult(
-        stage.name, stage.why, after.free, after.rank, rms, after.held_out.rms, earned,
+        stage.name, stage.why, after.free, after.rank, errors["rms_mm"], after.held_out.rms, earned,
         f"{stage.name}: {change}{verdict}", after.fit.outcome, after.fit.history,
+        errors.get("rotation_rms_deg"), None if rotation is None else float(np.rad2deg(rotation)),
     )  # fmt: skip
 
 
@@ -328,17 +339,24 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
     known = _all_known(step, parameters, split)
     solution = Solution(parameters, step.fit, known, provenance(recording), scores)
-    fit_residual = in_space(step.model.residual(parameters))
-    shown = np.where(np.isfinite(held_out.residual), held_out.residual, fit_residual)
+    residuals = {
+        "fit": step.model.residual(parameters),
+        "held_out": held_out.residual,
+        "nominal": nominal.model.residual(nominal.parameters),
+    }
+    position = {name: in_space(residual) for name, residual in residuals.items()}
+    rotation = {name: in_rotation(residual) for name, residual in residuals.items()}
+    shown = np.where(np.isfinite(held_out.position), held_out.position, position["fit"])
     points, arrows = _in_root(step.model, parameters, shown)
     return Calibration(
         recording, robot, step.model, solution, stages, tuple(parameter_rows(solution)),
-        error_summary(step.fit.residual[:3]) | repeat_summary(recording, fit_residual),
+        error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
         _held_out_summary(held_out),
         error_summary(_final_held_out(nominal, split).residual),
-        fit_residual, held_out.residual, in_space(nominal.model.residual(nominal.parameters)),
+        position["fit"], position["held_out"], position["nominal"],
         held_out.fold, points, arrows,
         tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), warnings, dict(solution.provenance),
+        rotation,
     )  # fmt: skip
 
 

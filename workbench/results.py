@@ -9,7 +9,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class StageResult:
-    """How one stage fared; `earned` False: it did not lower the held-out error and was left out."""
+    """Errors of one stage; `earned` False: it did not lower the held-out error and was left out.
+
+    The rotation errors are None where the recording measures no orientation.
+    """
 
     name: str
     why: str
@@ -21,6 +24,8 @@ class StageResult:
     sentence: str
     outcome: str
     history: tuple[float, ...]
+    rotation_rms_deg: float | None = None
+    held_out_rotation_rms_deg: float | None = None
 
 
 def parameter_rows(solution) -> list[dict]:
@@ -65,30 +70,13 @@ def _why(free, sure, std, others, determined):
 def calibration_json(calibration) -> dict:
     """The answer of `workbench calibrate`, keys as the contract fixes them, more added."""
     solution = calibration.solution
-    stages = [
-        {
-            k: getattr(s, k)
-            for k in (
-                "name",
-                "free",
-                "identifiable",
-                "rms_mm",
-                "held_out_rms_mm",
-                "earned",
-                "sentence",
-                "why",
-                "outcome",
-            )
-        }
-        for s in calibration.stages
-    ]
     known = solution.known
     return {
         "command": "calibrate",
         "recording": calibration.recording.name,
         "measures": calibration.recording.measures,
         "samples": calibration.recording.n,
-        "stages": stages,
+        "stages": [_stage_row(stage) for stage in calibration.stages],
         "parameters": [dict(row) for row in calibration.parameters],
         "fit": calibration.fit,
         "held_out": calibration.held_out,
@@ -104,6 +92,19 @@ def calibration_json(calibration) -> dict:
     }
 
 
+_STAGE_KEYS = (
+    "name", "free", "identifiable", "rms_mm", "held_out_rms_mm", "earned", "sentence", "why", "outcome",
+)  # fmt: skip
+
+
+def _stage_row(stage: StageResult) -> dict:
+    row = {key: getattr(stage, key) for key in _STAGE_KEYS}
+    if stage.held_out_rotation_rms_deg is not None:
+        row["rotation_rms_deg"] = stage.rotation_rms_deg
+        row["held_out_rotation_rms_deg"] = stage.held_out_rotation_rms_deg
+    return row
+
+
 def save_calibration(calibration, folder: Path) -> None:
     """Write parameters.toml, residuals.csv, calibration.json and solution.json."""
     from workbench.solution_file import NAME, solution_keys
@@ -117,9 +118,28 @@ def save_calibration(calibration, folder: Path) -> None:
     np.savetxt(folder / "residuals.csv", table, fmt="%.6g", delimiter=",", header=",".join(columns), comments="")
 
 
+ROTATION_COLUMNS = {3: ("rx", "ry", "rz"), 1: ("axis",), 0: ()}
+"""Number of columns of rotation residuals -> their names: a rotation vector, or the angle between two axes."""
+
+
 def _residual_columns(calibration):
+    """Column name -> (n,): position residuals in mm, then rotation residuals in degrees where there are any."""
     columns = {"sample": calibration.recording.sample_ids, "fold": calibration.fold}
     for name in ("fit", "held_out", "nominal"):
         rows = getattr(calibration, f"{name}_residual")
         columns |= {f"{name}_{axis}_mm": row for axis, row in zip("xyz", rows)}
+    for name, residual in calibration.rotation.items():
+        rows = np.rad2deg(_rotation_rows(residual))
+        columns |= {f"{name}_{axis}_deg": row for axis, row in zip(ROTATION_COLUMNS[len(rows)], rows)}
     return columns
+
+
+def _rotation_rows(residual: np.ndarray) -> np.ndarray:
+    """What a table shows of rotation residuals (k, n): three components, or the angle where one axis is measured.
+
+    The two components across an axis are in a frame that differs from sample to sample, so only their
+    length means anything.
+    """
+    if len(residual) == 2:
+        return np.sqrt((residual**2).sum(0))[None]
+    return residual

@@ -62,7 +62,11 @@ class PartialPose:
         return np.stack([first, cross(self.axis, first)])
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
-        """(5, n): point difference in mm, then the sines by which the axis leans off the measured one, two ways."""
+        """(5, n): point difference in mm, then the angle between the axes (rad), two components across the measured one.
+
+        The logarithm on the unit sphere: its length is the angle from 0 to pi. The sines alone would be
+        zero again for an axis that points the other way.
+        """
         point, tool, axes = frames.point(values[:3]), rotation_matrix(values[3:]), np.stack(frames.end)
         if "target" in deltas:
             slots, change = deltas["target"]
@@ -70,8 +74,16 @@ class PartialPose:
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
         axis, across = np.einsum("fcn,f->cn", axes, tool[:, self.which]), self.across
 
+        sines, cosine = np.einsum("acn,cn->an", across, axis), (self.axis * axis).sum(0)
+        is_opposite = (np.abs(sines).max(0) < 1e-12) & (cosine < 0)
+        sines[0, is_opposite] = 1e-12  # half a turn about any axis across
+        leaning = _logarithm(sines, cosine)
+
         def lean(turns):
-            return np.einsum("acn,kcn->kan", across, cross(turns, np.broadcast_to(axis, turns.shape)))
+            moved = cross(turns, np.broadcast_to(axis, turns.shape))
+            return _logarithm_rows(
+                sines, cosine, np.einsum("acn,kcn->kan", across, moved), (self.axis * moved).sum(1)
+            )
 
         tool_rows = np.zeros((6, 5, point.shape[1]))
         tool_rows[:3, :3] = axes
@@ -79,7 +91,7 @@ class PartialPose:
         below = np.zeros((3, 2, point.shape[1]))
         sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
         ports = {port: np.concatenate([rows, below], 1) for port, rows in (("target", axes), ("sensor", sensor))}
-        residual = np.concatenate([predicted - self.measured, np.einsum("acn,cn->an", across, axis)])
+        residual = np.concatenate([predicted - self.measured, leaning])
         return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(lean(turns)))
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
@@ -94,10 +106,35 @@ class PartialPose:
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (5, n)."""
         names = next(names for names, which in AXES.items() if which == self.which)
-        straight = np.sqrt(np.maximum(1 - (residual[3:] ** 2).sum(0), 0))
-        axis = straight * self.axis + np.einsum("acn,an->cn", self.across, residual[3:])
+        angle = np.sqrt((residual[3:] ** 2).sum(0))
+        sines = np.sinc(angle / np.pi) * residual[3:]
+        axis = np.cos(angle) * self.axis + np.einsum("acn,an->cn", self.across, sines)
         columns = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
         return columns | dict(zip(names, axis))
+
+
+def _logarithm(sines, cosine):
+    """(2, n) rad: sines (2, n) of a leaning axis and its cosine (n,), stretched to the length of its angle."""
+    return sines * _stretch(sines, cosine)[0]
+
+
+def _stretch(sines, cosine):
+    """(n,) angle over its sine, and (n,) that sine, kept off zero; 1 where the axes agree."""
+    sine = np.maximum(np.sqrt((sines**2).sum(0)), 1e-12)
+    angle = np.arctan2(sine, cosine)
+    return angle / sine, sine
+
+
+def _logarithm_rows(sines, cosine, sine_rows, cosine_rows):
+    """(k, 2, n) change of `_logarithm` with changes (k, 2, n) of the sines and (k, n) of the cosine.
+
+    With s the sine and a = atan2(s, c) the angle: d(a/s) = (c ds - s dc) / s - a ds / s^2, where s ds is the
+    scalar product of the sines and their change.
+    """
+    stretch, sine = _stretch(sines, cosine)
+    by_sine = (sines * sine_rows).sum(1) / sine
+    change = (cosine * by_sine - sine * cosine_rows - stretch * by_sine) / sine
+    return stretch * sine_rows + change[:, None] * sines
 
 
 def _above(rows):

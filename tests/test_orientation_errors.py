@@ -1,0 +1,165 @@
+"""Orientation errors stand next to position errors wherever poses are measured, and stages are judged by both."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from scenes import model_of, scene
+from workbench.calibrate import calibrate, save
+from workbench.core.rigid import rotation_matrix
+from workbench.crossvalidation import HeldOut, error_summary
+
+ROTATION_KEYS = ("rotation_rms_deg", "rotation_mean_deg", "rotation_p95_deg", "rotation_max_deg")
+SIGMA_RAD = 2e-3
+
+
+def noisy(measures, n=60, seed=4):
+    """A recording with 0.02 mm of noise a coordinate and 2 mrad about each axis."""
+    rng = np.random.default_rng(seed)
+    recording = scene(measures, n=n, seed=seed).recording
+    columns = dict(recording.columns)
+    for name in ("x_mm", "y_mm", "z_mm"):
+        columns[name] = columns[name] + rng.normal(0, 0.02, n)
+    turn = Rotation.from_rotvec(rng.normal(0, SIGMA_RAD, (n, 3)))
+    if measures == "external-pose":
+        quaternion = np.stack([columns[f"q{c}"] for c in "xyzw"], -1)
+        columns |= {f"q{c}": row for c, row in zip("xyzw", (turn * Rotation.from_quat(quaternion)).as_quat().T)}
+    else:
+        axis = turn.apply(np.stack([columns[f"o{c}"] for c in "xyz"], -1))
+        columns |= {f"o{c}": row for c, row in zip("xyz", axis.T)}
+    columns["sigma_deg"] = np.full(n, np.rad2deg(SIGMA_RAD))
+    return replace(recording, columns=columns)
+
+
+@pytest.fixture(scope="module", params=["external-pose", "partial-pose"])
+def calibration(request):
+    return calibrate(noisy(request.param), plan=(), folds=5)
+
+
+def test_every_error_block_of_poses_has_rotation_figures(calibration):
+    answer = calibration.as_json()
+    axes = 3 if calibration.recording.measures == "external-pose" else 2
+    expected = np.rad2deg(SIGMA_RAD) * np.sqrt(axes)
+    for block in ("fit", "held_out", "nominal"):
+        assert set(ROTATION_KEYS) <= set(answer[block])
+        assert answer[block]["rotation_rms_deg"] == pytest.approx(expected, rel=0.15)
+        assert answer[block]["rotation_max_deg"] >= answer[block]["rotation_p95_deg"] >= answer[block]["rotation_mean_deg"]
+
+
+def test_stages_have_rotation_figures():
+    stages = calibrate(noisy("external-pose"), folds=5).as_json()["stages"]
+    for stage in stages:
+        assert 0 < stage["rotation_rms_deg"] < 0.4 and 0 < stage["held_out_rotation_rms_deg"] < 0.4
+        assert "deg" in stage["sentence"]
+
+
+def test_residual_table_holds_the_rotation_of_every_sample(calibration, tmp_path):
+    save(calibration, tmp_path)
+    table = np.genfromtxt(tmp_path / "residuals.csv", delimiter=",", names=True)
+    names = ("rx", "ry", "rz") if calibration.recording.measures == "external-pose" else ("axis",)
+    for block in ("fit", "held_out", "nominal"):
+        angle = np.sqrt(sum(table[f"{block}_{name}_deg"] ** 2 for name in names))
+        found = getattr(calibration, block)["rotation_rms_deg"]
+        # the figure of the nominal robot is held out, its residuals are those of the fit
+        assert np.sqrt((angle**2).mean()) == pytest.approx(found, rel=0.05 if block == "nominal" else 1e-4)
+    assert "rotation_rms_deg" in json.loads((tmp_path / "calibration.json").read_text())["fit"]
+
+
+def test_recordings_of_points_have_no_rotation_figures(tmp_path):
+    found = calibrate(scene("external-point", n=60, seed=4).recording, plan=(), folds=5)
+    answer = found.as_json()
+    assert not any(key in answer[block] for key in ROTATION_KEYS for block in ("fit", "held_out", "nominal"))
+    assert all(not len(rows) for rows in found.rotation.values())
+    save(found, tmp_path)
+    assert "deg" not in (tmp_path / "residuals.csv").read_text().splitlines()[0]
+
+
+def test_rotation_figures_are_of_the_angle():
+    residual = np.zeros((6, 3))
+    residual[3:, 0] = np.deg2rad([3.0, 0.0, 4.0])
+    residual[:, 2] = np.nan
+    found = error_summary(residual)
+    assert found["rotation_max_deg"] == pytest.approx(5) and found["rotation_mean_deg"] == pytest.approx(2.5)
+    assert found["rms_mm"] == 0
+    assert "rotation_rms_deg" not in error_summary(residual[:3])
+
+
+def test_a_sample_that_is_far_off_in_orientation_alone_is_left_out_and_named():
+    recording = noisy("external-pose")
+    turned = recording.columns["qw"].copy(), recording.columns["qx"].copy()
+    columns = {name: column.copy() for name, column in recording.columns.items()}
+    columns["qw"][7], columns["qx"][7] = -turned[1][7], turned[0][7]
+    found = calibrate(replace(recording, columns=columns), plan=(), folds=5)
+    assert found.suspects == (int(recording.sample_ids[7]),)
+
+
+@pytest.mark.parametrize("degrees", [1e-7, 0.01, 10.0, 89.0, 91.0, 170.0, 180.0])
+def test_residual_of_an_axis_is_the_angle_between_the_axes(degrees):
+    """Its sine is small again beyond 90 degrees: an axis that points the other way looked perfect."""
+    made = scene("partial-pose", n=20, seed=2)
+    model = model_of(made)
+    measurement = model.chain.measurement
+    across = measurement.across[0]
+    angle = np.deg2rad(degrees)
+    axis = np.cos(angle) * measurement.axis + np.sin(angle) * across
+    leaning = replace(model, chain=replace(model.chain, measurement=replace(measurement, axis=axis)), _bases={})
+    truth = model.parameters
+    clean = model.residual(truth)[3:]
+    np.testing.assert_allclose(clean, 0, atol=1e-7)
+    found = np.linalg.norm(leaning.residual(truth)[3:], axis=0)
+    np.testing.assert_allclose(found, angle, atol=1e-6)
+
+
+def test_residual_of_an_axis_is_differentiated_at_large_angles():
+    made = scene("partial-pose", n=20, seed=2)
+    model = model_of(made)
+    start = model.parameters.free("base.*", "joint-*")
+    turn = rotation_matrix(np.array([0.9, -1.2, 0.8]))
+    measurement = replace(model.chain.measurement, axis=turn @ model.chain.measurement.axis)
+    model = replace(model, chain=replace(model.chain, measurement=measurement), _bases={})
+    residual, rows = model.linearise(start)
+    assert np.linalg.norm(residual[3:], axis=0).max() > np.pi / 2
+    for k, step in enumerate(np.full(len(rows), 1e-6)):
+        moved = np.zeros(len(rows))
+        moved[k] = step
+        up, down = (model.residual(start.unpack(start.pack() + sign * moved)) for sign in (1, -1))
+        expected = (up - down)[3:] / (2 * step)
+        np.testing.assert_allclose(rows[k, 3:], expected, atol=1e-5 * max(1, np.abs(expected).max()))
+
+
+def held_out(position, rotation, seed=0, sigma=None):
+    """Held-out residuals of 60 samples with so much position error (mm) and orientation error (rad)."""
+    fold = np.repeat(np.arange(10), 6)
+    residual = np.random.default_rng(seed).normal(0, 1.0, (6, 60))
+    residual[:3] *= position
+    residual[3:] *= rotation
+    return HeldOut(residual, fold, sigma=sigma)
+
+
+def test_a_stage_that_improves_position_and_destroys_orientation_does_not_win():
+    before = held_out(1.0, 1e-3)
+    assert held_out(0.8, 1e-3).beats(before)
+    assert held_out(0.8, 0.8e-3).beats(before)
+    assert held_out(0.99, 0.5e-3).beats(before)
+    assert not held_out(0.1, 2e-3).beats(before)
+    assert not held_out(0.5, 1.5).beats(before)
+
+
+def test_changes_far_below_the_stated_noise_do_not_outweigh_a_gain():
+    """Orientations without any noise: their rounding must not decide."""
+    sigma = np.repeat([[0.02], [2e-4]], 3, axis=0) * np.ones(60)
+    before, after = held_out(1.0, 1e-9, sigma=sigma), held_out(0.8, 5e-9, sigma=sigma)
+    assert after.beats(before)
+    assert not before.beats(after)
+
+
+def test_positions_alone_are_judged_as_before():
+    before, after = held_out(1.0, 0.0), held_out(0.8, 0.0)
+    before, after = (replace(one, residual=one.residual[:3]) for one in (before, after))
+    assert after.beats(before) and not before.beats(after) and not before.beats(before)
+    relative = after.falls_from(before) * np.nanmean(before.squares)
+    expected = [(before.squares - after.squares)[before.fold == k].mean() for k in range(10)]
+    np.testing.assert_allclose(relative, expected)
