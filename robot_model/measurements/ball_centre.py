@@ -9,13 +9,13 @@ from robot_model.measurements.closure import (
     Closure,
     add_delta,
     flange_matrices,
+    kronecker_rows,
     position_sigma,
-    rigid_fit,
-    solve_linear_start,
 )
+from robot_model.measurements.multistart import MODEL_ERROR_MM, ORIGIN_PRIOR_MM, TOOL_PRIOR_MM, RotationSystem
 from robot_model.poses import pose_parameters, pose_values
 from workbench.core.parameters import Parameter
-from workbench.core.rigid import left_jacobian, nearest_rotation, rotation_matrix
+from workbench.core.rigid import left_jacobian, rotation_matrix
 
 
 @dataclass(frozen=True)
@@ -75,17 +75,35 @@ class BallCentre:
                        to_world=lambda seen: sum(axis * row for axis, row in zip(axes, seen)))  # fmt: skip
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """c_k - R_f R_h s - R_f t_h = t_f is linear in the balls c_k (root frame), R_h and t_h."""
-        turns, right = flange_matrices(frames), frames.end_origin.T.ravel()
-        balls = np.einsum("ij,nk->nikj", np.eye(3), np.eye(len(self.ids))[self.index]).reshape(len(right), -1)
-        seen = np.einsum("nij,jkn->nik", turns, _by_matrix(self.measured)).reshape(-1, 9)
-        hand = turns.reshape(-1, 3)
-        solution = solve_linear_start([balls, -hand, -seen], right)
-        rotation = nearest_rotation(solution[-9:].reshape(3, 3))
-        again = solve_linear_start([balls, -hand], right + seen @ rotation.ravel())
-        seen_balls = np.unique(self.index)
-        base = rigid_fit(again[:-3].reshape(-1, 3)[seen_balls], self.centres[seen_balls])
-        return pose_values(*base), pose_values(rotation, again[-3:])
+        """Base pose (6,) and hand-eye (6,) of the best of the local minima over both rotations.
+
+        R_b^T (c - mean c) + t - R_f R_h s - R_f t_h = t_f - mean t_f, with X_1 = R_b^T, X_2 = R_h, balls c in the
+        frame of the artefact and s as seen.
+        """
+        start = self._system(frames).starts()[0]
+        rotation = start.rotations[0].T
+        shift = frames.end_origin.mean(1) + start.translations[:3]
+        base = pose_values(rotation, self._ball_centroid() - rotation @ shift)
+        return base, pose_values(start.rotations[1], start.translations[3:])
+
+    def _ball_centroid(self) -> np.ndarray:
+        """(3,) mean of the balls over the samples, artefact frame, mm."""
+        return self.centres[self.index].mean(0)
+
+    def _system(self, frames: Frames) -> RotationSystem:
+        turns = flange_matrices(frames)
+        count = len(turns)
+        balls = (self.centres[self.index] - self._ball_centroid()).T
+        by_base = kronecker_rows(balls).reshape(count, 3, 9)
+        by_hand = np.einsum("nij,jkn->nik", turns, _by_matrix(self.measured))
+        shift = np.broadcast_to(np.eye(3), (count, 3, 3))
+        origins = frames.end_origin - frames.end_origin.mean(1, keepdims=True)
+        return RotationSystem(
+            np.concatenate([by_base, -by_hand], 2) / MODEL_ERROR_MM,
+            np.concatenate([shift, -turns], 2) / MODEL_ERROR_MM,
+            origins.T / MODEL_ERROR_MM,
+            np.repeat([ORIGIN_PRIOR_MM, TOOL_PRIOR_MM], 3),
+        )
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement plus its residual (3, n)."""

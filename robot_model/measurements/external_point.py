@@ -11,11 +11,10 @@ from robot_model.measurements.closure import (
     flange_matrices,
     kronecker_rows,
     position_sigma,
-    solve_linear_start,
 )
+from robot_model.measurements.multistart import MODEL_ERROR_MM, ORIGIN_PRIOR_MM, TOOL_PRIOR_MM, RotationSystem, Start
 from robot_model.poses import pose_values
 from workbench.core.parameters import Parameter
-from workbench.core.rigid import nearest_rotation
 
 
 @dataclass(frozen=True)
@@ -74,17 +73,38 @@ class ExternalPoint:
         return Closure(predicted - self.measured, point, lambda rows: rows, tool_rows, ports)
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """R_b^T X - R_b^T t_b = R_f p + t_f is linear in R_b^T, R_b^T t_b and the reflectors p."""
-        turns = flange_matrices(frames)
-        reflectors = np.einsum("nij,nr->nirj", turns, np.eye(len(self.ids))[self.index])
-        identity = np.tile(np.eye(3), (len(self.index), 1))
-        right = frames.end_origin.T.ravel()
-        blocks = [kronecker_rows(self.measured), identity, -reflectors.reshape(len(right), -1)]
-        solution = solve_linear_start(blocks, right)
-        rotation = nearest_rotation(solution[:9].reshape(3, 3))
-        again = solve_linear_start(blocks[1:], right - blocks[0] @ rotation.ravel())
-        return pose_values(rotation.T, -rotation.T @ again[:3]), again[3:]
+        """Base pose (6,) and reflectors (3 R,): the best of the local minima over the base's rotation."""
+        start = point_system(frames, self.measured, self.index, len(self.ids)).starts()[0]
+        return base_values(start, frames, self.measured), start.translations[3:]
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement plus its residual (3, n)."""
         return dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual))
+
+
+def point_system(frames: Frames, measured: np.ndarray, index: np.ndarray, reflectors: int) -> RotationSystem:
+    """X (p - mean p) + t - R_f r = t_f - mean t_f, with X = R_b^T and the reflectors r of the samples.
+
+    measured (3, n) mm, external frame; index (n,) which reflector. Unknown translations: t (3,), then the
+    reflectors (3 R,), mm. Rows are in units of `MODEL_ERROR_MM`.
+    """
+    count = len(index)
+    origins = frames.end_origin - frames.end_origin.mean(1, keepdims=True)
+    centred = measured - measured.mean(1, keepdims=True)
+    one_of = np.eye(reflectors)[index]
+    by_reflector = np.einsum("nij,nr->nirj", flange_matrices(frames), one_of).reshape(count, 3, -1)
+    shift = np.broadcast_to(np.eye(3), (count, 3, 3))
+    prior = np.concatenate([np.full(3, ORIGIN_PRIOR_MM), np.full(3 * reflectors, TOOL_PRIOR_MM)])
+    return RotationSystem(
+        kronecker_rows(centred).reshape(count, 3, 9) / MODEL_ERROR_MM,
+        np.concatenate([shift, -by_reflector], 2) / MODEL_ERROR_MM,
+        origins.T / MODEL_ERROR_MM,
+        prior,
+    )
+
+
+def base_values(start: Start, frames: Frames, measured: np.ndarray) -> np.ndarray:
+    """(6,) base pose of a solution of `point_system`."""
+    rotation = start.rotations[0].T
+    shift = frames.end_origin.mean(1) + start.translations[:3]
+    return pose_values(rotation, measured.mean(1) - rotation @ shift)

@@ -6,9 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.chain import Frames, cross
-from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma, solve_linear_start
+from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma
+from robot_model.measurements.external_point import base_values, point_system
+from robot_model.measurements.multistart import MODEL_ERROR_MM, RotationSystem, lever_arm
 from robot_model.poses import pose_parameters, pose_values
-from workbench.core.rigid import left_jacobian, nearest_rotation, rotation_matrix
+from workbench.core.rigid import left_jacobian, rotation_matrix
 
 
 @dataclass(frozen=True)
@@ -65,21 +67,25 @@ class ExternalPose:
         return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(_of_vector(off, turns)))
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """R_b^T R_m = R_f R_t is linear in both rotations; then the translations are linear.
+        """Base pose (6,) and tool (6,) that fit positions and orientations together best."""
+        return self.starts(frames)[0]
 
-        The Kronecker form of robot-world/hand-eye calibration: Shah, J. Mech. Robotics 5 (2013).
-        """
+    def starts(self, frames: Frames) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Base and tool at every local minimum that was found, best first."""
+        return [
+            (base_values(start, frames, self.measured), pose_values(start.rotations[1], start.translations[3:]))
+            for start in self._system(frames).starts()
+        ]
+
+    def _system(self, frames: Frames) -> RotationSystem:
+        """The rows of one reflector, and R_b^T R_m - R_f R_t = 0 with X_1 = R_b^T and X_2 = R_t."""
         turns = flange_matrices(frames)
-        left = np.einsum("ia,nbl->nilab", np.eye(3), self.turns)
-        right = np.einsum("nia,lb->nilab", turns, np.eye(3))
-        system = np.concatenate([left.reshape(-1, 9), -right.reshape(-1, 9)], 1)
-        null = np.linalg.eigh(system.T @ system)[1][:, 0]
-        sign = np.sign(np.linalg.det(null[:9].reshape(3, 3)))
-        world, tool = (nearest_rotation(sign * part.reshape(3, 3)) for part in (null[:9], null[9:]))
-        offset = frames.end_origin.T.ravel() - (self.measured.T @ world.T).ravel()
-        blocks = [np.tile(np.eye(3), (len(turns), 1)), -turns.reshape(-1, 3)]
-        shift = solve_linear_start(blocks, offset)
-        return pose_values(world.T, -world.T @ shift[:3]), pose_values(tool, shift[3:])
+        points = point_system(frames, self.measured, np.zeros(len(turns), int), 1)
+        by_base = np.einsum("ia,nbl->nilab", np.eye(3), self.turns).reshape(-1, 9, 9)
+        by_tool = np.einsum("nia,lb->nilab", turns, np.eye(3)).reshape(-1, 9, 9)
+        # the Frobenius norm of the difference of two rotations is sqrt(2) times a small angle between them
+        unit = lever_arm(frames.end_origin) / (np.sqrt(2) * MODEL_ERROR_MM)
+        return points.with_orientations(unit * np.concatenate([by_base, -by_tool], 2))
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (6, n)."""

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.chain import Frames, cross
-from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma
-from robot_model.measurements.external_point import ExternalPoint
+from robot_model.measurements.closure import Closure, add_delta, flange_matrices, kronecker_rows, position_sigma
+from robot_model.measurements.external_point import base_values, point_system
+from robot_model.measurements.multistart import MODEL_ERROR_MM, RotationSystem, lever_arm
 from robot_model.poses import pose_parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
@@ -95,13 +96,24 @@ class PartialPose:
         return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(lean(turns)))
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """Base and point as of an external point; then the axis is the mean of what the flange sees."""
-        points = ExternalPoint(self.measured, np.zeros(self.measured.shape[1], int), (1,))
-        base, place = points.start(frames)
-        seen = rotation_matrix(base[3:]).T @ self.axis
-        axis = np.einsum("nij,in->j", flange_matrices(frames), seen)
+        """Base pose (6,) and tool (6,) that fit positions and axes together best.
+
+        The rotation of the tool is the shortest one to the axis: that about the axis is not measured.
+        """
+        start = self._system(frames).starts()[0]
+        axis = start.rotations[1][:, self.which]
         turn, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.which][None])
-        return base, np.concatenate([place, turn.as_rotvec()])
+        place = start.translations[3:]
+        return base_values(start, frames, self.measured), np.concatenate([place, turn.as_rotvec()])
+
+    def _system(self, frames: Frames) -> RotationSystem:
+        """The rows of one reflector, and R_b^T n - R_f R_t e = 0 with X_1 = R_b^T and X_2 = R_t."""
+        turns = flange_matrices(frames)
+        points = point_system(frames, self.measured, np.zeros(len(turns), int), 1)
+        by_base = kronecker_rows(self.axis).reshape(-1, 3, 9)
+        by_tool = np.einsum("nij,k->nijk", turns, np.eye(3)[self.which]).reshape(-1, 3, 9)
+        unit = lever_arm(frames.end_origin) / MODEL_ERROR_MM
+        return points.with_orientations(unit * np.concatenate([by_base, -by_tool], 2))
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (5, n)."""

@@ -1,0 +1,243 @@
+"""Starting values of one or two rotations and of translations: regularised least squares from many starts.
+
+Every kind of measurement that knows a base and a tool closes its chain by equations that are linear in
+the entries of the unknown rotation matrices and in the unknown translations:
+
+    A_1 vec(X_1) + A_2 vec(X_2) + B t = c,    X_k in SO(3).
+
+A closed form that drops the constraint on X_k (Kronecker form of robot-world/hand-eye calibration: Shah,
+J. Mech. Robotics 5 (2013) 031007) degenerates where the flange orientations are nearly equal: noise then
+decides the null vector. Here all equations, those of positions and those of orientations, are solved together
+on SO(3). The translations are eliminated (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10
+(1973) 413), which leaves at most 18 columns however many samples there are, so that descents from many
+rotations cost little. A weak prior on the translations keeps what the samples do not determine finite.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from workbench.core.rigid import nearest_rotation, rotation_matrix
+
+TOOL_PRIOR_MM = 500.0
+"""1 sigma of a coordinate of the tool on the flange, before anything is measured."""
+ORIGIN_PRIOR_MM = 1e4
+"""1 sigma of a coordinate of the base, relative to the centroids of the samples."""
+MODEL_ERROR_MM = 1.0
+"""Position error of a nominal arm that the rows are scaled by."""
+LEAST_LEVER_MM = 100.0
+"""Orientation errors weigh at least as much as two points that are this far apart."""
+
+_SCREENED, _KEPT, _ALTERNATIVES = 48, 8, 4
+_SHORT, _LONG = 10, 60
+_ROUNDS, _CENTRED = 12, 2
+_SETTLED_RAD, _SETTLED_MM = 1e-8, 1e-7
+_SAME_RAD = np.deg2rad(3.0)
+_CAUCHY = 6.0  # robust standard deviations at which a sample's weight is one half
+_MEDIAN_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True)
+class Start:
+    """A local minimum: `rotations` (K, 3, 3), `translations` (F,) mm, and the sum of squares `cost`.
+
+    `curvature`: smallest eigenvalue of the whitened normal matrix of the rotations, relative to the largest;
+    0 where the samples leave a rotation undetermined.
+    """
+
+    rotations: np.ndarray
+    translations: np.ndarray
+    cost: float
+    curvature: float
+
+    def is_near(self, other: "Start") -> bool:
+        """Whether another round moved neither the rotations nor the translations by what matters to a start."""
+        turned = _angle_between(self.rotations, other.rotations)
+        shifted = np.abs(self.translations - other.translations).max(initial=0.0)
+        return turned < _SETTLED_RAD and shifted < _SETTLED_MM
+
+
+@dataclass(frozen=True)
+class RotationSystem:
+    """Whitened equations of n samples with m rows each.
+
+    `rotation_rows` (n, m, 9 K): columns of the row-major entries of K rotations; `translation_rows` (n, m, F);
+    `right` (n, m); `prior` (F,) 1 sigma of each translation around 0, mm.
+    """
+
+    rotation_rows: np.ndarray
+    translation_rows: np.ndarray
+    right: np.ndarray
+    prior: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number K of rotations."""
+        return self.rotation_rows.shape[2] // 9
+
+    def with_orientations(self, rows: np.ndarray) -> "RotationSystem":
+        """The system of one rotation with rows (n, k, 18) on it and on a second one; their right side is 0."""
+        samples, size, _ = rows.shape
+        alone = np.concatenate([self.rotation_rows, np.zeros_like(self.rotation_rows)], 2)
+        none = np.zeros((samples, size, len(self.prior)))
+        return RotationSystem(
+            np.concatenate([alone, rows], 1),
+            np.concatenate([self.translation_rows, none], 1),
+            np.concatenate([self.right, np.zeros((samples, size))], 1),
+            self.prior,
+        )
+
+    def starts(self) -> list[Start]:
+        """Local minima, best first; never empty, whatever the samples determine.
+
+        After the first round samples that disagree with the best minimum are given less weight, and the prior
+        is centred where the translations were found, so that it does not bias what the samples do determine.
+        """
+        weights = np.ones(len(self.right))
+        centre = np.zeros(len(self.prior))
+        found = None
+        for done in range(_ROUNDS):
+            reduced = _Reduced(self, weights, centre)
+            begin = reduced.screened() if found is None else np.stack([s.rotations for s in found])
+            before, found = found, reduced.minima(begin)
+            if before is not None and found[0].is_near(before[0]):
+                break
+            weights = self._robust_weights(found[0])
+            centre = found[0].translations if done < _CENTRED else centre
+        return found
+
+    def _robust_weights(self, start: Start) -> np.ndarray:
+        """(n,) Cauchy weights of the samples from their distance at a start."""
+        turned = self.rotation_rows @ start.rotations.ravel()
+        shifted = self.translation_rows @ start.translations
+        distance = np.linalg.norm(turned + shifted - self.right, axis=1)
+        sigma = _MEDIAN_TO_SIGMA * np.median(distance)
+        return 1 / (1 + (distance / max(_CAUCHY * sigma, 1e-9)) ** 2)
+
+
+class _Reduced:
+    """The equations without their translations: W [vec(X_1), ..., vec(X_K), 1] with few rows, by one QR."""
+
+    def __init__(self, system: RotationSystem, weights: np.ndarray, centre: np.ndarray):
+        self.count, free = system.count, len(system.prior)
+        rows = np.concatenate([system.translation_rows, system.rotation_rows, -system.right[:, :, None]], 2)
+        rows = (rows * np.sqrt(weights)[:, None, None]).reshape(-1, rows.shape[2])
+        prior = np.zeros((free, rows.shape[1]))
+        prior[:, :free] = np.diag(1 / system.prior)
+        prior[:, -1] = -centre / system.prior
+        triangle = np.linalg.qr(np.concatenate([rows, prior]), mode="r")
+        self.rows = triangle[free:, free:]
+        self._translation, self._coupling = triangle[:free, :free], triangle[:free, free:]
+
+    def translations(self, rotations: np.ndarray) -> np.ndarray:
+        """(F,) best translations for rotations (K, 3, 3); the prior keeps the triangle regular."""
+        return -np.linalg.solve(self._translation, self._coupling @ np.append(rotations.ravel(), 1.0))
+
+    def residual(self, rotations: np.ndarray) -> np.ndarray:
+        """(S, r) residuals at S sets of rotations (S, K, 3, 3)."""
+        return rotations.reshape(len(rotations), -1) @ self.rows[:, :-1].T + self.rows[:, -1]
+
+    def cost(self, rotations: np.ndarray) -> np.ndarray:
+        """(S,) sums of squares."""
+        return (self.residual(rotations) ** 2).sum(1)
+
+    def screened(self) -> np.ndarray:
+        """(S, K, 3, 3) rotations to descend from: the closed form, then the best of a grid over SO(3)^K."""
+        grid = Rotation.create_group("I").as_matrix()
+        if self.count == 1:
+            sets = grid[:, None]
+        else:
+            sets = self._best_pairs(grid)
+        order = np.argsort(self.cost(sets), kind="stable")[:_SCREENED]
+        return np.concatenate([self._closed_form()[None], sets[order]])
+
+    def _best_pairs(self, grid: np.ndarray) -> np.ndarray:
+        """(S, 2, 3, 3): for every rotation of the grid at either place, the best partner from the grid."""
+        size = len(grid)
+        first, second = np.divmod(np.arange(size * size), size)
+        cost = self.cost(np.stack([grid[first], grid[second]], 1)).reshape(size, size)
+        pairs = np.concatenate([np.stack([np.arange(size), cost.argmin(1)], 1),
+                                np.stack([cost.argmin(0), np.arange(size)], 1)])  # fmt: skip
+        return grid[np.unique(pairs, axis=0)]
+
+    def _closed_form(self) -> np.ndarray:
+        """(K, 3, 3) least squares over matrices without the constraint, then the nearest rotations."""
+        free = np.linalg.lstsq(self.rows[:, :-1], -self.rows[:, -1], rcond=1e-9)[0]
+        return nearest_rotation(free.reshape(-1, 3, 3))
+
+    def minima(self, begin: np.ndarray) -> list[Start]:
+        """Distinct local minima reached from rotations (S, K, 3, 3), best first."""
+        rotations = self._descend(begin, _SHORT)
+        best = np.argsort(self._rounded_cost(rotations), kind="stable")[:_KEPT]
+        rotations = self._descend(rotations[best], _LONG)
+        order = np.argsort(self._rounded_cost(rotations), kind="stable")
+        kept = []
+        for one in rotations[order]:
+            if all(_angle_between(one, other) > _SAME_RAD for other in kept):
+                kept.append(one)
+        return [self._start(one) for one in kept[:_ALTERNATIVES]]
+
+    def _rounded_cost(self, rotations: np.ndarray) -> np.ndarray:
+        """(S,) costs in which rounding decides no order: of equal minima the first start wins."""
+        cost = self.cost(rotations)
+        unit = max(1e-6 * cost.min(), 1e-9)
+        return np.floor(cost / unit)
+
+    def _start(self, rotations: np.ndarray) -> Start:
+        jacobian = self._jacobian(rotations[None])[0]
+        values = np.linalg.eigvalsh(jacobian.T @ jacobian)
+        curvature = float(max(values[0], 0.0) / max(values[-1], 1e-300))
+        cost = float(self.cost(rotations[None])[0])
+        return Start(rotations, self.translations(rotations), cost, curvature)
+
+    def _jacobian(self, rotations: np.ndarray) -> np.ndarray:
+        """(S, r, 3 K) derivative of the residual by left rotations (rad) of each matrix."""
+        parts = []
+        for k in range(self.count):
+            # d vec(X) / d omega_j = vec([e_j]x X)
+            turned = np.einsum("jab,sbc->sjac", _GENERATORS, rotations[:, k]).reshape(len(rotations), 3, 9)
+            parts.append(np.einsum("rv,sjv->srj", self.rows[:, 9 * k : 9 * k + 9], turned))
+        return np.concatenate(parts, 2)
+
+    def _descend(self, rotations: np.ndarray, steps: int) -> np.ndarray:
+        """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once."""
+        count, size = len(rotations), 3 * self.count
+        damping, cost = np.full(count, 1e-3), self.cost(rotations)
+        for _ in range(steps):
+            jacobian, residual = self._jacobian(rotations), self.residual(rotations)
+            normal = np.einsum("sri,srj->sij", jacobian, jacobian)
+            gradient = np.einsum("sri,sr->si", jacobian, residual)
+            scale = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12) / size
+            regular = normal + (scale * np.maximum(damping, 1e-10))[:, None, None] * np.eye(size)
+            move = -np.linalg.solve(regular, gradient[:, :, None])[:, :, 0]
+            moved = rotation_matrix(move.reshape(count, self.count, 3)) @ rotations
+            lower = self.cost(moved)
+            accepted = lower < cost
+            rotations = np.where(accepted[:, None, None, None], moved, rotations)
+            damping = np.where(accepted, damping / 10, np.minimum(damping * 10, 1e6))
+            done = np.abs(move).max(1) < 1e-12
+            cost = np.where(accepted, lower, cost)
+            if done.all():
+                break
+        return nearest_rotation(rotations)
+
+
+_GENERATORS = np.array([[[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+                        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+                        [[0, -1, 0], [1, 0, 0], [0, 0, 0]]], float)  # fmt: skip
+
+
+def _angle_between(first: np.ndarray, second: np.ndarray) -> float:
+    """Largest angle (rad) between corresponding rotations of (K, 3, 3)."""
+    chord = np.linalg.norm(first - second, axis=(1, 2)) / np.sqrt(8)
+    return float(2 * np.arcsin(np.minimum(chord, 1)).max())
+
+
+def lever_arm(points: np.ndarray) -> float:
+    """Distance (mm) by which an orientation error is worth a position error: the spread of points (3, n).
+
+    Errors of a nominal arm grow with the distance over which it moves.
+    """
+    spread = np.sqrt(((points - points.mean(1, keepdims=True)) ** 2).sum(0).mean())
+    return float(max(spread, LEAST_LEVER_MM))
