@@ -175,7 +175,8 @@ def _doubts(robot, recording, nominal: _Step) -> tuple[str, ...]:
 def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
     """The split without fit samples that are far off what the whole model leaves elsewhere.
 
-    Far off in position or in orientation. They say something about the recording and nothing about the robot: a lost beam, a wrong ball.
+    Far off in position or in orientation. They say something about the recording and nothing about
+    the robot: a lost beam, a wrong ball.
     Judged only after all stages, so that physics not yet in the model is not taken for blunders;
     more than a twentieth of the samples is no blunder any more, and stays.
     """

@@ -63,7 +63,7 @@ class PartialPose:
         return np.stack([first, cross(self.axis, first)])
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
-        """(5, n): point difference in mm, then the angle between the axes (rad), two components across the measured one.
+        """(5, n): point difference in mm, then the angle between the axes (rad), two components across the measured.
 
         The logarithm on the unit sphere: its length is the angle from 0 to pi. The sines alone would be
         zero again for an axis that points the other way.
