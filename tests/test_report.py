@@ -63,6 +63,7 @@ def fake(n=240, sigma=0.02, points=None, seed=5):
         fit=summary(residual), held_out=summary(held_out, folds=10), nominal=summary(nominal), fit_residual=residual,
         held_out_residual=held_out, nominal_residual=nominal, fold=np.arange(n) % 10, points=points,
         residual_in_root=residual, suspects=(17,), provenance={"seed": 1, "versions": {"numpy": "2"}, "command": "calibrate fake"},
+        rotation={},
     )
 
 
@@ -179,7 +180,7 @@ def test_recording_without_sigma_says_so(tmp_path):
 def test_joint_that_the_residual_depends_on_is_named():
     made = fake()
     found = residuals.section(made, spread.errors_of(made))
-    assert found["most"].startswith("joint 3 (deg)") and found["constant"] == ["payload_kg"]
+    assert found["kinds"][0]["most"].startswith("joint 3 (deg)") and found["constant"] == ["payload_kg"]
     assert found["menu"][:6] == [f"joint {k} (deg)" for k in range(1, 7)] and "time_s" in found["menu"]
 
 

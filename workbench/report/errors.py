@@ -13,58 +13,138 @@ _CURVE_POINTS = 800
 
 
 @dataclass(frozen=True)
+class Kind:
+    """What an error is: `what` in words, its `unit`, and `prefix` of its keys in an error block."""
+
+    what: str
+    unit: str
+    prefix: str
+    name: str
+
+    def key(self, figure: str) -> str:
+        """Key of `rms`, `mean`, `p95` or `max` in an error block of the JSON contract."""
+        return f"{self.prefix}{figure}_{self.unit}"
+
+
+POSITION = Kind("3-D distance", "mm", "", "position")
+ROTATION = Kind("rotation angle", "deg", "rotation_", "orientation")
+
+
+@dataclass(frozen=True)
 class Errors:
-    """Residuals (3, n) mm, predicted minus measured, frame of the measurement.
+    """Residuals (k, n) in the unit of their `kind`, predicted minus measured, frame of the measurement.
 
     Held-out where there is one (`held`, (n,) bool), that of the fit elsewhere; `distance` (n,)
-    its length; `sigma` mm of one coordinate (root mean square over the samples), None if unknown.
-    `parts` of the three are measured: one where a sample is a length.
+    its length; `sigma` of one coordinate (root mean square over the samples), None if unknown.
+    `parts` of the k are measured: one where a sample is a length. `axes`: names of the components,
+    none where these are in a frame that changes from sample to sample. `fit`, `nominal` (n,):
+    lengths of the residuals of the fit and of the nominal geometry.
     """
 
     residual: np.ndarray
     held: np.ndarray
     sigma: float | None
     parts: int = 3
+    kind: Kind = POSITION
+    axes: tuple[str, ...] = ("x", "y", "z")
+    fit: np.ndarray | None = None
+    nominal: np.ndarray | None = None
 
     @property
     def distance(self) -> np.ndarray:
         return np.linalg.norm(self.residual, axis=0)
 
+    @property
+    def rows(self) -> dict[str, np.ndarray]:
+        """Name -> (n,): every component, then the length of the residual."""
+        return dict(zip(self.axes, self.residual)) | {self.kind.what: self.distance}
+
 
 def errors_of(calibration) -> Errors:
-    """The residuals that every section of the page shows."""
+    """The position residuals that every section of the page shows, mm."""
     held_out = calibration.held_out_residual
     held = np.isfinite(held_out).all(0)
-    sigma = calibration.recording.sigma
     return Errors(
         np.where(held, held_out, calibration.fit_residual),
         held,
-        None if sigma is None else float(np.sqrt(np.mean(sigma**2))),
+        _root_mean_square(calibration.recording.sigma),
         int((calibration.fit_residual != 0).any(1).sum()) or 3,  # a length stands beside zeros
+        fit=np.linalg.norm(calibration.fit_residual, axis=0),
+        nominal=np.linalg.norm(calibration.nominal_residual, axis=0),
     )
 
 
-def section(calibration, errors: Errors) -> dict:
-    """Histogram and cumulative share of the held-out distances."""
+def rotation_errors_of(calibration) -> Errors | None:
+    """The orientation residuals in degrees; None where the recording measures no orientation."""
+    residuals = {name: np.rad2deg(rows) for name, rows in calibration.rotation.items()}
+    if not residuals or not len(residuals["fit"]):
+        return None
+    held = np.isfinite(residuals["held_out"]).all(0)
+    parts = len(residuals["fit"])
+    return Errors(
+        np.where(held, residuals["held_out"], residuals["fit"]),
+        held,
+        _root_mean_square(calibration.recording.columns.get("sigma_deg")),
+        parts,
+        ROTATION,
+        ("rx", "ry", "rz") if parts == 3 else (),
+        np.linalg.norm(residuals["fit"], axis=0),
+        np.linalg.norm(residuals["nominal"], axis=0),
+    )
+
+
+def _root_mean_square(sigma):
+    return None if sigma is None else float(np.sqrt(np.mean(np.square(sigma))))
+
+
+def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
+    """Histogram and cumulative share of the held-out errors, of each kind that is measured."""
+    kinds = [_spread(calibration, one) for one in (errors, rotation) if one is not None]
+    return {"kinds": kinds, "figures": list(FIGURES.values()), "table": error_rows(calibration, [errors, rotation])}
+
+
+def _spread(calibration, errors: Errors) -> dict:
+    kind = errors.kind
     return {
+        "id": kind.prefix,
+        "title": kind.name,
+        "what": kind.what,
         "histogram": style.packed(histogram(errors, calibration.held_out)),
-        "cumulative": style.packed(cumulative(calibration, errors)),
-        "noise": noise_sentence(errors.sigma, calibration.held_out, errors.parts),
+        "cumulative": style.packed(cumulative(errors)),
+        "noise": noise_sentence(errors.sigma, calibration.held_out, errors.parts, kind),
     }
 
 
-def noise_sentence(sigma: float | None, held_out: dict, parts: int = 3) -> str:
-    """What the instrument's noise alone would leave, beside what is left."""
+FIGURES = {"rms": "RMS", "mean": "mean", "p95": "95 % below", "max": "max"}
+_BLOCKS = {"nominal": "nominal geometry, held out", "fit": "fit", "held_out": "held out"}
+
+
+def error_rows(calibration, every) -> list[tuple[str, ...]]:
+    """Rows of the table of errors: block, what with its unit, and the four figures as text."""
+    kinds = [errors.kind for errors in every if errors is not None]
+    rows = []
+    for block, name in _BLOCKS.items():
+        figures = getattr(calibration, block)
+        for kind in kinds:
+            values = [rounded(figures.get(kind.key(figure))) for figure in FIGURES]
+            rows.append((name, f"{kind.what} ({kind.unit})", *values))
+    return rows
+
+
+def noise_sentence(sigma: float | None, held_out: dict, parts: int = 3, kind: Kind = POSITION) -> str:
+    """Compares the held-out error with what the stated noise of the instrument alone would leave."""
     if sigma is None:
         return (
-            "The recording states no noise of the instrument, so that these errors cannot be "
+            f"The recording states no noise of the measured {kind.name}, so that these errors cannot be "
             "split into noise and what the model lacks."
         )
     floor = np.sqrt(parts) * sigma
-    ratio = held_out["rms_mm"] / floor
+    ratio = held_out[kind.key("rms")] / floor
+    coordinate = "a coordinate" if kind is POSITION else "an axis"
     return (
-        f"The recording states σ = {sigma:.3g} mm a coordinate; noise alone would leave an RMS distance of "
-        f"{_root(parts)} = {rounded(floor)} mm. The held-out RMS is {rounded(ratio)} times that."
+        f"The recording states σ = {sigma:.3g} {kind.unit} {coordinate}; noise alone would leave an RMS "
+        f"{kind.what} of {_root(parts)} = {rounded(floor)} {kind.unit}. "
+        f"The held-out RMS is {rounded(ratio)} times that."
     )
 
 
@@ -73,10 +153,10 @@ def _root(parts: int) -> str:
 
 
 def histogram(errors: Errors, held_out: dict) -> go.Figure:
-    """Counts of held-out distances, with the noise's RMS, the RMS and the 95 % point marked."""
-    distance = errors.distance[errors.held]
+    """Counts of held-out errors, with the noise's RMS, the RMS and the 95 % point marked."""
+    distance, unit = errors.distance[errors.held], errors.kind.unit
     counts, edges = np.histogram(distance, bins=_bins(distance))
-    figure = style.figure(370, "3-D distance, predicted to measured (mm)", "samples")
+    figure = style.figure(370, f"{errors.kind.what}, predicted to measured ({unit})", "samples")
     figure.add_bar(
         x=(edges[1:] + edges[:-1]) / 2,
         y=counts,
@@ -84,7 +164,7 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
         name="held-out samples",
         marker=dict(color=style.BLUE, line_width=0),
         showlegend=False,
-        hovertemplate="%{x:.4f} mm: %{y} samples<extra></extra>",
+        hovertemplate="%{x:.4f} " + unit + ": %{y} samples<extra></extra>",
     )
     top = float(counts.max(initial=1)) * 1.06
     for name, x, colour, dash in _marks(errors, held_out):
@@ -92,7 +172,7 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
             x=[x, x],
             y=[0, top],
             mode="lines",
-            name=f"{name} {rounded(x)} mm",
+            name=f"{name} {rounded(x)} {unit}",
             line=dict(color=colour, width=2, dash=dash),
             hoverinfo="skip",
         )
@@ -100,32 +180,31 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
     return figure.update_layout(margin_t=84)
 
 
-def cumulative(calibration, errors: Errors) -> go.Figure:
+def cumulative(errors: Errors) -> go.Figure:
     """Share of samples that err by less, on a logarithmic axis: nominal, fit, held-out, noise."""
-    figure = style.figure(370, "3-D distance, predicted to measured (mm, logarithmic)", "share of samples (%)")
+    across = f"{errors.kind.what}, predicted to measured ({errors.kind.unit}, logarithmic)"
+    figure = style.figure(370, across, "share of samples (%)")
     for name, distance, colour, dash, width in (
-        ("nominal geometry", np.linalg.norm(calibration.nominal_residual, axis=0), style.GREY, "dot", 2),
-        ("fit", np.linalg.norm(calibration.fit_residual, axis=0), style.GREEN, "dash", 2),
+        ("nominal geometry", errors.nominal, style.GREY, "dot", 2),
+        ("fit", errors.fit, style.GREEN, "dash", 2),
         ("held out", errors.distance[errors.held], style.BLUE, "solid", 3),
     ):
-        _add_curve(figure, name, *_ecdf(distance), dict(color=colour, dash=dash, width=width))
+        line = dict(color=colour, dash=dash, width=width)
+        _add_curve(figure, name, *_ecdf(distance), line, errors.kind.unit)
     if errors.sigma:
         share = np.linspace(0.005, 0.995, 200)
-        _add_curve(
-            figure,
-            "noise alone",
-            chi.ppf(share, errors.parts, scale=errors.sigma),
-            100 * share,
-            dict(color=style.ORANGE, width=2, dash="dashdot"),
-        )
+        noise = chi.ppf(share, errors.parts, scale=errors.sigma)
+        line = dict(color=style.ORANGE, width=2, dash="dashdot")
+        _add_curve(figure, "noise alone", noise, 100 * share, line, errors.kind.unit)
     ends = np.concatenate([trace.x for trace in figure.data])
     figure.update_xaxes(style.log_axis(ends[ends > 0].min() / 1.1, ends.max() * 1.1))
     return figure.update_layout(margin_t=84).update_yaxes(range=[0, 101])
 
 
 def _marks(errors, held_out):
-    """Name, place (mm), colour and dash of the upright lines of the histogram."""
-    marks = [("RMS", held_out["rms_mm"], style.ORANGE, "solid"), ("95 %", held_out["p95_mm"], style.VIOLET, "dash")]
+    """Name, place, colour and dash of the upright lines of the histogram."""
+    key = errors.kind.key
+    marks = [("RMS", held_out[key("rms")], style.ORANGE, "solid"), ("95 %", held_out[key("p95")], style.VIOLET, "dash")]
     if not errors.sigma:
         return marks
     name = f"noise alone, RMS {_root(errors.parts)}"
@@ -144,12 +223,12 @@ def _ecdf(distance):
     return ordered[rank], 100 * (rank + 1) / max(len(ordered), 1)
 
 
-def _add_curve(figure, name, x, y, line):
+def _add_curve(figure, name, x, y, line, unit):
     figure.add_scatter(
         x=x,
         y=y,
         mode="lines",
         name=name,
         line=line,
-        hovertemplate="%{y:.1f} % below %{x:.4f} mm<extra>" + name + "</extra>",
+        hovertemplate="%{y:.1f} % below %{x:.4f} " + unit + "<extra>" + name + "</extra>",
     )

@@ -2,18 +2,17 @@
 
 import numpy as np
 
+from workbench.report.errors import FIGURES, POSITION, ROTATION, Kind
 from workbench.report.text import counted, rounded
 
-_NAMES = (("rms_mm", "RMS"), ("mean_mm", "mean"), ("p95_mm", "95 % below"), ("max_mm", "max"))
 
-
-def section(calibration, errors) -> dict:
-    """Title, the four large numbers and the sentences under them."""
+def section(calibration, errors, rotation=None) -> dict:
+    """Title, four large numbers for each kind of error and the sentences under them."""
     recording, held_out = calibration.recording, calibration.held_out
     return {
         "title": recording.title or recording.name or "Calibration",
         "robot": calibration.robot.name,
-        "numbers": [(name, rounded(held_out.get(key))) for key, name in _NAMES],
+        "kinds": [_numbers(held_out, one.kind) for one in (errors, rotation) if one is not None],
         "meaning": meaning(calibration, errors.held),
         "gain": gain(calibration),
         "caution": caution(calibration),
@@ -21,13 +20,19 @@ def section(calibration, errors) -> dict:
     }
 
 
+def _numbers(held_out: dict, kind: Kind) -> dict:
+    values = [(name, rounded(held_out.get(kind.key(figure)))) for figure, name in FIGURES.items()]
+    return {"what": kind.what, "unit": kind.unit, "numbers": values}
+
+
 def meaning(calibration, held: np.ndarray) -> str:
     """What the large numbers say, and on how many poses and folds."""
     poses = len(np.unique(calibration.recording.poses[held]))
     folds = calibration.held_out.get("folds", 0)
     where = f"in {counted(folds, 'fold')}" if folds > 1 else "in one test set"
+    orientation = ", and by which angle its orientation differs" if ROTATION.key("rms") in calibration.held_out else ""
     return (
-        f"This is how far the calibrated model's prediction lies from the measured point, as a 3-D distance, on "
+        f"This is how far the calibrated model's prediction lies from the measured point{orientation}, on "
         f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} that no step of the solve had seen "
         f"({where}; repeats of one pose never stand on both sides)."
     )
@@ -35,11 +40,16 @@ def meaning(calibration, held: np.ndarray) -> str:
 
 def gain(calibration) -> str:
     """Nominal, fit and held-out RMS beside one another."""
-    nominal, held_out = calibration.nominal["rms_mm"], calibration.held_out["rms_mm"]
+    kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
+    return " ".join(_gain(calibration, kind) for kind in kinds)
+
+
+def _gain(calibration, kind: Kind) -> str:
+    key, unit = kind.key("rms"), kind.unit
+    nominal, fit, held_out = calibration.nominal[key], calibration.fit[key], calibration.held_out[key]
     return (
-        f"With the nominal geometry, base and tool alone fitted, it is {rounded(nominal)} mm RMS: "
-        f"{rounded(nominal / held_out)} times as much. On the samples of the fit itself it is "
-        f"{rounded(calibration.fit['rms_mm'])} mm."
+        f"RMS {kind.name} error with the nominal geometry, base and tool alone fitted: {rounded(nominal)} {unit}, "
+        f"{rounded(nominal / held_out)} times as much; on the samples of the fit itself: {rounded(fit)} {unit}."
     )
 
 

@@ -40,13 +40,16 @@
     }
   }
 
-  function choose(entry) {
-    const four = [0, 1, 2, 3];
-    const x = [...four.map(() => entry.x), ...four.map(() => entry.centres)];
-    const plot = document.getElementById("detail");
-    Plotly.restyle(plot, { x: x }, [...four, 4, 5, 6, 7]);
-    Plotly.restyle(plot, { y: entry.means }, [4, 5, 6, 7]);
-    Plotly.relayout(plot, { "xaxis4.title.text": entry.label, "xaxis4.autorange": true });
+  // The samples of every panel come first in a figure, then the means of the bins of every panel.
+  function choose(prefix, entry) {
+    const plot = document.getElementById(prefix + "detail");
+    const panels = entry.means.map((_, k) => k);
+    const means = panels.map((k) => panels.length + k);
+    const x = [...panels.map(() => entry.x), ...panels.map(() => entry.centres)];
+    Plotly.restyle(plot, { x: x }, [...panels, ...means]);
+    Plotly.restyle(plot, { y: entry.means }, means);
+    const axis = "xaxis" + (panels.length > 1 ? panels.length : "");
+    Plotly.relayout(plot, { [axis + ".title.text"]: entry.label, [axis + ".autorange"]: true });
   }
 
   function unfoldAll() {
@@ -54,11 +57,11 @@
   }
 
   plots.forEach(draw);
-  const menu = document.getElementById("menu"), unfold = document.getElementById("unfold");
-  if (menu) {
-    const entries = read(document.getElementById("against"));
-    menu.addEventListener("change", () => choose(entries[Number(menu.value)]));
-  }
+  const unfold = document.getElementById("unfold");
+  document.querySelectorAll("select.menu").forEach((menu) => {
+    const entries = read(document.getElementById(menu.dataset.kind + "against"));
+    menu.addEventListener("change", () => choose(menu.dataset.kind, entries[Number(menu.value)]));
+  });
   if (unfold) { unfold.addEventListener("click", unfoldAll); }
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
   window.matchMedia("print").addEventListener("change", recolour);

@@ -49,13 +49,13 @@ def _rendered(template: str, **values) -> str:
 
 def sections(calibration) -> dict[str, dict]:
     """What each section of the page shows, by its name in the template."""
-    errors = spread.errors_of(calibration)
+    errors, rotation = spread.errors_of(calibration), spread.rotation_errors_of(calibration)
     return {
-        "headline": headline.section(calibration, errors),
+        "headline": headline.section(calibration, errors, rotation),
         "stages": stages.section(calibration),
-        "spread": spread.section(calibration, errors),
+        "spread": spread.section(calibration, errors, rotation),
         "parameters": parameters.section(calibration),
-        "residuals": residuals.section(calibration, errors),
+        "residuals": residuals.section(calibration, errors, rotation),
         "scene": scene.section(calibration, errors),
         "history": history.section(calibration),
         "provenance": provenance.section(calibration),

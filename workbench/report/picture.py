@@ -7,7 +7,7 @@ import numpy as np
 
 from workbench.report import scene as space
 from workbench.report import style
-from workbench.report.errors import Errors
+from workbench.report.errors import ROTATION, Errors
 from workbench.report.text import rounded
 
 _INK = "#222222"
@@ -39,7 +39,10 @@ def picture(calibration, errors: Errors):
     _spread(made.add_subplot(grid[1]), calibration, errors)
     _space(made.add_subplot(grid[2], projection="3d"), calibration)
     held_out = calibration.held_out
-    made.text(0.015, 0.9, f"{rounded(held_out['rms_mm'])} mm held-out RMS", size=21, weight="bold", color=_INK)
+    words = f"{rounded(held_out['rms_mm'])} mm"
+    if ROTATION.key("rms") in held_out:
+        words += f", {rounded(held_out[ROTATION.key('rms')])} deg"
+    made.text(0.015, 0.9, f"{words} held-out RMS", size=21, weight="bold", color=_INK)
     made.text(0.985, 0.905, calibration.recording.title or calibration.recording.name, size=11, color=_INK, ha="right")
     return made
 

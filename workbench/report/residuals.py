@@ -10,16 +10,16 @@ from plotly.subplots import make_subplots
 from datasets.columns import joint_columns
 from workbench.report import style
 from workbench.report.errors import Errors
+from workbench.report.text import listed
 
-_ROWS = ("x", "y", "z", "distance")
-_COLOURS = (*style.COMPONENTS.values(), style.DISTANCE)
 _PANELS_ACROSS = 4
 
 
 @dataclass(frozen=True)
 class Against:
-    """The residual over one quantity: `x` (n,) its values, `centres` (B,) and `means` (4, B) mm
-    of the bins, `share` of the three components' variance that the bins' means explain."""
+    """The residual over one quantity: `x` (n,) its values, `centres` (B,) and `means` (k, B) of the
+    bins, in the unit of the errors and in the order of `Errors.rows`; `share` of the components'
+    variance that the bins' means explain."""
 
     label: str
     x: np.ndarray
@@ -28,23 +28,36 @@ class Against:
     share: float
 
 
-def section(calibration, errors: Errors) -> dict:
-    """Overview of all quantities, the large figure, and the data that its menu puts into it."""
-    every = [against(label, x, errors) for label, x in quantities(calibration.recording)]
-    shown = int(np.argmax([one.share for one in every]))
-    drawn = style.thinned(len(errors.held))
+def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
+    """For each kind of error an overview of all quantities, a large figure and the data of its menu.
+
+    errors: of the position; rotation: of the orientation, where it is measured.
+    """
+    found = quantities(calibration.recording)
     constant = [name for name, x in calibration.recording.covariates.items() if not _varies(x)]
     return {
-        "overview": style.packed(overview(every)),
-        "detail": style.packed(detail(every[shown], errors, drawn)),
-        "menu": [one.label for one in every],
-        "shown": shown,
-        "data": menu_data(every, drawn),
+        "kinds": [_of_kind(found, one) for one in (errors, rotation) if one is not None],
+        "menu": [label for label, _ in found],
         "thinned": style.thinned_sentence(len(errors.held)),
         "constant": constant,
-        "most": f"{every[shown].label} ({_percent(every[shown].share)})",
         "held": int(errors.held.sum()),
         "n": len(errors.held),
+    }
+
+
+def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors) -> dict:
+    every = [against(label, x, errors) for label, x in found]
+    shown = int(np.argmax([one.share for one in every]))
+    drawn = style.thinned(len(errors.held))
+    return {
+        "id": errors.kind.prefix,
+        "title": errors.kind.name,
+        "overview": style.packed(overview(every, errors)),
+        "detail": style.packed(detail(every[shown], errors, drawn)),
+        "shown": shown,
+        "data": menu_data(every, drawn),
+        "most": f"{every[shown].label} ({_percent(every[shown].share)})",
+        "rows": listed(list(errors.rows)),
     }
 
 
@@ -60,22 +73,26 @@ def quantities(recording) -> list[tuple[str, np.ndarray]]:
 def against(label: str, x: np.ndarray, errors: Errors) -> Against:
     """Means over bins of equal count, and the share of variance they explain beyond chance.
 
-    Share: adjusted R^2 of the bins' means, 1 - (1 - R^2)(n - 1)/(n - B), pooled over x, y and z.
+    Share: adjusted R^2 of the bins' means, 1 - (1 - R^2)(n - 1)/(n - B), pooled over the components or, where
+    there are none in one frame, of the length.
     """
-    four = np.vstack([errors.residual, errors.distance])
+    rows = np.stack(list(errors.rows.values()))
     bins = _bins_of(x)
     count = np.bincount(bins)
-    means = np.stack([np.bincount(bins, row) / count for row in four])
-    residual = errors.residual
-    left, total = ((residual - means[:3, bins]) ** 2).sum(), ((residual - residual.mean(1, keepdims=True)) ** 2).sum()
+    means = np.stack([np.bincount(bins, row) / count for row in rows])
+    judged = max(len(errors.axes), 1)
+    residual = rows[:judged]
+    left = ((residual - means[:judged, bins]) ** 2).sum()
+    total = ((residual - residual.mean(1, keepdims=True)) ** 2).sum()
     adjusted = 1 - left / max(total, 1e-300) * (len(x) - 1) / max(len(x) - len(count), 1)
     return Against(label, x, np.bincount(bins, x) / count, means, max(float(adjusted), 0.0))
 
 
-def overview(every: list[Against]) -> go.Figure:
+def overview(every: list[Against], errors: Errors) -> go.Figure:
     """Small multiples: mean residual of each bin, all on one scale."""
     rows = -(-len(every) // _PANELS_ACROSS)
     titles = [f"{one.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(one.share)}" for one in every]
+    lines = list(zip(errors.rows, _colours(errors)))[: max(len(errors.axes), 1)]
     made = make_subplots(
         rows,
         _PANELS_ACROSS,
@@ -85,7 +102,7 @@ def overview(every: list[Against]) -> go.Figure:
         vertical_spacing=min(0.36 / rows, 0.3),
     )
     for k, one in enumerate(every):
-        for (name, colour), mean in zip(style.COMPONENTS.items(), one.means):
+        for (name, colour), mean in zip(lines, one.means):
             made.add_scatter(
                 x=one.centres,
                 y=mean,
@@ -96,7 +113,7 @@ def overview(every: list[Against]) -> go.Figure:
                 line=dict(color=colour, width=1.7),
                 row=k // _PANELS_ACROSS + 1,
                 col=k % _PANELS_ACROSS + 1,
-                hovertemplate="%{x:.3f}: mean " + name + " %{y:.4f} mm<extra></extra>",
+                hovertemplate="%{x:.3f}: mean " + name + " %{y:.4f} " + errors.kind.unit + "<extra></extra>",
             )
     made.update_annotations(font_size=11.5)
     made.update_layout(
@@ -105,7 +122,7 @@ def overview(every: list[Against]) -> go.Figure:
         margin=dict(l=64, r=8, t=56, b=36),
         legend=dict(orientation="h", x=0, y=1, yref="container", yanchor="top"),
     )
-    made.update_yaxes(col=1, title_text="mean (mm)", title_font_size=11.5)
+    made.update_yaxes(col=1, title_text=f"mean ({errors.kind.unit})", title_font_size=11.5)
     made.update_xaxes(nticks=5, tickfont_size=10.5)
     for k, one in enumerate(every):
         if one.label.endswith("(number)") and len(one.centres) <= 8:
@@ -114,22 +131,23 @@ def overview(every: list[Against]) -> go.Figure:
 
 
 def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
-    """Three components and the distance of every drawn sample over one quantity, one above another."""
-    made = make_subplots(4, 1, shared_xaxes=True, vertical_spacing=0.025)
-    four = np.vstack([errors.residual, errors.distance])[:, drawn]
-    for k, (name, colour) in enumerate(zip(_ROWS, _COLOURS)):
+    """The components and the length of every drawn sample over one quantity, one above another."""
+    panels, unit = len(errors.rows), errors.kind.unit
+    made = make_subplots(panels, 1, shared_xaxes=True, vertical_spacing=0.025)
+    for k, ((name, row), colour) in enumerate(zip(errors.rows.items(), _colours(errors))):
         made.add_scatter(
             x=one.x[drawn],
-            y=np.round(four[k], 6),
+            y=np.round(row[drawn], 6),
             mode="markers",
             showlegend=False,
             row=k + 1,
             col=1,
             marker=dict(size=3.5, color=colour, opacity=0.45 if len(drawn) > 1000 else 0.75),
-            hovertemplate="%{x}: " + name + " %{y:.4f} mm<extra></extra>",
+            hovertemplate="%{x}: " + name + " %{y:.4f} " + unit + "<extra></extra>",
         )
-        made.update_yaxes(title_text=f"{name} (mm)", title_standoff=6, row=k + 1, col=1)
-    for k in range(4):
+        short = name.removeprefix("3-D ").removeprefix("rotation ")
+        made.update_yaxes(title_text=f"{short} ({unit})", title_standoff=6, row=k + 1, col=1)
+    for k in range(panels):
         made.add_scatter(
             x=one.centres,
             y=one.means[k],
@@ -140,10 +158,15 @@ def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
             meta="ink",
             line_width=1.8,
             marker_size=4,
-            hovertemplate="mean of the bin %{y:.4f} mm<extra></extra>",
+            hovertemplate="mean of the bin %{y:.4f} " + unit + "<extra></extra>",
         )
-    made.update_layout(template="none", height=640, margin=dict(l=70, r=14, t=8, b=52))
-    return made.update_xaxes(title_text=one.label, row=4, col=1)
+    made.update_layout(template="none", height=60 + 145 * panels, margin=dict(l=70, r=14, t=8, b=52))
+    return made.update_xaxes(title_text=one.label, row=panels, col=1)
+
+
+def _colours(errors: Errors) -> tuple[str, ...]:
+    """One colour for each of `Errors.rows`."""
+    return (*list(style.COMPONENTS.values())[: len(errors.axes)], style.DISTANCE)
 
 
 def menu_data(every: list[Against], drawn: np.ndarray) -> str:

@@ -3,14 +3,20 @@
 import plotly.graph_objects as go
 
 from workbench.report import style
+from workbench.report.errors import POSITION, ROTATION, Kind
 from workbench.report.text import counted, rounded, sentence
 
 
 def section(calibration) -> dict:
-    """The step chart, the table of stages and the sentence on those left out."""
+    """A step chart for each kind of error, the table of stages and the sentence on those left out."""
+    kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
+    charts = [
+        {"id": kind.prefix, "unit": kind.unit, "figure": style.packed(chart(calibration, kind))} for kind in kinds
+    ]
     return {
-        "chart": style.packed(chart(calibration)),
-        "rows": [row(stage) for stage in calibration.stages],
+        "charts": charts,
+        "what": " and the ".join(kind.what for kind in kinds),
+        "rows": [row(stage, kinds) for stage in calibration.stages],
         "left_out": left_out(calibration.stages),
     }
 
@@ -27,8 +33,8 @@ def left_out(stages) -> str:
     )
 
 
-def row(stage) -> dict:
-    """A line of the table."""
+def row(stage, kinds=(POSITION,)) -> dict:
+    """A line of the table; `errors`: RMS of the fit and held out, for each kind of error."""
     brought = stage.sentence.removeprefix(f"{stage.name}:").replace("->", "→")
     ended = "" if stage.outcome.startswith("converged") else sentence(stage.outcome)
     return {
@@ -36,18 +42,23 @@ def row(stage) -> dict:
         "why": sentence(stage.why),
         "free": stage.free,
         "identifiable": stage.identifiable,
-        "fit": rounded(stage.rms_mm),
-        "held_out": rounded(stage.held_out_rms_mm),
+        "errors": [rounded(value) for kind in kinds for value in _rms_of(stage, kind)],
         "earned": stage.earned,
         "sentence": sentence(brought),
         "outcome": ended,
     }
 
 
-def chart(calibration) -> go.Figure:
+def _rms_of(stage, kind: Kind) -> tuple[float, float]:
+    """RMS of the fit and held out of a `StageResult`, in the unit of the kind."""
+    key = kind.key("rms")
+    return getattr(stage, key), getattr(stage, f"held_out_{key}")
+
+
+def chart(calibration, kind: Kind = POSITION) -> go.Figure:
     """Held-out RMS, stage below stage: a stair through those that were kept."""
-    lines = _lines(calibration)
-    made = style.figure(92 + 34 * len(lines), "RMS of the 3-D distance (mm, logarithmic)")
+    lines, unit = _lines(calibration, kind), kind.unit
+    made = style.figure(92 + 34 * len(lines), f"RMS of the {kind.what} ({unit}, logarithmic)")
     kept = [line for line in lines if line[3]]
     made.add_scatter(
         x=[line[1] for line in kept],
@@ -57,8 +68,8 @@ def chart(calibration) -> go.Figure:
         line=dict(color=style.BLUE, width=1.5, shape="hv"),
         showlegend=False,
     )
-    _add_held_out(made, "held out, kept", kept, style.BLUE)
-    _add_held_out(made, "held out, not earned", [line for line in lines if not line[3]], style.GREY)
+    _add_held_out(made, "held out, kept", kept, style.BLUE, unit)
+    _add_held_out(made, "held out, not earned", [line for line in lines if not line[3]], style.GREY, unit)
     fits = [line for line in lines if line[2] is not None]
     made.add_scatter(
         x=[line[2] for line in fits],
@@ -66,21 +77,24 @@ def chart(calibration) -> go.Figure:
         mode="markers",
         name="fit",
         marker=dict(symbol="line-ns-open", size=13, color=style.GREEN, line_width=2),
-        hovertemplate="fit %{x:.4f} mm<extra></extra>",
+        hovertemplate="fit %{x:.4f} " + unit + "<extra></extra>",
     )
     made.update_layout(margin_r=64)
     made.update_yaxes(autorange="reversed", type="category", categoryarray=[line[0] for line in lines], automargin=True)
     return made.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
 
 
-def _lines(calibration):
-    """(name, held-out RMS, RMS of the fit or None, kept?) from top to bottom, mm."""
-    lines = [("nominal geometry", calibration.nominal["rms_mm"], None, True)]
-    lines += [(stage.name, stage.held_out_rms_mm, stage.rms_mm, stage.earned) for stage in calibration.stages]
-    return [*lines, ("<b>result</b>", calibration.held_out["rms_mm"], calibration.fit["rms_mm"], True)]
+def _lines(calibration, kind: Kind):
+    """(name, held-out RMS, RMS of the fit or None, kept?) from top to bottom, in the unit of the kind."""
+    key = kind.key("rms")
+    lines = [("nominal geometry", calibration.nominal[key], None, True)]
+    for stage in calibration.stages:
+        fit, held_out = _rms_of(stage, kind)
+        lines.append((stage.name, held_out, fit, stage.earned))
+    return [*lines, ("<b>result</b>", calibration.held_out[key], calibration.fit[key], True)]
 
 
-def _add_held_out(made, name, lines, colour):
+def _add_held_out(made, name, lines, colour, unit):
     if not lines:
         return
     made.add_scatter(
@@ -89,10 +103,10 @@ def _add_held_out(made, name, lines, colour):
         mode="markers+text",
         name=name,
         marker=dict(size=11, color=colour),
-        text=["   " + rounded(line[1]) + " mm" for line in lines],
+        text=[f"   {rounded(line[1])} {unit}" for line in lines],
         textposition="middle right",
         cliponaxis=False,
-        hovertemplate="%{y}: held out %{x:.4f} mm<extra></extra>",
+        hovertemplate="%{y}: held out %{x:.4f} " + unit + "<extra></extra>",
     )
 
 
