@@ -253,14 +253,15 @@ def test_no_sample_is_fitted_and_tested():
 def test_a_calibration_is_shown_in_numbers():
     errors = {"rms_mm": 0.02134, "mean_mm": 0.018, "p95_mm": 0.03, "max_mm": 0.05}
     row = {"name": "d", "where": "joint-3", "value": 0.013, "unit": "mm", "std": 0.004, "nominal": 0.0,
-           "identifiable": True, "tied_to": []}
+           "identifiable": True, "tied_to": [], "status": "estimated", "deviation": 0.013}
+    lost = {**row, "identifiable": False, "std": None, "status": "not identifiable"}
     result = {"recording": "r", "measures": "ball-centre", "samples": 200, "fit": errors, "held_out": errors,
-              "nominal": {"rms_mm": 1.2}, "parameters": [row, {**row, "identifiable": False, "std": None}],
+              "nominal": {"rms_mm": 1.2}, "parameters": [row, lost],
               "stages": [{"name": "geometry", "free": 30, "identifiable": 29, "rms_mm": 0.04, "held_out_rms_mm": 0.04}]}
     console = Console(record=True, width=100)
     tables.calibration(console, result)
     said = console.export_text()
-    assert "0.02134" in said and "joint-3" in said and "Left open by this recording: 1" in said
+    assert "0.02134" in said and "joint-3" in said and "1 of 2 parameters, 1 not identifiable" in said
 
 
 def test_the_doctor_says_what_is_missing(workbench):

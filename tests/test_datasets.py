@@ -202,6 +202,27 @@ def test_fanuc_repeats_and_markers():
     assert apart(recording, 1, 2).std() < 0.03
 
 
+def test_ur10_poses_are_in_order_of_time_with_unit_quaternions():
+    recording = real("ur10_ipa_tmac_A")
+    assert recording.measures == "external-pose" and recording.n == 11911
+    assert np.all(np.diff(recording.columns["time_s"]) > 0) and recording.columns["time_s"][0] == 0
+    assert sorted(recording.sample_ids) == list(range(1, 11912))
+    quaternion = np.stack([recording.columns[f"q{c}"] for c in "wxyz"])
+    np.testing.assert_allclose(np.linalg.norm(quaternion, axis=0), 1, atol=1e-12)
+    assert 22 < recording.columns["temperature_c"].min() and recording.columns["temperature_c"].max() < 25
+    assert np.abs(recording.points - np.median(recording.points, axis=0)).max() < 1000
+    assert recording.licence == "MIT" and recording.source.startswith("https://github.com/")
+
+
+def test_ur10_orientations_agree_with_the_joint_readings():
+    """Another order of the Euler angles would leave tens of degrees."""
+    from workbench.calibrate import calibrate
+
+    recording = real("ur10_ipa_tmac_A")
+    found = calibrate(recording.select(np.arange(0, recording.n, 60)), plan=(), folds=3)
+    assert found.held_out["rms_mm"] < 1.0 and found.held_out["rotation_rms_deg"] < 0.15
+
+
 def test_hilti_lift_and_tilt():
     recording = real("hilti_jaibot_tilt:seesaw")
     assert np.all(np.diff(recording.columns["time_s"]) >= 0) and recording.columns["time_s"][0] == 0

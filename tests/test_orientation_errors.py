@@ -5,10 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
+import datasets
 from scenes import model_of, scene
 from workbench.calibrate import calibrate, save
+from workbench.chunked import calibrate_chunks
+from workbench.commands import compare as compare_command
+from workbench.compare import compare
+from workbench.compare import save as save_comparison
 from workbench.core.rigid import rotation_matrix
 from workbench.crossvalidation import HeldOut, error_summary
 
@@ -163,3 +169,42 @@ def test_positions_alone_are_judged_as_before():
     relative = after.falls_from(before) * np.nanmean(before.squares)
     expected = [(before.squares - after.squares)[before.fold == k].mean() for k in range(10)]
     np.testing.assert_allclose(relative, expected)
+
+
+FRAMES_ONLY = """
+[[stage]]
+name = "frames"
+why = "base and tool"
+free = ["base.*", "tool.*"]
+earn = false
+"""
+WITH_TWIST = FRAMES_ONLY.replace('"tool.*"]', '"tool.*", "joint-4.alpha4", "joint-5.alpha5"]')
+
+
+def test_plans_are_compared_by_position_and_orientation(tmp_path):
+    (tmp_path / "frames.toml").write_text(FRAMES_ONLY)
+    (tmp_path / "twist.toml").write_text(WITH_TWIST)
+    recording = noisy("external-pose")
+    found = compare(recording, [str(tmp_path / "frames.toml"), str(tmp_path / "twist.toml")])
+    for row, angles in zip(found.rows(), found.angles):
+        assert row["held_out_rotation_rms_deg"] == pytest.approx(np.sqrt((angles**2).mean()))
+        assert row["fit_rotation_rms_deg"] > 0 and row["rotation_ratio"] > 0
+    assert 0 < found.rows()[1]["rotation_p"] <= 1
+    save_comparison(found, tmp_path)
+    table = np.genfromtxt(tmp_path / "held-out.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["twist_rotation_deg"], found.angles[1], rtol=1e-5)
+    console = Console(record=True, width=100)
+    compare_command._show(console, found.as_json() | {"run": "run"})
+    assert "fit RMS mm" in (said := console.export_text()) and "fit RMS deg" in said
+
+
+def test_a_calibration_in_chunks_reports_orientation(tmp_path):
+    (tmp_path / "frames.toml").write_text(FRAMES_ONLY)
+    recording = noisy("external-pose", n=120)
+    folder = datasets.write(recording, tmp_path / "long", samples="parquet")
+    whole = calibrate(datasets.read(folder), tmp_path / "frames.toml", folds=3)
+    chunked = calibrate_chunks(folder, tmp_path / "frames.toml", folds=3).as_json()
+    for block in ("fit", "held_out", "nominal"):
+        assert set(ROTATION_KEYS) <= set(chunked[block])
+    assert chunked["fit"]["rotation_rms_deg"] == pytest.approx(whole.fit["rotation_rms_deg"], rel=0.01)
+    assert chunked["held_out"]["rotation_rms_deg"] == pytest.approx(whole.held_out["rotation_rms_deg"], rel=0.03)

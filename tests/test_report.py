@@ -23,16 +23,18 @@ def stage(name, held_out, earned=True, history=(900.0, 40.0, 12.0)):
 
 
 def parameter(name, where, value, unit="mm", **more):
-    return {"name": name, "where": where, "value": value, "unit": unit, "std": 0.004, "nominal": 0.0, "identifiable": True,
-            "tied_to": [], "free": True, "label": f"{where}'s {name}", "why": "", **more}
+    row = {"name": name, "where": where, "value": value, "unit": unit, "std": 0.004, "nominal": 0.0, "identifiable": True,
+           "tied_to": [], "free": True, "label": f"{where}'s {name}", "why": "", "status": "estimated", **more}
+    return row | {"deviation": None if where == "base" else value - row["nominal"]}
 
 
 PARAMETERS = (
     parameter("x", "base", 1200.5),
     parameter("theta3", "joint-3", 0.0021, "rad", std=1.2e-5),
-    parameter("d3", "joint-3", 0.013, identifiable=False, std=None, tied_to=["d2"]),
+    parameter("d3", "joint-3", 0.013, identifiable=False, std=None, tied_to=["d2"], status="not identifiable"),
     parameter("a3", "joint-3", 270.4, nominal=270.0, std=0.011),
-    parameter("beta3", "joint-3", 0.0, "rad", free=False, std=None, why="held at its nominal value by the plan"),
+    parameter("beta3", "joint-3", 0.0, "rad", free=False, std=None, why="held at its nominal value by the plan",
+              identifiable=False, status="held"),
     parameter("bending", "link-2", 3.1e-5, "rad/(N m)", std=2e-6),
 )
 
@@ -155,7 +157,7 @@ def test_small_compliances_are_shown_in_micro():
 
 def test_undetermined_parameter_has_no_sigma_and_says_with_what_it_is_tied():
     row = parameters.row(PARAMETERS[2])
-    assert row["std"] == "–" and row["sigmas"] == "–" and row["state"] == "Undetermined: tied to d2."
+    assert row["std"] == "–" and row["sigmas"] == "–" and row["state"] == "Not identifiable: tied to d2."
 
 
 def test_held_parameter_says_why():

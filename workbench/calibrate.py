@@ -222,8 +222,8 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
         progress(f"the result without {stage.name}")
         without = _try(replace(step, model=nominal.model), _merged(others, nominal), split)
         if not step.held_out.beats(without.held_out):
-            after = f"held-out {without.held_out.rms_in_words} without it, {step.held_out.rms_in_words} with it"
-            sentence = f"{result.sentence}; no longer earned after the later stages ({after}): left out"
+            change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
+            sentence = f"{result.sentence}; no longer earned after the later stages ({change}): left out"
             rows[k] = stage, replace(result, earned=False, sentence=sentence)
             progress(rows[k][1].sentence)
             step = without
@@ -322,7 +322,7 @@ def _final_held_out(step: _Step, split: Split) -> HeldOut:
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
-    change = f"held-out {before.held_out.rms_in_words} -> {after.held_out.rms_in_words}"
+    change = f"held-out {after.held_out.change_from(before.held_out)}"
     falls = after.held_out.falls_from(before.held_out)
     verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + ("" if earned else ": not earned, left out")
     errors = error_summary(after.fit.residual)

@@ -167,8 +167,8 @@ def calibrate_chunks(folder: Path, plan: Path | tuple[Stage, ...] | None = None,
     known = identifiability(stream.linearise(everything)[1].normal, everything)
     provenance = dict(thin.provenance) | {"samples": str(chunks.n)}
     solution = Solution(fit.parameters, fit, known, provenance)
-    nominal = error_summary(_nominal(stream)[:3])
-    return ChunkedCalibration(chunks, thin, stream, solution, error_summary(fit.residual[:3]), held_out, nominal,
+    nominal = error_summary(_nominal(stream))
+    return ChunkedCalibration(chunks, thin, stream, solution, error_summary(fit.residual), held_out, nominal,
                               fit.residual)  # fmt: skip
 
 
@@ -213,7 +213,7 @@ def _held_out(stream: Stream, fit: Fit, fold: np.ndarray, folds: int) -> dict:
     for own, model in stream.models():
         mine = fold[own]
         rows = [np.flatnonzero(mine == k) for k in range(folds)]
-        parts += [model.at(some).residual(moved[k])[:3] for k, some in enumerate(rows) if some.size]
+        parts += [model.at(some).residual(moved[k]) for k, some in enumerate(rows) if some.size]
     return error_summary(np.concatenate(parts, 1)) | {"folds": folds, "samples": stream.chunks.n}
 
 

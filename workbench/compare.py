@@ -41,26 +41,53 @@ class Comparison:
     @property
     def distances(self) -> np.ndarray:
         """(plans, held out) mm, 3-D distances of the held-out rows."""
-        residual = np.stack([c.held_out_residual for c in self.calibrations])
-        return np.sqrt((residual[:, :, self.block >= 0] ** 2).sum(1))
+        return np.stack([_lengths(c.held_out_residual[:, self.block >= 0]) for c in self.calibrations])
+
+    @property
+    def angles(self) -> np.ndarray | None:
+        """(plans, held out) deg, rotation angles of the held-out rows; None where no orientation is measured."""
+        if not self.measures_orientation:
+            return None
+        angles = [_lengths(c.rotation["held_out"][:, self.block >= 0]) for c in self.calibrations]
+        return np.rad2deg(np.stack(angles))
+
+    @property
+    def measures_orientation(self) -> bool:
+        return "rotation_rms_deg" in self.calibrations[0].held_out
 
     def rows(self) -> list[dict]:
-        """One row a plan: parameters, errors in mm, the ratio to the first plan and the paired test."""
-        held_out = [error_summary(c.held_out_residual[:, self.block >= 0]) for c in self.calibrations]
+        """One row a plan: parameters, errors in mm and deg, the ratio to the first plan and the paired tests.
+
+        `ratio` and `p` are of the position, `rotation_ratio` and `rotation_p` of the orientation.
+        """
+        held_out = [error_summary(self._held_out(c)) for c in self.calibrations]
         return [
             {
                 "plan": name, **_parameters(calibration),
                 "stages": [stage.name for stage in calibration.stages if stage.earned],
-                "fit_rms_mm": calibration.fit["rms_mm"], **{f"held_out_{k}": v for k, v in own.items()},
-                "ratio": own["rms_mm"] / held_out[0]["rms_mm"], **self._paired(k),
+                **_fit_rms(calibration), **{f"held_out_{k}": v for k, v in own.items()},
+                "ratio": own["rms_mm"] / held_out[0]["rms_mm"], **self._paired(k, self.distances),
+                **self._rotation_columns(k, own, held_out[0]),
                 "converged": calibration.solution.converged,
             }
             for k, (name, calibration, own) in enumerate(zip(self.names, self.calibrations, held_out))
         ]  # fmt: skip
 
-    def _paired(self, k: int) -> dict:
+    def _held_out(self, calibration) -> np.ndarray:
+        """(m, held out) residual of the held-out rows, mm and then rad."""
+        rows = [calibration.held_out_residual, calibration.rotation["held_out"]]
+        return np.concatenate(rows)[:, self.block >= 0]
+
+    def _rotation_columns(self, k: int, own: dict, first: dict) -> dict:
+        if not self.measures_orientation:
+            return {}
+        ratio = own["rotation_rms_deg"] / first["rotation_rms_deg"]
+        return {"rotation_ratio": ratio, "rotation_p": self._paired(k, self.angles)["p"]}
+
+    def _paired(self, k: int, errors: np.ndarray | None = None) -> dict:
         """`p` that plan k and the first err alike, two-sided, over folds or blocks; and why there is none.
 
+        errors (plans, held out): as of `falls`.
         Differences of the mean square are compared with their scatter (Student's t). Folds share most of
         what they were fitted on, so their variance is enlarged by 1 + J/(J-1) (Nadeau & Bengio, Machine
         Learning 52, 2003); blocks of test samples, predicted by one fit, are not, and the test is then of
@@ -68,7 +95,7 @@ class Comparison:
         """
         if k == 0:
             return {"p": None, "test": SAME_FIRST}
-        falls = self.falls(k)
+        falls = self.falls(k, errors)
         if len(falls) < _LEAST_BLOCKS:
             return {"p": None, "test": FEW}
         if not self.tested_apart and (self.choosing[0] or self.choosing[k]):
@@ -84,9 +111,12 @@ class Comparison:
         t = falls.mean() / max(falls.std(ddof=1) * np.sqrt(enlarged), 1e-300)
         return float(2 * student.sf(abs(t), count - 1))
 
-    def falls(self, k: int) -> np.ndarray:
-        """(blocks,) mm^2 by which the mean square of plan k lies below that of the first."""
-        squares = self.distances**2
+    def falls(self, k: int, errors: np.ndarray | None = None) -> np.ndarray:
+        """(blocks,) by which the mean square of plan k lies below that of the first.
+
+        errors (plans, held out): `distances` (the default; then mm^2) or `angles` (deg^2).
+        """
+        squares = (self.distances if errors is None else errors) ** 2
         block = self.block[self.block >= 0]
         return np.array([(squares[0] - squares[k])[block == b].mean() for b in np.unique(block)])
 
@@ -136,6 +166,16 @@ def _check(plans):
         raise InputError(f"--plan names {twice[0]} twice, where each plan is expected once; take one of them out.")
 
 
+def _lengths(residual: np.ndarray) -> np.ndarray:
+    """(n,) lengths of the columns of a residual (k, n)."""
+    return np.sqrt((residual**2).sum(0))
+
+
+def _fit_rms(calibration) -> dict:
+    names = ("rms_mm", "rotation_rms_deg")
+    return {f"fit_{name}": calibration.fit[name] for name in names if name in calibration.fit}
+
+
 def _parameters(calibration) -> dict:
     """What a plan frees, and how much of it these data determine, of the stages that stayed."""
     kept = [stage for stage in calibration.stages if stage.earned] or list(calibration.stages)
@@ -148,12 +188,20 @@ def _chooses(name: str) -> bool:
 
 
 def save(comparison: Comparison, folder: Path) -> None:
-    """Write table.csv, held-out.csv (mm, one column a plan) and comparison.png."""
+    """Write table.csv, held-out.csv and comparison.png.
+
+    held-out.csv has one column of distances (mm) a plan and, where orientation is measured, one of
+    angles, called `<plan>_rotation_deg`.
+    """
     rows = [{k: "; ".join(v) if isinstance(v, list) else v for k, v in row.items()} for row in comparison.rows()]
     (folder / "table.csv").write_text(_csv(list(rows[0]), [row.values() for row in rows]), encoding="utf-8")
     ids = comparison.calibrations[0].recording.sample_ids[comparison.block >= 0]
-    lines = [[int(i), *(f"{d:.6g}" for d in row)] for i, row in zip(ids, comparison.distances.T)]
-    (folder / "held-out.csv").write_text(_csv(["sample", *comparison.names], lines), encoding="utf-8")
+    errors, head = comparison.distances, [*comparison.names]
+    if comparison.measures_orientation:
+        errors = np.concatenate([errors, comparison.angles])
+        head += [f"{name}_rotation_deg" for name in comparison.names]
+    lines = [[int(i), *(f"{error:.6g}" for error in row)] for i, row in zip(ids, errors.T)]
+    (folder / "held-out.csv").write_text(_csv(["sample", *head], lines), encoding="utf-8")
     picture(comparison).savefig(folder / "comparison.png", dpi=130)
 
 
@@ -166,19 +214,22 @@ def _csv(head, rows) -> str:
 
 
 def picture(comparison: Comparison):
-    """A matplotlib figure: fitted and held-out RMS of every plan, and the share of samples that err by less."""
+    """A matplotlib figure: fitted and held-out RMS of every plan, and the share of samples that err by less.
+
+    A second row shows the same of the orientation, where it is measured.
+    """
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(11, 4.2), facecolor="white", layout="constrained")
-    bars, shares = made.subplots(1, 2, width_ratios=(1, 1.15))
+    kinds = [(comparison.distances, "3-D distance", "mm", "")]
+    if comparison.measures_orientation:
+        kinds.append((comparison.angles, "rotation angle", "deg", "rotation_"))
+    made = Figure(figsize=(11, 4.2 * len(kinds)), facecolor="white", layout="constrained")
+    panels = made.subplots(len(kinds), 2, width_ratios=(1, 1.15), squeeze=False)
     colours = [_COLOURS[k % len(_COLOURS)] for k in range(len(comparison.names))]
-    _bars(bars, comparison, colours)
-    for name, distance, colour in zip(comparison.names, comparison.distances, colours):
-        shares.ecdf(distance, label=name, color=colour, lw=1.8)
-    shares.set(xlabel="3-D distance, held out (mm)", title="share of samples that err by less", xlim=(0, None))
-    shares.yaxis.set_major_formatter("{x:.0%}")
-    shares.legend(frameon=False, loc="lower right")
-    for axes in (bars, shares):
+    for (bars, shares), (errors, what, unit, prefix) in zip(panels, kinds):
+        _bars(bars, comparison, colours, (what, unit, prefix))
+        _shares(shares, zip(comparison.names, errors, colours), f"{what}, held out ({unit})")
+    for axes in panels.ravel():
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
         axes.title.set_size(10.5)
@@ -186,20 +237,31 @@ def picture(comparison: Comparison):
     return made
 
 
+def _shares(axes, lines, label: str):
+    """Cumulative share of samples over their error; lines: (plan, errors (n,), colour)."""
+    for name, errors, colour in lines:
+        axes.ecdf(errors, label=name, color=colour, lw=1.8)
+    axes.set(xlabel=label, title="share of samples that err by less", xlim=(0, None))
+    axes.yaxis.set_major_formatter("{x:.0%}")
+    axes.legend(frameon=False, loc="lower right")
+
+
 _COLOURS = ("#8c8c8c", "#1f83c4", "#12957a", "#b8649f", "#d9730d", "#5b5bd6", "#806000")
 
 
-def _bars(axes, comparison, colours):
+def _bars(axes, comparison, colours, kind):
+    """Held-out RMS of every plan; kind: (what in words, unit, prefix of the keys) of the errors."""
+    what, unit, prefix = kind
     rows, place = comparison.rows(), np.arange(len(comparison.names))
-    values = [row["held_out_rms_mm"] for row in rows]
+    values = [row[f"held_out_{prefix}rms_{unit}"] for row in rows]
     axes.barh(place, values, color=colours, height=0.62)
-    fitted = [row["fit_rms_mm"] for row in rows]
+    fitted = [row[f"fit_{prefix}rms_{unit}"] for row in rows]
     axes.scatter(fitted, place, marker="|", s=220, color="#222222", label="fitted", zorder=3)
-    for row, at in zip(rows, place):
-        text = f"{row['held_out_rms_mm']:.4f}  ({row['ratio']:.2f})"
-        axes.annotate(text, (row["held_out_rms_mm"], at), (5, 0), textcoords="offset points", va="center", size=9)
+    for row, value, at in zip(rows, values, place):
+        text = f"{value:.4f}  ({row[f'{prefix}ratio']:.2f})"
+        axes.annotate(text, (value, at), (5, 0), textcoords="offset points", va="center", size=9)
     names = [f"{row['plan']}\n{row['identifiable']} identifiable" for row in rows]
     axes.set(yticks=place, yticklabels=names, xlim=(0, 1.3 * max(values)))
-    axes.set(xlabel="RMS of the 3-D distance (mm)", title="held out, and its ratio to the first plan's")
+    axes.set(xlabel=f"RMS of the {what} ({unit})", title="held out, and its ratio to the first plan's")
     axes.invert_yaxis()
     axes.legend(frameon=False, loc="lower right")

@@ -61,12 +61,13 @@ class HeldOut:
             return None
         return float(np.sqrt(np.nanmean((self.rotation**2).sum(0))))
 
-    @property
-    def rms_in_words(self) -> str:
-        """'0.0210 mm' or, where orientation is measured, '0.0210 mm, 0.0031 deg'."""
-        rotation = self.rotation_rms
-        words = f"{self.rms:.4f} mm"
-        return words if rotation is None else f"{words}, {np.rad2deg(rotation):.4f} deg"
+    def change_from(self, other: "HeldOut") -> str:
+        """'0.0600 -> 0.0210 mm' and, where orientation is measured, ', 0.0100 -> 0.0031 deg' (RMS)."""
+        words = f"{other.rms:.4f} -> {self.rms:.4f} mm"
+        if self.rotation_rms is None or other.rotation_rms is None:
+            return words
+        before, after = np.rad2deg([other.rotation_rms, self.rotation_rms])
+        return f"{words}, {before:.4f} -> {after:.4f} deg"
 
     def falls_from(self, other: "HeldOut") -> np.ndarray:
         """(folds,) fall of the mean square error in each fold, from `other` before to this after.

@@ -28,11 +28,20 @@ class StageResult:
     held_out_rotation_rms_deg: float | None = None
 
 
+ESTIMATED, NOT_IDENTIFIABLE, HELD = "estimated", "not identifiable", "held"
+"""What a parameter can be: its `status` in the JSON."""
+_WITHOUT_NOMINAL = ("base", "tool", "sensor", "artefact")
+
+
 def parameter_rows(solution) -> list[dict]:
     """One row a parameter of the JSON contract.
 
-    A parameter that is known only together with others carries no `std` but `std_given_tied`: how
-    sure it is if those others are exactly what they are held at.
+    `status`: "estimated" with a standard deviation; "not identifiable" where the data do not determine
+    the parameter, which is then free and confounded with others, or held at nominal because others
+    carry it; "held" where the plan holds it at nominal. `deviation` from nominal in the parameter's
+    unit, None for poses and points of which nothing is known before the calibration. A parameter that
+    is identifiable only together with others has no `std` but `std_given_tied`: its standard deviation
+    if those others are exactly at the values that they are held at.
     """
     parameters, known = solution.parameters, solution.all_known
     determined = dict(zip(known.keys, known.determined.tolist()))
@@ -52,7 +61,20 @@ def _row(parameter, value, free, std, determined, others):
         "std": std if sure else None, "nominal": parameter.null, "identifiable": sure,
         "tied_to": others, "free": bool(free), "label": parameter.label,
         "std_given_tied": None if sure else std, "why": _why(free, sure, std, others, determined),
+        "status": _status(free, sure, others), "deviation": _deviation(where, name, value, parameter.null),
     }  # fmt: skip
+
+
+def _status(free: bool, sure: bool, others: list[str]) -> str:
+    if sure:
+        return ESTIMATED
+    return NOT_IDENTIFIABLE if free or others else HELD
+
+
+def _deviation(where: str, name: str, value: float, nominal: float) -> float | None:
+    """From nominal; effects (whose names hold a point) have the nominal value zero wherever they act."""
+    has_nominal = where not in _WITHOUT_NOMINAL or "." in name
+    return value - nominal if has_nominal else None
 
 
 def _why(free, sure, std, others, determined):
@@ -61,10 +83,14 @@ def _why(free, sure, std, others, determined):
     if free and std is None:
         return "no redundancy: as many parameters as measured numbers"
     if free:
-        return "known only together with " + ", ".join(others) if others else "undetermined: too little effect here"
+        if others:
+            return "not identifiable: confounded with " + ", ".join(others)
+        return "not identifiable: too small an effect on these measurements"
     if others:
-        return "held: one and the same here as " + ", ".join(others)
-    return "held at its nominal value by the plan" if determined is False else "held: too little effect here"
+        return "not identifiable, held at nominal: confounded with " + ", ".join(others)
+    if determined is False:
+        return "held at its nominal value by the plan"
+    return "held at nominal: too small an effect on these measurements"
 
 
 def calibration_json(calibration) -> dict:

@@ -18,7 +18,9 @@ from datasets.recording import Recording
 
 FAR_MM = 4000.0
 """A point farther than this from the median point is a lost target."""
-_JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+_JOINTS = tuple(
+    f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+)
 
 
 def read(folder: Path, variant: str) -> Recording:

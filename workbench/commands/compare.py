@@ -43,12 +43,17 @@ def command(
 
 
 def _show(console, result) -> None:
-    head = ["plan", "free", "known", "fit RMS", "held out", "mean", "max", "ratio", "p"]
-    errors = ["fit_rms_mm", "held_out_rms_mm", "held_out_mean_mm", "held_out_max_mm"]
-    keys = ["free", "identifiable", *errors, "ratio", "p"]
-    rows = [[row["plan"], *(row[key] for key in keys)] for row in result["plans"]]
-    title = f"{result['recording']}: {result['held_out_samples']} samples held out by {result['held_out_by']}, in mm"
-    tables.grid(console, title, head, rows)
+    title = f"{result['recording']}: {result['held_out_samples']} samples held out by {result['held_out_by']}"
+    for unit, prefix in (("mm", ""), ("deg", "rotation_")):
+        if f"fit_{prefix}rms_{unit}" not in result["plans"][0]:
+            continue
+        head = ["plan", "free", "known", f"fit RMS {unit}", "held out", "mean", "max", "ratio", "p"]
+        errors = [f"{name}_{unit}" for name in ("rms", "mean", "max")]
+        keys = [f"fit_{prefix}{errors[0]}", *(f"held_out_{prefix}{name}" for name in errors)]
+        keys = ["free", "identifiable", *keys, f"{prefix}ratio", f"{prefix}p"]
+        rows = [[row["plan"], *(row[key] for key in keys)] for row in result["plans"]]
+        tables.grid(console, title, head, rows)
+        title = "Orientation"
     for row in result["plans"]:
         if row["p"] is None and row["test"].startswith("not printed"):
             console.print(f"p of {row['plan']} {row['test']}", markup=False)

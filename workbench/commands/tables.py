@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 MEASURES = ("rms_mm", "mean_mm", "p95_mm", "max_mm")
+ROTATION_MEASURES = ("rotation_rms_deg", "rotation_mean_deg", "rotation_p95_deg", "rotation_max_deg")
+_BLOCKS = ("nominal", "fit", "held_out")
+_DEGREES = ("rotation_rms_deg", "held_out_rotation_rms_deg")
 
 
 def calibration(console, answer: Mapping) -> None:
@@ -59,7 +62,8 @@ def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], lef
     from rich.markup import escape
     from rich.table import Table
 
-    console.print(title, style="bold", markup=False)
+    if title:
+        console.print(title, style="bold", markup=False)
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for index, name in enumerate(head):
         word = index < left or not name
@@ -71,17 +75,23 @@ def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], lef
 
 
 def _errors(console, answer: Mapping) -> None:
-    title = f"{answer['recording']}: {answer['samples']} samples, {answer['measures']}, in mm"
-    rows = [[name.replace("_", " "), *(answer[name].get(key) for key in MEASURES)]
-            for name in ("nominal", "fit", "held_out") if name in answer]
-    grid(console, title, ["3-D error", "RMS", "mean", "95 %", "max"], rows)
+    title = f"{answer['recording']}: {answer['samples']} samples, {answer['measures']}"
+    for what, measures in (("3-D error, mm", MEASURES), ("rotation error, deg", ROTATION_MEASURES)):
+        blocks = [name for name in _BLOCKS if measures[0] in answer.get(name, ())]
+        if not blocks:
+            continue
+        rows = [[name.replace("_", " "), *(answer[name].get(key) for key in measures)] for name in blocks]
+        grid(console, title, [what, "RMS", "mean", "95 %", "max"], rows)
+        title = ""
 
 
 def _stages(console, stages: Sequence[Mapping]) -> None:
-    rows = [[stage["name"], stage["free"], stage["identifiable"], stage["rms_mm"],
-             stage["held_out_rms_mm"], _verdict(stage)] for stage in stages]
-    head = ["stage", "free", "known", "RMS mm", "held out mm", ""]
-    grid(console, "Stages", head, rows)
+    head = ["stage", "free", "known", "RMS mm", "held out mm"]
+    keys = ["free", "identifiable", "rms_mm", "held_out_rms_mm"]
+    if any(_DEGREES[0] in stage for stage in stages):
+        head, keys = [*head, "RMS deg", "held out deg"], [*keys, *_DEGREES]
+    rows = [[stage["name"], *(stage.get(key) for key in keys), _verdict(stage)] for stage in stages]
+    grid(console, "Stages", [*head, ""], rows)
 
 
 def _verdict(stage: Mapping) -> str:
@@ -90,23 +100,40 @@ def _verdict(stage: Mapping) -> str:
 
 
 def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
-    """The corrections that stand out most from their uncertainty; the rest is in the files."""
-    # where base and tool stand is no correction: nothing was known about it
-    found = ("base", "tool", "sensor")
-    known = [row for row in parameters if row["identifiable"] and (row["where"] not in found or "." in row["name"])]
-    ranked = sorted(known, key=_significance, reverse=True)[:most]
-    rows = [[row["where"], row["name"], row["unit"], row["value"], row["std"], row["nominal"]]
-            for row in ranked]
-    title = f"{len(rows)} most certain of {len(known)} corrections"
-    grid(console, title, ["where", "name", "unit", "value", "std", "nominal"], rows, left=3)
-    if len(parameters) > len(known):
-        console.print(f"Left open by this recording: {len(parameters) - len(known)} parameters; "
-                      "the report says why.\n")
+    """The deviations from nominal that are largest in units of their std; all are in the files."""
+    estimated = [row for row in parameters if row["identifiable"] and row["deviation"] is not None]
+    ranked = sorted(estimated, key=_significance, reverse=True)[:most]
+    title = f"Deviations from nominal, the {len(ranked)} most significant of {len(estimated)}"
+    head = ["where", "name", "unit", "nominal", "value", "deviation", "std"]
+    grid(console, title, head, [_parameter(row) for row in ranked], left=3)
+    if sentence := unidentified(parameters):
+        console.print(f"{sentence}\n", markup=False)
+
+
+def _parameter(row: Mapping) -> list:
+    """Cells of one parameter: angles in degrees, numbers to two digits of their standard deviation."""
+    from workbench.report.text import shown_unit  # `--help` must not wait for the reports
+
+    unit, factor = shown_unit(row["unit"])
+    std = factor * row["std"]
+    value, spread = measured(factor * row["value"], std)
+    deviation, _ = measured(factor * row["deviation"], std)
+    signed = deviation if deviation.startswith("-") else f"+{deviation}"
+    return [row["where"], row["name"], unit, number(factor * row["nominal"], 6), value, signed, spread]
+
+
+def unidentified(parameters: Sequence[Mapping]) -> str:
+    """How many parameters have no estimate of their own, and why; "" where all have one."""
+    missing = [row for row in parameters if not row["identifiable"]]
+    if not missing:
+        return ""
+    held = sum(row["status"] == "held" for row in missing)
+    return (f"Without an estimate of their own: {len(missing)} of {len(parameters)} parameters, {len(missing) - held} "
+            f"not identifiable from this recording and {held} held by the plan; the report says why.")
 
 
 def _significance(row: Mapping) -> float:
-    change = abs((row["value"] or 0.0) - (row["nominal"] or 0.0))
-    return change / row["std"] if row["std"] else 0.0
+    return abs(row["deviation"]) / row["std"] if row["std"] else 0.0
 
 
 def _listing(console, title: str, values: Sequence) -> None:

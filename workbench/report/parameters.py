@@ -1,10 +1,9 @@
 """The table of parameters, group by group, and what these data leave undetermined."""
 
+from collections import Counter
 from math import isfinite
 
 from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence, shown_unit
-
-_POSE = {"x", "y", "z", "rx", "ry", "rz"}
 
 
 def section(calibration) -> dict:
@@ -34,28 +33,25 @@ def shortened(words: str, most: int = 8) -> str:
 
 
 def count(parameters) -> str:
-    """How many were estimated, are undetermined, were held."""
-    free = [p for p in parameters if p["free"]]
-    known = sum(p["identifiable"] for p in free)
-    lost = f"the data determine {known} of them by themselves and {len(free) - known} only together with others"
-    determined = "the data determine all of them" if known == len(free) else lost
+    """How many are estimated, not identifiable, held."""
+    statuses = Counter(p["status"] for p in parameters)
     return (
-        f"{counted(len(free), 'parameter')} of {len(parameters)} were estimated and {determined}; "
-        f"the other {len(parameters) - len(free)} were held where they stood."
+        f"Of {counted(len(parameters), 'parameter')}, {statuses['estimated']} are estimated with a standard "
+        f"deviation of their own, {statuses['not identifiable']} are not identifiable from this recording and "
+        f"{statuses['held']} are held at nominal by the plan."
     )
 
 
 def group(where: str, parameters: list[dict]) -> dict:
     """One fold-out group with its one-line summary."""
     free = [p for p in parameters if p["free"]]
-    lost = sum(not p["identifiable"] for p in free)
+    statuses = Counter(p["status"] for p in parameters)
+    parts = [f"{statuses[name]} {name}" for name in ("estimated", "not identifiable", "held") if statuses[name]]
     return {
         "where": where.replace("-", " "),
         "rows": [row(p) for p in parameters],
-        "lost": lost,
-        "summary": f"{len(free)} estimated, {len(parameters) - len(free)} held"
-        + (f", {lost} undetermined" if lost else "")
-        + _largest(free),
+        "lost": sum(not p["identifiable"] for p in free),
+        "summary": ", ".join(parts) + _largest(free),
     }
 
 
@@ -83,13 +79,13 @@ def row(p: dict) -> dict:
 
 
 def state(p: dict) -> str:
-    """Estimated, held or undetermined, and why."""
+    """Why a parameter is held or not identifiable; "" where it is estimated."""
     if p["free"] and p["identifiable"]:
         return ""
     others = list(p["tied_to"])
     tied = f": tied to {_several(others)}" if others else ""
     why = p["why"].replace(", ".join(others), _several(others)) if others else p["why"]
-    return sentence(why or ("undetermined" if p["free"] else "held") + tied)
+    return sentence(why or p["status"] + tied)
 
 
 def _several(keys, most=4):
@@ -98,7 +94,7 @@ def _several(keys, most=4):
 
 
 def _largest(free):
-    """', most changed: a3 by 12 σ', or nothing."""
+    """'; most significant deviation a3 +0.40 mm (36 σ)', or nothing."""
     sizes = [
         (abs(_change(p)) / p["std"], p)
         for p in free
@@ -109,17 +105,16 @@ def _largest(free):
     size, most = max(sizes, key=lambda pair: pair[0])
     unit, factor = shown_unit(most["unit"])
     change = _signed(factor * _change(most), decimals_of(factor * most["std"]))
-    return f"; clearest change {most['name']} {change} {unit} ({_whole(size)} σ)"
+    return f"; most significant deviation {most['name']} {change} {unit} ({_whole(size)} σ)"
 
 
 def _nominal(p):
     """The nominal value; None for poses and points, of which nothing is known before."""
-    unknown = p["name"] in _POSE or p["name"].startswith("reflector")
-    return None if unknown else p["nominal"]
+    return None if p["deviation"] is None else p["nominal"]
 
 
 def _change(p):
-    return None if _nominal(p) is None else p["value"] - _nominal(p)
+    return p["deviation"]
 
 
 def _scaled(value, factor):
