@@ -53,6 +53,7 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
 
     class Problem:
         basis, residual, sample, weights, sigma, n = q, y, np.arange(40), np.ones(40), np.ones(40), 40
+        rotation = None
 
         @staticmethod
         def clear(columns):

@@ -1,5 +1,6 @@
 """Orientation errors stand next to position errors wherever poses are measured, and stages are judged by both."""
 
+import csv
 import json
 from dataclasses import replace
 
@@ -13,10 +14,17 @@ from scenes import model_of, scene
 from workbench.calibrate import calibrate, save
 from workbench.chunked import calibrate_chunks
 from workbench.commands import compare as compare_command
+from workbench.commands import diagnose as diagnose_command
 from workbench.compare import compare
 from workbench.compare import save as save_comparison
 from workbench.core.rigid import rotation_matrix
-from workbench.crossvalidation import HeldOut, error_summary
+from workbench.crossvalidation import HeldOut, cross_validate, error_summary
+from workbench.diagnosis.answer import diagnose
+from workbench.diagnosis.files import save as save_diagnosis
+from workbench.diagnosis.heldout import Errors
+from workbench.diagnosis.robot import bench_of
+from workbench.report.diagnosis import page as diagnosis_page
+from workbench.simulate import simulate
 
 ROTATION_KEYS = ("rotation_rms_deg", "rotation_mean_deg", "rotation_p95_deg", "rotation_max_deg")
 SIGMA_RAD = 2e-3
@@ -208,3 +216,69 @@ def test_a_calibration_in_chunks_reports_orientation(tmp_path):
         assert set(ROTATION_KEYS) <= set(chunked[block])
     assert chunked["fit"]["rotation_rms_deg"] == pytest.approx(whole.fit["rotation_rms_deg"], rel=0.01)
     assert chunked["held_out"]["rotation_rms_deg"] == pytest.approx(whole.held_out["rotation_rms_deg"], rel=0.03)
+
+
+SCENE = """
+robot = "ur10"
+measures = "external-pose"
+samples = 120
+seed = 7
+sigma_mm = 0.05
+share_of_limits = 0.4
+[base]
+xyz_mm = [2500.0, 300.0, -600.0]
+rpy_deg = [0.5, -0.3, 150.0]
+[errors]
+length_mm = 0.3
+angle_deg = 0.1
+[[effect]]
+effect = "joint-compliance"
+where = "joint-2"
+values = { compliance = 1e-5 }
+"""
+
+
+@pytest.fixture(scope="module")
+def diagnosis(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "pose.toml"
+    path.write_text(SCENE)
+    return diagnose(simulate(path), jobs=1)
+
+
+def test_a_diagnosis_reports_orientation_before_and_after(diagnosis):
+    held_out = diagnosis.as_json()["held_out"]
+    assert held_out["after_mm"] < 0.3 * held_out["before_mm"]
+    # noise of the orientation: 0.05 mm at 100 mm, about three axes
+    expected = np.rad2deg(0.05 / 100) * np.sqrt(3)
+    assert held_out["after_deg"] == pytest.approx(expected, rel=0.15)
+    assert held_out["after_deg"] < 0.95 * held_out["before_deg"]
+    # the stated noise is of three coordinates, not of all six components
+    assert held_out["noise_mm"] == pytest.approx(np.sqrt(3) * 0.05)
+
+
+def test_the_files_and_the_page_of_a_diagnosis_show_orientation(diagnosis, tmp_path):
+    save_diagnosis(diagnosis, tmp_path)
+    rows = list(csv.DictReader((tmp_path / "residuals.csv").open()))
+    assert len(rows) == diagnosis.samples and None not in rows[0]
+    angle = np.array([float(row["held_out_after_deg"]) for row in rows])
+    assert np.sqrt((angle**2).mean()) == pytest.approx(diagnosis.as_json()["held_out"]["after_deg"], rel=1e-4)
+    position = np.array([[float(row[f"after_{axis}_mm"]) for axis in "xyz"] for row in rows])
+    assert 0.03 < position.std() < 0.07
+    names = [section.name for section in diagnosis_page(diagnosis).sections]
+    figures = [block["name"] for section in diagnosis_page(diagnosis).sections for block in section.blocks
+               if block["kind"] == "figure"]  # fmt: skip
+    assert "proof" in names and "heldout-rotation" in figures
+    console = Console(record=True, width=100)
+    diagnose_command.show(console, diagnosis.as_json())
+    assert "deg" in console.export_text()
+
+
+def test_angles_belong_to_the_distances_of_the_same_prediction():
+    bench = bench_of(noisy("external-pose"))
+    errors, fold = Errors(bench), np.arange(60) // 20
+    distances = errors((), fold)
+    angles = errors.angles_of(distances)
+    direct = cross_validate(*bench.solve(())[:1], bench.solve(())[1].parameters, fold, "huber")
+    np.testing.assert_allclose(distances, np.sqrt(direct.squares), rtol=1e-6)
+    np.testing.assert_allclose(angles, np.rad2deg(np.sqrt((direct.rotation**2).sum(0))), rtol=1e-6)
+    assert np.isnan(errors.angles_of(distances + 1)).all()

@@ -144,10 +144,6 @@ def save_calibration(calibration, folder: Path) -> None:
     np.savetxt(folder / "residuals.csv", table, fmt="%.6g", delimiter=",", header=",".join(columns), comments="")
 
 
-ROTATION_COLUMNS = {3: ("rx", "ry", "rz"), 1: ("axis",), 0: ()}
-"""Number of columns of rotation residuals -> their names: a rotation vector, or the angle between two axes."""
-
-
 def _residual_columns(calibration):
     """Column name -> (n,): position residuals in mm, then rotation residuals in degrees where there are any."""
     columns = {"sample": calibration.recording.sample_ids, "fold": calibration.fold}
@@ -155,17 +151,17 @@ def _residual_columns(calibration):
         rows = getattr(calibration, f"{name}_residual")
         columns |= {f"{name}_{axis}_mm": row for axis, row in zip("xyz", rows)}
     for name, residual in calibration.rotation.items():
-        rows = np.rad2deg(_rotation_rows(residual))
-        columns |= {f"{name}_{axis}_deg": row for axis, row in zip(ROTATION_COLUMNS[len(rows)], rows)}
+        columns |= {f"{name}_{axis}_deg": row for axis, row in rotation_columns(residual).items()}
     return columns
 
 
-def _rotation_rows(residual: np.ndarray) -> np.ndarray:
-    """What a table shows of rotation residuals (k, n): three components, or the angle where one axis is measured.
+def rotation_columns(residual: np.ndarray) -> dict[str, np.ndarray]:
+    """What a table shows of rotation residuals (k, n) in rad: name -> (n,) deg.
 
-    The two components across an axis are in a frame that differs from sample to sample, so only their
-    length means anything.
+    "rx", "ry", "rz" of the rotation vector; "axis", the angle, where one axis is measured (k = 2): its
+    two components are in a frame that differs from sample to sample, so only their length has a meaning.
     """
+    degrees = np.rad2deg(residual)
     if len(residual) == 2:
-        return np.sqrt((residual**2).sum(0))[None]
-    return residual
+        return {"axis": np.sqrt((degrees**2).sum(0))}
+    return dict(zip(("rx", "ry", "rz"), degrees))

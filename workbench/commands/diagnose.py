@@ -85,9 +85,10 @@ def show(console, result) -> None:
         console.print(f"- not kept: {found['statement']}", markup=False, style="dim")
     console.print()
     told = {"before": "baseline", "after": "with what was found", "noise": "noise"}
-    rows = [[name, held_out[f"{key}_{unit}"]] for key, name in told.items()]
+    units = [unit, "deg"] if "after_deg" in held_out else [unit]
+    rows = [[name, *(held_out.get(f"{key}_{one}") for one in units)] for key, name in told.items()]
     title = f"Held-out error, RMS, {held_out['folds']} folds; noise {held_out['noise_from']}"
-    tables.grid(console, title, ["", f"{unit}"], rows)
+    tables.grid(console, title, ["error", *units], rows)
     if (shares := result["against"]) is not None:
         names = ("parameters", "noise", "structure")
         tables.grid(console, f"Difference from {shares['reference']}", ["", "mm²"],

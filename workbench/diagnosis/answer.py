@@ -226,9 +226,10 @@ class _Final:
         if self.unit != "mm":
             return float(np.sqrt(np.nansum(left**2, 0).mean())), "what is left in the end"
         usual = ~self.found.outliers
-        recording = self.bench.recording
-        return replicates.noise(self.bench.pose[usual], self._index()[usual], left[:, usual], _sigma(recording),
-                           self.after.degrees)  # fmt: skip
+        recording, position = self.bench.recording, left[:3, usual]
+        degrees = self.after.degrees * len(position) / len(left)
+        pose, index = self.bench.pose[usual], self._index()[usual]
+        return replicates.noise(pose, index, position, _sigma(recording), degrees)
 
     def _index(self):
         return self.bench.chain.state.index[: self.before.n]
@@ -237,7 +238,7 @@ class _Final:
         """Lack of fit of baseline and final model against replicates; None without these."""
         if self.unit != "mm":
             return None
-        rows = {name: replicates.lack_of_fit(self.bench.pose, self._index(), residuals_of(p), p.basis.shape[1])
+        rows = {name: replicates.lack_of_fit(self.bench.pose, self._index(), residuals_of(p)[:3], _rank(p))
                 for name, p in (("before", self.before), ("after", self.after))}  # fmt: skip
         return rows if all(rows.values()) else None
 
@@ -257,8 +258,10 @@ class _Final:
         named = [f"joint-{k}" for k in range(1, chain.robot.joints + 1)]
         places = ("base", *(w for k, joint in enumerate(named, 1) for w in (joint, f"link-{k}")), "tool",
                   *(("sensor", "artefact") if chain.measurement.place == "sensor" else ()))  # fmt: skip
-        return Views(residuals_of(self.before), residuals_of(self.after), points, _plain(self.before), places,
-                     self.bench.recording.sample_ids, self._links())  # fmt: skip
+        before, after = residuals_of(self.before), residuals_of(self.after)
+        rotation = (before[3:], after[3:]) if self.before.rotation is not None else None
+        return Views(before[:3], after[:3], points, _plain(self.before), places, self.bench.recording.sample_ids,
+                     self._links(), rotation=rotation)  # fmt: skip
 
     def _links(self):
         """(3, J+2) mm: the arm at the pose nearest to the middle of all, root frame."""
@@ -282,6 +285,12 @@ def _plain(problem) -> dict:
         if np.ptp(x) > 0 and not any(np.array_equal(x, other) for other in out.values()):
             out[name] = x
     return out
+
+
+def _rank(problem) -> int:
+    """Of the baseline, of which the position spends its share where orientation is measured, too."""
+    rank = problem.basis.shape[1]
+    return rank if problem.rotation is None else round(rank * float((~problem.rotation).mean()))
 
 
 def residuals_of(problem) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from workbench.diagnosis.result import Diagnosis
 from workbench.diagnosis.scenes import ROBOT, SCENE
+from workbench.results import rotation_columns
 
 RESIDUALS, VISIBLE, POSES = "residuals.csv", "smallest-visible.csv", "next-experiment-poses.csv"
 
@@ -32,9 +33,25 @@ def _residuals(made: Diagnosis) -> str:
     head = ["sample", *names, f"held_out_before_{unit}", f"held_out_after_{unit}", "fold", "outlier"]
     out = set(made.outliers)
     columns = np.concatenate([views.before, views.after, proof.errors])
+    for name, values in _rotation_columns(made).items():
+        head.insert(-2, name)
+        columns = np.concatenate([columns, values[None]])
     lines = [[int(i), *(f"{v:.6g}" for v in row), int(fold), int(int(i) in out)]
              for i, row, fold in zip(views.sample, columns.T, proof.fold)]  # fmt: skip
     return _csv(head, lines)
+
+
+def _rotation_columns(made: Diagnosis) -> dict[str, np.ndarray]:
+    """Name -> (n,) deg: residuals of the orientation and held-out angles; {} where none is measured."""
+    views, proof = made.views, made.proof
+    if views.rotation is None:
+        return {}
+    columns = {}
+    for when, residual in zip(("before", "after"), views.rotation):
+        columns |= {f"{when}_{axis}_deg": row for axis, row in rotation_columns(residual).items()}
+    if proof.angles is not None:
+        columns |= dict(zip(("held_out_before_deg", "held_out_after_deg"), proof.angles))
+    return columns
 
 
 def _experiment(made: Diagnosis, folder: Path) -> None:

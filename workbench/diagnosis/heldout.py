@@ -84,41 +84,66 @@ def sigma_of(bench, samples: np.ndarray | None = None) -> np.ndarray | None:
 
 
 class Errors:
-    """Held-out errors of a bench, each set of effects and folds once."""
+    """Held-out errors of a bench, each set of effects and folds once.
+
+    Errors are distances (n,) in mm or px; `angles_of` gives the rotation angles that belong to them.
+    """
 
     def __init__(self, bench):
         self.bench, self.kept = bench, {}
+        self._angles: dict[bytes, np.ndarray] = {}
 
     def __call__(self, effects, fold: np.ndarray) -> np.ndarray:
         """(n,) each sample predicted from the other folds."""
         if not hasattr(self.bench, "chain"):
             return self._once(effects, fold, lambda: self.bench.held_out(effects, fold))
-        out = np.empty(len(fold))
+        both = np.empty((2, len(fold)))
         for k in np.unique(fold):
-            out[fold == k] = self.block(effects, fold == k)
-        return out
+            both[:, fold == k] = self._block(effects, fold == k)
+        return self._remembered(both)
 
     def block(self, effects, block: np.ndarray) -> np.ndarray:
         """Errors of the samples of one block (n,) bool, predicted from all others."""
-        return self._once(effects, block, lambda: self._predict(effects, block)[block])
+        return self._block(effects, block)[0]
+
+    def angles_of(self, errors: np.ndarray) -> np.ndarray:
+        """(n,) rotation angles (deg) of the predictions whose distances (n,) this object returned.
+
+        nan where no orientation is measured.
+        """
+        return self._angles.get(errors.tobytes(), np.full(len(errors), np.nan))
+
+    def _block(self, effects, block: np.ndarray) -> np.ndarray:
+        """(2, k) distances and angles (deg) of the samples of one block."""
+        return self._once(effects, block, lambda: self._predict(effects, block)[:, block])
+
+    def _remembered(self, both: np.ndarray) -> np.ndarray:
+        """(n,) distances of (2, n) distances and angles; keeps the angles."""
+        if np.isfinite(both[1]).any():
+            self._angles[both[0].tobytes()] = both[1]
+        return both[0]
 
     def predicted(self, scheme: Scheme, chosen: Mapping[int, tuple[Effect, ...]], plain: np.ndarray) -> np.ndarray:
         """(n,) errors where every fold is predicted with what was found without it."""
-        out = plain.copy()
+        both = np.stack([plain, self.angles_of(plain)])
         for k, effects in chosen.items():
             if effects:
-                out[scheme.fold == k] = self.block(effects, scheme.fold == k)
-        return out
+                both[:, scheme.fold == k] = self._block(effects, scheme.fold == k)
+        return self._remembered(both)
 
     def _predict(self, effects, block):
+        """(2, n) distances and angles (deg), nan where there are none."""
         if not hasattr(self.bench, "chain"):  # a sensor's bench fits what is in no fold
-            return self.bench.held_out(effects, np.where(block, 0, -1))
+            distances = self.bench.held_out(effects, np.where(block, 0, -1))
+            return np.stack([distances, np.full_like(distances, np.nan)])
         problem = self.bench.problem(effects).keeping()
         if _alone(problem.basis[block[problem.sample]]).max(initial=0.0) > 1 - _HELD:
             # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
-            return left_out(problem, np.where(block, 0, -1), only=0)
+            return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
         model, fit, _ = self.bench.solve(effects)
-        return np.sqrt(hold_out(model, fit.parameters, block, ~block, "huber").squares)
+        found = hold_out(model, fit.parameters, block, ~block, "huber")
+        angles = np.sqrt((found.rotation**2).sum(0)) if len(found.rotation) else np.full(len(block), np.nan)
+        return np.stack([np.sqrt(found.squares), np.rad2deg(angles)])
 
     def _once(self, effects, samples, make):
         key = tuple(sorted(map(name_of, effects))), samples.tobytes()
@@ -138,13 +163,18 @@ def _alone(rows: np.ndarray) -> np.ndarray:
 
 
 def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
-    """(n,) length of each sample's residual (mm, px) when its block is left out of the linearised fit.
+    """(n,) length of each sample's position residual (mm, px) when its block is left out of the linearised fit.
 
     only: the one block that is asked for; nan elsewhere then.
 
     e = (I - Q_b Q_b')^-1 r for a block b left out of a linear fit with orthonormal columns Q (Cook & Weisberg,
     Residuals and Influence in Regression (1982), sec. 3.6).
     """
+    return _left_out_lengths(problem, fold, only)[0]
+
+
+def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
+    """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured), as of `left_out`."""
     left = problem.clear(problem.residual)
     out, mine = np.full_like(left, np.nan), fold[problem.sample]
     for k in np.unique(fold) if only is None else (only,):
@@ -154,7 +184,12 @@ def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.
         along = vectors.T @ (block.T @ left[rows]) / np.maximum(1 - values, _HELD)
         out[rows] = left[rows] + block @ (vectors @ along)
     out *= problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
-    return np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
+    if problem.rotation is None:
+        lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
+        return np.stack([lengths, np.full_like(lengths, np.nan)])
+    kinds = [np.where(part, out, 0.0) for part in (~problem.rotation, problem.rotation)]
+    lengths = [np.sqrt(np.bincount(problem.sample, kind**2, minlength=problem.n)) for kind in kinds]
+    return np.stack([lengths[0], np.rad2deg(lengths[1])])
 
 
 __all__ = ["Errors", "left_out", "name_of", "paired", "rms", "sigma_of"]

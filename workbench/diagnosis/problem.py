@@ -142,6 +142,7 @@ class Problem:
     # what is known of all that is compared with the first `bare` columns of the basis (None: all), made once
     known: dict = field(default_factory=dict, compare=False, repr=False)
     bare: int | None = None
+    rotation: np.ndarray | None = None  # (N,) True for coordinates of an orientation, in rad; None: there are none
 
     def keeping(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.

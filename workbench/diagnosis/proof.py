@@ -63,7 +63,16 @@ def prove(
     terms, more = _controlled(bench, terms, say)
     effects = _effects([term.finding for term in terms])
     fixed = [errors(effects, s.fold) for s in whole.schemes] if effects else whole.plain
-    return _proof(bench, whole, fixed, noise, usual, bool(terms)), tuple(terms), (*refused, *lost, *more)
+    proof = _with_angles(_proof(bench, whole, fixed, noise, usual, bool(terms)), errors, usual)
+    return proof, tuple(terms), (*refused, *lost, *more)
+
+
+def _with_angles(proof: Proof, errors: Errors, usual: np.ndarray) -> Proof:
+    """The proof with the rotation angles that belong to its errors, where orientation is measured."""
+    angles = np.stack([errors.angles_of(one) for one in proof.errors])
+    if not np.isfinite(angles).any():
+        return proof
+    return replace(proof, angles=angles, angles_rms=(rms(angles[0], usual), rms(angles[1], usual)))
 
 
 def _inside(problem: Problem, terms: list[Term], refused: list[Term]) -> tuple[list[Term], list[Term]]:

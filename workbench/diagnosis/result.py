@@ -91,6 +91,8 @@ class Proof:
     fold: np.ndarray
     schemes: tuple[Mapping, ...] = ()
     lack: Mapping | None = None
+    angles: np.ndarray | None = None  # (2, n) deg, rotation angles that belong to `errors`; None: no orientation
+    angles_rms: tuple[float, float] | None = None  # deg, before and after
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,7 @@ class Views:
     sample: np.ndarray
     links: np.ndarray | None = None
     names: tuple[str, ...] = ("x", "y", "z")
+    rotation: tuple[np.ndarray, np.ndarray] | None = None  # before and after (k, n) rad, of the orientation
 
 
 @dataclass(frozen=True)
@@ -248,7 +251,15 @@ def _held_out(proof: Proof, unit: str) -> dict:
         f"before_{unit}": proof.before, f"after_{unit}": proof.after, f"noise_{unit}": proof.noise,
         "folds": proof.folds, "noise_from": proof.noise_from, "t": proof.t, f"after_same_terms_{unit}": proof.fixed,
         "schemes": [dict(row) for row in proof.schemes], "lack_of_fit": dict(proof.lack) if proof.lack else None,
+        **_angles(proof),
     }  # fmt: skip
+
+
+def _angles(proof: Proof) -> dict:
+    if proof.angles_rms is None:
+        return {}
+    before, after = proof.angles_rms
+    return {"before_deg": before, "after_deg": after}
 
 
 def _visible(one: Visible, unit: str) -> dict:

@@ -116,7 +116,8 @@ class RobotBench:
         every = np.ones(self.chain.n, bool) if samples is None else samples
         part = self._part(samples)
         made = _problem(model, fit, weights, self.pose[every], tuple(effects), self.loose, part.library)
-        return replace(made, made=part.made)
+        rotation = np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
+        return replace(made, made=part.made, rotation=rotation)
 
     def _part(self, samples) -> _Part:
         """What is kept of some samples, of the last few that were asked for."""

@@ -26,7 +26,7 @@ def page(made: Diagnosis) -> Page:
     numbers = (
         ("held out, with what was found", rounded(proof.after), unit),
         ("held out, before", rounded(proof.before), unit), (f"noise, {proof.noise_from}", rounded(proof.noise), unit),
-        ("findings", str(len(made.terms)), ""),
+        *_rotation_numbers(proof), ("findings", str(len(made.terms)), ""),
     )  # fmt: skip
     sections = (
         Section("findings", "What was left out", tuple(_findings(made))),
@@ -42,6 +42,13 @@ def page(made: Diagnosis) -> Page:
     files = ("residuals.csv", "smallest-visible.csv", *([SCENE] if made.experiment.scene else []))
     return Page(f"Diagnosis · {made.title}", VERDICTS[made.verdict], numbers, tuple(_lead(made)), sections, files=files,
                 caption="RMS of the 3-D distance" if unit == "mm" else "RMS distance in the picture")  # fmt: skip
+
+
+def _rotation_numbers(proof) -> tuple[tuple[str, str, str], ...]:
+    if proof.angles_rms is None:
+        return ()
+    before, after = proof.angles_rms
+    return ("orientation held out, after", rounded(after), "deg"), ("before", rounded(before), "deg")
 
 
 def _lead(made: Diagnosis):
@@ -127,6 +134,8 @@ def _proof(made: Diagnosis):
     yield table(["folds", "number", f"before ({unit})", f"after, searched anew ({unit})",
                  f"after, the terms above ({unit})", "t"], rows)  # fmt: skip
     yield figure("heldout", figures.held_out(made), "Share of samples whose held-out error is smaller.")
+    if proof.angles is not None:
+        yield figure("heldout-rotation", figures.held_out_rotation(made), "The same of the orientation.")
     controls = [_control(term, one) for term in (*made.terms, *made.refused) for one in term.controls]
     if controls:
         yield table(["term", "control", "of its gain is left", "p", "", ""], controls, left=2)

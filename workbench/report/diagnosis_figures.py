@@ -54,14 +54,30 @@ def shares(found) -> go.Figure:
 
 def held_out(made: Diagnosis) -> go.Figure:
     """Share of samples that err by less, before and after, with the noise marked."""
-    drawn = style.figure(360, f"held-out error ({made.unit}, logarithmic)", "share of samples (%)")
-    for name, errors in zip(("before", "after"), made.proof.errors):
+    drawn = _shares_of_samples(made.proof.errors, made.unit)
+    drawn.add_scatter(x=[made.proof.noise] * 2, y=[0, 100], mode="lines", name="noise, RMS",
+                      line=dict(color=style.ORANGE, dash="dot", width=2))  # fmt: skip
+    return _fitted_to_traces(drawn)
+
+
+def held_out_rotation(made: Diagnosis) -> go.Figure:
+    """The same of the rotation angles."""
+    return _fitted_to_traces(_shares_of_samples(made.proof.angles, "deg"))
+
+
+def _shares_of_samples(every, unit: str) -> go.Figure:
+    """Share of samples over errors (2, n) before and after."""
+    drawn = style.figure(360, f"held-out error ({unit}, logarithmic)", "share of samples (%)")
+    for name, errors in zip(("before", "after"), every):
         ordered = np.sort(errors[np.isfinite(errors)])
         rank = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), 800)).astype(int))
         drawn.add_scatter(x=ordered[rank], y=100 * (rank + 1) / len(ordered), mode="lines", name=name,
                           line=dict(color=_COLOURS[name], width=3))  # fmt: skip
-    drawn.add_scatter(x=[made.proof.noise] * 2, y=[0, 100], mode="lines", name="noise, RMS",
-                      line=dict(color=style.ORANGE, dash="dot", width=2))  # fmt: skip
+    return drawn
+
+
+def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
+    """The figure with a logarithmic axis from its least value to its largest."""
     ends = np.concatenate([trace.x for trace in drawn.data])
     drawn.update_xaxes(style.log_axis(ends[ends > 0].min() / 1.1, ends.max() * 1.1))
     return drawn.update_yaxes(range=[0, 101])
