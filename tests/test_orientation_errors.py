@@ -10,6 +10,7 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 import datasets
+from robot_model.system import bind, geometry_free
 from scenes import model_of, scene
 from workbench.calibrate import calibrate, save
 from workbench.chunked import calibrate_chunks
@@ -17,12 +18,16 @@ from workbench.commands import compare as compare_command
 from workbench.commands import diagnose as diagnose_command
 from workbench.compare import compare
 from workbench.compare import save as save_comparison
+from workbench.core.identifiability import identifiability, independent
+from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
+from workbench.core.solve import normal_matrix
 from workbench.crossvalidation import HeldOut, cross_validate, error_summary
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.files import save as save_diagnosis
 from workbench.diagnosis.heldout import Errors
 from workbench.diagnosis.robot import bench_of
+from workbench.poses import choose_poses
 from workbench.report.diagnosis import page as diagnosis_page
 from workbench.simulate import simulate
 
@@ -282,3 +287,22 @@ def test_angles_belong_to_the_distances_of_the_same_prediction():
     np.testing.assert_allclose(distances, np.sqrt(direct.squares), rtol=1e-6)
     np.testing.assert_allclose(angles, np.rad2deg(np.sqrt((direct.rotation**2).sum(0))), rtol=1e-6)
     assert np.isnan(errors.angles_of(distances + 1)).all()
+
+
+def test_predicted_orientation_error_at_tasks_is_that_of_the_covariance():
+    every = noisy("external-pose", n=60, seed=4)
+    robot = scene("external-pose", n=60, seed=4).robot
+    low, high = robot.limits.T
+    candidates = every.select(((every.joints > low) & (every.joints < high)).all(1))
+    tasks = every.select(np.arange(20))
+    found = choose_poses(candidates, 20, "task", tasks, link_radius_mm=0).predicted()
+    chain = bind(robot, candidates)
+    model = Model(chain)
+    free = model.parameters.free("base.*", "tool.*", *geometry_free(chain.robot))
+    free, _ = independent(normal_matrix(model, free), free)
+    covariance = identifiability(normal_matrix(model, free), free).covariance
+    at_tasks = Model(bind(chain.robot, tasks, chain.start))
+    rows = at_tasks.linearise(at_tasks.parameters.only(free.mask))[1][:, 3:]
+    expected = np.rad2deg(np.sqrt(np.einsum("fmt,fg,gmt->", rows, covariance, rows) / tasks.n))
+    assert found["all_deg"] == pytest.approx(expected, rel=1e-3)
+    assert found["chosen_deg"] > found["all_deg"]

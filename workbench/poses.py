@@ -1,6 +1,7 @@
 """Which poses to measure: reachable, visible, not in the arm's own way, and telling the most."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,8 @@ class Chosen:
     """`samples` numbers of the rows at the chosen poses; `design` how good they are; `undetermined` what stays open.
 
     `candidates` poses to choose from, `left_out` (reason -> how many) of those that were no candidates. A pose
-    that is taken several times has its samples as often.
+    that is taken several times has its samples as often. `rotation`: predicted orientation error at the tasks,
+    deg RMS, of the chosen poses and of all candidates; empty where the tasks measure no orientation.
     """
 
     recording: object
@@ -43,6 +45,7 @@ class Chosen:
     candidates: int
     left_out: dict[str, int]
     parameters: int
+    rotation: Mapping[str, float] = field(default_factory=dict)
 
     def predicted(self) -> dict | None:
         """Error at the tasks, mm RMS, of the set and, median, of random ones; None for other criteria.
@@ -58,7 +61,8 @@ class Chosen:
                    "random_twice_mm": None if twice is None else np.median(twice),
                    "all_mm": found.everything, "bound_mm": max(found.bound, 0.0)}  # fmt: skip
         told = {key: None if square is None else float(np.sqrt(square)) for key, square in squares.items()}
-        return told | {"share_of_twice_beaten": None if twice is None else float((twice > found.value).mean())}
+        share = None if twice is None else float((twice > found.value).mean())
+        return told | {"share_of_twice_beaten": share} | dict(self.rotation)
 
     def as_json(self) -> dict:
         """The answer of `workbench poses`."""
@@ -81,7 +85,8 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     arm's links, for the check that it is not in its own way; 0 leaves the check out. sight: what the
     sensor on the arm can see. repeats: how often one pose may be measured.
     The predicted error at the tasks is that of the calibration's own covariance: with the priors of its parameters
-    and the stated noise (0.05 mm a coordinate where none is), of positions alone.
+    and the stated noise (0.05 mm a coordinate where none is). The criterion is of the positions; where poses are
+    measured, the predicted error of the orientation is reported with it.
     Raises InputError where there are too few candidates or the criterion is not known.
     """
     if criterion not in CRITERIA:
@@ -107,14 +112,16 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     model, free, everything = _model(robot, moving, effects)
     rows = _by_pose(_whitened(model, free), poses)
     wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
-    design = choose(rows, n, criterion, wanted, seed, known=None if tasks is None else _known(free), repeats=repeats,
-                    bounded=True)  # fmt: skip
+    known = None if tasks is None else _known(free)
+    positions = None if wanted is None else wanted[:, :3]
+    design = choose(rows, n, criterion, positions, seed, known=known, repeats=repeats, bounded=True)
+    rotation = {} if wanted is None else _rotation_errors(rows, wanted[:, 3:], known, design.chosen)
     picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
     everything = everything.free(*held_by_convention(robot))
-    known = identifiability(normal_matrix(model.at(picked), everything), everything)
+    judged = identifiability(normal_matrix(model.at(picked), everything), everything)
     samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
-    return Chosen(recording, samples, design, criterion, tuple(known.sentences()), int(count), left_out,
-                  int(free.mask.sum()))  # fmt: skip
+    return Chosen(recording, samples, design, criterion, tuple(judged.sentences()), int(count), left_out,
+                  int(free.mask.sum()), rotation)  # fmt: skip
 
 
 def _known(free) -> np.ndarray:
@@ -161,7 +168,7 @@ def _by_pose(rows, poses) -> np.ndarray:
 
 
 def _task_rows(robot, model, tasks, free):
-    """(T, 3, F) rows of the tasks' positions, mm, with the candidates' base and tool; InputError where these differ."""
+    """(T, m, F) rows of the tasks, mm and rad, with the candidates' base and tool; InputError where these differ."""
     tasks = samples_of(tasks)
     own = measurement_of(tasks).parameters()
     placed = [p.key for p in model.chain.parameters.table if not p.key.startswith(("base.", "joint-"))]
@@ -170,8 +177,25 @@ def _task_rows(robot, model, tasks, free):
                          "as they are, found others; make them as the candidates were made")
     chain = bind(robot, replace(tasks, sigma_mm=1.0), start=model.chain.start)
     seen = Model(chain, model.effects)
-    positions = seen.linearise(seen.parameters.take_over(free).only(free.mask))[1][:, :3]
-    return (positions * free.typical[free.mask][:, None, None]).transpose(2, 1, 0)
+    rows = seen.linearise(seen.parameters.take_over(free).only(free.mask))[1]
+    return (rows * free.typical[free.mask][:, None, None]).transpose(2, 1, 0)
+
+
+def _rotation_errors(rows, tasks, known, chosen) -> dict[str, float]:
+    """Predicted RMS rotation error (deg) at tasks (T, k, F) with the chosen poses and with all; {} for k = 0.
+
+    rows (N, m, F) of the candidates, whitened; known (F, F) normal matrix of the priors.
+    """
+    if not tasks.shape[1]:
+        return {}
+    return {"chosen_deg": _rotation_error(rows[chosen], tasks, known), "all_deg": _rotation_error(rows, tasks, known)}
+
+
+def _rotation_error(rows, tasks, known) -> float:
+    flat = rows.reshape(-1, rows.shape[2])
+    covariance = np.linalg.pinv(flat.T @ flat + known, rcond=1e-15, hermitian=True)
+    variance = np.einsum("tkf,fg,tkg->t", tasks, covariance, tasks)
+    return float(np.rad2deg(np.sqrt(variance.mean())))
 
 
 def _usable(robot, recording, link_radius, sight):

@@ -84,6 +84,9 @@ def _show_predicted(console, n, error) -> None:
             [f"{2 * n} at random", error["random_twice_mm"]], ["all candidates", error["all_mm"]],
             [f"least that any {n} could", error["bound_mm"]]]  # fmt: skip
     tables.grid(console, "Predicted error at the tasks, mm RMS in space", ["measured", "error"], rows)
+    if "chosen_deg" in error:
+        rows = [[f"these {n}", error["chosen_deg"]], ["all candidates", error["all_deg"]]]
+        tables.grid(console, "Predicted orientation error at the tasks, deg RMS", ["measured", "error"], rows)
     twice, bound = error["random_twice_mm"], error["bound_mm"]
     if twice is not None and bound > twice:
         console.print(f"No {n} of these candidates can do what {2 * n} at random do: they are too much alike. "
