@@ -154,7 +154,7 @@ def samples_are_unique(table: Table, context: Context) -> None:
 
 
 def lengths_are_positive(table: Table, context: Context) -> None:
-    """sigma_mm and length_mm are above zero in every row."""
+    """Standard deviations (sigma_mm, sigma_deg) and length_mm are above zero in every row."""
     for name in LENGTHS:
         if name in table.columns:
             row = first(table.columns[name] <= 0)

@@ -50,17 +50,18 @@ TEXT = ("fixed_to", "note")
 FIXED_TO = ("tool", "base", "floor")
 SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 """1 sigma of each coordinate of a point, where they differ."""
-LENGTHS = ("sigma_mm", *SIGMAS, "length_mm")
+LENGTHS = ("sigma_mm", *SIGMAS, "sigma_deg", "length_mm")
 """Columns whose every cell must be above zero."""
 
 MEASURED = {*POINT, *QUATERNION, *AXES[0], *AXES[1], "length_mm"}
-BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", *SIGMAS, "set"}
+BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", *SIGMAS, "sigma_deg", "set"}
 
 _JOINT = re.compile(r"q(\d+)_(deg|mm)")
 _WRONG_UNIT = {
     "x": "x_mm", "y": "y_mm", "z": "z_mm", "q": "q1_deg",
     "x_m": "x_mm", "y_m": "y_mm", "z_m": "z_mm", "x_cm": "x_mm", "y_cm": "y_mm", "z_cm": "z_mm",
-    "sigma": "sigma_mm", "sigma_m": "sigma_mm", "length": "length_mm", "length_m": "length_mm",
+    "sigma": "sigma_mm", "sigma_m": "sigma_mm", "sigma_rad": "sigma_deg",
+    "length": "length_mm", "length_m": "length_mm",
     **{f"flange_{axis}{unit}": f"flange_{axis}_mm" for axis in "xyz" for unit in ("", "_m", "_cm")},
 }
 

@@ -18,6 +18,7 @@ from workbench.commands import compare as compare_command
 from workbench.commands import diagnose as diagnose_command
 from workbench.compare import compare
 from workbench.compare import save as save_comparison
+from workbench.core.errors import InputError
 from workbench.core.identifiability import identifiability, independent
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
@@ -306,3 +307,17 @@ def test_predicted_orientation_error_at_tasks_is_that_of_the_covariance():
     expected = np.rad2deg(np.sqrt(np.einsum("fmt,fg,gmt->", rows, covariance, rows) / tasks.n))
     assert found["all_deg"] == pytest.approx(expected, rel=1e-3)
     assert found["chosen_deg"] > found["all_deg"]
+
+
+def test_a_simulated_pose_recording_states_the_noise_of_its_orientation(tmp_path):
+    (tmp_path / "pose.toml").write_text(SCENE)
+    recording = simulate(tmp_path / "pose.toml")
+    np.testing.assert_allclose(recording.columns["sigma_deg"], np.rad2deg(0.05 / 100))
+    again = datasets.read(datasets.write(recording, tmp_path / "copy"))
+    np.testing.assert_allclose(again.columns["sigma_deg"], recording.columns["sigma_deg"])
+    (tmp_path / "point.toml").write_text(SCENE.replace("external-pose", "external-point"))
+    assert "sigma_deg" not in simulate(tmp_path / "point.toml").columns
+    assert "sigma_deg" not in recording.covariates
+    recording.columns["sigma_deg"][3] = 0.0
+    with pytest.raises(InputError, match=r"row 5 .*column sigma_deg: expected a number above 0, found 0"):
+        datasets.read(datasets.write(recording, tmp_path / "zero"))

@@ -27,7 +27,11 @@ def simulate(path: Path) -> Recording:
     truth = truth_of(path)
     residual, sigma = truth.model.residual(truth.parameters), truth.model.sigma(truth.parameters)
     noisy = residual + truth.rng.normal(size=residual.shape) * sigma
-    return replace(truth.shown, columns=truth.shown.columns | truth.model.chain.measurement.columns(noisy))
+    columns = truth.shown.columns | truth.model.chain.measurement.columns(noisy)
+    stated = truth.model.chain.stated_sigma
+    if len(stated) > 3:  # poses: the noise of the orientation is stated, too
+        columns["sigma_deg"] = np.rad2deg(stated[3])
+    return replace(truth.shown, columns=columns)
 
 
 @dataclass(frozen=True)

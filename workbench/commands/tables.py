@@ -104,7 +104,7 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
     estimated = [row for row in parameters if row["identifiable"] and row["deviation"] is not None]
     ranked = sorted(estimated, key=_significance, reverse=True)[:most]
     title = f"Deviations from nominal, the {len(ranked)} most significant of {len(estimated)}"
-    head = ["where", "name", "unit", "nominal", "value", "deviation", "std"]
+    head = ["where", "name", "unit", "value", "deviation", "std"]
     grid(console, title, head, [_parameter(row) for row in ranked], left=3)
     if sentence := unidentified(parameters):
         console.print(f"{sentence}\n", markup=False)
@@ -119,7 +119,7 @@ def _parameter(row: Mapping) -> list:
     value, spread = measured(factor * row["value"], std)
     deviation, _ = measured(factor * row["deviation"], std)
     signed = deviation if deviation.startswith("-") else f"+{deviation}"
-    return [row["where"], row["name"], unit, number(factor * row["nominal"], 6), value, signed, spread]
+    return [row["where"], row["name"], unit, value, signed, spread]
 
 
 def unidentified(parameters: Sequence[Mapping]) -> str:

@@ -48,7 +48,7 @@ def _rotation_numbers(proof) -> tuple[tuple[str, str, str], ...]:
     if proof.angles_rms is None:
         return ()
     before, after = proof.angles_rms
-    return ("orientation held out, after", rounded(after), "deg"), ("before", rounded(before), "deg")
+    return ("orientation held out, after", rounded(after), "deg"), ("orientation, before", rounded(before), "deg")
 
 
 def _lead(made: Diagnosis):
