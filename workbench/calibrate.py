@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,9 @@ from workbench.crossvalidation import (
     in_space,
     repeat_summary,
 )
+from workbench.fit_quality import noise_report
 from workbench.gauge import lengths_beside, resized, size_of
+from workbench.noise_report import NoiseReport
 from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
@@ -50,11 +53,11 @@ class Calibration:
 
     `recording`: the moving rows that entered, n samples. Residuals (3, n) mm are predicted minus
     measured in the frame of the measurement, nan where a row was never held out; `fold` (n,) -1
-    there. `points` and `residual_in_root` (3, n) mm are in the robot's root frame. `nominal` has
-    base and tool fitted at the nominal geometry. Error figures are 3-D distances and, where poses are
-    measured, rotation angles. `rotation`: "fit", "held_out", "nominal" -> residual (k, n) of the
-    orientation, rad: k = 3 components of the rotation vector from measured to predicted, 2 where one
-    axis is measured, 0 where no orientation is.
+    there; `fitted` (n,) True for the samples of the fit. `points` and `residual_in_root` (3, n) mm are in
+    the robot's root frame. `nominal` has base and tool fitted at the nominal geometry. Error figures are
+    3-D distances and, where poses are measured, rotation angles. `rotation`: "fit", "held_out",
+    "nominal" -> residual (k, n) of the orientation, rad: k = 3 components of the rotation vector from
+    measured to predicted, 2 where one axis is measured, 0 where no orientation is.
     """
 
     recording: object
@@ -70,12 +73,23 @@ class Calibration:
     held_out_residual: np.ndarray
     nominal_residual: np.ndarray
     fold: np.ndarray
+    fitted: np.ndarray
     points: np.ndarray
     residual_in_root: np.ndarray
     suspects: tuple[int, ...]
     warnings: tuple[str, ...]
     provenance: dict
     rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @cached_property
+    def noise(self) -> NoiseReport:
+        """The residual of the fit compared with the stated noise, replicates and its own structure."""
+        return noise_report(self)
+
+    @property
+    def components(self) -> int:
+        """Coordinates of one measured position: 3, or 1 where lengths are measured."""
+        return min(3, len(self.solution.residual))
 
     def as_json(self) -> dict:
         """The object of the JSON contract."""
@@ -355,7 +369,7 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
         _held_out_summary(held_out),
         error_summary(_final_held_out(nominal, split).residual),
         position["fit"], position["held_out"], position["nominal"],
-        held_out.fold, points, arrows,
+        held_out.fold, split.fit, points, arrows,
         tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), warnings, dict(solution.provenance),
         rotation,
     )  # fmt: skip
