@@ -38,9 +38,9 @@ def noise_report(calibration) -> NoiseReport:
         residual=robust_sigma(corrected, len(position)),
         residual_rms=float(np.sqrt(corrected.mean() / len(position))),
         degrees=degrees,
-        structure=structure(model, fit.parameters, position, _samples(recording)),
+        structure=structure(model, fit.parameters, fit.residual, _samples(recording)),
         rms=calibration.fit["rms_mm"],
-        reach=_reach(model),
+        reach=reach_of(model.chain.robot, model.chain.variables),
         samples=recording.n,
         outlying=tuple(int(k) for k in recording.sample_ids[wrong]),
         left_out=calibration.suspects,
@@ -95,11 +95,10 @@ def _samples(recording) -> Samples:
     return Samples(recording.poses, recording.columns.get("time_s", order))
 
 
-def _reach(model: Model) -> float:
-    """Sum of the nominal lengths and offsets, and of the travel of slides, mm."""
-    robot = model.chain.robot
-    travel = np.abs(model.chain.variables).max(1)[robot.prismatic]
+def reach_of(robot, variables: np.ndarray) -> float:
+    """Sum of the nominal lengths and offsets, and of the travel of slides, mm; joint variables (J, n) in rad or mm."""
+    travel = np.abs(variables).max(1)[robot.prismatic]
     return float(np.abs(robot.geometry[:, 1:3]).sum() + travel.sum())
 
 
-__all__ = ["noise_report"]
+__all__ = ["noise_report", "reach_of"]

@@ -45,7 +45,7 @@ class Samples:
 
 
 def structure(model: Model, parameters: Parameters, residual: np.ndarray, samples: Samples) -> Structure:
-    """Tests for a model on its n fitted samples; residual (m, n) of the fit, mm.
+    """Tests for a model on its n fitted samples; residual (m, n) of the fit, mm and rad.
 
     Four tests: von Neumann's ratio of poses that follow one another (in the robot's frame and in that of the
     measurement, because a sensor that slips moves with the arm), the same of poses that are neighbours in joint space,
