@@ -27,14 +27,14 @@ def heavy(rng, n):
 
 @lru_cache(maxsize=8)
 def _true(measures, n, seed):
-    """Scene and its exact points (3, n) with an arm that is off its data sheet."""
+    """Scene and the exact columns that an arm off its data sheet makes."""
     made = scene(measures, n=n, seed=seed, sigma=SIGMA)
     rng, model = np.random.default_rng(seed), model_of(made)
     truth = model.parameters
     free = truth.only(truth.matching(*geometry_free(made.robot)))
     size = np.array([1e-3 if p.unit == "rad" else 0.4 for p in free.table])[free.mask]
     truth = free.unpack(free.pack() + size * rng.standard_normal(len(size)))
-    return made, model.chain.measurement.measured[:3] + model.residual(truth)[:3]
+    return made, model.chain.measurement.columns(model.residual(truth))
 
 
 def recorded(seed, n=80, law=normal, measures="external-point", times=1.0, arm=0, change=None):
@@ -44,10 +44,10 @@ def recorded(seed, n=80, law=normal, measures="external-point", times=1.0, arm=0
     """
     made, exact = _true(measures, n, arm)
     rng = np.random.default_rng(1000 + seed)
-    points = exact + times * SIGMA * law(rng, n)
+    points = np.stack([exact[name] for name in XYZ]) + times * SIGMA * law(rng, n)
     if change is not None:
         points = change(points, rng)
-    return replace(made.recording, columns={**made.recording.columns, **dict(zip(XYZ, points))})
+    return replace(made.recording, columns={**made.recording.columns, **exact, **dict(zip(XYZ, points))})
 
 
 def geometry_of(recording, **more) -> Calibration:
