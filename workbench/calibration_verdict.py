@@ -15,16 +15,13 @@ def units_of(measures: str) -> tuple[str, ...]:
     return ("mm", "deg") if measures in _ORIENTED else ("mm",)
 
 
-def calibration_verdict(
-    held_out: Mapping, report: NoiseReport, tolerances: Sequence[Tolerance] = (), components: int = 3
-) -> Verdict:
+def calibration_verdict(held_out: Mapping, report: NoiseReport, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     """The verdict on the held-out errors of a calibration.
 
     held_out: the block of the JSON contract (`rms_mm`, and `rotation_rms_deg` where poses are measured).
-    components: coordinates of a measured position; their noise adds up to sqrt(components) sigma in the distance.
     """
     position = Residual(held_out["rms_mm"], "mm", POSITION, is_significant=report.is_above)
-    verdicts = [judge(position, _noise(report, components), tolerances, report.advice)]
+    verdicts = [judge(position, _noise(report), tolerances, report.advice)]
     turned = held_out.get("rotation_rms_deg")
     if turned is not None or any(one.unit == "deg" for one in tolerances):
         orientation = Residual(math.nan if turned is None else turned, "deg", ORIENTATION)
@@ -32,9 +29,10 @@ def calibration_verdict(
     return combine(verdicts)
 
 
-def _noise(report: NoiseReport, components: int) -> Noise | None:
-    """Noise of the 3-D distance: as stated, else from replicates, else not known."""
+def _noise(report: NoiseReport) -> Noise | None:
+    """Noise of the distance, sqrt(components) times sigma: as stated, else from replicates, else not known."""
     found = report.findings
+    components = found.components
     if found.stated is not None:
         return Noise(math.sqrt(components) * found.stated, STATED)
     if found.replicates is not None:

@@ -97,7 +97,7 @@ class Comparison:
         """The held-out error of plan k, on the rows that all plans predict, against noise and tolerances."""
         own = self.calibrations[k]
         held_out = own.held_out | error_summary(own.held_out_residual[:, self.block >= 0])
-        return calibration_verdict(held_out, own.noise, tolerances, own.components)
+        return calibration_verdict(held_out, own.noise, tolerances)
 
     def best_verdict(self, tolerances: Sequence[Tolerance] = ()) -> Verdict:
         """The verdict on the plan with the smallest held-out error."""

@@ -74,6 +74,7 @@ def noise_of(made, recording, held_out: Mapping) -> NoiseReport | None:
             rms=float(np.sqrt(squares.mean())),
             reach=reach_of(robot, robot.mixing @ moving.joints.T),
             samples=moving.n,
+            components=components,
             outlying=tuple(made.outliers),
         )
     )

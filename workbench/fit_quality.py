@@ -22,7 +22,8 @@ _CONDITIONS = ("payload_kg", "approach")
 
 def noise_report(calibration) -> NoiseReport:
     """The comparison of noise estimates for a `workbench.calibrate.Calibration`."""
-    fitted = calibration.fitted
+    everyone = np.ones(calibration.recording.n, bool)
+    fitted = everyone if calibration.fitted is None else calibration.fitted
     recording = calibration.recording.select(fitted)
     model, fit = calibration.model.at(fitted), calibration.solution.fit
     position = fit.residual[:3]
@@ -42,6 +43,7 @@ def noise_report(calibration) -> NoiseReport:
         rms=calibration.fit["rms_mm"],
         reach=reach_of(model.chain.robot, model.chain.variables),
         samples=recording.n,
+        components=len(position),
         outlying=tuple(int(k) for k in recording.sample_ids[wrong]),
         left_out=calibration.suspects,
     )

@@ -39,6 +39,7 @@ class Findings:
     `stated` None where the recording does not say; `test` of the variance factor then None too. `residual`: sigma from
     the residuals, robust; `residual_rms` the same from their mean square, with `degrees` of freedom. `rms`: of the 3-D
     distances. `reach` of the arm (mm). `outlying`: sample numbers that do not agree with the others, of `samples`.
+    `components`: coordinates of one measured position (1 where lengths are measured).
     `left_out`: sample numbers that the fit leaves out as blunders.
     """
 
@@ -52,6 +53,7 @@ class Findings:
     rms: float
     reach: float
     samples: int
+    components: int = 3
     outlying: tuple[int, ...] = ()
     left_out: tuple[int, ...] = ()
 

@@ -24,7 +24,8 @@ class Structure:
     """Tests of the residual's structure.
 
     `p_value` of the smallest of the four p-values, times their number (Bonferroni). `share` of the residual variance
-    that is certainly no noise. `depends_on` names what the residual depends on, in words; empty where nothing was found.
+    that is certainly no noise. `depends_on` names in words what the residual depends on; empty where nothing was
+    found.
     """
 
     p_value: float
@@ -53,8 +54,7 @@ def structure(model: Model, parameters: Parameters, residual: np.ndarray, sample
     are scattered widely.
     """
     chain = model.chain
-    evaluation = chain.evaluate(parameters.values[: len(chain.parameters)], {})
-    _, arrows = chain.to_root(parameters.values[: len(chain.parameters)], evaluation, residual[:3])
+    _, arrows = in_root(model, parameters, residual[:3])
     means, joints, order = _by_pose(arrows, chain.variables[:, : residual.shape[1]], samples)
     measured, _, _ = _by_pose(residual[:3], chain.variables[:0, : residual.shape[1]], samples)
     tests = [
@@ -68,6 +68,12 @@ def structure(model: Model, parameters: Parameters, residual: np.ndarray, sample
     names = tuple(dict.fromkeys(name for name, _ in significant))
     share = max((share for _, share in significant), default=0.0)
     return Structure(float(min(smallest, 1.0)), float(share), names)
+
+
+def in_root(model: Model, parameters: Parameters, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Measured points and residuals (3, n) mm, both in the robot's root frame."""
+    own = parameters.values[: len(model.chain.parameters)]
+    return model.chain.to_root(own, model.chain.evaluate(own, {}), residual)
 
 
 def _by_pose(arrows, joints, samples):
@@ -140,7 +146,7 @@ def _joint_error_columns(model: Model, parameters: Parameters, degrees: int) -> 
 
 
 def _waves(chain) -> np.ndarray:
-    """(J, 4, n) sine and cosine of every joint, once and twice per revolution; a slide's travel counts as half a turn."""
+    """(J, 4, n) sine and cosine of every joint, once and twice per revolution; the travel of a slide is half a turn."""
     angles = chain.variables.copy()
     for k in np.flatnonzero(chain.robot.prismatic):
         low, high = angles[k].min(), angles[k].max()

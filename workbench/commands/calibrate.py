@@ -98,7 +98,7 @@ def solve_into(folder: Path, path: Path, found, name: str, options: dict, say, r
         scans, told, found, options = _centres(found, scanner, folder, path, options, say)
     say(f"calibrating {name}")
     calibration = calibrate(found, progress=say, **options)
-    verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances, calibration.components)
+    verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
     result = {**calibration.as_json(), **told, "verdict": verdict.as_json(), "run": path}
     save(calibration, folder)
     if report:

@@ -31,7 +31,7 @@ def command(
         with runs.opened("calibrate-large", recording, out) as run:
             made = calibrate_chunks(recording, plan, folds, say)
             save(made, run.partial)
-            verdict = calibration_verdict(made.held_out, made.noise, tolerances, made.thin.components)
+            verdict = calibration_verdict(made.held_out, made.noise, tolerances)
             result = {**made.as_json(), "verdict": verdict.as_json(), "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)

@@ -48,7 +48,7 @@ def variance_test(white: np.ndarray, degrees: float) -> VarianceTest:
 
 
 def effective_degrees(squares: np.ndarray, degrees: float, size: int) -> float:
-    """Equivalent degrees of freedom of the mean of `squares` (n,), at most `degrees`; size: numbers they are made of."""
+    """Equivalent degrees of freedom of the mean of `squares` (n,), sums of `size` squares in all; at most `degrees`."""
     spread = float(squares.var(ddof=1)) if len(squares) > 1 else 0.0
     if spread <= 0:
         return float(degrees)
