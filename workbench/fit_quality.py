@@ -1,5 +1,7 @@
 """The global test of a calibration: its residual against the stated noise, replicates and its own structure."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from workbench.core.adjustment_tests import (
@@ -11,11 +13,12 @@ from workbench.core.adjustment_tests import (
 )
 from workbench.core.identifiability import identifiability
 from workbench.core.model import Model
-from workbench.core.solve import solve
-from workbench.noise_report import Findings, NoiseReport, Replicates, replicate_noise, report
+from workbench.core.solve import Fit, solve
+from workbench.noise_report import Findings, NoiseReport, Replicates, is_above, replicate_noise, report
 from workbench.residual_structure import Samples, structure
 
 _OUTLIER_LEVEL = 0.002
+_ROUNDS = 6
 _MOST_OUTLYING = 0.25  # a larger share is no group of faulty samples but a model that fits nothing
 _CONDITIONS = ("payload_kg", "approach")
 
@@ -29,12 +32,12 @@ def noise_report(calibration) -> NoiseReport:
     position = fit.residual[:3]
     degrees = fit.degrees * position.size / fit.residual.size
     stated = None if model.chain.sigma_unknown else model.chain.stated_sigma[:3]
-    squares = _checked_squares(model, fit)
-    wrong = _outlying(squares, len(position), stated, model, fit)
+    test = None if stated is None else variance_test(position / stated, degrees)
+    wrong = _outlying(model, fit, stated, test is None or is_above(test))
     corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
     found = Findings(
         stated=None if stated is None else float(f"{np.sqrt((stated**2).mean()):.12g}"),
-        test=None if stated is None else variance_test(position / stated, degrees),
+        test=test,
         replicates=_replicates(recording, model, position, wrong),
         residual=robust_sigma(corrected, len(position)),
         residual_rms=float(np.sqrt(corrected.mean() / len(position))),
@@ -50,31 +53,60 @@ def noise_report(calibration) -> NoiseReport:
     return report(found)
 
 
-def _checked_squares(model: Model, fit) -> np.ndarray:
-    """(n,) squared position residuals over their covariance, under the sigma that the fit used."""
-    _, rows = model.linearise(fit.parameters)
+def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) -> np.ndarray:
+    """(n,) True for samples that do not agree with the others (iterated data snooping).
+
+    Least squares spreads faulty samples over all residuals (masking). The set of faulty samples therefore starts from
+    a robust solve; then all samples are tested against least squares without that set until it does not change.
+    """
+    nobody = np.zeros(fit.residual.shape[1], bool)
+    wrong = _tested(model, fit, stated, nobody)
+    if not wrong.any() and not above:
+        return nobody
+    robust = solve(_with_scale(model, 0.0), fit.parameters, "cauchy")
+    white = robust.residual[:3] / model.chain.sigma[:3]
+    wrong = outlying(standardised_squares(white), len(white), _least_scale(model, stated), _OUTLIER_LEVEL)
+    for _ in range(_ROUNDS):
+        if wrong.mean() > _MOST_OUTLYING:
+            return nobody
+        scale = robust_sigma((white[:, ~wrong] ** 2).sum(0), len(white))
+        rest = solve(_with_scale(model, scale).at(~wrong), robust.parameters)
+        before, wrong = wrong, _tested(_with_scale(model, scale), rest, stated, wrong)
+        if np.array_equal(before, wrong):
+            break
+    return wrong if wrong.mean() <= _MOST_OUTLYING else nobody
+
+
+def _with_scale(model: Model, scale: float) -> Model:
+    """The model with sigmas of `scale` times those of the fit, but never below the stated ones.
+
+    A calibration widens sigma until it explains faulty samples too; priors would then outweigh the good ones.
+    """
+    chain = model.chain
+    scaled = np.maximum(max(scale, 1e-3) * chain.sigma, 0 if chain.sigma_unknown else chain.stated_sigma)
+    return replace(model, chain=replace(chain, sigma=scaled), _bases={})
+
+
+def _least_scale(model: Model, stated: np.ndarray | None) -> float:
+    return 0.0 if stated is None else float(np.median(stated / model.chain.sigma[:3]))
+
+
+def _tested(model: Model, fit: Fit, stated: np.ndarray | None, left_out: np.ndarray) -> np.ndarray:
+    """(n,) True for samples that a fit without the samples `left_out` (n,) finds outlying."""
+    squares = _squares(model, fit, left_out)
+    components = min(3, len(fit.residual))
+    return outlying(squares, components, _least_scale(model, stated), _OUTLIER_LEVEL, ~left_out)
+
+
+def _squares(model: Model, fit: Fit, left_out: np.ndarray) -> np.ndarray:
+    """(n,) squared position residuals over their covariance; left_out (n,): samples that `fit` did not see."""
+    residual, rows = model.linearise(fit.parameters)
     sigma = model.sigma(fit.parameters)
     covariance = identifiability(fit.normal, fit.parameters).covariance
-    return standardised_squares((fit.residual / sigma)[:3], redundancy((rows / sigma)[:, :3], covariance))
-
-
-def _outlying(squares, components: int, stated, model: Model, fit) -> np.ndarray:
-    """(n,) True for samples that do not agree with the others.
-
-    Least squares spreads faulty samples over all residuals (masking). Where it finds none, or many, the test is made
-    again on the residual of a robust solve.
-    """
-    sigma = model.sigma(fit.parameters)[:3]
-    least = 0.0 if stated is None else float(np.median(stated / sigma))
-    wrong = outlying(squares, components, least, _OUTLIER_LEVEL)
-    robust = solve(model, fit.parameters, "cauchy")
-    white = robust.residual[:3] / sigma
-    more = outlying(standardised_squares(white), components, least, _OUTLIER_LEVEL)
-    # Of the robust solve only samples that its weights have all but removed: the leverage of a clean sample is not
-    # known there.
-    more &= robust.weights < 0.1
-    both = wrong | more
-    return both if both.mean() <= _MOST_OUTLYING else np.zeros(len(both), bool)
+    reduced = redundancy((rows / sigma)[:, :3], covariance)
+    predicted = 2 * np.eye(reduced.shape[1]) - reduced  # I + H instead of I - H: the fit adds its own uncertainty
+    reduced[left_out] = predicted[left_out]
+    return standardised_squares((residual / sigma)[:3], reduced)
 
 
 def _replicates(recording, model: Model, residual: np.ndarray, wrong: np.ndarray) -> Replicates | None:

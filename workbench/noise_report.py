@@ -77,7 +77,7 @@ class NoiseReport:
         """Whether the residual exceeds the stated noise, else that of replicates; None where neither is known."""
         found = self.findings
         if found.test is not None:
-            return _is_above(found.test)
+            return is_above(found.test)
         return None if found.replicates is None else _exceeds_replicates(found)
 
     @property
@@ -131,7 +131,7 @@ def replicate_noise(group: np.ndarray, residual: np.ndarray) -> Replicates | Non
 def report(found: Findings) -> NoiseReport:
     """Compare the estimates of the noise and put the result into words."""
     alarms = _implausible(found)
-    above = found.test is not None and _is_above(found.test)
+    above = found.test is not None and is_above(found.test)
     cause = _cause(found) if above else _agreement(found)
     first = [_factor(found), cause] if above else [cause]
     sentence = " ".join(part for part in first if part)
@@ -143,7 +143,8 @@ def report(found: Findings) -> NoiseReport:
     return NoiseReport(found, level, whole, (*alarms, *notices), alarms)
 
 
-def _is_above(test: VarianceTest) -> bool:
+def is_above(test: VarianceTest) -> bool:
+    """Whether a variance factor is larger than 1 significantly and by more than noise is ever known."""
     return test.factor > _RELEVANT and test.p_above < _LEVEL
 
 

@@ -106,15 +106,22 @@ def fit_tail(squares: np.ndarray, components: int, least_scale: float = 0.0) -> 
     return TailFit(float(max(scale, least_scale)), degrees)
 
 
-def outlying(squares: np.ndarray, components: int, least_scale: float = 0.0, level: float = 0.01) -> np.ndarray:
+def outlying(
+    squares: np.ndarray,
+    components: int,
+    least_scale: float = 0.0,
+    level: float = 0.01,
+    reference: np.ndarray | None = None,
+) -> np.ndarray:
     """(n,) True for samples that do not belong to the distribution of the others.
 
-    squares (n,): `standardised_squares`. The reference is the fitted t distribution, so that this is Pope's tau test
+    squares (n,): `standardised_squares`; reference (n,): samples to take the distribution from, else all. The law is the fitted t distribution, so that this is Pope's tau test
     (NOAA TR NOS 65 NGS 1, 1976) with a robust scale; family-wise error `level` by Bonferroni.
     """
-    if len(squares) < 10:
+    known = squares if reference is None else squares[reference]
+    if len(known) < 10:
         return np.zeros(len(squares), bool)
-    tail = fit_tail(squares, components, least_scale)
+    tail = fit_tail(known, components, least_scale)
     p = fisher.sf(squares / (components * max(tail.scale, 1e-300) ** 2), components, tail.degrees)
     return p < level / len(squares)
 
