@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from noise_scenes import SIGMA, XYZ, geometry_of, heavy, normal, recorded
 from workbench.calibration_verdict import calibration_verdict
@@ -177,6 +178,29 @@ def test_without_stated_noise_the_sentence_asks_for_it_and_nothing_warns():
 def test_without_stated_noise_an_implausible_fit_is_an_alarm_all_the_same():
     made = geometry_of(replace(recorded(3, change=shuffled), sigma_mm=None))
     assert made.noise.level == ALARM
+
+
+def test_orientations_are_compared_with_their_own_stated_noise():
+    made = recorded(15, n=60, measures="external-pose")
+    rng = np.random.default_rng(0)
+    turned = Rotation.from_rotvec(np.deg2rad(0.02) * rng.standard_normal((60, 3)))
+    before = Rotation.from_quat(np.stack([made.columns[f"q{c}"] for c in "xyzw"], 1))
+    quaternions = dict(zip(("qx", "qy", "qz", "qw"), (turned * before).as_quat().T))
+    right = with_columns(made, **quaternions, sigma_deg=np.full(60, 0.02))
+    calibration = geometry_of(right)
+    assert calibration.noise.warnings == ()
+    verdict = calibration_verdict(calibration.held_out, calibration.noise)
+    assert verdict.parts[1].noise == pytest.approx(np.sqrt(3) * 0.02) and "agrees" in verdict.parts[1].sentence
+    wrong = geometry_of(with_columns(right, sigma_deg=np.full(60, 0.005)))
+    (warning,) = wrong.noise.warnings
+    assert warning.startswith("Orientations: the fit leaves 4")
+
+
+def test_a_coarse_instrument_is_no_implausible_arm():
+    coarse = replace(recorded(14, times=200.0), sigma_mm=200 * SIGMA)
+    made = geometry_of(coarse)
+    assert made.fit["rms_mm"] > 0.005 * made.noise.findings.reach
+    assert made.noise.level == NONE
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from workbench.noise_report import NoiseReport
+from workbench.noise_report import NoiseReport, is_above
 from workbench.verdict import REPLICATES, STATED, Noise, Residual, Tolerance, Verdict, combine, judge
 
 _ORIENTED = ("external-pose", "partial-pose")
@@ -24,8 +24,12 @@ def calibration_verdict(held_out: Mapping, report: NoiseReport, tolerances: Sequ
     verdicts = [judge(position, _noise(report), tolerances, report.advice)]
     turned = held_out.get("rotation_rms_deg")
     if turned is not None or any(one.unit == "deg" for one in tolerances):
-        orientation = Residual(math.nan if turned is None else turned, "deg", ORIENTATION)
-        verdicts.append(judge(orientation, None, tolerances))
+        stated = report.findings.rotation
+        far = None if stated is None else is_above(stated.test)
+        noise = None if stated is None else Noise(stated.stated_rms_deg, STATED)
+        value = math.nan if turned is None else turned
+        orientation = Residual(value, "deg", ORIENTATION, is_significant=far)
+        verdicts.append(judge(orientation, noise, tolerances, report.advice))
     return combine(verdicts)
 
 

@@ -14,7 +14,7 @@ from workbench.core.adjustment_tests import (
 from workbench.core.identifiability import identifiability
 from workbench.core.model import Model
 from workbench.core.solve import Fit, solve
-from workbench.noise_report import Findings, NoiseReport, Replicates, is_above, replicate_noise, report
+from workbench.noise_report import Findings, NoiseReport, Replicates, RotationNoise, is_above, replicate_noise, report
 from workbench.residual_structure import Samples, structure
 
 _OUTLIER_LEVEL = 0.002
@@ -49,8 +49,20 @@ def noise_report(calibration) -> NoiseReport:
         components=len(position),
         outlying=tuple(int(k) for k in recording.sample_ids[wrong]),
         left_out=calibration.suspects,
+        rotation=_rotation(recording, model, fit),
     )
     return report(found)
+
+
+def _rotation(recording, model: Model, fit: Fit) -> RotationNoise | None:
+    """Orientations against their own stated noise; None where the recording states none (column sigma_deg)."""
+    if "sigma_deg" not in recording.columns or len(fit.residual) <= 3:
+        return None
+    stated = model.chain.stated_sigma[3:]
+    rotation = fit.residual[3:]
+    degrees = fit.degrees * rotation.size / fit.residual.size
+    expected = float(np.rad2deg(np.sqrt((stated**2).sum(0).mean())))
+    return RotationNoise(expected, variance_test(rotation / stated, degrees))
 
 
 def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) -> np.ndarray:

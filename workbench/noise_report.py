@@ -33,6 +33,14 @@ class Replicates:
 
 
 @dataclass(frozen=True)
+class RotationNoise:
+    """Stated noise of an orientation: RMS (deg) of its angle, and the test of the variance factor against it."""
+
+    stated_rms_deg: float
+    test: VarianceTest
+
+
+@dataclass(frozen=True)
 class Findings:
     """What is known of a fit's residual; lengths in mm, sigmas of one coordinate.
 
@@ -40,7 +48,8 @@ class Findings:
     the residuals, robust; `residual_rms` the same from their mean square, with `degrees` of freedom. `rms`: of the 3-D
     distances. `reach` of the arm (mm). `outlying`: sample numbers that do not agree with the others, of `samples`.
     `components`: coordinates of one measured position (1 where lengths are measured).
-    `left_out`: sample numbers that the fit leaves out as blunders.
+    `left_out`: sample numbers that the fit leaves out as blunders. `rotation`: where the noise of orientations is
+    stated.
     """
 
     stated: float | None
@@ -56,6 +65,7 @@ class Findings:
     components: int = 3
     outlying: tuple[int, ...] = ()
     left_out: tuple[int, ...] = ()
+    rotation: RotationNoise | None = None
 
 
 @dataclass(frozen=True)
@@ -81,12 +91,19 @@ class NoiseReport:
         return None if found.replicates is None else _exceeds_replicates(found)
 
     @property
+    def stated_rms(self) -> float | None:
+        """What the stated noise makes of the RMS distance, mm; None where none is stated."""
+        found = self.findings
+        return None if found.stated is None else float(np.sqrt(found.components) * found.stated)
+
+    @property
     def advice(self) -> str:
         """What a residual above the noise most likely means and what to do, as a part of a sentence."""
         found = self.findings
-        if self.alarms:
+        if self.alarms and not found.outlying:
             return "recording and model probably do not belong together; see the warnings"
-        if found.outlying and found.stated is not None and found.residual < _ROBUST_AGREES * found.stated:
+        agrees = found.stated is not None and found.residual < _ROBUST_AGREES * found.stated
+        if found.outlying and (agrees or self.alarms):
             return f"{_counted(found.outlying)} do not agree with the others; see the warnings"
         known_cause = found.replicates is None or _exceeds_replicates(found)
         if known_cause and (found.replicates is not None or (found.structure is not None and found.structure.found)):
@@ -137,7 +154,7 @@ def report(found: Findings) -> NoiseReport:
     sentence = " ".join(part for part in first if part)
     statement = _replicates_disagree(found)
     notices = [sentence] if above or _is_below(found) else []
-    notices += [text for text in (statement, _outliers(found), _left_out(found)) if text]
+    notices += [text for text in (statement, _rotation(found), _outliers(found), _left_out(found)) if text]
     level = ALARM if alarms else NOTICE if notices else NONE
     whole = " ".join(part for part in (sentence, statement) if part)
     return NoiseReport(found, level, whole, (*alarms, *notices), alarms)
@@ -160,15 +177,26 @@ def _bound(found: Findings) -> float:
 
 
 def _implausible(found: Findings) -> tuple[str, ...]:
-    if not found.reach > 0 or found.rms <= IMPLAUSIBLE_SHARE * found.reach:
+    if not found.reach > 0 or _above_noise(found) <= IMPLAUSIBLE_SHARE * found.reach:
         return ()
     share = 100 * found.rms / found.reach
+    cause = (
+        "The samples named below are probably faulty, so the parameters are not to be trusted; correct these samples, "
+        "or leave them out with --fit-samples."
+        if found.outlying
+        else "Recording and model probably do not belong together, so the parameters are not to be trusted; check "
+        "units, signs and order of the columns, the robot file, and whether instrument and base stood still."
+    )
     return (
         f"The calibrated model fits to only {found.rms:.3g} mm RMS, which is {share:.2g} % of the arm's reach; "
-        "calibrated arms fit to 0.01 to 0.05 %. Recording and model probably do not belong together, so the "
-        "parameters are not to be trusted; check units, signs and order of the columns, the robot file, whether "
-        "instrument and base stood still, and single samples.",
+        f"calibrated arms fit to 0.01 to 0.05 %. {cause}",
     )
+
+
+def _above_noise(found: Findings) -> float:
+    """What the 3-D RMS (mm) holds beyond the stated noise, else beyond that of replicates: noise is no fault."""
+    noise = found.stated or (found.replicates.sigma if found.replicates else 0.0)
+    return float(np.sqrt(max(found.rms**2 - found.components * noise**2, 0.0)))
 
 
 def _factor(found: Findings) -> str:
@@ -270,6 +298,16 @@ def _replicates_disagree(found: Findings) -> str:
             "too large."
         )
     return ""
+
+
+def _rotation(found: Findings) -> str:
+    if found.rotation is None or not is_above(found.rotation.test):
+        return ""
+    test = found.rotation.test
+    return (
+        f"Orientations: the fit leaves {test.factor:.3g} times the stated noise of {found.rotation.stated_rms_deg:.3g} "
+        f"deg ({p_text(test.p_above)}); unmodelled effects remain, or sigma_deg is stated too small."
+    )
 
 
 def _outliers(found: Findings) -> str:

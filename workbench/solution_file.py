@@ -55,6 +55,7 @@ def solution_keys(calibration) -> dict:
         "held_out": calibration.held_out,
         "nominal": calibration.nominal,
         "converged": solution.converged,
+        "noise_rms_mm": calibration.noise.stated_rms,
         "warnings": [*calibration.warnings, *calibration.noise.alarms],
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),

@@ -115,8 +115,9 @@ def outlying(
 ) -> np.ndarray:
     """(n,) True for samples that do not belong to the distribution of the others.
 
-    squares (n,): `standardised_squares`; reference (n,): samples to take the distribution from, else all. The law is the fitted t distribution, so that this is Pope's tau test
-    (NOAA TR NOS 65 NGS 1, 1976) with a robust scale; family-wise error `level` by Bonferroni.
+    squares (n,): `standardised_squares`; reference (n,): samples to take the distribution from, else all. That is
+    the fitted t distribution, so that this is Pope's tau test (NOAA TR NOS 65 NGS 1, 1976) with a robust scale;
+    family-wise error `level` by Bonferroni.
     """
     known = squares if reference is None else squares[reference]
     if len(known) < 10:
