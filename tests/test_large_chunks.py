@@ -93,8 +93,8 @@ def test_the_whole_calibration_is_right_and_can_be_used(short, tmp_path):
 
 
 @pytest.mark.parametrize(("tolerance", "status"), [("100mm", 0), ("0.00001", 1)])
-def test_a_tolerance_decides_the_exit_status(short, tmp_path, tolerance, status):
-    words = ["calibrate-large", str(short), "--out", str(tmp_path / "run"), "--tolerance", tolerance]
+def test_a_tolerance_decides_the_exit_status(folder, tmp_path, tolerance, status):
+    words = ["calibrate-large", str(folder), "--out", str(tmp_path / "run"), "--tolerance", tolerance]
     assert cli.run([*words, "--json", str(tmp_path / "a.json")]) == status
     answer = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert answer["verdict"]["pass"] is (status == 0) and answer["verdict"]["residual_over_noise"] > 0

@@ -256,7 +256,7 @@ def _nominal(stream: Stream) -> np.ndarray:
 def save(made: ChunkedCalibration, folder: Path) -> None:
     """Write parameters.toml, calibration.json and solution.json, which `compensate` and `export` read."""
     whole = replace(made.thin, solution=made.solution, fit=made.fit, held_out=made.held_out, nominal=made.nominal)
-    (folder / NAME).write_text(json.dumps(solution_keys(whole), indent=1), encoding="utf-8")
+    (folder / NAME).write_text(json.dumps(solution_keys(whole, made.noise), indent=1), encoding="utf-8")
     (folder / "parameters.toml").write_text(made.solution.parameters.to_toml(), encoding="utf-8")
     (folder / "calibration.json").write_text(json.dumps(made.as_json(), indent=1), encoding="utf-8")
 
