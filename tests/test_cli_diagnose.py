@@ -1,6 +1,7 @@
 """`workbench diagnose`: the JSON contract, the run folder, a scene that runs, and one sentence for a wrong call."""
 
 import json
+import shutil
 import tomllib
 
 import pytest
@@ -44,7 +45,8 @@ def home(tmp_path_factory):
 @pytest.fixture(scope="module")
 def found(home):
     """The answer for the recording with backlash, from its run folder."""
-    assert cli.run(["diagnose", str(home / "gap"), "--out", str(home / "run"), "--json", str(home / "gap.json")]) == 0
+    call = ["diagnose", str(home / "gap"), "--out", str(home / "run"), "--tolerance", "1mm"]
+    assert cli.run([*call, "--json", str(home / "gap.json")]) == 0
     return json.loads((home / "gap.json").read_text(encoding="utf-8"))
 
 
@@ -61,6 +63,33 @@ def test_the_answer_keeps_to_the_contract(found):
     assert {"where", "depends_on", "share_of_mismatch"} <= set(found["located"][0])
     assert {"effect", "where", "size_mm"} <= set(found["smallest_visible"][0])
     assert found["next_experiment"].endswith(".")
+
+
+def test_what_is_left_is_judged_against_noise_and_tolerance(found):
+    details = found["verdict_details"]
+    assert details["pass"] is True and (details["tolerance"], details["unit"]) == (1.0, "mm")
+    assert details["residual"] == found["held_out"]["after_mm"]
+    assert "agrees with the noise" in details["sentence"]
+    assert found["noise"]["stated_mm"] == 0.02 and found["noise"]["level"] == "none"
+
+
+@pytest.mark.slow
+def test_noise_stated_three_times_too_small_is_not_passed_over(home, tmp_path, capsys):
+    """A diagnosis may well call it consistent: no structure is there. It must say that the noise is not as stated."""
+    recording = tmp_path / "wrong-noise"
+    shutil.copytree(home / "clean", recording)
+    head = (recording / "recording.toml").read_text(encoding="utf-8")
+    assert "sigma_mm = 0.02" in head
+    (recording / "recording.toml").write_text(head.replace("sigma_mm = 0.02", "sigma_mm = 0.00667"), encoding="utf-8")
+    call = ["diagnose", str(recording), "--no-report", "--tolerance", "0.001mm", "--out", str(tmp_path / "run")]
+    assert cli.run([*call, "--json", str(tmp_path / "a.json")]) == 1
+    answer = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert answer["verdict"] == "consistent"
+    assert answer["noise"]["factor"] == pytest.approx(3, rel=0.15)
+    assert any("A noise that is stated too small" in text for text in answer["warnings"])
+    assert answer["verdict_details"]["pass"] is False
+    assert "noise stated too small is more likely" in answer["verdict_details"]["sentence"]
+    assert "stated too small" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_statement_says_what_an_engineer_asks(found):

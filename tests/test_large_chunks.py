@@ -11,7 +11,7 @@ import datasets
 from benchmarks.large import SCENE, long_recording, plan
 from datasets.chunks import pose_labels, read_chunks
 from robot_model.system import bind
-from workbench import chunked
+from workbench import chunked, cli
 from workbench.calibrate import calibrate
 from workbench.core.errors import InputError
 from workbench.core.model import Model
@@ -90,6 +90,15 @@ def test_the_whole_calibration_is_right_and_can_be_used(short, tmp_path):
     answer = json.loads((tmp_path / "calibration.json").read_text())
     assert answer["samples"] == 600 and answer["held_out"]["folds"] == 3
     assert any("sample 600 of 600" in text for text in said)
+
+
+@pytest.mark.parametrize(("tolerance", "status"), [("100mm", 0), ("0.00001", 1)])
+def test_a_tolerance_decides_the_exit_status(folder, tmp_path, tolerance, status):
+    words = ["calibrate-large", str(folder), "--out", str(tmp_path / "run"), "--tolerance", tolerance]
+    assert cli.run([*words, "--json", str(tmp_path / "a.json")]) == status
+    answer = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert answer["verdict"]["pass"] is (status == 0) and answer["verdict"]["residual_over_noise"] > 0
+    assert answer["noise"]["factor"] == pytest.approx(1, abs=0.2) and answer["warnings"] == []
 
 
 def test_repeats_of_a_pose_stand_in_one_fold(short):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +30,12 @@ from workbench.crossvalidation import (
     in_space,
     repeat_summary,
 )
+from workbench.fit_quality import noise_report
 from workbench.gauge import lengths_beside, resized, size_of
+from workbench.noise_report import NoiseReport
 from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.provenance import provenance
+from workbench.residual_structure import in_root
 from workbench.results import StageResult, calibration_json, parameter_rows
 from workbench.shrinkage import settled
 from workbench.suspicion import suspicion
@@ -50,11 +54,11 @@ class Calibration:
 
     `recording`: the moving rows that entered, n samples. Residuals (3, n) mm are predicted minus
     measured in the frame of the measurement, nan where a row was never held out; `fold` (n,) -1
-    there. `points` and `residual_in_root` (3, n) mm are in the robot's root frame. `nominal` has
-    base and tool fitted at the nominal geometry. Error figures are 3-D distances and, where poses are
-    measured, rotation angles. `rotation`: "fit", "held_out", "nominal" -> residual (k, n) of the
-    orientation, rad: k = 3 components of the rotation vector from measured to predicted, 2 where one
-    axis is measured, 0 where no orientation is.
+    there; `fitted` (n,) True for the samples of the fit, None where these are all. `points` and
+    `residual_in_root` (3, n) mm are in the robot's root frame. `nominal` has base and tool fitted at the
+    nominal geometry. Error figures are 3-D distances and, where poses are measured, rotation angles.
+    `rotation`: "fit", "held_out", "nominal" -> residual (k, n) of the orientation, rad: k = 3 components
+    of the rotation vector from measured to predicted, 2 where one axis is measured, else 0.
     """
 
     recording: object
@@ -76,6 +80,12 @@ class Calibration:
     warnings: tuple[str, ...]
     provenance: dict
     rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
+    fitted: np.ndarray | None = None
+
+    @cached_property
+    def noise(self) -> NoiseReport:
+        """The residual of the fit compared with the stated noise, replicates and its own structure."""
+        return noise_report(self)
 
     def as_json(self) -> dict:
         """The object of the JSON contract."""
@@ -348,7 +358,7 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
     position = {name: in_space(residual) for name, residual in residuals.items()}
     rotation = {name: in_rotation(residual) for name, residual in residuals.items()}
     shown = np.where(np.isfinite(held_out.position), held_out.position, position["fit"])
-    points, arrows = _in_root(step.model, parameters, shown)
+    points, arrows = in_root(step.model, parameters, shown)
     return Calibration(
         recording, robot, step.model, solution, stages, tuple(parameter_rows(solution)),
         error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
@@ -357,7 +367,7 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
         position["fit"], position["held_out"], position["nominal"],
         held_out.fold, points, arrows,
         tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), warnings, dict(solution.provenance),
-        rotation,
+        rotation, split.fit,
     )  # fmt: skip
 
 
@@ -375,13 +385,6 @@ def _held_out_summary(held_out: HeldOut) -> dict:
     folds = len(np.unique(held_out.fold[held_out.fold >= 0]))
     counts = {"folds": folds, "samples": int((held_out.fold >= 0).sum())}
     return error_summary(held_out.residual) | counts | {"located_on_test_rows": sorted(held_out.located)}
-
-
-def _in_root(model, parameters, residual):
-    """Points and residuals (3, n) in the robot's root frame."""
-    own = parameters.values[: len(model.chain.parameters)]
-    evaluation = model.chain.evaluate(own, {})
-    return model.chain.to_root(own, evaluation, residual)
 
 
 def save(calibration: Calibration, folder: Path) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from datasets.chunks import Chunks, read_chunks
 from robot_model.system import bind
 from workbench.calibrate import Calibration, Stage, calibrate
+from workbench.core.adjustment_tests import robust_sigma, variance_test
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.identifiability import identifiability, independent
@@ -23,6 +24,7 @@ from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution
 from workbench.core.solve import CONVERGED, Equations, Fit, solve
 from workbench.crossvalidation import error_summary
+from workbench.noise_report import NoiseReport, report
 from workbench.pace import paced
 from workbench.plans import frames_of
 from workbench.results import parameter_rows
@@ -90,6 +92,13 @@ class Stream:
     def _sigma(self) -> np.ndarray:
         return np.concatenate([model.chain.sigma for _, model in self.models()], 1)
 
+    @property
+    def stated_sigma(self) -> np.ndarray | None:
+        """(m, n) 1 sigma as the recording states it; None where it does not."""
+        if self.chain.sigma_unknown:
+            return None
+        return np.concatenate([model.chain.stated_sigma for _, model in self.models()], 1)
+
     def residual(self, parameters: Parameters) -> np.ndarray:
         """(m, n) predicted minus measured."""
         return np.concatenate([model.residual(parameters) for _, model in self.models()], 1)
@@ -133,6 +142,25 @@ class ChunkedCalibration:
     nominal: dict
     residual: np.ndarray
 
+    @cached_property
+    def noise(self) -> NoiseReport:
+        """The residual of all samples against the stated noise; its structure is that of the thinned samples."""
+        thin = self.thin.noise.findings
+        position = self.residual[:3]
+        degrees = self.solution.fit.degrees * position.size / self.residual.size
+        corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
+        stated = self.stream.stated_sigma
+        return report(
+            replace(
+                thin,
+                test=None if stated is None else variance_test(position / stated[:3], degrees),
+                residual=robust_sigma(corrected, len(position)),
+                residual_rms=float(np.sqrt(corrected.mean() / len(position))),
+                degrees=degrees,
+                rms=self.fit["rms_mm"],
+            )
+        )
+
     def as_json(self) -> dict:
         """The object of `calibrate --json`, of all samples; `stages` are as the thinned samples chose them."""
         said = self.thin.as_json()
@@ -142,7 +170,8 @@ class ChunkedCalibration:
             "samples_for_stages": self.chunks.thin.n, "parameters": parameter_rows(self.solution), "fit": self.fit,
             "held_out": self.held_out, "nominal": self.nominal, "converged": self.solution.converged,
             "outcome": self.solution.outcome, "undetermined": list(self.solution.null_sentences),
-            "observability": known.observability(self.chunks.n),
+            "observability": known.observability(self.chunks.n), "noise": self.noise.as_json(),
+            "warnings": [*self.thin.warnings, *self.noise.warnings],
         }  # fmt: skip
 
 
@@ -227,7 +256,7 @@ def _nominal(stream: Stream) -> np.ndarray:
 def save(made: ChunkedCalibration, folder: Path) -> None:
     """Write parameters.toml, calibration.json and solution.json, which `compensate` and `export` read."""
     whole = replace(made.thin, solution=made.solution, fit=made.fit, held_out=made.held_out, nominal=made.nominal)
-    (folder / NAME).write_text(json.dumps(solution_keys(whole), indent=1), encoding="utf-8")
+    (folder / NAME).write_text(json.dumps(solution_keys(whole, made.noise), indent=1), encoding="utf-8")
     (folder / "parameters.toml").write_text(made.solution.parameters.to_toml(), encoding="utf-8")
     (folder / "calibration.json").write_text(json.dumps(made.as_json(), indent=1), encoding="utf-8")
 

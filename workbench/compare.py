@@ -3,16 +3,18 @@
 import csv
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import t as student
 
 from workbench.calibrate import Calibration, calibrate
+from workbench.calibration_verdict import calibration_verdict
 from workbench.core.errors import InputError
 from workbench.crossvalidation import blocks, error_summary
 from workbench.plans import read_plan
+from workbench.verdict import Tolerance, Verdict
 
 DEFAULT = "default"
 _BLOCKS, _LEAST_BLOCKS = 10, 5
@@ -68,7 +70,8 @@ class Comparison:
                 **_fit_rms(calibration), **{f"held_out_{k}": v for k, v in own.items()},
                 "ratio": own["rms_mm"] / held_out[0]["rms_mm"], **self._paired(k, self.distances),
                 **self._rotation_columns(k, own, held_out[0]),
-                "converged": calibration.solution.converged,
+                "converged": calibration.solution.converged, "noise": calibration.noise.as_json(),
+                "verdict": self.verdict(k).as_json(),
             }
             for k, (name, calibration, own) in enumerate(zip(self.names, self.calibrations, held_out))
         ]  # fmt: skip
@@ -120,14 +123,28 @@ class Comparison:
         block = self.block[self.block >= 0]
         return np.array([(squares[0] - squares[k])[block == b].mean() for b in np.unique(block)])
 
-    def as_json(self) -> dict:
-        """The answer of `workbench compare`."""
+    def verdict(self, k: int, tolerances: Sequence[Tolerance] = ()) -> Verdict:
+        """The held-out error of plan k, on the rows that all plans predict, against noise and tolerances."""
+        own = self.calibrations[k]
+        held_out = own.held_out | error_summary(own.held_out_residual[:, self.block >= 0])
+        return calibration_verdict(held_out, own.noise, tolerances)
+
+    def best_verdict(self, tolerances: Sequence[Tolerance] = ()) -> Verdict:
+        """The verdict on the plan with the smallest held-out error."""
+        squares = (self.distances**2).mean(1)
+        best = int(squares.argmin())
+        verdict = self.verdict(best, tolerances)
+        return replace(verdict, sentence=f"Best plan, {self.names[best]}: {verdict.sentence}")
+
+    def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
+        """The answer of `workbench compare`; the verdict is that of the best plan."""
         first = self.calibrations[0]
         return {
             "command": "compare", "recording": self.recording.name, "measures": self.recording.measures,
             "samples": first.recording.n, "held_out_samples": int((self.block >= 0).sum()),
             "held_out_by": "test samples" if self.tested_apart else "folds of the fit samples",
             "blocks": len(np.unique(self.block[self.block >= 0])), "nominal": first.nominal, "plans": self.rows(),
+            "verdict": self.best_verdict(tolerances).as_json(),
         }  # fmt: skip
 
 

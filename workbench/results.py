@@ -112,7 +112,8 @@ def calibration_json(calibration) -> dict:
         "undetermined": list(solution.null_sentences),
         "observability": known.observability(calibration.recording.n),
         "suspect_samples": list(calibration.suspects),
-        "warnings": list(calibration.warnings),
+        "warnings": [*calibration.warnings, *calibration.noise.warnings],
+        "noise": calibration.noise.as_json(),
         "selection": "stages were chosen on folds of the fit samples; without named test samples these give held_out",
         "provenance": calibration.provenance,
     }

@@ -38,8 +38,12 @@ class CalibratedArm:
     keys: dict
 
 
-def solution_keys(calibration) -> dict:
-    """What `read_solution` reads back, of a `workbench.calibrate.Calibration`."""
+def solution_keys(calibration, noise=None) -> dict:
+    """What `read_solution` reads back, of a `workbench.calibrate.Calibration`.
+
+    noise: its `workbench.noise_report.NoiseReport`, where it is not that of the calibration's own samples.
+    """
+    noise = calibration.noise if noise is None else noise
     solution, recording = calibration.solution, calibration.recording
     parameters = solution.parameters
     return {
@@ -55,7 +59,8 @@ def solution_keys(calibration) -> dict:
         "held_out": calibration.held_out,
         "nominal": calibration.nominal,
         "converged": solution.converged,
-        "warnings": list(calibration.warnings),
+        "noise_rms_mm": noise.stated_rms,
+        "warnings": [*calibration.warnings, *noise.alarms],
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
         "provenance": dict(calibration.provenance),

@@ -42,6 +42,7 @@ class Residual:
 
     `value` in `unit`; `name` says which statistic it is ("held-out RMS position error"). `degrees` of freedom of its
     mean square where they are known. `is_significant` overrides the test, where the caller has made a better one.
+    `has_noise` False: the noise is no yardstick for it (an error that is predicted and not measured).
     """
 
     value: float
@@ -49,6 +50,7 @@ class Residual:
     name: str = "RMS residual"
     degrees: float | None = None
     is_significant: bool | None = None
+    has_noise: bool = True
 
 
 @dataclass(frozen=True)
@@ -206,6 +208,8 @@ def _against_tolerance(residual: Residual, limit: float | None) -> str:
 
 
 def _against_noise(residual: Residual, noise: Noise | None, ratio: float | None, advice: str) -> str:
+    if not residual.has_noise:
+        return ""
     if noise is None or ratio is None:
         return "no noise is stated or can be estimated, so it is not compared with the noise"
     stated = f"the noise of {noise.value:.3g} {residual.unit} ({noise.source})"

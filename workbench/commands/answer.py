@@ -121,6 +121,14 @@ def last_line(console, folder: Path) -> None:
     console.print(str(page if page.exists() else folder), soft_wrap=True, markup=False)
 
 
+def read_tolerances(values: Sequence[str] | None, measures: str):
+    """Tolerances that the calibration of a recording of kind `measures` can judge. Raises InputError for others."""
+    from workbench.calibration_verdict import units_of
+    from workbench.verdict import parse_tolerances
+
+    return parse_tolerances(values, units_of(measures))
+
+
 def show_verdict(console, verdict: Mapping[str, Any] | None) -> None:
     """Print the sentence of a verdict (its JSON object); one that fails stands out."""
     if verdict is None:

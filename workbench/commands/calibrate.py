@@ -1,5 +1,6 @@
 """`workbench calibrate`: a recording in, parameters, held-out errors and a report page out."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +9,7 @@ import typer
 from workbench import runs
 from workbench.commands import answer, samples, tables
 from workbench.core.errors import InputError
+from workbench.verdict import Tolerance
 
 Plan = Annotated[
     Path | None, typer.Option("--plan", metavar="FILE", help="Stages to solve (TOML).")
@@ -35,6 +37,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
+    tolerance: answer.Tolerance = None,
 ) -> None:
     """Calibrate the robot of a recording and say how large the held-out errors are, in mm.
 
@@ -50,9 +53,10 @@ def command(
         fit = samples.read_list(fit_samples, known, "--fit-samples")
         test = samples.read_list(test_samples, known, "--test-samples")
         samples.check_apart(fit, test, test_samples)
+        tolerances = answer.read_tolerances(tolerance, found.measures)
         options = dict(plan=plan, fit_samples=fit, test_samples=test, folds=folds)
         check_scanner(found, scanner)
-        result, run = solve(found, recording, options, say, out, report=not no_report, scanner=scanner)
+        result, run = solve(found, recording, options, say, out, not no_report, scanner, tolerances)
     deliver(result, run, json)
 
 
@@ -63,28 +67,39 @@ def check_scanner(found, scanner: Path | None) -> None:
                          "leave the option out.")
 
 
-def solve(found, name: str, options: dict, say, out: Path | None, report: bool, scanner: Path | None = None):
+def solve(
+    found,
+    name: str,
+    options: dict,
+    say,
+    out: Path | None,
+    report: bool,
+    scanner: Path | None = None,
+    tolerances: Sequence[Tolerance] = (),
+):
     """Calibrate, save and report into a run folder; the answer and where it stands.
 
     found: a `datasets.recording.Recording`; options: keyword arguments of `workbench.calibrate.calibrate`;
-    scanner: file for a recording of scans, None calibrates one. Raises InputError.
+    scanner: file for a recording of scans, None calibrates one. tolerances: of the verdict. Raises InputError.
     """
     with runs.opened("calibrate", name, out) as run:
-        result = solve_into(run.partial, run.path, found, name, options, say, report, scanner)
+        result = solve_into(run.partial, run.path, found, name, options, say, report, scanner, tolerances)
     return result, run
 
 
 def solve_into(folder: Path, path: Path, found, name: str, options: dict, say, report: bool,
-               scanner: Path | None = None) -> dict:
+               scanner: Path | None = None, tolerances: Sequence[Tolerance] = ()) -> dict:
     """The same into a folder that exists and will stand at `path`; the answer. Raises InputError."""
     from workbench.calibrate import calibrate, save
+    from workbench.calibration_verdict import calibration_verdict
 
     scans, told = None, {}
     if found.measures == "scan-images":
         scans, told, found, options = _centres(found, scanner, folder, path, options, say)
     say(f"calibrating {name}")
     calibration = calibrate(found, progress=say, **options)
-    result = {**calibration.as_json(), **told, "run": path}
+    verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
+    result = {**calibration.as_json(), **told, "verdict": verdict.as_json(), "run": path}
     save(calibration, folder)
     if report:
         say("writing the report")
@@ -111,11 +126,11 @@ def _centres(found, scanner, folder, path, options, say):
 
 
 def deliver(result: dict, run: runs.Run, json: str | None) -> None:
-    """Show the answer to a person, write the JSON, and name the folder last."""
+    """Show the answer to a person, write the JSON, name the folder last, and fail where a tolerance is not met."""
     answer.deliver(result, json)
     console = answer.console(json)
     tables.calibration(console, result)
-    answer.last_line(console, run.path)
+    answer.conclude(console, result, run.path)
 
 
 def _report(calibration, scans, folder: Path) -> None:

@@ -18,18 +18,23 @@ def command(
     folds: Folds = 10,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    tolerance: answer.Tolerance = None,
 ) -> None:
     """Calibrate from millions of samples: stages are chosen on some of them, all are solved, in little memory."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
+        from datasets.formats.recording1 import read_head
+        from workbench.calibration_verdict import calibration_verdict
         from workbench.chunked import calibrate_chunks, save
 
+        tolerances = answer.read_tolerances(tolerance, read_head(recording)[0].measures)
         with runs.opened("calibrate-large", recording, out) as run:
             made = calibrate_chunks(recording, plan, folds, say)
             save(made, run.partial)
-            result = {**made.as_json(), "run": run.path}
+            verdict = calibration_verdict(made.held_out, made.noise, tolerances)
+            result = {**made.as_json(), "verdict": verdict.as_json(), "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
     tables.calibration(console, result)
-    answer.last_line(console, run.path)
+    answer.conclude(console, result, run.path)

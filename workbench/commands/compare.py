@@ -21,6 +21,7 @@ def command(
     folds: Folds = 10,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    tolerance: answer.Tolerance = None,
 ) -> None:
     """Calibrate by several plans on the same splits; the others are compared with the first."""
     answer.check_target(json)
@@ -33,13 +34,16 @@ def command(
         fit = samples.read_list(fit_samples, known, "--fit-samples")
         test = samples.read_list(test_samples, known, "--test-samples")
         samples.check_apart(fit, test, test_samples)
+        tolerances = answer.read_tolerances(tolerance, found.measures)
         with runs.opened("compare", recording, out) as run:
             comparison = compare(found, plan, fit, test, folds, say)
             save(comparison, run.partial)
-            result = {**comparison.as_json(), "run": run.path}
+            result = {**comparison.as_json(tolerances), "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
-    _show(answer.console(json), result)
+    console = answer.console(json)
+    _show(console, result)
+    answer.conclude(console, result, run.path)
 
 
 def _show(console, result) -> None:
@@ -57,4 +61,3 @@ def _show(console, result) -> None:
     for row in result["plans"]:
         if row["p"] is None and row["test"].startswith("not printed"):
             console.print(f"p of {row['plan']} {row['test']}", markup=False)
-    console.print(f"{result['run']}", soft_wrap=True, markup=False)

@@ -8,6 +8,7 @@ import typer
 from workbench import runs
 from workbench.commands import answer, tables
 from workbench.core.errors import InputError
+from workbench.verdict import parse_tolerances
 
 Simulation = Annotated[
     Path | None, typer.Option("--simulation", metavar="SCENE", help="Compare with this scene (TOML).")
@@ -30,6 +31,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
+    tolerance: answer.Tolerance = None,
 ) -> None:
     """Say what the model of a recording leaves out: where, what, how sure, and how much better it predicts with it."""
     answer.check_target(json)
@@ -40,23 +42,34 @@ def command(
         import datasets
         from workbench.diagnosis.answer import diagnose
         from workbench.diagnosis.files import save
+        from workbench.diagnosis_verdict import check_diagnosis
 
         if simulation is not None and solution is not None:
             raise InputError("--simulation and --solution: expected one of them, found both; leave one out.")
         found = datasets.read(recording)
         _check_scanner(found, scanner)
+        tolerances = parse_tolerances(tolerance, _units(found))
         with runs.opened("diagnose", recording, out) as run:
             made = diagnose(found, baseline=baseline, simulation=simulation, solution=solution, scanner=scanner,
                             progress=say, jobs=jobs or cores())  # fmt: skip
-            result = {**made.as_json(), "run": run.path}
+            told = made.as_json()
+            result = {**told, **check_diagnosis(made, found, tolerances).keys(told), "run": run.path}
             save(made, run.partial)
             if not no_report:
                 say("writing the report")
                 _report(made, run.partial)
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
-    show(answer.console(json), result)
-    answer.last_line(answer.console(json), run.path)
+    console = answer.console(json)
+    show(console, result)
+    answer.conclude(console, result, run.path)
+
+
+def _units(recording) -> tuple[str, ...]:
+    """Residuals of calibration images are in pixels, all others in millimetres."""
+    from workbench.diagnosis.answer import PICTURES
+
+    return ("px",) if recording.measures in PICTURES else ("mm",)
 
 
 def _check_scanner(found, scanner: Path | None) -> None:
@@ -78,6 +91,7 @@ def show(console, result) -> None:
     """The answer of `diagnose --json`, for a person."""
     unit, held_out = result["unit"], result["held_out"]
     console.print(f"{result['recording']}: {result['verdict']}", style="bold", markup=False)
+    tables.warnings(console, result)
     console.print()
     for found in result["effects"]:
         console.print(f"- {found['statement']}", markup=False)

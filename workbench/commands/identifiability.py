@@ -6,6 +6,9 @@ from typing import Annotated
 import typer
 
 from workbench.commands import answer, tables
+from workbench.verdict import no_verdict
+
+_NO_RESIDUAL = "Nothing is fitted, so that there is no residual to judge; run `workbench calibrate`."
 
 Plan = Annotated[
     Path | None,
@@ -27,5 +30,6 @@ def command(
         found = datasets.read(recording)
         say("looking at the poses")
         result = {"command": "identifiability", "recording": recording, **identifiability(found, plan)}
+        result["verdict"] = no_verdict(_NO_RESIDUAL).as_json()
     answer.deliver(result, json)
     tables.identifiability(answer.console(json), result)

@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from workbench import runs
+from workbench import runs, verdict
 from workbench.commands import answer, tables
+from workbench.core.errors import InputError
 
 StandOff = Annotated[
     tuple[float, float] | None,
@@ -29,6 +30,7 @@ def command(
     seed: Annotated[int, typer.Option("--seed", help="Of the random sets that it is compared with.")] = 0,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    tolerance: answer.Tolerance = None,
 ) -> None:
     """Choose the poses from which most is learnt, and say what even they leave open."""
     answer.check_target(json)
@@ -36,6 +38,7 @@ def command(
         from workbench.poses import choose_poses, write_poses
         from workbench.sight import Sight
 
+        tolerances = _tolerances(tolerance, criterion)
         found = _read(candidates)
         wanted = None if tasks is None else _read(tasks)
         say("choosing")
@@ -45,10 +48,32 @@ def command(
             write_poses(chosen, run.partial)
             told = chosen.as_json()
             told["recording"] = told["recording"] or candidates
+            told["verdict"] = _verdict(told, tolerances).as_json()
             result = {**told, "run": run.path, "file": run.path / "poses.csv"}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
-    _show(answer.console(json), result)
+    console = answer.console(json)
+    _show(console, result)
+    answer.conclude(console, result, run.path)
+
+
+def _tolerances(values, criterion: str):
+    """Only the criterion task predicts an error that a tolerance can be compared with. Raises InputError."""
+    if values and criterion != "task":
+        raise InputError(
+            f"--tolerance {values[0]}: expected --criterion task, which predicts an error in mm, found criterion "
+            f"{criterion}; name --criterion task and --tasks, or leave --tolerance out"
+        )
+    return verdict.parse_tolerances(values)
+
+
+def _verdict(told, tolerances) -> verdict.Verdict:
+    """The predicted error at the tasks against the tolerance; none where no error is predicted."""
+    predicted = told["predicted"]
+    if predicted is None:
+        return verdict.no_verdict("Nothing is measured yet, so that there is no residual to judge.")
+    error = verdict.Residual(predicted["chosen_mm"], "mm", "predicted RMS error at the tasks", has_noise=False)
+    return verdict.judge(error, None, tolerances)
 
 
 def _read(name: str):
@@ -75,7 +100,6 @@ def _show(console, result) -> None:
     console.print("Not determined even then:" if result["undetermined"] else "Everything is determined.")
     for sentence in result["undetermined"]:
         console.print(f"  - {sentence}", markup=False)
-    console.print(str(result["run"]), soft_wrap=True, markup=False)
 
 
 def _show_predicted(console, n, error) -> None:

@@ -6,6 +6,9 @@ import typer
 
 from workbench import runs
 from workbench.commands import answer, tables
+from workbench.verdict import no_verdict
+
+_NO_RESIDUAL = "Sensitivities are computed from the nominal robot alone, so that there is no residual to judge."
 
 
 def command(
@@ -27,7 +30,7 @@ def command(
         say("drawing")
         with runs.opened("significance", robot, out) as run:
             save(found, run.partial)
-            result = {**found.as_json(), "run": run.path}
+            result = {**found.as_json(), "verdict": no_verdict(_NO_RESIDUAL).as_json(), "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     _show(answer.console(json), result)

@@ -13,11 +13,20 @@ def calibration(console, answer: Mapping) -> None:
 
     answer: the object of `calibrate --json`.
     """
-    for warning in answer.get("warnings", ()):
-        console.print(f"Warning: {warning}", style="bold red", markup=False)
+    warnings(console, answer)
     _errors(console, answer)
     _stages(console, answer["stages"])
     _parameters(console, answer["parameters"])
+
+
+def warnings(console, answer: Mapping) -> None:
+    """Warnings in red; findings on the noise, which are usual for real arms, as notes."""
+    noise = answer.get("noise") or {}
+    for warning in answer.get("warnings", ()):
+        if warning in noise.get("findings", ()):
+            console.print(f"Note: {warning}", style="yellow", markup=False)
+        else:
+            console.print(f"Warning: {warning}", style="bold red", markup=False)
 
 
 def identifiability(console, answer: Mapping) -> None:

@@ -54,7 +54,7 @@ def _gain(calibration, kind: Kind) -> str:
 
 
 def caution(calibration) -> str:
-    """What makes the held-out numbers less than a proof: stages chosen on the same folds, suspect samples."""
+    """What makes the held-out numbers less than a proof: choice of stages, suspect samples, noise."""
     words = []
     if calibration.held_out.get("folds", 0) > 1 and len(calibration.stages) > 1:
         words.append(
@@ -67,6 +67,8 @@ def caution(calibration) -> str:
             f"Far outside the others, perhaps faulty, and yet counted here: {counted(suspects, 'sample')} "
             f"(number {_some(calibration.suspects)})."
         )
+    noise = getattr(calibration, "noise", None)
+    words.extend(noise.warnings if noise is not None else ())
     return " ".join(words)
 
 
