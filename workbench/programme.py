@@ -11,6 +11,7 @@ from datasets.errors import complaint
 from datasets.formats.table import Table, read_table
 from robot_model.robot import Robot
 from robot_model.state import sliding
+from workbench.core.csv_text import csv_text
 from workbench.core.rigid import transform
 
 LIMIT_SLACK = 1e-6
@@ -114,7 +115,12 @@ def corrected_columns(programme: Programme, robot: Robot, found) -> dict[str, np
 
 
 def as_csv(columns: Mapping[str, np.ndarray]) -> str:
-    """Columns as CSV text, numbers with ten digits, an empty cell for nan."""
-    cells = [[v if isinstance(v, str) else "" if np.isnan(v) else f"{v:.10g}" for v in column]
-             for column in columns.values()]  # fmt: skip
-    return "\n".join([",".join(columns), *(",".join(row) for row in zip(*cells))]) + "\n"
+    """Columns as CSV text, numbers with ten digits, an empty cell for nan, texts quoted and protected."""
+    cells = [[_cell(value) for value in column] for column in columns.values()]
+    return csv_text(columns, zip(*cells))
+
+
+def _cell(value) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if np.isnan(value) else f"{value:.10g}"

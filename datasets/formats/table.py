@@ -11,6 +11,7 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.files import check_file, read_text
+from workbench.core.csv_text import unprotect_cell
 
 _AT_A_TIME = 5_000  # rows of a CSV file
 
@@ -56,7 +57,7 @@ def _read_csv(path: Path, called: str, text: tuple[str, ...], blanks: bool) -> T
     first = next(lines, None)
     if first is None:
         raise complaint(called, "a header row with column names", "no text at all", "export it again")
-    header = _check_header([cell.strip() for cell in first[1]], called)
+    header = _check_header([_text_of(cell) for cell in first[1]], called)
     parts = [_part((), header, called, text, blanks)]
     while body := list(islice(lines, _AT_A_TIME)):
         parts.append(_part(body, header, called, text, blanks))
@@ -70,8 +71,11 @@ def _part(body, header, called, text, blanks) -> tuple[np.ndarray, dict[str, np.
     for number, row in body:
         _check_width(row, header, number, called)
     rows = np.array([number for number, _ in body], int)
-    return rows, {name: _column(name, [row[k].strip() for _, row in body], rows, called, name in text, blanks)
-                  for k, name in enumerate(header)}  # fmt: skip
+    columns = {}
+    for k, name in enumerate(header):
+        cells = [row[k] for _, row in body]
+        columns[name] = _column(name, cells, rows, called, name in text, blanks)
+    return rows, columns
 
 
 def _lines(content: str, called: str) -> Iterator[tuple[int, list[str]]]:
@@ -118,10 +122,17 @@ def _check_width(row: list[str], header: list[str], number: int, called: str) ->
 
 def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bool, blanks: bool) -> np.ndarray:
     if text:
-        return np.array(cells, dtype=str)
+        return np.array([_text_of(cell) for cell in cells], dtype=str)
+    cells = [cell.strip() for cell in cells]
     if blanks:
         return _with_blanks(name, cells, rows, called)
     return _numbers(name, cells, rows, called)
+
+
+def _text_of(cell: str) -> str:
+    """The text of a cell, without the apostrophe that protects a formula; spaces around any other text are dropped."""
+    plain = unprotect_cell(cell)
+    return plain if plain != cell else cell.strip()
 
 
 def _with_blanks(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
