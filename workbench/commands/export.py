@@ -36,7 +36,7 @@ def command(
 
 
 def _arm(source, to, force) -> tuple[str, list[str]]:
-    from workbench.compensate import checked
+    from workbench.correction_limits import checked
     from workbench.exports import mdh_csv, mdh_json, urdf
     from workbench.exports.check import check_mdh, check_urdf
     from workbench.exports.mdh import left_out
