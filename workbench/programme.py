@@ -111,7 +111,9 @@ def _poses(table):
     return transform(Rotation.from_quat(turn, scalar_first=True).as_matrix(), place)
 
 
-def corrected_columns(programme: Programme, robot: Robot, found, refused: Collection[int] = ()) -> dict[str, np.ndarray]:
+def corrected_columns(
+    programme: Programme, robot: Robot, found, refused: Collection[int] = ()
+) -> dict[str, np.ndarray]:
     """Columns of the corrected programme: the file's own, its readings replaced, and what is left of the error.
 
     refused: indices of targets that keep no readings, like those that are not reached.

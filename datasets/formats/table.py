@@ -3,13 +3,14 @@
 import csv
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from datasets.errors import complaint
+from datasets.errors import InputError, complaint
 from datasets.files import check_file, read_text
 from workbench.core.csv_text import unprotect_cell
 
@@ -169,40 +170,71 @@ def _is_number(cell: str) -> bool:
 
 
 def _read_parquet(path: Path, called: str, text: tuple[str, ...]) -> Table:
-    import pyarrow
     import pyarrow.parquet
 
     check_file(path, called, ".parquet")
+    with parquet_errors(called), pyarrow.parquet.ParquetFile(path, memory_map=False) as file:
+        return arrow_table(file.read(), called, text)
+
+
+@contextmanager
+def parquet_errors(called: str) -> Iterator[None]:
+    """InputError where pyarrow cannot read a file, or a name in it is not UTF-8."""
+    import pyarrow
+
     try:
-        found = pyarrow.parquet.read_table(path, memory_map=False)
+        yield
+    except InputError:
+        raise
+    except UnicodeDecodeError as problem:
+        shown = problem.object.decode("utf-8", "backslashreplace")[:60]
+        raise complaint(f"{called}, column {shown}", "column names in UTF-8", "another encoding",
+                        "rename the column") from None  # fmt: skip
     except (pyarrow.ArrowException, OSError, ValueError, TypeError, KeyError) as problem:
-        raise complaint(called, "a Parquet file", f"one that cannot be read ({str(problem)[:80]})",
-                        "write it again, or save the samples as samples.csv") from None
-    return arrow_table(found, called, text)
+        why = str(problem).partition("\n")[0][:90]
+        raise complaint(called, "a Parquet file", f"one that cannot be read ({why})",
+                        "write it again, or save the samples as samples.csv") from None  # fmt: skip
 
 
 def arrow_table(found, called: str, text: tuple[str, ...] = (), first_row: int = 1) -> Table:
     """Columns of a pyarrow table or record batch whose first row is row `first_row` of the file; InputError where one
     cannot be."""
-    for name in found.column_names:
-        if found.column_names.count(name) > 1:
-            raise complaint(f"{called}, column {name}", "every column once", "it twice", "rename one of them")
+    names = _arrow_names(found, called)
     rows = np.arange(first_row, first_row + found.num_rows)
-    columns = {k: _arrow_column(found.column(k), k, called, k in text) for k in found.column_names}
+    columns = {}
+    for k, name in enumerate(names):
+        columns[name] = _arrow_column(found.column(k), name, called, name in text)
     return Table(called, columns, rows)
+
+
+def _arrow_names(found, called: str) -> list[str]:
+    """Names of the columns, without spaces around them; InputError where one is no text, empty, or there twice."""
+    names = [name.strip() for name in found.column_names]
+    for k, name in enumerate(names, 1):
+        if not name:
+            raise complaint(f"{called}, column {k}", "a column name", "an empty one", "name the column or delete it")
+        if names.count(name) > 1:
+            raise complaint(f"{called}, column {name}", "every column once", "it twice", "rename one of them")
+    return names
 
 
 def _arrow_column(column, name: str, called: str, text: bool) -> np.ndarray:
     import pyarrow
     from pyarrow import types
 
+    if types.is_dictionary(column.type):  # pandas writes its categories so
+        column = column.cast(column.type.value_type)
     where, kind = f"{called}, column {name}", column.type
-    is_text = types.is_string(kind) or types.is_large_string(kind)
-    numeric = types.is_integer(kind) or types.is_floating(kind)
+    is_text = types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind)
+    numeric = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
     if not (is_text if text else numeric):
         raise complaint(where, "text" if text else "numbers", f"the column type {kind}",
                         "convert the column, or delete it")
-    values = column.to_pylist() if text else column.cast(pyarrow.float64(), safe=False)
+    try:
+        values = column.to_pylist() if text else column.cast(pyarrow.float64(), safe=False)
+    except UnicodeDecodeError:
+        raise complaint(where, "text in UTF-8", "a cell in another encoding",
+                        "write the column again as UTF-8") from None  # fmt: skip
     if column.null_count:
         row = int(np.flatnonzero(column.is_null().to_numpy())[0]) + 1
         raise complaint(f"{called}, row {row}, column {name}", "a value", "none (null)",

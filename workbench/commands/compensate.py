@@ -97,7 +97,8 @@ def _summary(arm, found, refused) -> dict:
     kept = reached.copy()
     kept[list(refused)] = False
     return {
-        "command": "compensate", "count": len(reached), "reached": int(reached.sum()), "corrected_count": int(kept.sum()),
+        "command": "compensate", "count": len(reached), "reached": int(reached.sum()),
+        "corrected_count": int(kept.sum()),
         "unreached_rows": [int(k) + 1 for k in (~reached).nonzero()[0]],
         "refused": [{"row": k + 1, "why": "; ".join(why)} for k, why in sorted(refused.items())],
         "largest_correction_mm": _largest(found.position_mm[reached]),
@@ -152,7 +153,8 @@ def _show(console, result) -> None:
 
 def _show_refused(console, refused) -> None:
     for one in refused[:_NAMED]:
-        console.print(f"Target {one['row']} is refused and has no readings in corrected.csv: {one['why']}.", markup=False)
+        why = f"Target {one['row']} is refused and has no readings in corrected.csv: {one['why']}."
+        console.print(why, markup=False)
     if len(refused) > _NAMED:
         console.print(f"{len(refused) - _NAMED} more targets are refused; the JSON answer names them.", markup=False)
     if refused:
