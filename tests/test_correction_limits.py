@@ -10,8 +10,9 @@ from robot_model import load_robot
 from robot_model.system import geometry_priors
 from scenes import ABB, scene
 from workbench.calibrate import calibrate, save
+from workbench.compensate import compensate, covariates_read
 from workbench.core.errors import InputError
-from workbench.correction_limits import Limits, checked, covariates_read, doubt_about, parameter_deviations
+from workbench.correction_limits import Limits, checked, doubt_about, parameter_deviations
 from workbench.solution_file import read_solution
 
 JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
@@ -224,6 +225,16 @@ def test_a_column_that_the_model_reads_must_be_there(workbench, tmp_path):
     assert covariates_read(read_solution(solution(tmp_path / "rigid"))) == frozenset()
 
 
+def test_several_effects_of_one_kind_at_one_joint_are_no_obstacle(tmp_path):
+    waves = [{"effect": "transmission-harmonic", "where": "joint-2", "order": order} for order in (1, 2)]
+    backlash = {"effect": "backlash", "where": "joint-4"}
+    names = [f"joint-2.transmission-harmonic.{name}{order}" for name in ("cos", "sin") for order in (1, 2)]
+    changes = dict.fromkeys([*names, "joint-4.backlash.half_gap"], 1e-5)
+    ranges = RANGE | {"approach4": [-1.0, 1.0], "approach3": [-1.0, 1.0], "temperature_c": [20.0, 30.0]}
+    arm = read_solution(solution(tmp_path / "arm", [*waves, backlash], changes, fitted_range=ranges))
+    assert covariates_read(arm) == {"approach4"}
+
+
 # ------------------------------------------------------------------------------------------ joints and uncertainty
 
 
@@ -299,8 +310,6 @@ def test_broken_ranges_are_a_sentence(tmp_path, ranges):
 
 def test_joints_that_stood_still_do_not_take_part_where_others_can(tmp_path):
     """A rail before a six-axis arm: its axis is unknown where it never moved, and the six reach the target alone."""
-    from workbench.compensate import compensate
-
     robot = {"name": "rail and arm", "convention": "distal", "joint": [
         {"theta_deg": 0.0, "d_mm": 0.0, "a_mm": 0.0, "alpha_deg": 90.0, "kind": "prismatic"}, *_rows(ABB)]}
     arm = load_robot(robot)

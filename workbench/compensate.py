@@ -4,7 +4,7 @@ The full non-linear model is inverted, for all targets at once: geometry, transm
 under the load that each target carries, and whatever else was calibrated.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,6 +92,40 @@ def actual_poses(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> n
     model = _model(arm, readings, nominal_poses(arm.robot, readings), covariates)
     frames = model.evaluate(_parameters(model, arm)).frames
     return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+def covariates_read(arm: CalibratedArm) -> frozenset[str]:
+    """The recorded columns that the correction depends on, apart from joint readings and load."""
+    if arm.fitted_range is None:
+        return frozenset()
+    middle = {name: np.array([(low + high) / 2]) for name, (low, high) in arm.fitted_range.items()}
+    model = _model(arm, np.zeros((1, arm.robot.mixing.shape[1])), np.eye(4)[None], middle)
+    columns = _Recorder(model.chain.state.covariates)
+    state = replace(model.chain.state, covariates=columns)
+    watched = replace(model, chain=replace(model.chain, state=state), _bases={})
+    watched.residual(_parameters(watched, arm))
+    return frozenset(columns.read & set(middle))
+
+
+class _Recorder(dict):
+    """Covariates that note which of them are read."""
+
+    def __init__(self, columns):
+        super().__init__(columns)
+        self.read: set[str] = set()
+
+    def __contains__(self, name):
+        found = super().__contains__(name)
+        self.read.update([name] if found else [])
+        return found
+
+    def __getitem__(self, name):
+        self.read.add(name)
+        return super().__getitem__(name)
+
+    def get(self, name, default=None):
+        """The column, noted; `default` where there is none."""
+        return self[name] if name in self else default
 
 
 def _model(arm, readings, wanted, covariates) -> Model:

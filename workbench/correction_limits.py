@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.errors import complaint
-from robot_model.state import State, sliding
+from robot_model.state import sliding
 from robot_model.system import geometry_priors
+from workbench.compensate import covariates_read
 from workbench.core.errors import InputError
 from workbench.solution_file import CalibratedArm
 
@@ -168,46 +169,6 @@ def _amount(arm: CalibratedArm, key: str) -> str:
     if name in ("theta", "alpha", "beta"):
         return f"{np.rad2deg(deviation):.3g} deg"
     return f"{deviation:.3g} mm" if name in ("a", "d") else f"{deviation:.3g}"
-
-
-class _Recorder(dict):
-    """Covariates that note which of them are read."""
-
-    def __init__(self, columns):
-        super().__init__(columns)
-        self.read: set[str] = set()
-
-    def __contains__(self, name):
-        found = super().__contains__(name)
-        self.read.update([name] if found else [])
-        return found
-
-    def __getitem__(self, name):
-        self.read.add(name)
-        return super().__getitem__(name)
-
-    def get(self, name, default=None):
-        return self[name] if name in self else default
-
-
-def covariates_read(arm: CalibratedArm) -> frozenset[str]:
-    """The recorded columns that the correction depends on, apart from joint readings and load."""
-    if arm.fitted_range is None:
-        return frozenset()
-    middle = {name: np.array([(low + high) / 2]) for name, (low, high) in arm.fitted_range.items()}
-    columns = _Recorder(middle)
-    readings = arm.robot.mixing.shape[1]
-    blank = np.zeros((3, 1))
-    variables = arm.robot.mixing @ np.zeros((readings, 1))
-    load = np.array([arm.robot.payload_mass])
-    state = State(
-        arm.robot, variables, columns, arm.robot.gravity, load, arm.load_centre, blank, np.ones(1, int), blank
-    )
-    for effect in arm.acting_effects:
-        prefix = f"{effect.where}.{effect.effect}."
-        values = [value for key, value in arm.values.items() if key.startswith(prefix)]
-        effect.delta(np.array(values), state)
-    return frozenset(columns.read)
 
 
 def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:

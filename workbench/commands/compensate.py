@@ -112,14 +112,16 @@ def _summary(arm, found, refused) -> dict:
 
 def _verdict(arm, found, refused, tolerances):
     """The verdict on the largest error to expect: the held-out error and a target's own uncertainty together."""
-    from workbench.verdict import Residual, judge, no_verdict
+    from workbench.verdict import Noise, Residual, judge, no_verdict
 
     kept = found.reached.copy()
     kept[list(refused)] = False
     if not kept.any():
         return no_verdict("No target is corrected, so there is no error to judge.")
     largest = math.hypot(arm.held_out_mm, float(found.sigma_mm[kept].max()))
-    return judge(Residual(largest, "mm", "largest expected position error"), None, tolerances)
+    stated = arm.keys.get("noise_rms_mm")
+    noise = None if stated is None else Noise(stated)
+    return judge(Residual(largest, "mm", "largest expected position error"), noise, tolerances)
 
 
 def _rms(values) -> float | None:
