@@ -43,15 +43,10 @@ def read_text(path: Path, called: str) -> str:
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise complaint(f"{called}, byte 1", "UTF-8 text", "UTF-16 text", save)
     try:
-        text = content.decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         found = "another encoding or a binary file"
         raise complaint(f"{called}, byte {problem.start + 1}", "UTF-8 text", found, save) from None
-    if "\0" in text:
-        place = len(text[: text.index("\0")].encode("utf-8")) + 1
-        found = "a zero byte, as in UTF-16 text or a binary file"
-        raise complaint(f"{called}, byte {place}", "UTF-8 text", found, save)
-    return text
 
 
 def read_toml(path: Path, called: str) -> dict:

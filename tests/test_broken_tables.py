@@ -92,8 +92,8 @@ def test_a_parquet_file_that_was_cut_off_is_a_sentence(tmp_path, cut):
 @pytest.mark.parametrize(("content", "words"), [
     ("sample,note\n1,Müller\n".encode("cp1252"), "byte 16: expected UTF-8 text, found another encoding"),
     ("sample\n1\n".encode("utf-16"), "byte 1: expected UTF-8 text, found UTF-16 text"),
-    ("sample\n1\n".encode("utf-16-le"), "byte 2: expected UTF-8 text, found a zero byte"),
-    (b"sample,note\n1,a\0b\n", "byte 16: expected UTF-8 text, found a zero byte"),
+    ("sample\n1\n".encode("utf-16-le"), "row 1: expected UTF-8 text, found zero bytes"),
+    (b"sample,note\n1,a\0b\n", "row 2, column note: expected text, found a zero byte"),
     (b"", "expected a file with content, found an empty file"),
     (b"\xef\xbb\xbf", "expected a header row"), (b" \n\n", "expected a header row"),
     (b"a, a\n1,2\n", "column a: expected every column once"), (b"a,\n1,2\n", "column 2: expected a column name"),

@@ -98,6 +98,9 @@ def _split(content: str) -> Iterator[str]:
 
 def _check_header(header: list[str], called: str) -> list[str]:
     where = f"{called}, row 1"
+    if any("\0" in cell for cell in header):
+        raise complaint(where, "UTF-8 text", "zero bytes, as in UTF-16 text or a binary file",
+                        'save it as "CSV UTF-8 (comma delimited)"')  # fmt: skip
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) < 3 and any(mark in cell for cell in header):
             raise complaint(where, "columns separated by commas", f"columns separated by {name}",
@@ -123,11 +126,18 @@ def _check_width(row: list[str], header: list[str], number: int, called: str) ->
 
 def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bool, blanks: bool) -> np.ndarray:
     if text:
-        return np.array([_text_of(cell) for cell in cells], dtype=str)
+        return _texts(name, cells, rows, called)
     cells = [cell.strip() for cell in cells]
     if blanks:
         return _with_blanks(name, cells, rows, called)
     return _numbers(name, cells, rows, called)
+
+
+def _texts(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
+    for number, cell in zip(rows, cells):
+        if "\0" in cell:
+            raise complaint(f"{called}, row {number}, column {name}", "text", "a zero byte in it", "correct the cell")
+    return np.array([_text_of(cell) for cell in cells], dtype=str)
 
 
 def _text_of(cell: str) -> str:
