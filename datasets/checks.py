@@ -163,6 +163,18 @@ def lengths_are_positive(table: Table, context: Context) -> None:
                                 "correct it, or delete the column if it is unknown")
 
 
+def physical_bounds(table: Table, context: Context | None = None) -> None:
+    """No load is negative, and nothing is colder than absolute zero."""
+    for name, values in table.columns.items():
+        is_load, is_temperature = name == "payload_kg", name.startswith("temperature_") and name.endswith("_c")
+        if not (is_load or is_temperature) or values.dtype.kind != "f":
+            continue
+        least, expected = (0.0, "a mass of 0 kg or more") if is_load else (-273.15, "a temperature above -273.15 °C")
+        row = first(values < least)
+        if row is not None:
+            raise complaint(table.where(row, name), expected, f"{values[row]:g}", "correct it")
+
+
 def approach_is_a_sign(table: Table, context: Context) -> None:
     """approach1 … approachN is -1, 0 or 1."""
     for name in table.columns:
@@ -234,8 +246,8 @@ def some_row_moves(table: Table, context: Context) -> None:
 
 
 RULES = (has_columns, joints_are_named, joints_match_robot, numbers_are_finite, flange_is_whole, integers_are_whole,
-         samples_are_unique, lengths_are_positive, approach_is_a_sign, fixed_to_is_known, directions_are_unit,
-         balls_are_known, groups_constrain, lengths_agree, some_row_moves)
+         samples_are_unique, lengths_are_positive, physical_bounds, approach_is_a_sign, fixed_to_is_known,
+         directions_are_unit, balls_are_known, groups_constrain, lengths_agree, some_row_moves)
 """Every rule, in the order in which a user should hear of it."""
 
 

@@ -12,7 +12,7 @@ from datasets.columns import TEXT
 from datasets.errors import complaint
 from datasets.files import check_file, label
 from datasets.formats.recording1 import checked, read_head
-from datasets.formats.table import Table, arrow_table
+from datasets.formats.table import Table, arrow_table, parquet_errors
 from datasets.recording import Recording
 
 ROWS = 8192
@@ -89,14 +89,10 @@ def _chosen(rows: np.ndarray, step: int) -> np.ndarray:
 
 
 def _rows_of(path: Path) -> int:
-    import pyarrow
     import pyarrow.parquet as pq
 
-    try:
+    with parquet_errors(label(path)):
         return pq.ParquetFile(path).metadata.num_rows
-    except (pyarrow.ArrowException, OSError, ValueError) as problem:
-        raise complaint(label(path), "a Parquet file", f"one that cannot be read ({str(problem)[:80]})",
-                        "write it again") from None
 
 
 def _tables(path: Path) -> Iterator[Table]:
@@ -104,7 +100,7 @@ def _tables(path: Path) -> Iterator[Table]:
     import pyarrow.parquet as pq
 
     first = 1
-    with pq.ParquetFile(path, memory_map=False) as file:
+    with parquet_errors(label(path)), pq.ParquetFile(path, memory_map=False) as file:
         for batch in file.iter_batches(ROWS, use_threads=False):
             yield arrow_table(batch, label(path), TEXT, first)
             first += batch.num_rows

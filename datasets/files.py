@@ -1,5 +1,6 @@
 """Opening what a user hands over: limits, encodings, TOML, and paths that stay in their folder."""
 
+import codecs
 import tomllib
 from pathlib import Path, PureWindowsPath
 
@@ -35,12 +36,17 @@ def read_text(path: Path, called: str) -> str:
     """Content of a UTF-8 text file, without a byte order mark. Raises InputError."""
     check_file(path, called)
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as problem:
-        raise complaint(f"{called}, byte {problem.start + 1}", "UTF-8 text", "another encoding or a binary file",
-                        'save it as "UTF-8" (in a spreadsheet: CSV UTF-8, comma delimited)') from None
+        content = path.read_bytes()
     except OSError as problem:
         raise complaint(called, "a readable file", str(problem.strerror), "give read permission") from None
+    save = 'save it as "UTF-8" (in a spreadsheet: CSV UTF-8, comma delimited)'
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise complaint(f"{called}, byte 1", "UTF-8 text", "UTF-16 text", save)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        found = "another encoding or a binary file"
+        raise complaint(f"{called}, byte {problem.start + 1}", "UTF-8 text", found, save) from None
 
 
 def read_toml(path: Path, called: str) -> dict:

@@ -237,6 +237,11 @@ def _geometry_parameters(robot: Robot) -> list[Parameter]:
     ]
 
 
+def geometry_priors(robot: Robot) -> dict[str, tuple[float, float]]:
+    """Nominal value and prior standard deviation (rad, mm) of every geometric parameter, by key."""
+    return {parameter.key: (parameter.null, parameter.prior) for parameter in _geometry_parameters(robot)}
+
+
 def geometry_free(robot: Robot) -> list[str]:
     """Keys of the geometry that can be free: theta, d, a, alpha; beta instead of d where Hayati's."""
     left_out = [D if hayati else BETA for hayati in robot.hayati]

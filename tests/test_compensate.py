@@ -13,9 +13,10 @@ from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from workbench.calibrate import calibrate, save
-from workbench.compensate import actual_poses, checked, compensate, nominal_poses
+from workbench.compensate import actual_poses, compensate, nominal_poses
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
+from workbench.correction_limits import checked
 from workbench.plans import geometry
 from workbench.programme import doubts, read_programme
 from workbench.solution_file import CalibratedArm, _trust, read_solution
@@ -182,7 +183,7 @@ def test_a_target_that_cannot_be_is_named_by_its_own_column(run, tmp_path, text,
 
 def test_what_was_not_found_good_is_not_used_unless_forced(run):
     arm = replace(read_solution(run[0]), trusted=False, why="the solve did not converge")
-    with pytest.raises(InputError, match="did not converge; calibrate again, or add --force"):
+    with pytest.raises(InputError, match="did not converge; correct the recording"):
         checked(arm, "solution.json", force=False)
     assert checked(arm, "solution.json", force=True) is arm
 

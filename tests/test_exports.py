@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from plain_frames import frames_of
 from robot_model import load_robot
@@ -13,6 +14,7 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import transform
 from workbench.exports import CAMERA_FORMATS, camera_text, mdh_csv, mdh_json, read_camera_text, read_mdh, urdf
 from workbench.exports.camera import as_held
+from workbench.exports.hand_eye import read_hand_eye
 from workbench.exports.mdh import calibrated_geometry
 from workbench.solution_file import CalibratedArm
 
@@ -122,3 +124,103 @@ def test_a_lens_that_kalibr_cannot_follow_is_refused():
     bent = Camera(500.0, 500.0, 320.0, 240.0, (-0.3, 0.15, 0.0, 0.0, -0.2), (640, 480))
     with pytest.raises(InputError, match="misses by .* px; export to ROS or OpenCV"):
         as_held(bent, "kalibr")
+
+
+def hand_eye_run(folder, kind="in-hand", **more):
+    """A run folder of `workbench handeye` and its T_parent_sensor."""
+    import tomli_w
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec([0.3, -1.2, 2.0]).as_matrix()
+    matrix[:3, 3] = 12.5, -80.25, 1e-3
+    keys = {"format": "hand-eye/1", "kind": kind, "transform": {"in-hand": "T_flange_sensor", "to-hand": "T_base_sensor"}[kind],
+            "matrix": matrix.tolist(), "std_mm": [0.1, 0.1, 0.2], "std_deg": [0.01] * 3, "undetermined": [], "suspicions": []}  # fmt: skip
+    folder.mkdir(exist_ok=True)
+    (folder / "hand-eye.toml").write_text(tomli_w.dumps(keys | more))
+    return matrix
+
+
+def ros_matrix(translation, rotation):
+    """(4, 4) m of a geometry_msgs/Transform, by the textbook formula of a unit quaternion."""
+    x, y, z, w = (float(rotation[k]) for k in "xyzw")
+    turn = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]  # fmt: skip
+    made = np.eye(4)
+    made[:3, :3], made[:3, 3] = turn, [float(translation[k]) for k in "xyz"]
+    return made
+
+
+@pytest.mark.parametrize(("kind", "parent"), [("in-hand", "flange"), ("to-hand", "base")])
+@pytest.mark.parametrize("source", ["run", "run/hand-eye.toml"])
+def test_a_hand_eye_run_goes_to_ros(workbench, tmp_path, kind, parent, source):
+    """It once ended with '[Errno 21] Is a directory'."""
+    import yaml
+
+    matrix = hand_eye_run(tmp_path / "run", kind)
+    done = workbench("export", source, "--to", "ros", "--out", "he.yaml")
+    assert done.returncode == 0, done.stderr
+    keys = yaml.safe_load((tmp_path / "he.yaml").read_text())
+    assert (keys["header"]["frame_id"], keys["child_frame_id"]) == (parent, "sensor")
+    metres = matrix * np.array([[1, 1, 1, 1e-3]])
+    metres[3, 3] = 1
+    np.testing.assert_allclose(ros_matrix(keys["transform"]["translation"], keys["transform"]["rotation"]), metres, atol=1e-12)
+    node = yaml.safe_load((tmp_path / "he.launch.yaml").read_text())["launch"][0]["node"]
+    assert (node["pkg"], node["exec"]) == ("tf2_ros", "static_transform_publisher")
+    words = node["args"].split()
+    options = dict(zip(words[::2], words[1::2]))
+    assert (options["--frame-id"], options["--child-frame-id"]) == (parent, "sensor")
+    rotation = {k: options[f"--q{k}"] for k in "xyzw"}
+    np.testing.assert_allclose(ros_matrix({k: options[f"--{k}"] for k in "xyz"}, rotation), metres, atol=1e-12)
+    assert done.stdout.strip().splitlines()[-2:] == ["he.launch.yaml", "he.yaml"]
+
+
+def test_frames_are_named_by_the_user(workbench, tmp_path):
+    import yaml
+
+    hand_eye_run(tmp_path / "run")
+    words = ("export", "run", "--to", "ros", "--out", "he.yaml", "--parent-frame", "tool0", "--child-frame")
+    assert workbench(*words, "camera_optical_frame").returncode == 0
+    keys = yaml.safe_load((tmp_path / "he.yaml").read_text())
+    assert (keys["header"]["frame_id"], keys["child_frame_id"]) == ("tool0", "camera_optical_frame")
+    for name, sentence in (("/camera", "expected a frame of ROS"), ("a b", "expected a frame of ROS"), ("tool0", "expected another frame")):
+        done = workbench(*words, name)
+        assert done.returncode == 2 and sentence in done.stderr
+
+
+@pytest.mark.parametrize(("more", "sentence"), [
+    ({"suspicions": ["the poses are permuted"]}, "its recording is in doubt (the poses are permuted)"),
+    ({"std_mm": [0.1, float("inf"), 0.1], "undetermined": ["y is not known"]}, "not determined (y is not known)"),
+])  # fmt: skip
+def test_a_doubtful_hand_eye_is_exported_only_by_force(workbench, tmp_path, more, sentence):
+    hand_eye_run(tmp_path / "run", **more)
+    done = workbench("export", "run", "--to", "ros", "--out", "he.yaml")
+    assert done.returncode == 2 and sentence in done.stderr and not (tmp_path / "he.yaml").exists()
+    assert workbench("export", "run", "--to", "ros", "--out", "he.yaml", "--force").returncode == 0
+
+
+@pytest.mark.parametrize(("matrix", "transform"), [
+    (np.eye(3).tolist(), "T_flange_sensor"), ((2 * np.eye(4)).tolist(), "T_flange_sensor"), ("x", "T_flange_sensor"),
+    (np.diag([1.0, 1, -1, 1]).tolist(), "T_flange_sensor"), (np.eye(4).tolist(), "T_sensor_flange"),
+])  # fmt: skip
+def test_a_broken_hand_eye_file_is_a_sentence(tmp_path, matrix, transform):
+    hand_eye_run(tmp_path / "run", matrix=matrix, transform=transform)
+    with pytest.raises(InputError, match="hand-eye.toml, key"):
+        read_hand_eye(tmp_path / "run" / "hand-eye.toml")
+
+
+@pytest.mark.parametrize(("files", "to", "words"), [
+    (["hand-eye.toml"], "urdf", "it gives of its hand-eye transform ros"),
+    (["camera.toml"], "mdh-csv", "it gives of its calibrated camera ros, opencv, kalibr"),
+    (["solution.json"], "ros", "it gives of its calibrated arm urdf, mdh-json, mdh-csv"),
+    (["solution.json", "camera.toml"], "none", "expected one of urdf, mdh-json, mdh-csv, ros, opencv, kalibr"),
+    (["answer.json"], "ros", "expected a run folder of `workbench calibrate`, `camera`, `scanner` or `handeye`"),
+    ([], "urdf", "found none of them"),
+])  # fmt: skip
+def test_a_run_says_which_formats_it_can_give(workbench, tmp_path, files, to, words):
+    (tmp_path / "run").mkdir()
+    for name in files:
+        (tmp_path / "run" / name).write_text("")
+    done = workbench("export", "run", "--to", to, "--out", "x")
+    assert done.returncode == 2 and words in done.stderr and "Errno" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1 and not (tmp_path / "x").exists()

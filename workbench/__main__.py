@@ -4,12 +4,19 @@ import sys
 
 
 def main() -> None:
-    """Run the command line and leave with its exit status."""
+    """Run the command line and leave with its exit status, whether or not anybody reads what it prints."""
+    from workbench.standard_streams import finish, make_tolerant
+
+    make_tolerant()  # before the commands are loaded: they ask standard output whether it is a terminal
     from workbench.cli import run
     from workbench.core.memory import keep_freed_memory
 
     keep_freed_memory()
-    sys.exit(run())
+    status = run()
+    if problem := finish():
+        print(problem, file=sys.stderr)
+        status = status or 2
+    sys.exit(status)
 
 
 if __name__ == "__main__":

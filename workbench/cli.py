@@ -40,6 +40,7 @@ from workbench.commands import (
     study,
 )
 from workbench.core.errors import InputError, Stopped
+from workbench.doctor import missing_package
 
 BUG = 70
 INTERRUPTED = 130
@@ -120,6 +121,8 @@ def _failed(error: Exception) -> int:
         return _say(str(error), INTERRUPTED)
     if isinstance(error, typer.TyperException):
         return _say(_wrong_call(error), 2)
+    if isinstance(error, ImportError) and (sentence := missing_package(error)):
+        return _say(sentence, 2)
     if isinstance(error, OSError) and error.errno in _REFUSALS and error.filename:
         return _say(f"{error.filename} cannot be used, because the system says "
                     f"'{error.strerror}'; choose another place or see to its permissions.", 2)

@@ -1,7 +1,5 @@
 """Several plans on one recording, same splits: what each costs in parameters and reaches on unseen samples."""
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +9,7 @@ from scipy.stats import t as student
 
 from workbench.calibrate import Calibration, calibrate
 from workbench.calibration_verdict import calibration_verdict
+from workbench.core.csv_text import csv_text
 from workbench.core.errors import InputError
 from workbench.crossvalidation import blocks, error_summary
 from workbench.plans import read_plan
@@ -211,23 +210,15 @@ def save(comparison: Comparison, folder: Path) -> None:
     angles, called `<plan>_rotation_deg`.
     """
     rows = [{k: "; ".join(v) if isinstance(v, list) else v for k, v in row.items()} for row in comparison.rows()]
-    (folder / "table.csv").write_text(_csv(list(rows[0]), [row.values() for row in rows]), encoding="utf-8")
+    (folder / "table.csv").write_text(csv_text(list(rows[0]), [row.values() for row in rows]), encoding="utf-8")
     ids = comparison.calibrations[0].recording.sample_ids[comparison.block >= 0]
     errors, head = comparison.distances, [*comparison.names]
     if comparison.measures_orientation:
         errors = np.concatenate([errors, comparison.angles])
         head += [f"{name}_rotation_deg" for name in comparison.names]
     lines = [[int(i), *(f"{error:.6g}" for error in row)] for i, row in zip(ids, errors.T)]
-    (folder / "held-out.csv").write_text(_csv(["sample", *head], lines), encoding="utf-8")
+    (folder / "held-out.csv").write_text(csv_text(["sample", *head], lines), encoding="utf-8")
     picture(comparison).savefig(folder / "comparison.png", dpi=130)
-
-
-def _csv(head, rows) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return out.getvalue()
 
 
 def picture(comparison: Comparison):

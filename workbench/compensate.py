@@ -4,7 +4,7 @@ The full non-linear model is inverted, for all targets at once: geometry, transm
 under the load that each target carries, and whatever else was calibrated.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.robot import Robot
 from robot_model.state import State, sliding
 from robot_model.system import RobotChain
-from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.rigid import transform
 from workbench.solution_file import CalibratedArm
@@ -25,8 +24,8 @@ _TRIES, _OPEN = 20, (-np.pi, np.pi)
 # a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
 _REACHED_MM = 1e-5
 _ROOT = ("joint-1.theta1", "joint-1.d1")
-# what acts on the arm; the instrument's own errors, its drift against the base and the moment of reading move no flange
-_OF_THE_ARM = ("joint", "geometry", "frame", "gravity", "mass")
+# a joint that stood still in the recording has an unknown axis: of a redundant arm the others are moved instead
+_STILL_RAD, _STILL_MM, _STILL_WEIGHT = 1e-3, 0.1, 1e-3
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,8 @@ class Compensated:
     """Corrected targets.
 
     `readings` (n, R) rad, mm, nan where not `reached`; `poses` (n, 4, 4) T_root_flange that were asked
-    for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings;
+    for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings, the larger of its
+    position and of its orientation at a lever of 200 mm; `position_mm` and `rotation_deg` (n,) the two by themselves;
     `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
     uncertainty makes; `reached` (n,) False where no reading within limits gets there.
     """
@@ -42,6 +42,8 @@ class Compensated:
     readings: np.ndarray
     poses: np.ndarray
     correction_mm: np.ndarray
+    position_mm: np.ndarray
+    rotation_deg: np.ndarray
     left_mm: np.ndarray
     sigma_mm: np.ndarray
     reached: np.ndarray
@@ -61,7 +63,8 @@ def compensate(
     found = np.array(readings, float)
     if poses is not None:
         found = _nominal_readings(arm.robot, found, wanted, anywhere)
-    before = _off(_model(arm, found, wanted, covariates), arm)[1]
+    deviation, before = _off(_model(arm, found, wanted, covariates), arm)
+    position, rotation = np.linalg.norm(deviation[:3], axis=0), np.rad2deg(np.linalg.norm(deviation[3:], axis=0))
     for _ in range(_STEPS):
         model = _model(arm, found, wanted, covariates)
         residual, distance = _off(model, arm)
@@ -74,7 +77,8 @@ def compensate(
     reached = (left < 1e-3) & _within(arm.robot, found)
     sigma = _sigma(model, arm)
     # what an inversion that failed ends with is no place to send an arm to
-    return Compensated(np.where(reached[:, None], found, np.nan), wanted, before, left, sigma, reached)
+    readings = np.where(reached[:, None], found, np.nan)
+    return Compensated(readings, wanted, before, position, rotation, left, sigma, reached)
 
 
 def nominal_poses(robot: Robot, readings: np.ndarray) -> np.ndarray:
@@ -90,6 +94,40 @@ def actual_poses(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> n
     return transform(flange_matrices(frames), frames.end_origin.T)
 
 
+def covariates_read(arm: CalibratedArm) -> frozenset[str]:
+    """The recorded columns that the correction depends on, apart from joint readings and load."""
+    if arm.fitted_range is None:
+        return frozenset()
+    middle = {name: np.array([(low + high) / 2]) for name, (low, high) in arm.fitted_range.items()}
+    model = _model(arm, np.zeros((1, arm.robot.mixing.shape[1])), np.eye(4)[None], middle)
+    columns = _Recorder(model.chain.state.covariates)
+    state = replace(model.chain.state, covariates=columns)
+    watched = replace(model, chain=replace(model.chain, state=state), _bases={})
+    watched.residual(_parameters(watched, arm))
+    return frozenset(columns.read & set(middle))
+
+
+class _Recorder(dict):
+    """Covariates that note which of them are read."""
+
+    def __init__(self, columns):
+        super().__init__(columns)
+        self.read: set[str] = set()
+
+    def __contains__(self, name):
+        found = super().__contains__(name)
+        self.read.update([name] if found else [])
+        return found
+
+    def __getitem__(self, name):
+        self.read.add(name)
+        return super().__getitem__(name)
+
+    def get(self, name, default=None):
+        """The column, noted; `default` where there is none."""
+        return self[name] if name in self else default
+
+
 def _model(arm, readings, wanted, covariates) -> Model:
     """The calibrated arm at readings, measured from its own root against the wanted poses."""
     variables = arm.robot.mixing @ np.asarray(readings, float).T
@@ -102,8 +140,7 @@ def _model(arm, readings, wanted, covariates) -> Model:
     state = State(arm.robot, variables, covariates, arm.robot.gravity, payload, arm.load_centre, blank,
                   np.ones(n, int), blank)  # fmt: skip
     ones = np.ones((6, n))
-    acting = tuple(e for e in arm.effects if e.port in _OF_THE_ARM and e.effect != "base-drift" and e.where != "time")
-    return Model(RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones), acting)
+    return Model(RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones), arm.acting_effects)
 
 
 def _parameters(model: Model, arm: CalibratedArm):
@@ -128,11 +165,24 @@ def _step(model, arm, residual):
     """(J, n) change of the joint variables that undoes the residual; effects hardly change over it."""
     rows = model.evaluate(_parameters(model, arm)).rows("joint", np.arange(arm.robot.joints))
     scale = np.array([1.0, 1, 1, _LEVER_MM, _LEVER_MM, _LEVER_MM])[:, None]
-    jacobian = np.transpose(rows * scale, (2, 1, 0))
+    weight = _joint_weights(arm)
+    jacobian = np.transpose(rows * scale, (2, 1, 0)) * weight
     right = (residual * scale).T[..., None]
     # damped: near a singular posture a plain inverse would leap
     normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * _LEVER_MM**2 * 1e-3 * np.eye(arm.robot.joints)
-    return np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0].T
+    return (np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0] * weight).T
+
+
+def _joint_weights(arm) -> np.ndarray:
+    """(J,) how readily a joint variable takes part in a correction: little where it stood still in the recording."""
+    if arm.fitted_range is None:
+        return np.ones(arm.robot.joints)
+    moved = np.ones(arm.robot.mixing.shape[1], bool)
+    for k, slides in enumerate(sliding(arm.robot)):
+        low, high = arm.fitted_range.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (-np.inf, np.inf))
+        moved[k] = high - low > (_STILL_MM if slides else np.rad2deg(_STILL_RAD))
+    has_moved = (np.abs(arm.robot.mixing) @ moved) > 0
+    return np.where(has_moved, 1.0, _STILL_WEIGHT)
 
 
 def _nominal_readings(robot, start, wanted, anywhere):
@@ -222,13 +272,3 @@ def _called(key: str) -> str:
     if (place in ("tool", "sensor")) and name[-1:] in "xyz" and name[:-1] in ("", "reflector1_", "tip_"):
         return f"tool.{name[-1]}"
     return key
-
-
-def checked(arm: CalibratedArm, path, force: bool) -> CalibratedArm:
-    """The arm, where it may be used; InputError where it may not and nobody forces it."""
-    if arm.trusted or force:
-        return arm
-    raise InputError(
-        f"{path}: expected a calibration that converged and helps on unseen samples, found that {arm.why}; "
-        "calibrate again, or add --force"
-    )

@@ -6,7 +6,7 @@ import platform
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module, metadata
 from pathlib import Path
 
@@ -26,8 +26,31 @@ LIBRARIES = {
     "rich": ("rich",),
     "pydantic": ("pydantic",),
     "pyarrow": ("pyarrow",),
+    "yaml": ("pyyaml",),
+    "tomli_w": ("tomli-w",),
 }
-OPTIONAL = {"mujoco": ("mujoco",)}
+PROJECT = "vision-sensor-workbench"
+
+
+@dataclass(frozen=True)
+class Extra:
+    """An optional package: its `distribution`, the `extra` of this project that installs it, and what `needs` it."""
+
+    distribution: str
+    extra: str
+    needs: str
+
+    @property
+    def command(self) -> str:
+        """What to type to install it."""
+        return f"{Path(sys.executable).name} -m pip install '{PROJECT}[{self.extra}]'"
+
+
+OPTIONAL = {
+    "mujoco": Extra("mujoco", "proof", "`workbench prove`, for the simulator of the blind benchmark"),
+    "distributed": Extra("distributed", "study", "`workbench study --scheduler`, for a Dask cluster"),
+    "SALib": Extra("SALib", "study", "`workbench study` with Sobol' indices, such as uncertainty-sources"),
+}
 # what Open3D and VTK load from a Linux system, and the Debian package that has it
 SHARED = {
     "libusb-1.0.so.0": "libusb-1.0-0",
@@ -56,7 +79,7 @@ def examine() -> list[Check]:
         _python(),
         *_shared_libraries(),
         *(_library(name, brings, True) for name, brings in LIBRARIES.items()),
-        *(_library(name, brings, False) for name, brings in OPTIONAL.items()),
+        *(_optional(name, extra) for name, extra in OPTIONAL.items()),
         _device(),
         _recordings(),
         _writing(Path.cwd()),
@@ -104,6 +127,32 @@ def _library(name: str, brings: Sequence[str], required: bool) -> Check:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         return Check(name, False, reason, required, _remedy(name, brings, error))
     return Check(name, True, _version(brings), required)
+
+
+def _optional(name: str, extra: Extra) -> Check:
+    found = _library(name, (extra.distribution,), False)
+    if found.ok:
+        return found
+    return replace(found, advice=f"Only needed by {extra.needs}: {extra.command}")
+
+
+def missing_package(error: ImportError) -> str | None:
+    """One sentence on a package or system library that a command needs and that does not load; None otherwise."""
+    name = (error.name or "").partition(".")[0]
+    if name in OPTIONAL:
+        extra = OPTIONAL[name]
+        return (
+            f"The package {extra.distribution} is not installed, which is needed by {extra.needs}; "
+            f"type {extra.command} and run the command again."
+        )
+    is_known = name in LIBRARIES and isinstance(error, ModuleNotFoundError)
+    if not is_known and not any(soname in str(error) for soname in SHARED):
+        return None
+    remedy = _remedy(name, LIBRARIES.get(name, (name,)), error)
+    return (
+        f"The package {name or 'of this command'} does not load ({' '.join(str(error).split())[:120]}), and every part "
+        f"of the workbench may need it; type {remedy}, then `workbench doctor` to see what else is missing."
+    )
 
 
 def _remedy(name: str, brings: Sequence[str], error: Exception) -> str:

@@ -12,6 +12,7 @@ from robot_model.clearance import self_clearance
 from robot_model.effects import CATALOGUE
 from robot_model.measurements import looks_of, measurement_of, samples_of
 from robot_model.system import bind, geometry_free, held_by_convention
+from workbench.core.csv_text import csv_text
 from workbench.core.design import Design, choose
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -229,7 +230,7 @@ def write_poses(chosen: Chosen, folder: Path) -> Path:
     joints = joint_columns(chosen.recording.columns)
     named = [k for k in ("sample", "ball", "reflector", "point", "pair") if k in chosen.recording.columns]
     columns = {k: chosen.recording.columns[k][rows] for k in (*named, *joints)}
-    lines = [",".join(columns)] + [",".join(f"{v:.10g}" for v in row) for row in zip(*columns.values())]
+    lines = [[f"{value:.10g}" for value in row] for row in zip(*columns.values())]
     path = Path(folder) / "poses.csv"
-    replace_file(path, "\n".join(lines) + "\n")
+    replace_file(path, csv_text(columns, lines))
     return path

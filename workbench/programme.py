@@ -1,16 +1,18 @@
 """Robot programmes as tables: targets of `workbench compensate` read from CSV, and corrected ones written."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from datasets.checks import physical_bounds
 from datasets.columns import POINT, QUATERNION, joint_columns
 from datasets.errors import complaint
 from datasets.formats.table import Table, read_table
 from robot_model.robot import Robot
 from robot_model.state import sliding
+from workbench.core.csv_text import csv_text
 from workbench.core.rigid import transform
 
 LIMIT_SLACK = 1e-6
@@ -50,10 +52,16 @@ def read_programme(path: Path, robot: Robot) -> Programme:
     readings = _readings(table, joints, robot) if joints else np.tile(_home(robot), (len(table.rows), 1))
     known = {"sample", *joints, *POINT, *QUATERNION}
     covariates = {k: v for k, v in table.columns.items() if k not in known and v.dtype.kind == "f"}
-    for row in np.flatnonzero(covariates.get("payload_kg", np.zeros(0)) < 0):
-        raise complaint(table.where(row, "payload_kg"), "a mass of 0 kg or more", f"{covariates['payload_kg'][row]:g}",
-                        "correct it")
+    _check_covariates(table, covariates)
     return Programme(table, readings, _poses(table) if wants else None, covariates, anywhere=not joints)
+
+
+def _check_covariates(table, covariates) -> None:
+    """InputError for the first cell that is no finite number, or that no load or temperature can be."""
+    for name, values in covariates.items():
+        for row in np.flatnonzero(~np.isfinite(values)):
+            raise complaint(table.where(row, name), "a finite number", f"{values[row]}", "correct it")
+    physical_bounds(table)
 
 
 def _readings(table, joints, robot):
@@ -103,18 +111,35 @@ def _poses(table):
     return transform(Rotation.from_quat(turn, scalar_first=True).as_matrix(), place)
 
 
-def corrected_columns(programme: Programme, robot: Robot, found) -> dict[str, np.ndarray]:
-    """Columns of the corrected programme: the file's own, its readings replaced, and what is left of the error."""
-    slides = sliding(robot)
-    joints = {f"q{k}_{'mm' if s else 'deg'}": column if s else np.rad2deg(column)
-              for k, (s, column) in enumerate(zip(slides, found.readings.T), 1)}  # fmt: skip
-    added = {"correction_mm": found.correction_mm, "left_mm": found.left_mm, "sigma_mm": found.sigma_mm,
-             "reached": found.reached.astype(float)}  # fmt: skip
+def corrected_columns(
+    programme: Programme, robot: Robot, found, refused: Collection[int] = ()
+) -> dict[str, np.ndarray]:
+    """Columns of the corrected programme: the file's own, its readings replaced, and what is left of the error.
+
+    refused: indices of targets that keep no readings, like those that are not reached.
+    """
+    is_refused = np.isin(np.arange(len(found.readings)), list(refused))
+    readings = np.where(is_refused[:, None], np.nan, found.readings)
+    joints = {}
+    for k, (slides, column) in enumerate(zip(sliding(robot), readings.T), 1):
+        joints[f"q{k}_{'mm' if slides else 'deg'}"] = column if slides else np.rad2deg(column)
+    added = {
+        "correction_mm": found.correction_mm,
+        "left_mm": found.left_mm,
+        "sigma_mm": found.sigma_mm,
+        "reached": found.reached.astype(float),
+        "refused": is_refused.astype(float),
+    }
     return {**programme.table.columns, **joints, **added}
 
 
 def as_csv(columns: Mapping[str, np.ndarray]) -> str:
-    """Columns as CSV text, numbers with ten digits, an empty cell for nan."""
-    cells = [[v if isinstance(v, str) else "" if np.isnan(v) else f"{v:.10g}" for v in column]
-             for column in columns.values()]  # fmt: skip
-    return "\n".join([",".join(columns), *(",".join(row) for row in zip(*cells))]) + "\n"
+    """Columns as CSV text, numbers with ten digits, an empty cell for nan, texts quoted and protected."""
+    cells = [[_cell(value) for value in column] for column in columns.values()]
+    return csv_text(columns, zip(*cells))
+
+
+def _cell(value) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if np.isnan(value) else f"{value:.10g}"

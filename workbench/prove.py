@@ -1,5 +1,6 @@
 """The blind proof from end to end: cases concealed, sealed, diagnosed, opened, scored, and a scoreboard of them."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -60,8 +61,14 @@ def _sealed(exam: concealed.Examination, plan: tasks.Plan, own: Path | None, cou
 
 
 def default_folder(seed: int, own: Path | None) -> Path:
-    """Where an examination lies when no folder is named, so that the same call goes on with it."""
-    return runs.RUNS / (f"prove-seed-{seed}" if own is None else f"prove-{runs.slug(own)}")
+    """Where an examination lies when no folder is named, so that the same call goes on with it.
+
+    Folders of one's own that share their last name have examinations of their own.
+    """
+    if own is None:
+        return runs.RUNS / f"prove-seed-{seed}"
+    place = hashlib.sha256(str(Path(own).resolve()).encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    return runs.RUNS / f"prove-{runs.slug(own)}-{place}"
 
 
 def bring(exam: concealed.Examination, own: Path) -> list[str]:

@@ -22,9 +22,9 @@ from sensors.stripe.find import find_stripes
 from workbench import scanner as calibrated
 from workbench.ball_names import named
 from workbench.core.errors import InputError
+from workbench.core.file_names import differ_in_case_only, file_name
 from workbench.pace import paced
 from workbench.pictures import by_role, check_size, full_scale, path_of, streamed
-from workbench.runs import slug
 from workbench.scan_surface import reconstructed
 from workbench.spool import Made, Spool
 
@@ -111,7 +111,8 @@ def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress
     size = read(path_of(recording, first), f"{recording.name}/{first['image']}").size
     check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
     (folder / CLOUDS).mkdir()
-    work = _Work(recording, scanner, folder, full_scale(recording, by_role(recording, "scan")))
+    saturation = full_scale(recording, by_role(recording, "scan"))
+    work = _Work(recording, scanner, folder, saturation, differ_in_case_only(groups))
     each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
     beside = folder.parent  # on its disk, and not in it: not every system moves a folder with an open file
     return Scans(recording, scanner, made, Spool(each, folder=beside), beside)
@@ -141,12 +142,16 @@ def scans_of(recording: Recording) -> Grouped:
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with one scan; `saturation` as in `find_stripes`."""
+    """What is done with one scan; `saturation` as in `find_stripes`.
+
+    `same_but_case`: ids of scans that differ from another one in capitals only.
+    """
 
     recording: Recording
     scanner: Scanner
     folder: Path
     saturation: float | None = None
+    same_but_case: frozenset[str] = frozenset()
 
     def __call__(self, named: tuple[str, list[Mapping]]) -> Scan:
         name, rows = named
@@ -160,7 +165,7 @@ class _Work:
         points, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
         seen = np.isfinite(points).all(0)
         points, pixels, steps, sigma, shape = points[:, seen], pixels[:, seen], steps[seen], sigma[seen], shape[:, seen]
-        cloud = f"{CLOUDS}/{slug(name)}.ply"
+        cloud = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
         write_cloud(self.folder / cloud, points)
         balls, outcome = self.balls(known, points, pixels, steps, sigma, shape)
         without = len(rows) - len(known)

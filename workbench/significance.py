@@ -1,7 +1,5 @@
 """How much each kinematic parameter moves the end of an arm: sensitivity and average significance index."""
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +11,7 @@ from robot_model.measurements import looks_of, samples_of
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from robot_model.system import geometry_free
+from workbench.core.csv_text import csv_text
 from workbench.core.errors import InputError
 
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
@@ -138,11 +137,8 @@ def _moved(robot, variables, joint, column, step):
 def save(found: Significance, folder: Path) -> None:
     """Write table.csv and significance.png."""
     rows = found.as_json()["parameters"]
-    out = io.StringIO()
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    (folder / "table.csv").write_text(out.getvalue(), encoding="utf-8")
+    text = csv_text(rows[0], [row.values() for row in rows])
+    (folder / "table.csv").write_text(text, encoding="utf-8")
     picture(found).savefig(folder / "significance.png", dpi=130)
 
 

@@ -1,11 +1,14 @@
 """`solution.json`: a calibrated arm on disk, with all that a program needs to use it later."""
 
 import json
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from datasets.columns import BOOKKEEPING, MEASURED, OTHER, joint_columns
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
@@ -13,6 +16,9 @@ from workbench.core.effect import Effect, make_effects
 from workbench.core.errors import InputError
 
 FORMAT, NAME = "solution/1", "solution.json"
+# What acts on the arm. The instrument's own errors, its drift relative to the base and the moment of reading move no
+# flange.
+_ARM_PORTS = ("joint", "geometry", "frame", "gravity", "mass")
 
 
 @dataclass(frozen=True)
@@ -23,7 +29,8 @@ class CalibratedArm:
     that were solved for and `covariance` (F, F) of them; `load_centre` (3,) mm on the flange;
     `held_out_mm` RMS of the 3-D error on samples that the solve did not see; `trusted` False where
     it did not converge, the recording was in doubt or the held-out error is no better than the nominal
-    arm's, and `why` says so.
+    arm's, and `why` says so. `fitted_range`: lowest and highest value of every joint reading and covariate that was
+    recorded, by column name in file units; None where an older version wrote the file.
     """
 
     robot: Robot
@@ -36,6 +43,16 @@ class CalibratedArm:
     trusted: bool
     why: str
     keys: dict
+    fitted_range: Mapping[str, tuple[float, float]] | None = None
+
+    @property
+    def acting_effects(self) -> tuple[Effect, ...]:
+        """Those of the effects that move the flange."""
+        return tuple(
+            effect
+            for effect in self.effects
+            if effect.port in _ARM_PORTS and effect.effect != "base-drift" and effect.where != "time"
+        )
 
 
 def solution_keys(calibration, noise=None) -> dict:
@@ -64,7 +81,31 @@ def solution_keys(calibration, noise=None) -> dict:
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
         "provenance": dict(calibration.provenance),
+        "priors": {p.key: p.prior for p in calibration.model.parameters.table if p.prior is not None},
+        "noise_rms_mm": _noise_rms(recording),
+        "fitted_range": _fitted_range(calibration),
     }
+
+
+def _noise_rms(recording) -> float | None:
+    """RMS 3-D distance, mm, that the stated noise of the coordinates makes; None where none is stated."""
+    sigma = recording.sigma
+    return None if sigma is None else float(np.sqrt(3 * np.mean(np.square(sigma))))
+
+
+def _fitted_range(calibration) -> dict[str, list[float]]:
+    """Lowest and highest value of joint readings and covariates, without the samples that were left out."""
+    recording = calibration.recording
+    kept = ~np.isin(recording.sample_ids, calibration.suspects)
+    names = [*joint_columns(recording.columns), *recording.covariates]
+    found: dict[str, list[float]] = {}
+    for name in names:
+        values = recording.columns[name][kept]
+        plain = name.removeprefix(OTHER)  # the second end of a length is a pose of the arm like the first
+        low, high = found.get(plain, (math.inf, -math.inf))
+        if values.size and plain not in BOOKKEEPING | MEASURED:
+            found[plain] = [min(low, float(values.min())), max(high, float(values.max()))]
+    return found
 
 
 def _robot_keys(recording) -> dict:
@@ -90,11 +131,15 @@ def read_solution(path: Path) -> CalibratedArm:
     try:
         effects = make_effects(CATALOGUE, [(row.pop("effect"), row.pop("where"), row) for row in keys["effects"]])
         trusted, why = _trust(keys)
+        ranges = keys.get("fitted_range")
+        if ranges is not None:
+            ranges = {str(name): (float(low), float(high)) for name, (low, high) in ranges.items()}
         arm = CalibratedArm(
             load_robot(keys["robot"], f"{path}, key robot"), effects,
             {str(key): float(value) for key, value in keys["values"].items()}, tuple(keys["free"]),
             np.array(keys["covariance"], float).reshape(len(keys["free"]), len(keys["free"])),
             np.array(keys["load_centre_mm"], float), float(keys["held_out"]["rms_mm"]), trusted, why, keys,
+            ranges,
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
         if isinstance(problem, InputError):

@@ -1,6 +1,5 @@
 """Writer of recording/1 folders: complete or not at all."""
 
-import csv
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -11,6 +10,7 @@ import numpy as np
 from datasets.columns import INTEGERS
 from datasets.errors import complaint
 from datasets.recording import Recording
+from workbench.core.csv_text import write_rows
 
 _AT_A_TIME = 5_000  # rows of a CSV file: a cell as text takes ten times the room of a number
 
@@ -106,11 +106,10 @@ def write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """One CSV file; floats are written so that reading gives the same bits."""
     columns = {name: np.asarray(values) for name, values in columns.items()}
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
+        write_rows(file, [columns])
         for start in range(0, max(map(len, columns.values()), default=0), _AT_A_TIME):
             some = {name: values[start : start + _AT_A_TIME].tolist() for name, values in columns.items()}
-            writer.writerows(zip(*([_cell(name, v) for v in values] for name, values in some.items())))
+            write_rows(file, zip(*([_cell(name, v) for v in values] for name, values in some.items())))
 
 
 def _cell(name: str, value) -> str:
@@ -130,8 +129,7 @@ def _write_images(recording: Recording, folder: Path, copy: bool) -> None:
     names = dict.fromkeys(name for row in recording.images for name in row)
     rows = [[row.get(name, "") for name in names] for row in recording.images]
     with (folder / "images.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerows([names, *rows])
+        write_rows(file, [names, *rows])
     for row in recording.images if copy else ():
         target = folder / row["image"]
         target.parent.mkdir(parents=True, exist_ok=True)

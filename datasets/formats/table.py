@@ -3,14 +3,16 @@
 import csv
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from datasets.errors import complaint
+from datasets.errors import InputError, complaint
 from datasets.files import check_file, read_text
+from workbench.core.csv_text import unprotect_cell
 
 _AT_A_TIME = 5_000  # rows of a CSV file
 
@@ -56,7 +58,7 @@ def _read_csv(path: Path, called: str, text: tuple[str, ...], blanks: bool) -> T
     first = next(lines, None)
     if first is None:
         raise complaint(called, "a header row with column names", "no text at all", "export it again")
-    header = _check_header([cell.strip() for cell in first[1]], called)
+    header = _check_header([_text_of(cell) for cell in first[1]], called)
     parts = [_part((), header, called, text, blanks)]
     while body := list(islice(lines, _AT_A_TIME)):
         parts.append(_part(body, header, called, text, blanks))
@@ -70,8 +72,11 @@ def _part(body, header, called, text, blanks) -> tuple[np.ndarray, dict[str, np.
     for number, row in body:
         _check_width(row, header, number, called)
     rows = np.array([number for number, _ in body], int)
-    return rows, {name: _column(name, [row[k].strip() for _, row in body], rows, called, name in text, blanks)
-                  for k, name in enumerate(header)}  # fmt: skip
+    columns = {}
+    for k, name in enumerate(header):
+        cells = [row[k] for _, row in body]
+        columns[name] = _column(name, cells, rows, called, name in text, blanks)
+    return rows, columns
 
 
 def _lines(content: str, called: str) -> Iterator[tuple[int, list[str]]]:
@@ -93,6 +98,9 @@ def _split(content: str) -> Iterator[str]:
 
 def _check_header(header: list[str], called: str) -> list[str]:
     where = f"{called}, row 1"
+    if any("\0" in cell for cell in header):
+        raise complaint(where, "UTF-8 text", "zero bytes, as in UTF-16 text or a binary file",
+                        'save it as "CSV UTF-8 (comma delimited)"')  # fmt: skip
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) < 3 and any(mark in cell for cell in header):
             raise complaint(where, "columns separated by commas", f"columns separated by {name}",
@@ -118,10 +126,24 @@ def _check_width(row: list[str], header: list[str], number: int, called: str) ->
 
 def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bool, blanks: bool) -> np.ndarray:
     if text:
-        return np.array(cells, dtype=str)
+        return _texts(name, cells, rows, called)
+    cells = [cell.strip() for cell in cells]
     if blanks:
         return _with_blanks(name, cells, rows, called)
     return _numbers(name, cells, rows, called)
+
+
+def _texts(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
+    for number, cell in zip(rows, cells):
+        if "\0" in cell:
+            raise complaint(f"{called}, row {number}, column {name}", "text", "a zero byte in it", "correct the cell")
+    return np.array([_text_of(cell) for cell in cells], dtype=str)
+
+
+def _text_of(cell: str) -> str:
+    """The text of a cell, without the apostrophe that protects a formula; spaces around any other text are dropped."""
+    plain = unprotect_cell(cell)
+    return plain if plain != cell else cell.strip()
 
 
 def _with_blanks(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
@@ -158,40 +180,71 @@ def _is_number(cell: str) -> bool:
 
 
 def _read_parquet(path: Path, called: str, text: tuple[str, ...]) -> Table:
-    import pyarrow
     import pyarrow.parquet
 
     check_file(path, called, ".parquet")
+    with parquet_errors(called), pyarrow.parquet.ParquetFile(path, memory_map=False) as file:
+        return arrow_table(file.read(), called, text)
+
+
+@contextmanager
+def parquet_errors(called: str) -> Iterator[None]:
+    """InputError where pyarrow cannot read a file, or a name in it is not UTF-8."""
+    import pyarrow
+
     try:
-        found = pyarrow.parquet.read_table(path, memory_map=False)
+        yield
+    except InputError:
+        raise
+    except UnicodeDecodeError as problem:
+        shown = problem.object.decode("utf-8", "backslashreplace")[:60]
+        raise complaint(f"{called}, column {shown}", "column names in UTF-8", "another encoding",
+                        "rename the column") from None  # fmt: skip
     except (pyarrow.ArrowException, OSError, ValueError, TypeError, KeyError) as problem:
-        raise complaint(called, "a Parquet file", f"one that cannot be read ({str(problem)[:80]})",
-                        "write it again, or save the samples as samples.csv") from None
-    return arrow_table(found, called, text)
+        why = str(problem).partition("\n")[0][:90]
+        raise complaint(called, "a Parquet file", f"one that cannot be read ({why})",
+                        "write it again, or save the samples as samples.csv") from None  # fmt: skip
 
 
 def arrow_table(found, called: str, text: tuple[str, ...] = (), first_row: int = 1) -> Table:
     """Columns of a pyarrow table or record batch whose first row is row `first_row` of the file; InputError where one
     cannot be."""
-    for name in found.column_names:
-        if found.column_names.count(name) > 1:
-            raise complaint(f"{called}, column {name}", "every column once", "it twice", "rename one of them")
+    names = _arrow_names(found, called)
     rows = np.arange(first_row, first_row + found.num_rows)
-    columns = {k: _arrow_column(found.column(k), k, called, k in text) for k in found.column_names}
+    columns = {}
+    for k, name in enumerate(names):
+        columns[name] = _arrow_column(found.column(k), name, called, name in text)
     return Table(called, columns, rows)
+
+
+def _arrow_names(found, called: str) -> list[str]:
+    """Names of the columns, without spaces around them; InputError where one is no text, empty, or there twice."""
+    names = [name.strip() for name in found.column_names]
+    for k, name in enumerate(names, 1):
+        if not name:
+            raise complaint(f"{called}, column {k}", "a column name", "an empty one", "name the column or delete it")
+        if names.count(name) > 1:
+            raise complaint(f"{called}, column {name}", "every column once", "it twice", "rename one of them")
+    return names
 
 
 def _arrow_column(column, name: str, called: str, text: bool) -> np.ndarray:
     import pyarrow
     from pyarrow import types
 
+    if types.is_dictionary(column.type):  # pandas writes its categories so
+        column = column.cast(column.type.value_type)
     where, kind = f"{called}, column {name}", column.type
-    is_text = types.is_string(kind) or types.is_large_string(kind)
-    numeric = types.is_integer(kind) or types.is_floating(kind)
+    is_text = types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind)
+    numeric = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
     if not (is_text if text else numeric):
         raise complaint(where, "text" if text else "numbers", f"the column type {kind}",
                         "convert the column, or delete it")
-    values = column.to_pylist() if text else column.cast(pyarrow.float64(), safe=False)
+    try:
+        values = column.to_pylist() if text else column.cast(pyarrow.float64(), safe=False)
+    except UnicodeDecodeError:
+        raise complaint(where, "text in UTF-8", "a cell in another encoding",
+                        "write the column again as UTF-8") from None  # fmt: skip
     if column.null_count:
         row = int(np.flatnonzero(column.is_null().to_numpy())[0]) + 1
         raise complaint(f"{called}, row {row}, column {name}", "a value", "none (null)",

@@ -1,6 +1,5 @@
 """A whole recording of rendered pictures, as a laboratory would have made it, and the truth beside it."""
 
-import csv
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from sensors.rendering.ports import Moment
 from sensors.rendering.render import render_board, render_scan
 from sensors.rendering.scene import Scene
 from sensors.rendering.surfaces import BallSurface, BoardSurface, MeshSurface, Surface, true_balls
+from workbench.core.csv_text import write_rows
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector
 
@@ -243,8 +243,8 @@ def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) ->
 def _write_csv(path, rows) -> None:
     names = dict.fromkeys(name for row in rows for name in row)
     with _writing(path), path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerows([names, *([row.get(name, "") for name in names] for row in rows)])
+        write_rows(file, [names])
+        write_rows(file, ([row.get(name, "") for name in names] for row in rows))
 
 
 def _write_toml(path, keys) -> None:

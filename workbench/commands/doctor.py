@@ -3,6 +3,7 @@
 import typer
 
 from workbench.commands import answer
+from workbench.doctor import OPTIONAL
 
 
 def command(json: answer.JsonTarget = None) -> None:
@@ -27,4 +28,7 @@ def _show(console, checks, result) -> None:
         if check.advice and not check.ok:
             console.print(f"           {check.advice}", markup=False, soft_wrap=True)
     last = "All that is required is here." if result["healthy"] else "Something required is missing."
-    console.print(last)
+    without = [check.name for check in checks if check.name in OPTIONAL and not check.ok]
+    if without:
+        last += f" Optional packages are missing: {', '.join(without)}; the lines above say which command needs them."
+    console.print(last, soft_wrap=True)

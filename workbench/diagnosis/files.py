@@ -1,11 +1,10 @@
 """Files of a diagnosis in its run folder: residuals, smallest sizes, and the next experiment as a scene that runs."""
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
 
+from workbench.core.csv_text import csv_text
 from workbench.diagnosis.result import Diagnosis
 from workbench.diagnosis.scenes import ROBOT, SCENE
 from workbench.results import rotation_columns
@@ -22,7 +21,7 @@ def save(made: Diagnosis, folder: Path) -> None:
         rows = made.as_json()["smallest_visible"]
         keys = [key for key in rows[0] if key != "twin"]
         lines = [[*(row[key] for key in keys), *(row["twin"] or {"effect": "", "where": ""}).values()] for row in rows]
-        (folder / VISIBLE).write_text(_csv([*keys, "twin", "twin_where"], lines), encoding="utf-8")
+        (folder / VISIBLE).write_text(csv_text([*keys, "twin", "twin_where"], lines), encoding="utf-8")
     _experiment(made, folder)
 
 
@@ -38,7 +37,7 @@ def _residuals(made: Diagnosis) -> str:
         columns = np.concatenate([columns, values[None]])
     lines = [[int(i), *(f"{v:.6g}" for v in row), int(fold), int(int(i) in out)]
              for i, row, fold in zip(views.sample, columns.T, proof.fold)]  # fmt: skip
-    return _csv(head, lines)
+    return csv_text(head, lines)
 
 
 def _rotation_columns(made: Diagnosis) -> dict[str, np.ndarray]:
@@ -64,12 +63,4 @@ def _experiment(made: Diagnosis, folder: Path) -> None:
         (folder / ROBOT).write_text(tomli_w.dumps(dict(plan.robot)), encoding="utf-8")
     if plan.poses is not None:
         head = [f"joint {k}" for k in range(1, plan.poses.shape[1] + 1)]
-        (folder / POSES).write_text(_csv(head, plan.poses.round(6).tolist()), encoding="utf-8")
-
-
-def _csv(head, rows) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return out.getvalue()
+        (folder / POSES).write_text(csv_text(head, plan.poses.round(6).tolist()), encoding="utf-8")

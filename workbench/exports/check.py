@@ -13,6 +13,7 @@ from sensors.camera.model import Camera, camera_from_keys
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
 from workbench.exports.camera import read_camera_text
+from workbench.exports.hand_eye import StaticTransform, read_launch_yaml, read_transform_yaml
 from workbench.exports.mdh import calibrated_geometry, read_mdh
 from workbench.solution_file import CalibratedArm
 
@@ -55,6 +56,14 @@ def check_camera(camera: Camera, text: str, name: str) -> None:
     size = len(camera.values)
     if again.size != camera.size or np.abs(again.values[:size] - camera.values).max() > _SAME:
         raise _Differs(f"the {name} file read back is another camera")
+
+
+def check_static_transform(made: StaticTransform, transform: str, launch: str) -> None:
+    """RuntimeError where one of the two files of a hand-eye transform does not give it back."""
+    for name, again in (("transform", read_transform_yaml(transform)), ("launch", read_launch_yaml(launch))):
+        is_same = (again.parent, again.child) == (made.parent, made.child)
+        if not is_same or np.abs(again.matrix - made.matrix).max() > _SAME_MM:
+            raise _Differs(f"the {name} file read back is another transform")
 
 
 def read_calibrated_camera(path: Path) -> Camera:

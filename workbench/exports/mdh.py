@@ -7,6 +7,7 @@ import json
 import numpy as np
 
 from robot_model.robot import Robot
+from workbench.core.csv_text import csv_text
 from workbench.core.errors import InputError
 from workbench.solution_file import CalibratedArm
 
@@ -40,11 +41,8 @@ def mdh_json(arm: CalibratedArm) -> str:
 
 def mdh_csv(arm: CalibratedArm) -> str:
     """The rows alone, a joint a line."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    table.writeheader()
-    table.writerows({key: repr(value) for key, value in row.items()} for row in _rows(arm))
-    return text.getvalue()
+    rows = [[repr(value) for value in row.values()] for row in _rows(arm)]
+    return csv_text(COLUMNS, rows)
 
 
 def left_out(arm: CalibratedArm) -> list[str]:

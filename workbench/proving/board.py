@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from workbench.core.csv_text import protect_text_columns
 from workbench.proving import figures
 from workbench.proving.tasks import COUNTS
 from workbench.runs import replace_file
@@ -83,9 +84,11 @@ def save(made: Board, folder: Path) -> None:
     from pyarrow import csv, parquet
 
     table = pa.Table.from_pylist([_flat(row) for row in made.rows], schema=_schema(pa))
-    for name, write in (("results.csv", csv.write_csv), ("results.parquet", parquet.write_table)):
+    as_csv = ("results.csv", csv.write_csv, protect_text_columns(table))
+    as_parquet = ("results.parquet", parquet.write_table, table)
+    for name, write, content in (as_csv, as_parquet):
         partial = folder / f".partial-{name}"
-        write(table, partial)
+        write(content, partial)
         partial.replace(folder / name)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.core.csv_text import protect_text_columns
 from workbench.core.errors import InputError
 from workbench.study.robots import Row
 
@@ -76,12 +77,13 @@ def put_together(folder: Path, parts: int) -> None:
 
     paths = [folder / PARTS / _name(number) for number in range(parts)]
     schema = _schema(pa, (pq.read_schema(path) for path in paths))
+    csv_schema = protect_text_columns(schema.empty_table()).schema
     with whole(folder / TABLE) as table, whole(folder / CSV) as text:
-        with pq.ParquetWriter(table, schema) as writer, pc.CSVWriter(text, schema) as lines:
+        with pq.ParquetWriter(table, schema) as writer, pc.CSVWriter(text, csv_schema) as lines:
             for path in paths:
                 made = _as(pa, pq.read_table(path), schema)
                 writer.write_table(made)
-                lines.write_table(made)
+                lines.write_table(protect_text_columns(made))
 
 
 def _schema(pa, schemas):

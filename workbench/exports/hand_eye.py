@@ -1,0 +1,171 @@
+"""A calibrated hand-eye transform for ROS: a static transform as YAML, and a launch file that publishes it.
+
+The parent frame is the flange for a sensor in the arm's hand, and the base for one beside the arm; the child frame is
+the sensor. Translation in m and rotation as a quaternion are those of geometry_msgs/TransformStamped: they take
+coordinates in the child frame to the parent frame.
+"""
+
+import re
+import shlex
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from workbench.core.errors import InputError
+
+FORMAT = "hand-eye/1"
+PARENTS = {"T_flange_sensor": "flange", "T_base_sensor": "base"}
+CHILD = "sensor"
+_FRAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_./-]*")
+_ROTATION = 1e-6
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class CalibratedHandEye:
+    """`matrix` (4, 4) mm takes sensor coordinates to those of `parent` ("flange" or "base"); `doubt` says in part of a
+    sentence why it should not be used, "" where nothing speaks against it."""
+
+    matrix: np.ndarray
+    parent: str
+    doubt: str = ""
+
+
+@dataclass(frozen=True)
+class StaticTransform:
+    """T_parent_child (4, 4) mm between two frames of ROS."""
+
+    matrix: np.ndarray
+    parent: str
+    child: str = CHILD
+
+    def __post_init__(self):
+        for option, name in (("--parent-frame", self.parent), ("--child-frame", self.child)):
+            if not _FRAME.fullmatch(name):
+                raise InputError(
+                    f"{option} {name!r}: expected a frame of ROS (letters, digits, _ . / -, no slash in front), found "
+                    "another name; correct it"
+                )
+        if self.parent == self.child:
+            raise InputError(
+                f"--child-frame {self.child}: expected another frame than the parent, found the same; correct one"
+            )
+
+
+def read_hand_eye(path: Path) -> CalibratedHandEye:
+    """The transform of a hand-eye.toml. Raises InputError with the file, the key and what to do."""
+    try:
+        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise InputError(
+            f"{path}: expected a hand-eye.toml, found that it cannot be read ({problem}); name the file that "
+            "`workbench handeye` wrote"
+        ) from None
+    if keys.get("format") != FORMAT or keys.get("transform") not in PARENTS:
+        raise InputError(
+            f"{path}, keys format and transform: expected '{FORMAT}' and one of {', '.join(PARENTS)}, found others; "
+            "name the file that `workbench handeye` wrote"
+        )
+    matrix = _matrix_of(keys, path)
+    return CalibratedHandEye(matrix, PARENTS[keys["transform"]], _doubt(keys))
+
+
+def _matrix_of(keys, path) -> np.ndarray:
+    try:
+        matrix = np.array(keys["matrix"], float).reshape(4, 4)
+    except (KeyError, TypeError, ValueError):
+        matrix = np.full((4, 4), np.nan)
+    rotation = matrix[:3, :3]
+    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROTATION and np.linalg.det(rotation) > 0
+    if not np.isfinite(matrix).all() or not is_rotation:
+        raise InputError(
+            f"{path}, key matrix: expected a rotation and a translation (4 rows of 4 numbers), found something else; "
+            "run `workbench handeye` again"
+        )
+    return matrix
+
+
+def _doubt(keys) -> str:
+    if keys.get("suspicions"):
+        return f"its recording is in doubt ({keys['suspicions'][0]})"
+    spread = [*keys.get("std_mm", []), *keys.get("std_deg", [])]
+    if not np.isfinite(spread).all():
+        why = (keys.get("undetermined") or ["its standard deviation is not finite"])[0]
+        return f"part of the transform is not determined ({why})"
+    return "" if keys.get("converged", True) else "the solve did not converge"
+
+
+def checked_hand_eye(found: CalibratedHandEye, path, force: bool) -> CalibratedHandEye:
+    """The transform, where it may be used; InputError where it may not and nobody forces it."""
+    if force or not found.doubt:
+        return found
+    raise InputError(
+        f"{path}: expected a hand-eye transform that can be relied on, found that {found.doubt}; record more poses and "
+        "calibrate again, or add --force"
+    )
+
+
+def transform_yaml(made: StaticTransform) -> str:
+    """YAML with the keys of geometry_msgs/TransformStamped."""
+    import yaml
+
+    translation, quaternion = _values(made)
+    keys = {
+        "header": {"frame_id": made.parent},
+        "child_frame_id": made.child,
+        "transform": {"translation": translation, "rotation": quaternion},
+    }
+    return yaml.safe_dump(keys, sort_keys=False)
+
+
+def launch_yaml(made: StaticTransform) -> str:
+    """A launch file of ROS 2 that publishes the transform with tf2_ros."""
+    import yaml
+
+    translation, quaternion = _values(made)
+    options = [(f"--{axis}", repr(value)) for axis, value in translation.items()]
+    options += [(f"--q{axis}", repr(value)) for axis, value in quaternion.items()]
+    options += [("--frame-id", made.parent), ("--child-frame-id", made.child)]
+    node = {
+        "pkg": "tf2_ros",
+        "exec": "static_transform_publisher",
+        "args": " ".join(f"{name} {value}" for name, value in options),
+    }
+    return yaml.safe_dump({"launch": [{"node": node}]}, sort_keys=False, width=1000)
+
+
+def _values(made: StaticTransform) -> tuple[dict[str, float], dict[str, float]]:
+    """Translation in m and quaternion, by axis."""
+    quaternion = Rotation.from_matrix(made.matrix[:3, :3]).as_quat()
+    translation = dict(zip(_AXES, (made.matrix[:3, 3] / 1000).tolist()))
+    return translation, dict(zip((*_AXES, "w"), quaternion.tolist()))
+
+
+def read_transform_yaml(text: str) -> StaticTransform:
+    """The transform of what `transform_yaml` wrote."""
+    import yaml
+
+    keys = yaml.safe_load(text)
+    values = keys["transform"]
+    return _transform_of(values["translation"], values["rotation"], keys["header"]["frame_id"], keys["child_frame_id"])
+
+
+def read_launch_yaml(text: str) -> StaticTransform:
+    """The transform of what `launch_yaml` wrote."""
+    import yaml
+
+    words = shlex.split(yaml.safe_load(text)["launch"][0]["node"]["args"])
+    options = dict(zip(words[::2], words[1::2]))
+    translation = {axis: float(options[f"--{axis}"]) for axis in _AXES}
+    quaternion = {axis: float(options[f"--q{axis}"]) for axis in (*_AXES, "w")}
+    return _transform_of(translation, quaternion, options["--frame-id"], options["--child-frame-id"])
+
+
+def _transform_of(translation, quaternion, parent, child) -> StaticTransform:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat([quaternion[axis] for axis in (*_AXES, "w")]).as_matrix()
+    matrix[:3, 3] = [1000 * translation[axis] for axis in _AXES]
+    return StaticTransform(matrix, parent, child)
