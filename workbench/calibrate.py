@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-from robot_model import load_robot
 from robot_model.effects import CATALOGUE
-from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from robot_model.system import bind, geometry_free, held_by_convention
+from workbench.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.identifiability import Identifiability, identifiability, independent
@@ -30,7 +29,6 @@ from workbench.crossvalidation import (
     repeat_summary,
 )
 from workbench.gauge import lengths_beside, resized, size_of
-from workbench.plausibility import check_plausibility
 from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
@@ -76,6 +74,7 @@ class Calibration:
     warnings: tuple[str, ...]
     provenance: dict
     rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
 
     def as_json(self) -> dict:
         """The object of the JSON contract."""
@@ -113,22 +112,23 @@ def calibrate(
     test_samples: Sequence[int] | None = None,
     folds: int = 10,
     progress: Callable[[str], None] = lambda text: None,
+    trust_data: bool = False,
 ) -> Calibration:
     """Calibrate the robot of a recording.
 
     plan: stages, a TOML file of them, or None for the default plan. fit_samples, test_samples:
     sample numbers; what is not named for testing is fitted, and without test samples the held-out
     error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
+    trust_data: calibrate also where the plausibility check says that the data cannot be right.
     Raises InputError for a recording that this cannot calibrate.
     """
-    moving = samples_of(recording)
-    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    checked = check_samples(recording, trust_data, fit_samples, test_samples)
+    moving, robot = checked.recording, checked.robot
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split, stages)
-    warnings = _doubts(robot, moving.select(split.fit))
     step, results = _run(nominal, stages, split, progress)
     for _ in range(_ROUNDS):
         clean = _without_blunders(step, split, everyone)
@@ -138,7 +138,7 @@ def calibrate(
         split = clean
         nominal = _first(Model(chain), split, stages)
         step, results = _run(nominal, stages, split, progress)
-    return _calibration(moving, robot, nominal, step, results, split, warnings)
+    return _calibration(checked, nominal, step, results, split)
 
 
 def _stages(plan, chain) -> tuple[Stage, ...]:
@@ -150,7 +150,7 @@ def _stages(plan, chain) -> tuple[Stage, ...]:
 def _split(recording, fit_samples, test_samples, folds) -> Split:
     everyone = np.ones(recording.n, bool)
     test = np.isin(recording.sample_ids, test_samples) if test_samples is not None else ~everyone
-    fit = np.isin(recording.sample_ids, fit_samples) if fit_samples is not None else ~test
+    fit = rows_to_fit(recording, fit_samples, test_samples)
     if not test.any() and not fit.all():
         test = ~fit
     poses = len(np.unique(recording.poses[fit]))
@@ -162,15 +162,6 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
     fold = np.full(recording.n, -1)
     fold[fit] = blocks(recording.poses[fit], folds)
     return Split(fit, fold, test)
-
-
-def _doubts(robot, recording) -> tuple[str, ...]:
-    """What looks wrong with the recording; InputError where the recorded data cannot be right."""
-    suspicions = check_plausibility(robot, recording)
-    for suspicion in suspicions:
-        if suspicion.certain:
-            raise InputError(suspicion.sentence)
-    return tuple(suspicion.sentence for suspicion in suspicions)
 
 
 def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
@@ -335,7 +326,8 @@ def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
     )  # fmt: skip
 
 
-def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, warnings) -> Calibration:
+def _calibration(checked: CheckedSamples, nominal: _Step, step: _Step, stages, split) -> Calibration:
+    recording, robot = checked.recording, checked.robot
     held_out = _final_held_out(step, split)
     parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
@@ -357,8 +349,8 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
         error_summary(_final_held_out(nominal, split).residual),
         position["fit"], position["held_out"], position["nominal"],
         held_out.fold, points, arrows,
-        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), warnings, dict(solution.provenance),
-        rotation,
+        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), checked.warnings,
+        dict(solution.provenance), rotation, checked.doubts,
     )  # fmt: skip
 
 

@@ -55,7 +55,7 @@ def solution_keys(calibration) -> dict:
         "held_out": calibration.held_out,
         "nominal": calibration.nominal,
         "converged": solution.converged,
-        "warnings": list(calibration.warnings),
+        "warnings": list(calibration.doubts),
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
         "provenance": dict(calibration.provenance),

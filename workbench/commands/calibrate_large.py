@@ -18,6 +18,7 @@ def command(
     folds: Folds = 10,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
 ) -> None:
     """Calibrate from millions of samples: stages are chosen on some of them, all are solved, in little memory."""
     answer.check_target(json)
@@ -25,7 +26,7 @@ def command(
         from workbench.chunked import calibrate_chunks, save
 
         with runs.opened("calibrate-large", recording, out) as run:
-            made = calibrate_chunks(recording, plan, folds, say)
+            made = calibrate_chunks(recording, plan, folds, say, trust_data)
             save(made, run.partial)
             result = {**made.as_json(), "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))

@@ -29,6 +29,7 @@ def command(
     jobs: answer.Jobs = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
     """Say what the model of a recording leaves out: where, what, how sure, and how much better it predicts with it."""
@@ -43,11 +44,11 @@ def command(
 
         if simulation is not None and solution is not None:
             raise InputError("--simulation and --solution: expected one of them, found both; leave one out.")
-        found = datasets.read(recording)
+        found = datasets.read(recording, trust_data)
         _check_scanner(found, scanner)
         with runs.opened("diagnose", recording, out) as run:
             made = diagnose(found, baseline=baseline, simulation=simulation, solution=solution, scanner=scanner,
-                            progress=say, jobs=jobs or cores())  # fmt: skip
+                            progress=say, jobs=jobs or cores(), trust_data=trust_data)  # fmt: skip
             result = {**made.as_json(), "run": run.path}
             save(made, run.partial)
             if not no_report:
@@ -78,6 +79,7 @@ def show(console, result) -> None:
     """The answer of `diagnose --json`, for a person."""
     unit, held_out = result["unit"], result["held_out"]
     console.print(f"{result['recording']}: {result['verdict']}", style="bold", markup=False)
+    tables.warnings(console, result)
     console.print()
     for found in result["effects"]:
         console.print(f"- {found['statement']}", markup=False)

@@ -17,6 +17,7 @@ def command(
     recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
     plan: Plan = None,
     json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
 ) -> None:
     """Say which parameters a recording determines, and what cannot be told apart, in words."""
     answer.check_target(json)
@@ -24,8 +25,8 @@ def command(
         import datasets
         from workbench.identify import identifiability
 
-        found = datasets.read(recording)
+        found = datasets.read(recording, trust_data)
         say("looking at the poses")
-        result = {"command": "identifiability", "recording": recording, **identifiability(found, plan)}
+        result = {"command": "identifiability", "recording": recording, **identifiability(found, plan, trust_data)}
     answer.deliver(result, json)
     tables.identifiability(answer.console(json), result)

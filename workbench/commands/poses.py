@@ -29,6 +29,7 @@ def command(
     seed: Annotated[int, typer.Option("--seed", help="Of the random sets that it is compared with.")] = 0,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
 ) -> None:
     """Choose the poses from which most is learnt, and say what even they leave open."""
     answer.check_target(json)
@@ -36,11 +37,13 @@ def command(
         from workbench.poses import choose_poses, write_poses
         from workbench.sight import Sight
 
-        found = _read(candidates)
-        wanted = None if tasks is None else _read(tasks)
+        found = _read(candidates, trust_data)
+        wanted = None if tasks is None else _read(tasks, trust_data)
         say("choosing")
         sight = Sight(stand_off, field, cap)
-        chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed, sight, repeats)
+        chosen = choose_poses(
+            found, count, criterion, wanted, effects, link_radius, seed, sight, repeats, trust_data
+        )
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
             told = chosen.as_json()
@@ -51,7 +54,7 @@ def command(
     _show(answer.console(json), result)
 
 
-def _read(name: str):
+def _read(name: str, trust_data: bool):
     """A recording, or what the scene of a TOML file simulates."""
     if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
         from workbench.simulate import simulate
@@ -59,10 +62,11 @@ def _read(name: str):
         return simulate(Path(name))
     import datasets
 
-    return datasets.read(name)
+    return datasets.read(name, trust_data)
 
 
 def _show(console, result) -> None:
+    tables.warnings(console, result)
     rows = [[result["criterion"], result["poses"], result["candidates"], result["value"], result["random_median"],
              result["gain_over_random"]]]  # fmt: skip
     head = ["criterion", "chosen", "of candidates", "value", "random sets", "times better"]

@@ -13,11 +13,16 @@ def calibration(console, answer: Mapping) -> None:
 
     answer: the object of `calibrate --json`.
     """
-    for warning in answer.get("warnings", ()):
-        console.print(f"Warning: {warning}", style="bold red", markup=False)
+    warnings(console, answer)
     _errors(console, answer)
     _stages(console, answer["stages"])
     _parameters(console, answer["parameters"])
+
+
+def warnings(console, answer: Mapping) -> None:
+    """The sentences under `warnings` of any answer, in red."""
+    for warning in answer.get("warnings", ()):
+        console.print(f"Warning: {warning}", style="bold red", markup=False)
 
 
 def identifiability(console, answer: Mapping) -> None:
@@ -25,6 +30,7 @@ def identifiability(console, answer: Mapping) -> None:
 
     answer: the object of `identifiability --json`.
     """
+    warnings(console, answer)
     head = ["stage", "free", "known", "O1", "O2", "O3", "O4", "O5"]
     rows = [[s["name"], s["free"], s["identifiable"], *(number(s[f"O{k}"], 3) for k in range(1, 6))]
             for s in answer["stages"]]
