@@ -10,7 +10,7 @@ import pytest
 import datasets
 from conftest import ROOT
 from datasets.trust import TRUST_DATA
-from test_suspicion import erring
+from erring_scenes import erring
 from workbench.calibrate import calibrate
 from workbench.checked_samples import check_samples
 from workbench.compare import compare

@@ -10,7 +10,7 @@ from datasets.chunks import read_chunks
 from datasets.duplicates import first_of_equal_rows
 from robot_model.measurements import samples_of
 from scenes import KINDS, scene
-from test_suspicion import erring
+from erring_scenes import erring
 from workbench.calibrate import calibrate
 from workbench.chunked import calibrate_chunks
 from workbench.compare import compare

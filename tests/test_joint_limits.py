@@ -8,7 +8,7 @@ import pytest
 import datasets
 from scenes import CRAIG
 from test_recording_good import write_good
-from test_suspicion import erring
+from erring_scenes import erring
 from workbench.calibrate import calibrate
 from workbench.core.errors import InputError
 from workbench.identify import identifiability
