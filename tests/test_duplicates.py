@@ -8,9 +8,9 @@ import pytest
 import datasets
 from datasets.chunks import read_chunks
 from datasets.duplicates import first_of_equal_rows
+from erring_scenes import erring
 from robot_model.measurements import samples_of
 from scenes import KINDS, scene
-from erring_scenes import erring
 from workbench.calibrate import calibrate
 from workbench.chunked import calibrate_chunks
 from workbench.compare import compare

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import datasets
+from erring_scenes import erring
 from scenes import CRAIG
 from test_recording_good import write_good
-from erring_scenes import erring
 from workbench.calibrate import calibrate
 from workbench.core.errors import InputError
 from workbench.identify import identifiability

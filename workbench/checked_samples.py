@@ -4,7 +4,7 @@ Every command that fits a robot starts here, so that none accepts a recording th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.plausibility import check_plausibility
+from workbench.start_ambiguity import ambiguity_sentence
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,9 @@ def check_samples(
     """
     samples = samples_of(recording)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
+    ambiguity = ambiguity_sentence(robot, samples)
+    if ambiguity is not None:
+        samples = replace(samples, warnings=(*samples.warnings, ambiguity))
     fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
     doubts = []
     for suspicion in check_plausibility(robot, fitted):

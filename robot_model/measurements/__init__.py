@@ -38,12 +38,10 @@ KINDS = {
 def samples_of(recording):
     """The rows of a recording that a calibration takes, one a sample: those of the tool, and of a pair its first.
 
-    A row that is an exact copy of an earlier one is left out, and the recording's `warnings` name it.
     Raises InputError where a pair is not whole.
     """
     moving = recording.select(recording.moving)
-    samples = paired(moving) if recording.measures == "distance" else moving
-    return samples.without_duplicates()
+    return paired(moving) if recording.measures == "distance" else moving
 
 
 def looks_of(recording) -> tuple:
