@@ -39,6 +39,8 @@ class Recording:
     """Of the files that the numbers were read from."""
     warnings: tuple[str, ...] = ()
     """Sentences on what is unusual and was accepted; every command that reads the recording repeats them."""
+    is_resampled: bool = False
+    """True where rows were drawn with replacement (bootstrap): equal rows then count as often as they were drawn."""
 
     @property
     def n(self) -> int:
@@ -131,7 +133,12 @@ class Recording:
         return replace(self, columns={k: v[rows] for k, v in self.columns.items()})
 
     def without_duplicates(self) -> "Recording":
-        """Every measurement once: exact copies of an earlier row are left out and named in `warnings`."""
+        """Every measurement once: exact copies of an earlier row are left out and named in `warnings`.
+
+        The recording as it is where rows were drawn with replacement.
+        """
+        if self.is_resampled:
+            return self
         from datasets.duplicates import without_duplicates
 
         return without_duplicates(self)

@@ -17,6 +17,7 @@ from workbench.compare import compare
 from workbench.diagnosis.answer import diagnose
 from workbench.identify import identifiability
 from workbench.plans import geometry
+from workbench.study.resampling import by_poses
 
 
 def joined(recording, rows, **columns):
@@ -80,6 +81,13 @@ def test_copies_among_replicates_are_found():
     copied = joined(repeated, np.arange(10))
     assert samples_of(copied).n == repeated.n
     assert (first_of_equal_rows(copied)[repeated.n :] == np.arange(10)).all()
+
+
+def test_a_bootstrap_sample_keeps_every_draw():
+    recording = scene("external-point", n=20, seed=3).recording
+    drawn = by_poses(recording, None, np.random.default_rng(0))
+    assert len(np.unique(drawn.columns["x_mm"])) < drawn.n
+    assert samples_of(drawn).n == drawn.n and samples_of(drawn).warnings == ()
 
 
 def test_calibrate_counts_a_copy_once(doubled):
