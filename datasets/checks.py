@@ -36,6 +36,8 @@ class Context:
     balls: Mapping[int, tuple] = field(default_factory=dict)
     sigma_mm: float | None = None
     small_range: bool = False
+    trust_data: bool = False
+    """Accept with a warning what `datasets.plausible` would refuse."""
 
     @property
     def kind(self) -> Kind:

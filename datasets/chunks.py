@@ -9,6 +9,7 @@ import numpy as np
 
 from datasets.checks import Context, check_samples
 from datasets.columns import TEXT
+from datasets.duplicates import agree_by_rounding, first_of_each_key, measurement_keys, row_hashes
 from datasets.errors import complaint
 from datasets.files import check_file, label
 from datasets.formats.recording1 import checked, read_head
@@ -20,13 +21,16 @@ _NUMBERED = {"external-point": "reflector", "external-pose": "reflector", "parti
              "ball-centre": "ball"}  # fmt: skip
 """Kinds whose rows can be read apart, and the column that says which target a row saw."""
 _THIN = 5000
+_SHOWN = 8
 
 
 @dataclass(frozen=True)
 class Chunks:
     """`head` without columns; `n` moving rows in the file at `path`; `thin` some five to ten thousand of them, evenly
     spread
-    and in order; `each` one row of every target that is seen; `pose` (n,) a label that repeats of one pose share."""
+    and in order; `each` one row of every target that is seen; `pose` (n,) a label that repeats of one pose share.
+    `copies`: numbers of the moving rows that repeat an earlier row exactly; they are left out of everything.
+    """
 
     head: Recording
     path: Path
@@ -34,14 +38,18 @@ class Chunks:
     thin: Recording
     each: Recording
     pose: np.ndarray
+    copies: np.ndarray
 
     def __iter__(self) -> Iterator[Recording]:
         """The moving rows in order, some thousand at a time, each with its number as column `row`."""
         first = 0
         for table in _tables(self.path):
             made = _moving(replace(self.head, columns=dict(table.columns)))
-            yield numbered(made, np.arange(first, first + made.n))
+            rows = np.arange(first, first + made.n)
             first += made.n
+            kept = ~np.isin(rows, self.copies)
+            if kept.any():
+                yield numbered(made, rows).select(kept)
 
 
 def numbered(recording: Recording, rows: np.ndarray) -> Recording:
@@ -49,13 +57,13 @@ def numbered(recording: Recording, rows: np.ndarray) -> Recording:
     return replace(recording, columns=recording.columns | {"row": rows.astype(float)})
 
 
-def read_chunks(folder: Path) -> Chunks:
+def read_chunks(folder: Path, trust_data: bool = False) -> Chunks:
     """A recording folder whose samples are a Parquet file; every row is checked as `datasets.read` does.
 
     What only the whole recording can show (units, mixed-up balls) is judged on rows spread over all of it. Raises
-    InputError, also for kinds whose rows say nothing alone.
+    InputError, also for kinds whose rows say nothing alone. trust_data: as of `datasets.read`.
     """
-    head, path, context = read_head(Path(folder))
+    head, path, context = read_head(Path(folder), trust_data)
     if head.measures not in _NUMBERED:
         raise complaint(f"{head.name}/recording.toml, key measures", f"one of {', '.join(_NUMBERED)} to read in chunks",
                         head.measures, "use `workbench calibrate`")
@@ -63,7 +71,7 @@ def read_chunks(folder: Path) -> Chunks:
         raise complaint(label(path), "a .parquet file to read in chunks", f"the ending {path.suffix!r}",
                         "save the samples as samples.parquet, or use `workbench calibrate`")
     check_file(path, label(path), ".parquet")
-    numbers, poses, thin, each, ids = 0, [], [], {}, []
+    numbers, poses, thin, each, ids, keys = 0, [], [], {}, [], []
     step = max(_rows_of(path) // _THIN, 1)
     for table in _tables(path):
         _check(table, context)
@@ -72,12 +80,40 @@ def read_chunks(folder: Path) -> Chunks:
         made = numbered(made, np.arange(numbers, numbers + made.n))
         _first_of_each(made, _NUMBERED[head.measures], each)
         poses.append(pose_labels(made))
+        keys.append(row_hashes(measurement_keys(made)))
         thin.append(made.select(np.flatnonzero(_chosen(numbers + np.arange(made.n), step))))
         numbers += made.n
     _check_unique(np.concatenate(ids), label(path))
     sample = _joined(thin)
-    checked(Table(label(path), {k: v for k, v in sample.columns.items() if k != "row"}, sample.sample_ids), context)
-    return Chunks(head, path, numbers, sample, _joined([each[key] for key in sorted(each)]), np.concatenate(poses))
+    plain = {k: v for k, v in sample.columns.items() if k != "row"}
+    warnings = checked(Table(label(path), plain, sample.sample_ids), context)[1]
+    copies = _copies(np.concatenate(keys), sample)
+    if copies.size:
+        warnings = (*warnings, _copies_sentence(head, numbers, copies))
+    head = replace(head, warnings=warnings)
+    sample = replace(sample.select(~np.isin(sample.columns["row"], copies)), warnings=warnings)
+    pose = np.delete(np.concatenate(poses), copies)
+    targets = _joined([each[key] for key in sorted(each)])
+    return Chunks(head, path, numbers - copies.size, sample, targets, pose, copies)
+
+
+def _copies(hashes: np.ndarray, thin: Recording) -> np.ndarray:
+    """Numbers of the moving rows that repeat an earlier one; thin: rows that show how coarsely values are rounded."""
+    first = np.unique(hashes, return_index=True)[1]
+    copies = np.setdiff1d(np.arange(len(hashes)), first, assume_unique=True)
+    if copies.size and agree_by_rounding(thin, first_of_each_key(thin)):
+        return copies[:0]
+    return copies
+
+
+def _copies_sentence(head: Recording, rows: int, copies: np.ndarray) -> str:
+    shown = ", ".join(str(row + 1) for row in copies[:_SHOWN])
+    more = f" and {copies.size - _SHOWN} more" if copies.size > _SHOWN else ""
+    return (
+        f"samples of recording '{head.name}': {copies.size} of {rows} moving rows repeat the joint readings and the "
+        f"measured values of an earlier row exactly (moving row {shown}{more}); a copy is no further measurement and "
+        "is counted once; remove these rows, or export the measurements again if they were repeated."
+    )
 
 
 def _chosen(rows: np.ndarray, step: int) -> np.ndarray:
@@ -144,10 +180,4 @@ def pose_labels(recording: Recording) -> np.ndarray:
     for name in ("pose", "repeat"):
         if name in recording.columns:
             return recording.columns[name].astype(np.int64)
-    bits = np.ascontiguousarray(recording.joints.round(4) + 0.0).view(np.uint64)
-    label = np.zeros(recording.n, np.uint64)
-    with np.errstate(over="ignore"):
-        for column in bits.T:  # Fibonacci hashing, column by column
-            label = (label ^ (column ^ column >> np.uint64(32))) * np.uint64(0x9E3779B97F4A7C15)
-            label ^= label >> np.uint64(29)
-    return label.view(np.int64)
+    return row_hashes(recording.joints.round(4)).view(np.int64)

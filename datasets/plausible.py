@@ -1,4 +1,4 @@
-"""Units, limits and mixed-up balls: numbers that are numbers, but cannot have been measured so.
+"""Units and mixed-up balls: numbers that are numbers, but cannot have been measured so.
 
 Each rule only speaks where physics leaves it no other choice, or where the alternative is a
 recording from which nothing could be learnt. `small_range = true` under [samples] in
@@ -11,14 +11,14 @@ from itertools import combinations
 import numpy as np
 
 from datasets.arms import nominal_reach
-from datasets.checks import Context, first, points_of
+from datasets.checks import Context, points_of
 from datasets.columns import joint_columns
 from datasets.errors import InputError, complaint
 from datasets.formats.table import Table
+from datasets.joint_limits import limit_warnings
+from datasets.trust import accepted_by_option, naming_option
 
 TURN = 2 * np.pi
-LIMIT_SLACK = 1.0
-"""deg or mm by which a reading may pass a nominal limit: overshoot, and limits rounded in a data sheet."""
 TOOL_MM = 1000.0
 """No reflector is expected farther from the flange."""
 
@@ -96,21 +96,6 @@ def _metres(table: Table, size: float, beside: str) -> InputError:
                      "multiply them by 1000, or write small_range = true under [samples] if they are right")
 
 
-def joints_are_within_limits(table: Table, context: Context) -> None:
-    """No reading passes the limit that the robot file gives for its joint."""
-    rows = context.robot.get("joint", ())
-    for name, joint in zip(joint_columns(table.columns), rows):
-        unit = "mm" if name.endswith("_mm") else "deg"
-        if f"limits_{unit}" not in joint:
-            continue
-        low, high = joint[f"limits_{unit}"]
-        value = table.columns[name]
-        row = first((value < low - LIMIT_SLACK) | (value > high + LIMIT_SLACK))
-        if row is not None:
-            raise complaint(table.where(row, name), f"{low:g} to {high:g} {unit} as in the robot file",
-                            f"{value[row]:g}", "correct the reading, or the limits in the robot file")
-
-
 def balls_keep_their_distance(table: Table, context: Context) -> None:
     """Balls seen from one standstill are as far apart as the artefact says."""
     if context.measures != "ball-centre" or "pose" not in table.columns or len(context.balls) < 2:
@@ -148,11 +133,20 @@ def _moving(table: Table) -> np.ndarray:
     return np.ones(len(table.rows), bool) if fixed is None else fixed == "tool"
 
 
-RULES = (joints_are_within_limits, joints_are_degrees, motion_fits_joints, points_are_millimetres,
-         balls_keep_their_distance)
+RULES = (joints_are_degrees, motion_fits_joints, points_are_millimetres, balls_keep_their_distance)
 
 
-def check_plausible(table: Table, context: Context) -> None:
-    """Run every rule. Raises InputError."""
+def check_plausible(table: Table, context: Context) -> tuple[str, ...]:
+    """Run every rule; sentences on what is unusual and accepted.
+
+    Raises InputError for the first rule that is broken. Where `context.trust_data`, it becomes a warning instead.
+    """
+    warnings = list(limit_warnings(table, context))
     for rule in RULES:
-        rule(table, context)
+        try:
+            rule(table, context)
+        except InputError as problem:
+            if not context.trust_data:
+                raise InputError(naming_option(str(problem))) from None
+            warnings.append(accepted_by_option(str(problem)))
+    return tuple(warnings)

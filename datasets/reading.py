@@ -16,20 +16,21 @@ def bundled() -> dict[str, Path]:
     return {f.name: f for f in sorted(home.glob("*")) if (f / "recording.toml").is_file()}
 
 
-def read(path: str | Path) -> Recording:
+def read(path: str | Path, trust_data: bool = False) -> Recording:
     """The recording at `path`.
 
     path: a folder in recording/1 (or its recording.toml), the name of a bundled recording, or the
     name of a known real set with its variant ("motoman_leica_ctu:left").
+    trust_data: accept implausible units, motions and ball distances with a warning.
     Raises InputError: one sentence that says what is wrong and what to do.
     """
     folder, name = Path(path), str(path)
     if folder.name == "recording.toml":
         folder = folder.parent
     if folder.is_dir():
-        return read_recording(folder)
+        return read_recording(folder, trust_data)
     if name in bundled():
-        return read_recording(bundled()[name])
+        return read_recording(bundled()[name], trust_data)
     if name.partition(":")[0] in registry.sources():
         return _read_real(name)
     known = [*bundled(), *registry.sources()]

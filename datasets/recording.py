@@ -37,6 +37,10 @@ class Recording:
     licence: str = ""
     sha256: str = ""
     """Of the files that the numbers were read from."""
+    warnings: tuple[str, ...] = ()
+    """Sentences on what is unusual and was accepted; every command that reads the recording repeats them."""
+    is_resampled: bool = False
+    """True where rows were drawn with replacement (bootstrap): equal rows then count as often as they were drawn."""
 
     @property
     def n(self) -> int:
@@ -127,6 +131,17 @@ class Recording:
         """The same recording with only `rows`: a (n,) bool mask, or indices in the wanted order."""
         rows = np.asarray(rows)
         return replace(self, columns={k: v[rows] for k, v in self.columns.items()})
+
+    def without_duplicates(self) -> "Recording":
+        """Every measurement once: exact copies of an earlier row are left out and named in `warnings`.
+
+        The recording as it is where rows were drawn with replacement.
+        """
+        if self.is_resampled:
+            return self
+        from datasets.duplicates import without_duplicates
+
+        return without_duplicates(self)
 
     def _integers(self, column: str, otherwise: np.ndarray) -> np.ndarray:
         return self.columns[column].astype(int) if column in self.columns else otherwise

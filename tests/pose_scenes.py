@@ -6,9 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from datasets.recording import Recording
-from robot_model import load_robot
+from robot_model import builtin_robots, load_robot
 from robot_model.chain import THETA, forward, geometry_rows, geometry_turns
-from robot_model.robot import builtin_robots
 
 LENGTH_ERROR_MM, ANGLE_ERROR_RAD = 0.4, np.deg2rad(0.06)
 NOISE_MM, NOISE_RAD = 0.05, np.deg2rad(0.02)

@@ -1,16 +1,21 @@
 """Base and tool start near the best fit, however little the flange's orientation varies."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pose_scenes import SPREADS_DEG, pose_scene
+from robot_model.measurements.external_pose import ExternalPose
 from robot_model.system import bind
-from scenes import KINDS, scene
+from scenes import BALLS, KINDS, scene
+from workbench.checked_samples import check_samples
 from workbench.core.model import Model
 from workbench.core.solve import Fit, solve
 from workbench.plans import frames_of
+from workbench.start_ambiguity import ambiguity_sentence
 
 # what the geometry errors of the scenes leave, with base and tool fitted
 LARGEST_MM, LARGEST_DEG = 8.0, 1.2
@@ -75,3 +80,38 @@ def test_rank_deficient_recordings_start_without_an_exception(measures, still):
     columns |= {name: np.full(12, columns[name][0]) for name in moving}
     chain = bind(made.robot, replace(made.recording, columns=columns))
     assert np.isfinite(chain.start).all()
+
+
+def half_turns(rng):
+    """Frames of a flange that stays in place and is turned by 180 degrees about each of its axes, twice each."""
+    turns = np.array([np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))] * 2, float)
+    origin = np.repeat(rng.uniform(-500, 500, (3, 1)), 8, 1)
+    return SimpleNamespace(end=tuple(turns.transpose(2, 1, 0)), end_origin=origin), turns
+
+
+def test_bases_that_fit_equally_well_are_all_found():
+    """Half turns commute with each other: turning base and tool by one of them changes nothing that is measured."""
+    rng = np.random.default_rng(0)
+    frames, turns = half_turns(rng)
+    base, tool = Rotation.random(2, random_state=1).as_matrix()
+    points = base @ (turns @ rng.uniform(-100, 100, 3) + frames.end_origin[:, 0]).T
+    made = ExternalPose(points, base @ turns @ tool)
+    found = made.system(frames).alternatives()
+    assert len(found) == 4
+    turned = [np.trace(start.rotations[0] @ found[0].rotations[0].T) for start in found[1:]]
+    np.testing.assert_allclose(turned, -1, atol=1e-6)
+
+
+@pytest.mark.parametrize("measures", KINDS)
+@pytest.mark.parametrize("spread_deg", [0.0, 0.1, 180.0])
+def test_one_base_alone_fits_a_usual_recording(measures, spread_deg):
+    made = pose_scene(3, spread_deg, 12, measures=measures)
+    assert ambiguity_sentence(made.robot, made.recording) is None
+
+
+def test_two_bases_are_a_warning():
+    """Three balls, each seen once: as many numbers as unknowns."""
+    made = scene("ball-centre", n=3, seed=1, balls={k: BALLS[k] for k in (1, 2, 4)})
+    sentence = ambiguity_sentence(made.robot, made.recording)
+    assert "fit the nominal arm equally well" in sentence
+    assert sentence in check_samples(made.recording).warnings

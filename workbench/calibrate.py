@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-from robot_model import load_robot
 from robot_model.effects import CATALOGUE
-from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from robot_model.system import bind, geometry_free, held_by_convention
+from workbench.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.identifiability import Identifiability, identifiability, independent
@@ -38,7 +37,6 @@ from workbench.provenance import provenance
 from workbench.residual_structure import in_root
 from workbench.results import StageResult, calibration_json, parameter_rows
 from workbench.shrinkage import settled
-from workbench.suspicion import suspicion
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
@@ -81,6 +79,7 @@ class Calibration:
     provenance: dict
     rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
     fitted: np.ndarray | None = None
+    doubts: tuple[str, ...] = ()
 
     @cached_property
     def noise(self) -> NoiseReport:
@@ -123,22 +122,23 @@ def calibrate(
     test_samples: Sequence[int] | None = None,
     folds: int = 10,
     progress: Callable[[str], None] = lambda text: None,
+    trust_data: bool = False,
 ) -> Calibration:
     """Calibrate the robot of a recording.
 
     plan: stages, a TOML file of them, or None for the default plan. fit_samples, test_samples:
     sample numbers; what is not named for testing is fitted, and without test samples the held-out
     error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
+    trust_data: calibrate also where the plausibility check says that the data cannot be right.
     Raises InputError for a recording that this cannot calibrate.
     """
-    moving = samples_of(recording)
-    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    checked = check_samples(recording, trust_data, fit_samples, test_samples)
+    moving, robot = checked.recording, checked.robot
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split, stages)
-    warnings = _doubts(robot, moving.select(split.fit), nominal)
     step, results = _run(nominal, stages, split, progress)
     for _ in range(_ROUNDS):
         clean = _without_blunders(step, split, everyone)
@@ -148,7 +148,7 @@ def calibrate(
         split = clean
         nominal = _first(Model(chain), split, stages)
         step, results = _run(nominal, stages, split, progress)
-    return _calibration(moving, robot, nominal, step, results, split, warnings)
+    return _calibration(checked, nominal, step, results, split)
 
 
 def _stages(plan, chain) -> tuple[Stage, ...]:
@@ -160,7 +160,7 @@ def _stages(plan, chain) -> tuple[Stage, ...]:
 def _split(recording, fit_samples, test_samples, folds) -> Split:
     everyone = np.ones(recording.n, bool)
     test = np.isin(recording.sample_ids, test_samples) if test_samples is not None else ~everyone
-    fit = np.isin(recording.sample_ids, fit_samples) if fit_samples is not None else ~test
+    fit = rows_to_fit(recording, fit_samples, test_samples)
     if not test.any() and not fit.all():
         test = ~fit
     poses = len(np.unique(recording.poses[fit]))
@@ -172,14 +172,6 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
     fold = np.full(recording.n, -1)
     fold[fit] = blocks(recording.poses[fit], folds)
     return Split(fit, fold, test)
-
-
-def _doubts(robot, recording, nominal: _Step) -> tuple[str, ...]:
-    """What looks wrong with the recording; InputError where one change would set it right."""
-    found = suspicion(robot, recording, error_summary(nominal.fit.residual)["rms_mm"])
-    if found is not None and found.certain:
-        raise InputError(found.sentence)
-    return () if found is None else (found.sentence,)
 
 
 def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
@@ -344,7 +336,8 @@ def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
     )  # fmt: skip
 
 
-def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, warnings) -> Calibration:
+def _calibration(checked: CheckedSamples, nominal: _Step, step: _Step, stages, split) -> Calibration:
+    recording, robot = checked.recording, checked.robot
     held_out = _final_held_out(step, split)
     parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
@@ -366,8 +359,8 @@ def _calibration(recording, robot, nominal: _Step, step: _Step, stages, split, w
         error_summary(_final_held_out(nominal, split).residual),
         position["fit"], position["held_out"], position["nominal"],
         held_out.fold, points, arrows,
-        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), warnings, dict(solution.provenance),
-        rotation, split.fit,
+        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), checked.warnings,
+        dict(solution.provenance), rotation, split.fit, checked.doubts,
     )  # fmt: skip
 
 

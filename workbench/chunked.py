@@ -175,19 +175,24 @@ class ChunkedCalibration:
         }  # fmt: skip
 
 
-def calibrate_chunks(folder: Path, plan: Path | tuple[Stage, ...] | None = None, folds: int = 10,
-                     progress: Callable[[str], None] = lambda text: None) -> ChunkedCalibration:  # fmt: skip
+def calibrate_chunks(
+    folder: Path,
+    plan: Path | tuple[Stage, ...] | None = None,
+    folds: int = 10,
+    progress: Callable[[str], None] = lambda text: None,
+    trust_data: bool = False,
+) -> ChunkedCalibration:
     """Calibrate the robot of a recording folder whose samples are too many for memory.
 
-    plan, folds, progress: as of `workbench.calibrate.calibrate`. Held-out errors: a fold's parameters are those of all
-    samples less one Newton step of its own normal equations (the infinitesimal jackknife's next order: Cook & Weisberg,
-    Residuals and Influence in Regression, 1982, sec. 3.4), which is exact where the model is linear over it. Raises
-    InputError.
+    plan, folds, progress, trust_data: as of `workbench.calibrate.calibrate`. Held-out errors: a fold's parameters are
+    those of all samples less one Newton step of its own normal equations (the infinitesimal jackknife's next order:
+    Cook & Weisberg, Residuals and Influence in Regression, 1982, sec. 3.4), which is exact where the model is linear
+    over it. Raises InputError.
     """
     progress("reading and checking the samples")
-    chunks = read_chunks(folder)
+    chunks = read_chunks(folder, trust_data)
     progress(f"stages on {chunks.thin.n:,} of {chunks.n:,} samples")
-    thin = calibrate(chunks.thin, plan, folds=folds, progress=progress)
+    thin = calibrate(chunks.thin, plan, folds=folds, progress=progress, trust_data=trust_data)
     stream = stream_of(chunks, thin, progress)
     wanted = _wanted(thin, stream)
     fit = solve(stream, independent(stream.linearise(wanted)[1].normal, wanted)[0])

@@ -144,6 +144,7 @@ class Comparison:
             "held_out_by": "test samples" if self.tested_apart else "folds of the fit samples",
             "blocks": len(np.unique(self.block[self.block >= 0])), "nominal": first.nominal, "plans": self.rows(),
             "verdict": self.best_verdict(tolerances).as_json(),
+            "warnings": list(first.warnings),
         }  # fmt: skip
 
 
@@ -154,6 +155,7 @@ def compare(
     test_samples: Sequence[int] | None = None,
     folds: int = 10,
     progress: Callable[[str], None] = lambda text: None,
+    trust_data: bool = False,
 ) -> Comparison:
     """Calibrate a recording by each of several plans, all on the same splits.
 
@@ -165,7 +167,7 @@ def compare(
     for name in plans:
         progress(f"plan {name}")
         plan = None if name == DEFAULT else Path(name)
-        found.append(calibrate(recording, plan, fit_samples, test_samples, folds, progress))
+        found.append(calibrate(recording, plan, fit_samples, test_samples, folds, progress, trust_data))
     block = np.where(np.all([c.fold >= 0 for c in found], 0), found[0].fold, -1)
     apart = bool(len(np.unique(block[block >= 0])) == 1 and not (test_samples is None and fit_samples is None))
     if apart:

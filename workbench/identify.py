@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_model import load_robot
 from robot_model.effects import CATALOGUE
-from robot_model.measurements import samples_of
 from robot_model.system import bind, geometry_free, held_by_convention
+from workbench.checked_samples import check_samples
 from workbench.core.effect import make_effects
 from workbench.core.identifiability import identifiability as look
 from workbench.core.model import Model
@@ -17,15 +16,16 @@ from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
 _NOMINAL_SIGMA_MM = 0.05
 
 
-def identifiability(recording, plan: Path | None = None) -> dict:
+def identifiability(recording, plan: Path | None = None, trust_data: bool = False) -> dict:
     """Rank, null space in words and observability indices of the geometry and of each stage.
 
     Judged at the nominal geometry with effects at a third of their typical size; a recording
     without sigma is taken to have 0.05 mm. plan: a plan file or its name; each of its stages is then
-    judged with all before it. Keys as the command prints them.
+    judged with all before it. Keys as the command prints them. trust_data: judge also a recording that cannot be
+    right. Raises InputError.
     """
-    moving = samples_of(recording)
-    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    checked = check_samples(recording, trust_data)
+    moving, robot = checked.recording, checked.robot
     chain = bind(robot, moving)
     scale = _NOMINAL_SIGMA_MM if recording.sigma is None else 1.0
     if plan is None:
@@ -36,6 +36,7 @@ def identifiability(recording, plan: Path | None = None) -> dict:
     return {
         "measures": recording.measures, "samples": moving.n, "poses": len(np.unique(moving.poses)),
         "sigma_assumed_mm": scale if recording.sigma is None else None, "stages": stages,
+        "warnings": list(checked.warnings),
     }  # fmt: skip
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from datasets.columns import joint_columns
-from robot_model import load_robot
 from robot_model.clearance import self_clearance
 from robot_model.effects import CATALOGUE
 from robot_model.measurements import looks_of, measurement_of, samples_of
 from robot_model.system import bind, geometry_free, held_by_convention
+from workbench.checked_samples import check_samples
 from workbench.core.csv_text import csv_text
 from workbench.core.design import Design, choose
 from workbench.core.effect import make_effects
@@ -47,6 +47,7 @@ class Chosen:
     left_out: dict[str, int]
     parameters: int
     rotation: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     def predicted(self) -> dict | None:
         """Error at the tasks, mm RMS, of the set and, median, of random ones; None for other criteria.
@@ -73,12 +74,13 @@ class Chosen:
             "parameters": self.parameters, "value": self.design.value,
             "random_median": float(np.median(self.design.random)), "gain_over_random": self.design.gain,
             "predicted": self.predicted(), "samples": list(self.samples), "undetermined": list(self.undetermined),
+            "warnings": list(self.warnings),
         }  # fmt: skip
 
 
 def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: bool = False,
                  link_radius_mm: float = LINK_RADIUS_MM, seed: int = 0,
-                 sight: Sight = EVERYTHING, repeats: int = 1) -> Chosen:  # fmt: skip
+                 sight: Sight = EVERYTHING, repeats: int = 1, trust_data: bool = False) -> Chosen:  # fmt: skip
     """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
 
     recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
@@ -88,6 +90,7 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     The predicted error at the tasks is that of the calibration's own covariance: with the priors of its parameters
     and the stated noise (0.05 mm a coordinate where none is). The criterion is of the positions; where poses are
     measured, the predicted error of the orientation is reported with it.
+    trust_data: choose also from a recording that cannot be right.
     Raises InputError where there are too few candidates or the criterion is not known.
     """
     if criterion not in CRITERIA:
@@ -96,8 +99,8 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     if (criterion == "task") != (tasks is not None):
         raise InputError(f"--criterion {criterion}: expected --tasks RECORDING with the criterion task and with no "
                          f"other, found {'none' if tasks is None else 'one'}; correct the call")
-    moving = samples_of(recording)
-    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    checked = check_samples(recording, trust_data)
+    moving, robot = checked.recording, checked.robot
     good, left_out = _usable(robot, moving, link_radius_mm, sight.checked(recording.measures))
     moving = moving.select(good)
     poses = np.unique(moving.poses, return_inverse=True)[1]
@@ -122,7 +125,7 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     judged = identifiability(normal_matrix(model.at(picked), everything), everything)
     samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
     return Chosen(recording, samples, design, criterion, tuple(judged.sentences()), int(count), left_out,
-                  int(free.mask.sum()), rotation)  # fmt: skip
+                  int(free.mask.sum()), rotation, checked.warnings)  # fmt: skip
 
 
 def _known(free) -> np.ndarray:

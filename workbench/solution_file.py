@@ -77,20 +77,13 @@ def solution_keys(calibration, noise=None) -> dict:
         "nominal": calibration.nominal,
         "converged": solution.converged,
         "noise_rms_mm": noise.stated_rms,
-        "warnings": [*calibration.warnings, *noise.alarms],
+        "warnings": [*calibration.doubts, *noise.alarms],
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
         "provenance": dict(calibration.provenance),
         "priors": {p.key: p.prior for p in calibration.model.parameters.table if p.prior is not None},
-        "noise_rms_mm": _noise_rms(recording),
         "fitted_range": _fitted_range(calibration),
     }
-
-
-def _noise_rms(recording) -> float | None:
-    """RMS 3-D distance, mm, that the stated noise of the coordinates makes; None where none is stated."""
-    sigma = recording.sigma
-    return None if sigma is None else float(np.sqrt(3 * np.mean(np.square(sigma))))
 
 
 def _fitted_range(calibration) -> dict[str, list[float]]:

@@ -20,9 +20,10 @@ from datasets.recording import Recording
 _NOMINAL_RADIUS_MM = 10.0
 
 
-def read_recording(folder: Path) -> Recording:
+def read_recording(folder: Path, trust_data: bool = False) -> Recording:
     """The recording in `folder`.
 
+    trust_data: accept implausible units, motions and ball distances with a warning.
     Raises InputError: one sentence that names file, row and key, what was expected, what was
     found and what to do.
     """
@@ -32,7 +33,7 @@ def read_recording(folder: Path) -> Recording:
     _check_recording(keys, called)
     robot = read_robot(folder, keys["robot"], called) if "robot" in keys else {}
     balls = _read_artefact(folder, keys, called)
-    columns = _read_samples(folder, keys, called, robot, balls)
+    columns, warnings = _read_samples(folder, keys, called, robot, balls, trust_data)
     balls = balls or _unknown_ball(keys, columns, called)
     if KINDS[keys["measures"]].joints and joint_columns(columns):
         _has_section(keys, "robot", "robot.toml", called)
@@ -44,10 +45,11 @@ def read_recording(folder: Path) -> Recording:
         sigma_mm=keys.get("sigma_mm"), balls=balls, images=images, board=keys.get("board"),
         guess=keys.get("guess", {}), name=keys.get("name", folder.resolve().name), folder=folder,
         source=keys.get("source", ""), licence=keys.get("licence", ""), sha256=_digest(folder, keys),
+        warnings=warnings,
     )
 
 
-def read_head(folder: Path) -> tuple[Recording, Path, Context]:
+def read_head(folder: Path, trust_data: bool = False) -> tuple[Recording, Path, Context]:
     """A recording of joint readings without its samples, the file that holds them, and what they are checked against.
 
     Raises InputError as `read_recording` does.
@@ -65,7 +67,7 @@ def read_head(folder: Path) -> tuple[Recording, Path, Context]:
     )  # fmt: skip
     path = inside(folder, keys["samples"]["file"], "key samples.file", called)
     small = keys["samples"].get("small_range", False)
-    return head, path, Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small)
+    return head, path, Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small, trust_data)
 
 
 def _check_recording(keys: Mapping, called: str) -> None:
@@ -145,22 +147,27 @@ def _check_ball(table: Table, k: int, cells: list[float], balls: Mapping) -> Non
                         "correct it, or multiply the whole table by 1000 if it is in metres")
 
 
-def _read_samples(folder: Path, keys: Mapping, called: str, robot: Mapping, balls: Mapping) -> dict[str, np.ndarray]:
+def _read_samples(folder: Path, keys: Mapping, called: str, robot: Mapping, balls: Mapping, trust_data: bool):
+    """Columns of the samples, and sentences on what is unusual in them."""
     if "samples" not in keys:
-        return {}
+        return {}, ()
     path = inside(folder, keys["samples"]["file"], "key samples.file", called)
-    context = Context(keys["measures"], robot, balls, keys.get("sigma_mm"), keys["samples"].get("small_range", False))
+    small = keys["samples"].get("small_range", False)
+    context = Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small, trust_data)
     return checked(read_table(path, label(path), TEXT), context)
 
 
-def checked(table: Table, context: Context) -> dict[str, np.ndarray]:
-    """The columns of a table of samples, or of some of its rows; InputError for the first cell that cannot be."""
+def checked(table: Table, context: Context) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The columns of a table of samples, or of some of its rows, and sentences on what is unusual in them.
+
+    Raises InputError for the first cell that cannot be right.
+    """
     if "fixed_to" in table.columns:
         fixed = table.columns["fixed_to"]
         table.columns["fixed_to"] = np.where(fixed == "", "tool", fixed)
     check_samples(table, context)
-    check_plausible(table, context)
-    return dict(table.columns)
+    warnings = check_plausible(table, context)
+    return dict(table.columns), warnings
 
 
 def _digest(folder: Path, keys: Mapping) -> str:

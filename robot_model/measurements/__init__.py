@@ -38,10 +38,12 @@ KINDS = {
 def samples_of(recording):
     """The rows of a recording that a calibration takes, one a sample: those of the tool, and of a pair its first.
 
+    A row that is an exact copy of an earlier one is left out, and the recording's `warnings` name it.
     Raises InputError where a pair is not whole.
     """
     moving = recording.select(recording.moving)
-    return paired(moving) if recording.measures == "distance" else moving
+    samples = paired(moving) if recording.measures == "distance" else moving
+    return samples.without_duplicates()
 
 
 def looks_of(recording) -> tuple:

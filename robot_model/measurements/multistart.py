@@ -13,7 +13,7 @@ on SO(3). The translations are eliminated (variable projection: Golub & Pereyra,
 rotations cost little. A weak prior on the translations keeps what the samples do not determine finite.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,9 +31,12 @@ LEAST_LEVER_MM = 100.0
 
 _SCREENED, _KEPT, _ALTERNATIVES = 48, 8, 4
 _SHORT, _LONG = 10, 60
+_QUICK = 6
 _ROUNDS, _CENTRED = 12, 2
 _SETTLED_RAD, _SETTLED_MM = 1e-8, 1e-7
 _SAME_RAD = np.deg2rad(3.0)
+_AS_WELL, _BARRIER = 9.0, 100.0
+_LEAST_VARIANCE, _WEAKER = 1e-4, 1e3
 _CAUCHY = 6.0  # robust standard deviations at which a sample's weight is one half
 _MEDIAN_TO_SIGMA = 1.4826
 
@@ -107,11 +110,47 @@ class RotationSystem:
             centre = found[0].translations if done < _CENTRED else centre
         return found
 
+    def alternatives(self) -> list[Start]:
+        """The best minimum, and every other one that fits as well with another base; one alone where there is none.
+
+        As well: the sum of squares grows by less than `_AS_WELL` times the variance of a row. Minima that are
+        joined by a valley are one solution that the samples do not determine, and no alternatives.
+        """
+        found = self.starts()
+        best = found[0]
+        # the prior is centred at the best one and must not decide against the others
+        weak = replace(self, prior=_WEAKER * self.prior)
+        reduced = _Reduced(weak, self._robust_weights(best), best.translations)
+        degrees = self.right.size - 3 * self.count - len(self.prior)
+        lowest = float(reduced.cost(best.rotations[None])[0])
+        variance = max(lowest / max(degrees, 1), _LEAST_VARIANCE)
+        equal = []
+        for other in found[1:]:
+            base = _angle_between(best.rotations[:1], other.rotations[:1])
+            rise = float(reduced.cost(other.rotations[None])[0]) - lowest
+            barrier = float(reduced.cost(_between(best.rotations, other.rotations)).max()) - lowest
+            if base > _SAME_RAD and rise < _AS_WELL * variance and barrier > _BARRIER * variance:
+                equal.append(other)
+        return [best, *equal]
+
+    def quick_distances(self) -> np.ndarray:
+        """(n,) distance of each sample, in units of the rows, at the best minimum from a few starts.
+
+        One round without robust weights: enough to compare many hypotheses about the same samples.
+        """
+        reduced = _Reduced(self, np.ones(len(self.right)), np.zeros(len(self.prior)))
+        rotations = reduced.descended(reduced.screened()[:_QUICK], _SHORT)
+        best = rotations[int(np.argmin(reduced.cost(rotations)))]
+        return self._distances(best, reduced.translations(best))
+
+    def _distances(self, rotations: np.ndarray, translations: np.ndarray) -> np.ndarray:
+        """(n,) lengths of the residuals of the samples."""
+        gap = self.rotation_rows @ rotations.ravel() + self.translation_rows @ translations - self.right
+        return np.linalg.norm(gap, axis=1)
+
     def _robust_weights(self, start: Start) -> np.ndarray:
         """(n,) Cauchy weights of the samples from their distance at a start."""
-        turned = self.rotation_rows @ start.rotations.ravel()
-        shifted = self.translation_rows @ start.translations
-        distance = np.linalg.norm(turned + shifted - self.right, axis=1)
+        distance = self._distances(start.rotations, start.translations)
         sigma = _MEDIAN_TO_SIGMA * np.median(distance)
         return 1 / (1 + (distance / max(_CAUCHY * sigma, 1e-9)) ** 2)
 
@@ -168,15 +207,18 @@ class _Reduced:
 
     def minima(self, begin: np.ndarray) -> list[Start]:
         """Distinct local minima reached from rotations (S, K, 3, 3), best first."""
-        rotations = self._descend(begin, _SHORT)
-        best = np.argsort(self._rounded_cost(rotations), kind="stable")[:_KEPT]
-        rotations = self._descend(rotations[best], _LONG)
+        rotations = self._distinct(self.descended(begin, _SHORT))
+        rotations = self._distinct(self.descended(rotations[:_KEPT], _LONG))
+        return [self._start(one) for one in rotations[:_ALTERNATIVES]]
+
+    def _distinct(self, rotations: np.ndarray) -> np.ndarray:
+        """(D, K, 3, 3) those of S sets that differ from every better one, the best first."""
         order = np.argsort(self._rounded_cost(rotations), kind="stable")
         kept = []
         for one in rotations[order]:
             if all(_angle_between(one, other) > _SAME_RAD for other in kept):
                 kept.append(one)
-        return [self._start(one) for one in kept[:_ALTERNATIVES]]
+        return np.stack(kept)
 
     def _rounded_cost(self, rotations: np.ndarray) -> np.ndarray:
         """(S,) costs in which rounding decides no order: of equal minima the first start wins."""
@@ -200,7 +242,7 @@ class _Reduced:
             parts.append(np.einsum("rv,sjv->srj", self.rows[:, 9 * k : 9 * k + 9], turned))
         return np.concatenate(parts, 2)
 
-    def _descend(self, rotations: np.ndarray, steps: int) -> np.ndarray:
+    def descended(self, rotations: np.ndarray, steps: int) -> np.ndarray:
         """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once."""
         count, size = len(rotations), 3 * self.count
         damping, cost = np.full(count, 1e-3), self.cost(rotations)
@@ -226,6 +268,13 @@ class _Reduced:
 _GENERATORS = np.array([[[0, 0, 0], [0, 0, -1], [0, 1, 0]],
                         [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
                         [[0, -1, 0], [1, 0, 0], [0, 0, 0]]], float)  # fmt: skip
+
+
+def _between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(S, K, 3, 3) rotations on the shortest way between two sets (K, 3, 3), the ends left out."""
+    way = Rotation.from_matrix(second @ first.transpose(0, 2, 1)).as_rotvec()
+    shares = np.linspace(0, 1, 9)[1:-1, None, None]
+    return rotation_matrix(shares * way) @ first
 
 
 def _angle_between(first: np.ndarray, second: np.ndarray) -> float:

@@ -27,6 +27,10 @@ OutFolder = Annotated[
 ]
 
 Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; one a core otherwise.")]
+TrustData = Annotated[
+    bool,
+    typer.Option("--trust-data", help="Go on with a warning where the recorded data are found implausible."),
+]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page.")]
 ScannerFile = Annotated[
     Path | None,

@@ -36,6 +36,7 @@ def command(
     scanner: answer.ScannerFile = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
     tolerance: answer.Tolerance = None,
 ) -> None:
@@ -48,13 +49,13 @@ def command(
     with answer.progress(f"reading {recording}") as say:
         import datasets
 
-        found = datasets.read(recording)
+        found = datasets.read(recording, trust_data)
         known = frozenset(found.sample_ids.tolist())
         fit = samples.read_list(fit_samples, known, "--fit-samples")
         test = samples.read_list(test_samples, known, "--test-samples")
         samples.check_apart(fit, test, test_samples)
         tolerances = answer.read_tolerances(tolerance, found.measures)
-        options = dict(plan=plan, fit_samples=fit, test_samples=test, folds=folds)
+        options = dict(plan=plan, fit_samples=fit, test_samples=test, folds=folds, trust_data=trust_data)
         check_scanner(found, scanner)
         result, run = solve(found, recording, options, say, out, not no_report, scanner, tolerances)
     deliver(result, run, json)

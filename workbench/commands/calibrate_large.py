@@ -19,6 +19,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     tolerance: answer.Tolerance = None,
+    trust_data: answer.TrustData = False,
 ) -> None:
     """Calibrate from millions of samples: stages are chosen on some of them, all are solved, in little memory."""
     answer.check_target(json)
@@ -29,7 +30,7 @@ def command(
 
         tolerances = answer.read_tolerances(tolerance, read_head(recording)[0].measures)
         with runs.opened("calibrate-large", recording, out) as run:
-            made = calibrate_chunks(recording, plan, folds, say)
+            made = calibrate_chunks(recording, plan, folds, say, trust_data)
             save(made, run.partial)
             verdict = calibration_verdict(made.held_out, made.noise, tolerances)
             result = {**made.as_json(), "verdict": verdict.as_json(), "run": run.path}

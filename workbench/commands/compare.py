@@ -22,6 +22,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     tolerance: answer.Tolerance = None,
+    trust_data: answer.TrustData = False,
 ) -> None:
     """Calibrate by several plans on the same splits; the others are compared with the first."""
     answer.check_target(json)
@@ -29,14 +30,14 @@ def command(
         import datasets
         from workbench.compare import compare, save
 
-        found = datasets.read(recording)
+        found = datasets.read(recording, trust_data)
         known = frozenset(found.sample_ids.tolist())
         fit = samples.read_list(fit_samples, known, "--fit-samples")
         test = samples.read_list(test_samples, known, "--test-samples")
         samples.check_apart(fit, test, test_samples)
         tolerances = answer.read_tolerances(tolerance, found.measures)
         with runs.opened("compare", recording, out) as run:
-            comparison = compare(found, plan, fit, test, folds, say)
+            comparison = compare(found, plan, fit, test, folds, say, trust_data)
             save(comparison, run.partial)
             result = {**comparison.as_json(tolerances), "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
@@ -47,6 +48,7 @@ def command(
 
 
 def _show(console, result) -> None:
+    tables.warnings(console, result)
     title = f"{result['recording']}: {result['held_out_samples']} samples held out by {result['held_out_by']}"
     for unit, prefix in (("mm", ""), ("deg", "rotation_")):
         if f"fit_{prefix}rms_{unit}" not in result["plans"][0]:

@@ -30,6 +30,7 @@ def command(
     jobs: answer.Jobs = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
     tolerance: answer.Tolerance = None,
 ) -> None:
@@ -46,12 +47,12 @@ def command(
 
         if simulation is not None and solution is not None:
             raise InputError("--simulation and --solution: expected one of them, found both; leave one out.")
-        found = datasets.read(recording)
+        found = datasets.read(recording, trust_data)
         _check_scanner(found, scanner)
         tolerances = parse_tolerances(tolerance, _units(found))
         with runs.opened("diagnose", recording, out) as run:
             made = diagnose(found, baseline=baseline, simulation=simulation, solution=solution, scanner=scanner,
-                            progress=say, jobs=jobs or cores())  # fmt: skip
+                            progress=say, jobs=jobs or cores(), trust_data=trust_data)  # fmt: skip
             told = made.as_json()
             result = {**told, **check_diagnosis(made, found, tolerances).keys(told), "run": run.path}
             save(made, run.partial)

@@ -20,6 +20,7 @@ def command(
     recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
     plan: Plan = None,
     json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
 ) -> None:
     """Say which parameters a recording determines, and what cannot be told apart, in words."""
     answer.check_target(json)
@@ -27,9 +28,9 @@ def command(
         import datasets
         from workbench.identify import identifiability
 
-        found = datasets.read(recording)
+        found = datasets.read(recording, trust_data)
         say("looking at the poses")
-        result = {"command": "identifiability", "recording": recording, **identifiability(found, plan)}
+        result = {"command": "identifiability", "recording": recording, **identifiability(found, plan, trust_data)}
         result["verdict"] = no_verdict(_NO_RESIDUAL).as_json()
     answer.deliver(result, json)
     tables.identifiability(answer.console(json), result)

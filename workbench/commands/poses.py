@@ -31,6 +31,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     tolerance: answer.Tolerance = None,
+    trust_data: answer.TrustData = False,
 ) -> None:
     """Choose the poses from which most is learnt, and say what even they leave open."""
     answer.check_target(json)
@@ -39,11 +40,13 @@ def command(
         from workbench.sight import Sight
 
         tolerances = _tolerances(tolerance, criterion)
-        found = _read(candidates)
-        wanted = None if tasks is None else _read(tasks)
+        found = _read(candidates, trust_data)
+        wanted = None if tasks is None else _read(tasks, trust_data)
         say("choosing")
         sight = Sight(stand_off, field, cap)
-        chosen = choose_poses(found, count, criterion, wanted, effects, link_radius, seed, sight, repeats)
+        chosen = choose_poses(
+            found, count, criterion, wanted, effects, link_radius, seed, sight, repeats, trust_data
+        )
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
             told = chosen.as_json()
@@ -76,7 +79,7 @@ def _verdict(told, tolerances) -> verdict.Verdict:
     return verdict.judge(error, None, tolerances)
 
 
-def _read(name: str):
+def _read(name: str, trust_data: bool):
     """A recording, or what the scene of a TOML file simulates."""
     if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
         from workbench.simulate import simulate
@@ -84,10 +87,11 @@ def _read(name: str):
         return simulate(Path(name))
     import datasets
 
-    return datasets.read(name)
+    return datasets.read(name, trust_data)
 
 
 def _show(console, result) -> None:
+    tables.warnings(console, result)
     rows = [[result["criterion"], result["poses"], result["candidates"], result["value"], result["random_median"],
              result["gain_over_random"]]]  # fmt: skip
     head = ["criterion", "chosen", "of candidates", "value", "random sets", "times better"]

@@ -39,19 +39,21 @@ def diagnose(
     progress: Say = lambda text: None,
     seed: int = 0,
     jobs: int = 1,
+    trust_data: bool = False,
 ) -> Diagnosis:
     """What physics the baseline of a recording leaves out.
 
     baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
     with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. jobs:
-    processes for the searches inside folds, where one search takes long enough.
+    processes for the searches inside folds, where one search takes long enough. trust_data: diagnose also a recording
+    that cannot be right.
     Raises InputError.
     """
     if recording.measures in PICTURES:
         return _of_sensor(recording, simulation or solution, progress)
     reference = against.reference_of(simulation, solution)
     progress("the baseline")
-    bench = bench_of(recording, baseline)
+    bench = bench_of(recording, baseline, trust_data)
     shares = None
     if reference is not None:
         bench, shares = _against(bench, reference, recording)
@@ -75,7 +77,7 @@ def _against(bench: RobotBench, reference: against.Reference, recording):
     model, values = against.bound(reference, recording)
     effects = (*(e for e in bench.baseline if not _held(e, reference.effects)), *reference.effects)
     chain = replace(model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates))
-    wider = RobotBench(chain, bench.pose, effects, bench.recording)
+    wider = RobotBench(chain, bench.pose, effects, bench.recording, bench.warnings)
     pose, index = bench.pose, chain.state.index
 
     def noise_of(residual, degrees):
@@ -109,19 +111,20 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
         recording.name, recording.title or recording.name, recording.measures, found.before.n, baseline, unit,
         verdict, terms, refused, found.located, found.rest,
         replace(proved, lack=last.lack()), visible, experiment, found, last.views(),
-        shares, last.outliers(), missing_of(terms), _warnings(bench), dict(provenance(recording)),
+        shares, last.outliers(), missing_of(terms), _warnings(bench, recording), dict(provenance(recording)),
         fixed_points(recording, bench, terms),
     )  # fmt: skip
     return told(made, [words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
                        for term in (*terms, *refused)])  # fmt: skip
 
 
-def _warnings(bench) -> tuple[str, ...]:
-    """What could not be asked of this recording at all."""
+def _warnings(bench, recording) -> tuple[str, ...]:
+    """What is in doubt about this recording, and what could not be asked of it at all."""
+    on_data = getattr(bench, "warnings", recording.warnings)
     chain = getattr(bench, "chain", None)
     if chain is None or chain.robot.mass.any() or chain.state.payload.any():
-        return ()
-    return (NO_MASSES.format(robot=chain.robot.name),)
+        return on_data
+    return (*on_data, NO_MASSES.format(robot=chain.robot.name),)
 
 
 def _proved(bench, found: Found, noise, say, jobs):

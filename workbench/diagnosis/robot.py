@@ -7,10 +7,9 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import brentq
 
-from robot_model import load_robot
-from robot_model.measurements import samples_of
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
+from workbench.checked_samples import check_samples
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
@@ -40,17 +39,21 @@ _KEPT = 4  # parts of the samples whose bases are kept
 _TOGETHER = ("transmission-harmonic", "joint-coupling", "measured-tilt")
 
 
-def bench_of(recording, baseline: str = "geometry") -> "RobotBench":
-    """The bench of a robot's recording (its moving rows); InputError for a baseline that is not known."""
+def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) -> "RobotBench":
+    """The bench of a robot's recording (its moving rows).
+
+    trust_data: also for a recording that cannot be right. Raises InputError, also for a baseline that is not known.
+    """
     if baseline not in BASELINES:
         raise InputError(f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one")
-    moving = samples_of(recording)
-    chain = bind(load_robot(recording.robot, f"robot of {recording.name}"), moving)
+    checked = check_samples(recording, trust_data)
+    moving = checked.recording
+    chain = bind(checked.robot, moving)
     chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain, moving.poses)))
     effects = ()
     if baseline == "joint-compliance":
         effects = tuple(o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance")
-    return RobotBench(chain, moving.poses, effects, moving)
+    return RobotBench(chain, moving.poses, effects, moving, checked.warnings)
 
 
 def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
@@ -97,11 +100,19 @@ class _Part:
 class RobotBench:
     """Implements `workbench.diagnosis.problem.Bench` for a chain bound to n samples.
 
-    `pose` (n,) labels of repeats; `baseline` the effects that the baseline holds.
+    `pose` (n,) labels of repeats; `baseline` the effects that the baseline holds; `warnings` on the recording.
     """
 
-    def __init__(self, chain: RobotChain, pose: np.ndarray, baseline: tuple[Effect, ...], recording=None):
+    def __init__(
+        self,
+        chain: RobotChain,
+        pose: np.ndarray,
+        baseline: tuple[Effect, ...],
+        recording=None,
+        warnings: tuple[str, ...] = (),
+    ):
         self.chain, self.pose, self.baseline, self.recording = chain, pose, baseline, recording
+        self.warnings = warnings
         self._solved: dict = {}
         self._parts: dict = {}
         self._start = None

@@ -47,7 +47,8 @@ def by_poses(recording: Recording, count: int | None, rng: np.random.Generator) 
                          f"{len(np.unique(drawn))} different ones of {recording.name}; raise it")  # fmt: skip
     order = np.concatenate([rows[first[pose] : first[pose + 1]] for pose in drawn.tolist()])
     chosen = recording.select(order)
-    return replace(chosen, columns=chosen.columns | {"sample": np.arange(1.0, len(order) + 1)})
+    columns = chosen.columns | {"sample": np.arange(1.0, len(order) + 1)}
+    return replace(chosen, columns=columns, is_resampled=True)
 
 
 def with_new_noise(calibration: Calibration, scale: float, rng: np.random.Generator) -> Recording:

@@ -1,0 +1,21 @@
+"""Scenes of an arm that errs from its data sheet as arms do, measured with noise."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robot_model.system import geometry_free
+from scenes import model_of, observed, scene
+
+
+def erring(measures, seed, n=60, lengths=0.4, degrees=0.06, **more):
+    """Robot and recording; lengths (mm) and degrees: 1 sigma of the deviations from the data sheet."""
+    made = scene(measures, n=n, seed=seed, **more)
+    rng, model = np.random.default_rng(seed), model_of(made)
+    truth = model.parameters
+    free = truth.only(truth.matching(*geometry_free(made.robot)))
+    size = np.array([np.deg2rad(degrees) if p.unit == "rad" else lengths for p in free.table])[free.mask]
+    truth = free.unpack(free.pack() + size * rng.standard_normal(len(size)))
+    points = observed(model, truth, rng).chain.measurement.measured
+    columns = {**made.recording.columns, **dict(zip(("x_mm", "y_mm", "z_mm"), points))}
+    return made.robot, replace(made.recording, columns=columns)

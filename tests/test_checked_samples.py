@@ -1,0 +1,108 @@
+"""No command accepts a recording that another one refuses, and --trust-data overrides all of them alike."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import datasets
+from conftest import ROOT
+from datasets.trust import TRUST_DATA
+from erring_scenes import erring
+from workbench.calibrate import calibrate
+from workbench.checked_samples import check_samples
+from workbench.compare import compare
+from workbench.core.errors import InputError
+from workbench.diagnosis.answer import diagnose
+from workbench.identify import identifiability
+from workbench.plans import geometry
+from workbench.poses import choose_poses
+
+# they take samples, but of a recording that was checked, or only its joint readings
+UNCHECKED = {"diagnosis/against.py", "poses.py", "significance.py"}
+COMMANDS = ("calibrate", "compare", "diagnose", "identifiability", "poses", "calibrate-large")
+
+
+@pytest.fixture(scope="module")
+def negated():
+    """A recording whose third joint has the opposite sign."""
+    robot, recording = erring("external-pose", 1, n=60)
+    columns = {**recording.columns, "q3_deg": -recording.columns["q3_deg"]}
+    return robot, replace(recording, columns=columns)
+
+
+@pytest.mark.parametrize("use", [
+    lambda recording: calibrate(recording, folds=3),
+    diagnose,
+    lambda recording: compare(recording, ["default"], folds=3),
+    identifiability,
+    lambda recording: choose_poses(recording, 10),
+], ids=["calibrate", "diagnose", "compare", "identifiability", "poses"])  # fmt: skip
+def test_every_analysis_refuses_the_same_recording(negated, use):
+    with pytest.raises(InputError) as caught:
+        use(negated[1])
+    sentence = str(caught.value)
+    assert "column q3_deg" in sentence and TRUST_DATA in sentence and sentence.endswith(".") and "\n" not in sentence
+
+
+def test_trusted_data_are_used_with_a_warning(negated):
+    robot, recording = negated
+    checked = check_samples(recording, trust_data=True)
+    (doubt,) = checked.doubts
+    assert "column q3_deg" in doubt and f"accepted because of {TRUST_DATA}" in doubt
+    made = calibrate(recording, [geometry(robot)], folds=3, trust_data=True)
+    assert made.as_json()["warnings"] == [doubt] and made.doubts == (doubt,)
+    assert identifiability(recording, trust_data=True)["warnings"] == [doubt]
+    assert choose_poses(recording, 10, trust_data=True).as_json()["warnings"] == [doubt]
+
+
+def test_only_rows_that_are_fitted_are_checked(negated):
+    """The last rows are in doubt, and tested only."""
+    _, wrong = negated
+    _, right = erring("external-pose", 1, n=60)
+    late = np.arange(60) >= 40
+    columns = {name: np.where(late, wrong.columns[name], column) for name, column in right.columns.items()}
+    mixed = replace(right, columns=columns)
+    assert check_samples(mixed, test_samples=mixed.sample_ids[late]).doubts == ()
+
+
+def test_implausible_units_are_read_with_the_option(tmp_path):
+    _, recording = erring("external-point", 5, n=20)
+    joints = {f"q{k}_deg": np.deg2rad(recording.columns[f"q{k}_deg"]) for k in range(1, 7)}
+    folder = datasets.write(replace(recording, columns={**recording.columns, **joints}), tmp_path / "cell-4")
+    with pytest.raises(InputError, match=TRUST_DATA):
+        datasets.read(folder)
+    (warning,) = datasets.read(folder, trust_data=True).warnings
+    assert "radians" in warning and f"accepted because of {TRUST_DATA}" in warning
+
+
+def test_no_module_takes_samples_without_the_check():
+    """`samples_of` gives rows that nobody looked at."""
+    found = set()
+    for path in (ROOT / "workbench").rglob("*.py"):
+        if re.search(r"\bsamples_of\(", path.read_text(encoding="utf-8")):
+            found.add(path.relative_to(ROOT / "workbench").as_posix())
+    assert found == {*UNCHECKED, "checked_samples.py"}
+
+
+def test_every_command_that_may_refuse_names_the_option(workbench):
+    for command in COMMANDS:
+        assert TRUST_DATA in workbench(command, "--help").stdout, command
+
+
+@pytest.mark.slow
+def test_commands_refuse_with_status_2_and_warn_with_the_option(negated, tmp_path, workbench):
+    _, recording = negated
+    datasets.write(recording, tmp_path / "cell", samples="parquet")
+    more = {"compare": ("--plan", "default"), "poses": ("--count", "10"), "calibrate": ("--no-report",),
+            "diagnose": ("--no-report",)}  # fmt: skip
+    for command in COMMANDS:
+        words = (command, "cell", *more.get(command, ()), "--json", "-")
+        refused = workbench(*words)
+        assert refused.returncode == 2 and TRUST_DATA in refused.stderr, (command, refused.stderr)
+        trusted = workbench(*words, TRUST_DATA)
+        assert trusted.returncode in (0, 1), (command, trusted.stderr)
+        assert any(TRUST_DATA in warning for warning in json.loads(trusted.stdout)["warnings"]), command
+        assert TRUST_DATA in " ".join(trusted.stderr.split()), command

@@ -1,0 +1,77 @@
+"""Readings beyond nominal limits are measurements: they are used, and a warning says where they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import datasets
+from erring_scenes import erring
+from scenes import CRAIG
+from test_recording_good import write_good
+from workbench.calibrate import calibrate
+from workbench.core.errors import InputError
+from workbench.identify import identifiability
+from workbench.plans import geometry
+
+FREE = (-1000.0, 1000.0)
+ARM = CRAIG | {"gravity": [0.0, 0.0, -1.0]}
+
+
+@pytest.fixture
+def limited(tmp_path):
+    """`limited(limits of each joint, changes of columns)`: a recording, written and read again."""
+
+    def made(limits, theta2_deg=-90.0, **columns):
+        robot, recording = erring("external-point", 4, n=60, arm=ARM)
+        joints = [row | {"limits_deg": list(pair)} for row, pair in zip(ARM["joint"], limits)]
+        joints[1] |= {"theta_deg": theta2_deg}
+        columns = {**recording.columns, **columns}
+        limited = replace(recording, robot=ARM | {"joint": joints}, columns=columns)
+        return robot, datasets.read(datasets.write(limited, tmp_path / "cell-4"))
+
+    return made
+
+
+def readings(name):
+    return erring("external-point", 4, n=60, arm=ARM)[1].columns[name]
+
+
+def test_a_reading_slightly_beyond_its_limit_is_a_warning(limited):
+    q2 = readings("q2_deg")
+    low, high = q2.min() - 1, np.sort(q2)[-2] - 3
+    robot, recording = limited([FREE, (low, high), *[FREE] * 4])
+    (warning,) = recording.warnings
+    row = int(q2.argmax()) + 2
+    for word in ("cell-4/samples.csv", f"row {row}", "q2_deg", "2 readings", "used as they are", "limits"):
+        assert word in warning
+    made = calibrate(recording, [geometry(robot)], folds=3)
+    assert made.recording.n == 60 and warning in made.as_json()["warnings"]
+    assert made.doubts == ()
+    assert warning in identifiability(recording)["warnings"]
+
+
+def test_limits_that_are_respected_are_not_mentioned(limited):
+    assert limited([(-200.0, 200.0)] * 6)[1].warnings == ()
+
+
+def test_a_column_within_its_limits_with_the_opposite_sign_is_refused_by_the_fit(limited):
+    right = readings("q2_deg") - 40
+    limits = float(right.min() - 2), float(right.max() + 2)
+    assert -right.min() > limits[1]
+    robot, recording = limited([FREE, limits, *[FREE] * 4], theta2_deg=-130.0, q2_deg=-right)
+    assert "with the opposite sign all readings would be within them" in recording.warnings[0]
+    with pytest.raises(InputError, match=r"column q2_deg"):
+        calibrate(recording, [geometry(robot)], folds=3)
+
+
+def test_readings_far_beyond_the_limits_are_read(tmp_path):
+    """One wild cell stops nobody from reading the other rows; the fit shows that it is an outlier."""
+    folder = write_good(tmp_path / "cell-4")
+    lines = (folder / "samples.csv").read_text(encoding="utf-8").splitlines()
+    cells = lines[7].split(",")
+    cells[2] = "1700"
+    lines[7] = ",".join(cells)
+    (folder / "samples.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (warning,) = datasets.read(folder).warnings
+    assert "row 8" in warning and "q2_deg" in warning and "1700" in warning and "-190 to 190" in warning
