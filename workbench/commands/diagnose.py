@@ -102,7 +102,8 @@ def show(console, result) -> None:
     told = {"before": "baseline", "after": "with what was found", "noise": "noise"}
     units = [unit, "deg"] if "after_deg" in held_out else [unit]
     rows = [[name, *(held_out.get(f"{key}_{one}") for one in units)] for key, name in told.items()]
-    title = f"Held-out error, RMS, {held_out['folds']} folds; noise {held_out['noise_from']}"
+    scheme = f" ({held_out['scheme']})" if held_out["scheme"] else ""
+    title = f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
     tables.grid(console, title, ["error", *units], rows)
     if (shares := result["against"]) is not None:
         names = ("parameters", "noise", "structure")

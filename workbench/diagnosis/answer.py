@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.diagnosis import against, proof, replicates, words
+from workbench.diagnosis import against, proof, replicates, stated_noise, words
 from workbench.diagnosis.experiment import missing_of, next_experiment
 from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.problem import Bench, Finding, Found
-from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, much_left, told, verdict_of
+from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, much_left, verdict_of, with_statements
 from workbench.diagnosis.robot import RobotBench, bench_of
 from workbench.diagnosis.scatter import CLAIMED, scattered, unrecorded
 from workbench.diagnosis.select import LEVEL, find
@@ -25,6 +25,7 @@ NO_MASSES = ("The file of the robot {robot} states no masses, so that nothing th
              "for: write mass_kg and com_mm of every joint.")  # fmt: skip
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 _UNEVEN = "noise-heteroscedastic"
+_PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
 _LONG_S = 1.0  # a search beyond which processes are worth their start
 Say = Callable[[str], None]
 
@@ -100,8 +101,9 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     terms, refused, proved = _proved(bench, found, last.noise, say, jobs)
     last = _Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, terms, refused, last.after))
+    proved, terms = _with_stated_noise(last, proved, terms, refused)
     if (verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))) == UNEXPLAINED:
-        terms = (*terms, *_somewhere(found, terms, last.after if terms else found.before))
+        terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
     visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
     say("the next experiment")
@@ -114,8 +116,33 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
         shares, last.outliers(), missing_of(terms), _warnings(bench, recording), dict(provenance(recording)),
         fixed_points(recording, bench, terms),
     )  # fmt: skip
-    return told(made, [words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
+    return with_statements(made, [words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
                        for term in (*terms, *refused)])  # fmt: skip
+
+
+def _with_stated_noise(last: "_Final", proved, terms, refused):
+    """Proof and terms with a wrong noise statement, where there is one; the proof then uses the noise that was found.
+
+    Where replicates confirm the stated noise and the residual is larger all the same, something differs from pose to
+    pose that no candidate and no smooth function makes.
+    """
+    compared = last.stated_noise()
+    if compared is None:
+        return proved, terms
+    unnamed = any(term.finding.effect == "unknown" for term in terms)
+    not_modelled = bool(refused) and last.found.p_first <= LEVEL and not any(t.finding.effects for t in terms)
+    structure_left = last.found.p_rest <= LEVEL or unnamed or not_modelled
+    wrong = stated_noise.compare(compared, structure_left)
+    if wrong is not None:
+        noise = float(np.sqrt(len(compared.white)) * _sigma(last.bench.recording) * wrong.factor)
+        proved = replace(proved, noise=noise, noise_from=f"{wrong.source}; the stated noise is wrong")
+        term = Term(stated_noise.finding_of(wrong), stated_noise.parameters_of(wrong))
+        return proved, (*terms, term)
+    p = compared.lack_of_fit()
+    if not terms and p < LEVEL:
+        unknown = Finding("unknown", "samples", words.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)
+        return proved, (Term(unknown),)
+    return proved, terms
 
 
 def _warnings(bench, recording) -> tuple[str, ...]:
@@ -124,7 +151,7 @@ def _warnings(bench, recording) -> tuple[str, ...]:
     chain = getattr(bench, "chain", None)
     if chain is None or chain.robot.mass.any() or chain.state.payload.any():
         return on_data
-    return (*on_data, NO_MASSES.format(robot=chain.robot.name),)
+    return (*on_data, NO_MASSES.format(robot=chain.robot.name))
 
 
 def _proved(bench, found: Found, noise, say, jobs):
@@ -186,19 +213,31 @@ def unwhitened(problem) -> np.ndarray:
     return problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
 
 
-def _somewhere(found: Found, terms, problem) -> tuple[Term, ...]:
+def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     """What is there or left though nothing that was found carries to samples that were not fitted: where, on what.
 
-    problem: without what it is said of. Beside it what could make it of a covariate that was not recorded.
+    problem: without what it is said of. Beside it what could make it of a covariate that was not recorded. Where no
+    smooth function is significant at any place, the structure is that of the first term that was refused.
     """
-    places = [one for one in (found.rest if terms else found.located) if one.depends_on]
-    if not places or any(term.finding.effect == "unknown" for term in terms):
+    if any(term.finding.effect == "unknown" for term in terms):
         return ()
+    places = [one for one in (found.rest if terms else found.located)
+              if one.depends_on and one.p_value < _PLACED and one.share > 0]  # fmt: skip
+    if not places:
+        return (Term(_of_refused(found, refused, bool(terms)), rest=bool(terms)),)
     at = places[0]
     label = "a smooth function of " + " and ".join(at.depends_on)
     unknown = Finding("unknown", at.where, label, (), at.p_value, 0.0, at.size, 0.0, at.depends_on,
                       unrecorded(problem, at))  # fmt: skip
     return (Term(unknown, share=at.share, rest=bool(terms)),)
+
+
+def _of_refused(found: Found, refused, rest: bool) -> Finding:
+    """The unknown of structure that no smooth function locates: at the place of the strongest refused term."""
+    p = found.p_rest if rest else found.p_first
+    named = [term.finding for term in refused if term.finding.p_value < _PLACED]
+    where = max(named, key=lambda one: one.gain).where if named else "samples"
+    return Finding("unknown", where, words.NOT_LOCATED, (), p, 0.0, 0.0, 0.0)
 
 
 def _units(bench, candidate) -> list[str]:
@@ -233,6 +272,18 @@ class _Final:
         degrees = self.after.degrees * len(position) / len(left)
         pose, index = self.bench.pose[usual], self._index()[usual]
         return replicates.noise(pose, index, position, _sigma(recording), degrees)
+
+    def stated_noise(self) -> stated_noise.StatedNoise | None:
+        """Residuals of the final model over the stated sigma; None where none is stated."""
+        if self.unit != "mm" or self.bench.chain.sigma_unknown or _sigma(self.bench.recording) is None:
+            return None
+        left = residuals_of(self.after)
+        rows = slice(0, min(3, len(left)))  # of poses the position: what `sigma_mm` states
+        white = left[rows] / self.bench.chain.stated_sigma[rows, : self.before.n]
+        if not np.isfinite(white).all():
+            return None
+        degrees = self.after.degrees * white.size / left.size
+        return stated_noise.StatedNoise(white, degrees, ~self.found.outliers, self.bench.pose, self._index())
 
     def _index(self):
         return self.bench.chain.state.index[: self.before.n]

@@ -1,28 +1,32 @@
 """What a search accepted, as findings: each with its probability among all that might stand in its place."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
 
+from workbench.diagnosis.elastic_choice import Name
 from workbench.diagnosis.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
 from workbench.diagnosis.loose import LABEL
 from workbench.diagnosis.problem import Alternative, Finding
 from workbench.diagnosis.scatter import hidden, movement
-from workbench.diagnosis.search import Search, name_of
+from workbench.diagnosis.search import Search
 from workbench.diagnosis.sets import LAW, SECOND, same_place
 
 YIELDS = ("link-compliance", "bearing-compliance", "pedestal-compliance")
 ELASTIC = ("joint-compliance", *YIELDS)
 _CREDIBLE = 0.95
 _NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
-_USUAL = 2.0  # how much more often gears yield than links and bearings
 _SHOWN = 12  # alternatives that are no likelier than others are not told beyond so many
 _NUMBERS = 6  # in which a smooth function without a name may differ from another
 
 
-def finding(search: Search, i: int) -> Finding:
-    """One that is accepted, with its posterior among all that might stand in its place beside the others."""
+def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -> Finding:
+    """One that is accepted, with its posterior among all that might stand in its place beside the others.
+
+    names: posterior of the elastic terms over sets of them, see `elastic_choice`; it decides between these.
+    """
     table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
     slack = (1 - LAW) * search.explained()
     rivals = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
@@ -30,22 +34,33 @@ def finding(search: Search, i: int) -> Finding:
     shares: dict[tuple, float] = {}
     for h in rivals:
         shares[h.key] = shares.get(h.key, 0.0) + float(np.exp(h.log_weight - total))
-    if name_of(mine) in search.usual:
-        _shared(shares, own, [h for h in rivals if h.effect in YIELDS and h.gain > own.gain - search.left()])
     size = search.size(i)
     made = Finding(
         *mine.key, mine.label, mine.effects, max(family_wise(table), 1e-300), shares.get(mine.key, 0.0), size,
         own.gain, mine.unnamed, _alternatives(rivals, shares, own, search.left(), _NEAR * search.variance()),
     )  # fmt: skip
+    if names and mine.key in names:
+        made = _among_sets(made, shares, names)
     return made if mine.unnamed else _doubted(search, own, made)
 
 
-def _shared(shares: dict[tuple, float], own: Hypothesis, others):
-    """What was preferred as more usual among what cannot be told from it has a prior's share of all their chances."""
-    keys = {h.key for h in others}
-    total = shares.get(own.key, 0.0) + sum(shares[key] for key in keys)
-    weight = _USUAL + len(keys)
-    shares |= dict.fromkeys(keys, total / weight) | {own.key: total * _USUAL / weight}
+def _among_sets(made: Finding, shares: Mapping[tuple, float], names: Mapping[tuple, Name]) -> Finding:
+    """The finding with the posterior over sets of elastic terms in place of single exchanges between these.
+
+    Everything else keeps its share: together the elastic terms have what they had.
+    """
+    own = names[made.effect, made.where]
+    elastic = sum(share for key, share in shares.items() if key in names)
+    known = {(a.effect, a.where): a for a in made.alternatives}
+    others = [a for key, a in known.items() if key not in names]
+    instead = []
+    for key, share, alike in own.instead:
+        probability = elastic * share
+        why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
+        label = known[key].label if key in known else ""
+        instead.append(Alternative(*key, label, probability, alike, why))
+    ranked = sorted((*instead, *others), key=lambda a: -a.probability)
+    return replace(made, probability=elastic * own.probability, alternatives=tuple(ranked[:_SHOWN]))
 
 
 def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:

@@ -19,6 +19,7 @@ _ORDERS = {1: 0.3, 2: 0.3, 3: 0.1, 4: 0.1}
 GEAR_MASS = 0.2
 _DRIFTS = "evenly", "with one bend", "with two bends"  # by the order of the polynomial: few numbers show small drifts
 _LOADED_NM, _MOVES_RAD = 0.02, 0.2
+_SHORTEST_MM = 1.0  # a link without a length has nothing that bends; what its neighbours do is theirs
 # shares of the largest torque over which a gap is pressed shut, and how likely each is beside the sharp one
 _SEATED, _SOFT_MASS = (0.05, 0.1, 0.2), 0.3
 
@@ -69,7 +70,8 @@ def _loaded(chain, k):
                 yield _option("backlash", f"joint-{k}", label, _SOFT_MASS, seat="gravity", width=width)
         if np.ptp(chain.state.self_torque[k - 1]) > _LOADED_NM and chain.state.payload.any():
             yield _option("link-self-weight", f"joint-{k}")
-    if np.ptp(chain.state.moment[k], axis=1).max() > _LOADED_NM:
+    has_length = np.hypot(*chain.robot.geometry[k - 1, 1:3]) > _SHORTEST_MM
+    if has_length and np.ptp(chain.state.moment[k], axis=1).max() > _LOADED_NM:
         yield _option("link-compliance", f"link-{k}")
     if np.ptp(chain.state.bearing_moment[k - 1], axis=1).max() > _LOADED_NM:
         yield _option("bearing-compliance", f"joint-{k}")

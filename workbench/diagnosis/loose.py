@@ -15,6 +15,8 @@ from workbench.core.parameters import Parameter
 _SHARE, _CENTRE_MM = 0.2, 20.0  # a data sheet's mass is good to a fifth, a centre to 20 mm
 _MOST, _LEAST = 4, 0.03  # mixtures of first moments, and the share of the law below which one says nothing
 LABEL = "with its masses found"
+MASS_SHARE, CENTRE_MM = 0.05, 5.0
+"""1 sigma of a stated first moment as a share of it, and of a centre of mass (mm per axis): prior of the names."""
 
 
 class Loose(Effect):
@@ -50,6 +52,35 @@ class Loose(Effect):
         return np.concatenate(parts)
 
 
+class MassResponse(Effect):
+    """What a law's deflection changes by per standard deviation of each first moment, as P M parameters.
+
+    `inner`: a law with P parameters. Parameter after parameter, M = 3 J + 3 columns each: of every link along x, y and
+    z, then of the load. It joins no model: its columns are the nuisance that a mass uncertainty makes.
+    """
+
+    elastic = True
+    source = Loose.source
+
+    def __init__(self, where: str, inner: Effect):
+        super().__init__(where)
+        self.inner = inner
+        self.effect, self.port, self.components = inner.effect, inner.port, inner.components
+        self.places, self.equation = inner.places, inner.equation
+
+    def table(self, chain):
+        count = 3 * chain.robot.joints + 3
+        return tuple(
+            Parameter(f"{p.key}_moment_{m}", p.unit, 0.0, p.typical, f"{p.label}, first moment {m}", p.prior)
+            for p in self.inner.table(chain)
+            for m in range(count)
+        )
+
+    def basis(self, state):
+        made = responses(self.inner, state) * nearly_known(state)[:, None, None, None]
+        return made.transpose(1, 0, 2, 3).reshape(-1, *made.shape[2:])
+
+
 def responses(law: Effect, state) -> np.ndarray:
     """(3 J + 3, P, m, n) what a law makes of one kg mm more of each first moment: of the links, then of the load."""
     own = law.basis(state)
@@ -83,6 +114,16 @@ def _plain(values) -> tuple:
     return tuple(_plain(v) for v in values) if np.ndim(values) else float(values)
 
 
+def nearly_known(state) -> np.ndarray:
+    """(3 J + 3,) kg mm: standard deviation of each first moment where masses are stated but not measured."""
+    robot = state.robot
+    masses = np.append(robot.mass, state.payload.max(initial=0.0))
+    centres = np.vstack([robot.com, state.load_centre])
+    distance = np.linalg.norm(centres, axis=1)
+    each = masses * np.hypot(MASS_SHARE * distance, CENTRE_MM)
+    return np.repeat(each, 3)
+
+
 def _sizes(state) -> np.ndarray:
     """(3 J + 3,) kg mm: by how much each first moment may be off."""
     robot = state.robot
@@ -91,4 +132,4 @@ def _sizes(state) -> np.ndarray:
     return (masses[:, None] * (_SHARE * np.abs(centres) + _CENTRE_MM)).ravel()
 
 
-__all__ = ["LABEL", "Loose", "loosened"]
+__all__ = ["LABEL", "Loose", "MassResponse", "loosened", "nearly_known"]

@@ -35,6 +35,7 @@ class Candidate:
     which another stands in (time); "" where nothing is missing. `together`: whether another of the
     family may act beside it (a second order), or they exclude one another (a gap has one law).
     `positive`: how many of its first parameters cannot be negative (what yields to a load yields with it).
+    `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others.
     """
 
     effect: str
@@ -48,6 +49,7 @@ class Candidate:
     missing: str = ""
     together: bool = False
     positive: int = 0
+    load: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,8 @@ class Problem:
     residual. `loose`: variants of candidates with numbers more for what their law takes from a data sheet.
     `growing`: places that are looked at only for what moves from sample to sample (the length of a link).
     `given`: whitened sum of squares of what elastic laws of the baseline make beyond its geometry.
+    `mass_responses`: of every elastic law, what first moments that are off by one sigma change in its columns;
+    `given_values`: (effect, where) -> fitted values (P,) of the elastic laws that the baseline holds.
     """
 
     residual: np.ndarray
@@ -138,6 +142,8 @@ class Problem:
     loose: tuple[Candidate, ...] = ()
     growing: tuple[Site, ...] = ()
     given: float = 0.0
+    mass_responses: tuple[Candidate, ...] = ()
+    given_values: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
     made: dict = field(default_factory=dict, compare=False, repr=False)  # functions of the covariates, made once
     # what is known of all that is compared with the first `bare` columns of the basis (None: all), made once
     known: dict = field(default_factory=dict, compare=False, repr=False)
@@ -178,6 +184,7 @@ class Problem:
             weights=self.weights if weights is None else weights, added=tuple(map(columns, self.added)),
             sites=places(self.sites), growing=places(self.growing), scans=places(self.scans),
             candidates=candidates(self.candidates), loose=candidates(self.loose), known={}, bare=None,
+            mass_responses=candidates(self.mass_responses),
         )  # fmt: skip
 
     def beside(self, columns: np.ndarray) -> np.ndarray:

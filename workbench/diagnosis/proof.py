@@ -5,8 +5,8 @@ better than the baseline does. Then each term, by leaving it out with all others
 the others are judged again without it. Last, each term's part in what the folds found by themselves, where a twin that
 is chosen in another fold stands for the term.
 
-A law of time cannot be carried into a stretch of time that was not measured, so that it is judged by blocks of the
-workspace alone.
+Each step uses only the splits that can judge the terms (`judging`): a law of time is judged by blocks of the
+workspace, a curve by splits that leave no range of its angle out. The terms that stay reduce the held-out error there.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,15 +16,22 @@ from functools import partial
 import numpy as np
 
 from workbench.core.effect import Effect
-from workbench.diagnosis.controls import controls, of_order
-from workbench.diagnosis.folds import TIME, Scheme, schemes, thinned
+from workbench.diagnosis.controls import controls
+from workbench.diagnosis.folds import Scheme, schemes, thinned
 from workbench.diagnosis.heldout import Errors, left_out, paired, rms, sigma_of
+from workbench.diagnosis.judging import (
+    REAL,
+    Judged,
+    combined_t,
+    headline,
+    is_supported,
+    judging_schemes,
+    not_supported,
+)
 from workbench.diagnosis.parallel import searches
 from workbench.diagnosis.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.result import Proof, Term
 
-REAL = 2.0
-"""t of the paired gains above which a held-out gain is taken for real."""
 _WAVE = "transmission-harmonic"
 _LIKELY, _ALIKE = 0.1, 0.9  # probability, or share of a finding's signature, from which on another is its twin
 _MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
@@ -36,13 +43,13 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class _Whole:
-    """Errors by scheme: of the baseline and of what every fold found by itself, `anew`, fold by fold; and its `t`."""
+    """Errors by scheme: of the baseline and of what every fold found by itself, `anew`, fold by fold; `t` of each."""
 
     schemes: list[Scheme]
     plain: list[np.ndarray]
     errors: list[np.ndarray]
     anew: list[dict[int, list[Finding]]]
-    t: float
+    t: list[float]
 
 
 def prove(
@@ -61,10 +68,12 @@ def prove(
     whole = _whole(bench, found, find if terms else None, errors, say, jobs)
     terms, lost = _stable(errors, terms, whole, usual)
     terms, more = _controlled(bench, terms, say)
+    gone = [*refused, *lost, *more]
+    terms, worse, rows = _supported(errors, terms, gone, whole, usual)
     effects = _effects([term.finding for term in terms])
     fixed = [errors(effects, s.fold) for s in whole.schemes] if effects else whole.plain
-    proof = _with_angles(_proof(bench, whole, fixed, noise, usual, bool(terms)), errors, usual)
-    return proof, tuple(terms), (*refused, *lost, *more)
+    made = _with_angles(_proof(bench, rows, fixed, noise, usual), errors, usual)
+    return made, tuple(terms), (*gone, *worse)
 
 
 def _with_angles(proof: Proof, errors: Errors, usual: np.ndarray) -> Proof:
@@ -73,6 +82,64 @@ def _with_angles(proof: Proof, errors: Errors, usual: np.ndarray) -> Proof:
     if not np.isfinite(angles).any():
         return proof
     return replace(proof, angles=angles, angles_rms=(rms(angles[0], usual), rms(angles[1], usual)))
+
+
+def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: _Whole, usual):
+    """Terms that together reduce the held-out error, terms that do not, and the errors by scheme.
+
+    Judged by what the folds found by themselves; where that fails, by that without what was refused. As long as the
+    error does not fall, the term with the least support goes.
+    """
+    unit, sigma = getattr(errors.bench, "unit", "mm"), sigma_of(errors.bench)
+    refused: list[Term] = []
+    predicted = whole.errors
+    while terms:
+        judges = _judges_of_all(errors.bench, terms, whole.schemes)
+        rows = _judged_rows(whole, predicted, judges, usual, sigma)
+        if is_supported(rows):
+            return terms, refused, rows
+        if predicted is whole.errors and gone:
+            predicted = _without(errors, whole, gone)
+            continue
+        weakest = min(terms, key=lambda term: term.t_anew)
+        refused.append(not_supported(weakest, rows, unit))
+        terms = [term for term in terms if term is not weakest]
+        predicted = _without(errors, whole, [*gone, *refused])
+    return [], refused, _judged_rows(whole, whole.plain, whole.schemes, usual, sigma)
+
+
+def _without(errors: Errors, whole: _Whole, refused: Sequence[Term]) -> list[np.ndarray]:
+    """Errors (n,) by scheme of what the folds found by themselves, except what is one of the refused terms."""
+    out = []
+    for scheme, found, plain in zip(whole.schemes, whole.anew, whole.plain):
+        kept = {}
+        for k, findings in found.items():
+            left = [f for f in findings if not any(_is_finding(f, term.finding) for term in refused)]
+            kept[k] = _effects(left)
+        out.append(errors.predicted(scheme, kept, plain))
+    return out
+
+
+def _is_finding(finding: Finding, other: Finding) -> bool:
+    return _name(finding) == _name(other)
+
+
+def _judges_of_all(bench, terms: Sequence[Term], parts: list[Scheme]) -> list[Scheme]:
+    """The schemes that can judge every term; where no scheme can, those that can judge the largest."""
+    findings = [term.finding for term in terms]
+    problem, numbers = bench.problem(_effects(findings)), _numbered(findings)
+    able = [judging_schemes(bench, f.effects, parts, problem, own) for f, own in zip(findings, numbers)]
+    common = [s for s in parts if all(any(s is one for one in mine) for mine in able)]
+    return common or able[int(np.argmax([f.gain for f in findings]))]
+
+
+def _judged_rows(whole: _Whole, predicted, judges: Sequence[Scheme], usual, sigma) -> list[Judged]:
+    """Errors by scheme; those of several kinds of samples (corners, stripes) are weighted by their noise `sigma`."""
+    rows = []
+    for scheme, before, after in zip(whole.schemes, whole.plain, predicted):
+        able = any(scheme is one for one in judges)
+        rows.append(Judged(scheme, before, after, rms(before, usual, sigma), rms(after, usual, sigma), able))
+    return rows
 
 
 def _inside(problem: Problem, terms: list[Term], refused: list[Term]) -> tuple[list[Term], list[Term]]:
@@ -99,29 +166,43 @@ def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: in
     usual, parts = ~found.outliers, schemes(bench.pose, found.before)
     plain = [errors((), s.fold) for s in parts]
     if find is None:
-        return _Whole(parts, plain, plain, [{} for _ in parts], 0.0)
+        return _Whole(parts, plain, plain, [{} for _ in parts], [0.0 for _ in parts])
     anew = _anew(bench, find, parts, say, jobs)
     made = [errors.predicted(s, {k: _effects(f) for k, f in a.items()}, p) for s, a, p in zip(parts, anew, plain)]
     t = [paired(bench.pose, before, after, usual, sigma_of(bench)) for before, after in zip(plain, made)]
-    return _Whole(parts, plain, made, anew, float(np.mean(t)))
+    return _Whole(parts, plain, made, anew, t)
 
 
-def _proof(bench, whole: _Whole, fixed, noise, usual, kept: bool) -> Proof:
-    """The figures; where nothing is claimed, the baseline predicts."""
-    errors = whole.errors if kept else whole.plain
-    rows = zip(whole.schemes, whole.plain, errors, fixed)
+def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:
+    """The figures of the scheme that judges; where nothing is claimed, the baseline predicts."""
+    shown = headline(rows)
+    at = next(i for i, row in enumerate(rows) if row is shown)
+    t = paired(bench.pose, shown.before, shown.after, usual, sigma_of(bench))
     return Proof(
-        rms(whole.plain[0], usual), rms(errors[0], usual), rms(fixed[0], usual),
-        paired(bench.pose, whole.plain[0], errors[0], usual, sigma_of(bench)), len(whole.schemes[0].folds), *noise,
-        np.stack([whole.plain[0], errors[0]]), whole.schemes[0].fold,
-        tuple(_told(bench, s, usual, *row) for s, *row in rows),
-    )  # fmt: skip
+        before=shown.rms_before,
+        after=shown.rms_after,
+        fixed=rms(fixed[at], usual, sigma_of(bench)),
+        t=t,
+        folds=len(shown.scheme.folds),
+        noise=noise[0],
+        noise_from=noise[1],
+        errors=np.stack([shown.before, shown.after]),
+        fold=shown.scheme.fold,
+        schemes=tuple(_scheme_row(bench, row, usual, same) for row, same in zip(rows, fixed)),
+        scheme=shown.scheme.name,
+    )
 
 
-def _told(bench, scheme: Scheme, usual, before, after, fixed) -> dict:
-    return {"folds_by": scheme.name, "folds": len(scheme.folds), "before": rms(before, usual),
-            "after": rms(after, usual), "after_same_terms": rms(fixed, usual),
-            "t": paired(bench.pose, before, after, usual, sigma_of(bench))}  # fmt: skip
+def _scheme_row(bench, row: Judged, usual, fixed) -> dict:
+    return {
+        "folds_by": row.scheme.name,
+        "folds": len(row.scheme.folds),
+        "before": row.rms_before,
+        "after": row.rms_after,
+        "after_same_terms": rms(fixed, usual, sigma_of(bench)),
+        "t": paired(bench.pose, row.before, row.after, usual, sigma_of(bench)),
+        "judges": row.judges,
+    }
 
 
 def _anew(bench, find: Find, parts: list[Scheme], say, jobs: int) -> list[dict[int, list[Finding]]]:
@@ -175,12 +256,12 @@ def _judged(bench, problem: Problem, kept: Sequence[int], term: Term, own: Seque
     """The term with t and gain of its being there beside the problem's others, over the schemes that may judge it."""
     every, rest = problem.keeping(kept), problem.keeping([i for i in kept if i not in own])
     usual, t, gain = problem.weights > _FAR, [], []
-    for scheme in _judges(bench, term.finding.effects, schemes(problem.pose, problem)):
+    for scheme in judging_schemes(bench, term.finding.effects, schemes(problem.pose, problem), problem, own):
         with_it, without = left_out(every, scheme.fold), left_out(rest, scheme.fold)
         t.append(paired(problem.pose, without, with_it, usual, sigma))
         gain.append(rms(without, usual, sigma) - rms(with_it, usual, sigma))
     worst = int(np.argmin(t))
-    known = t[worst] if t[worst] < -REAL else float(np.mean(t))
+    known = combined_t(t)
     return replace(term, t=known, gain=gain[0] if known > REAL else gain[worst])
 
 
@@ -190,37 +271,37 @@ def _numbered(findings) -> list[list[int]]:
     return [list(range(a, b)) for a, b in zip(edges, edges[1:])]
 
 
-def _judges(bench, effects, parts):
-    """The schemes that may judge these effects."""
-    if len(parts) > 1 and of_order(bench, effects):
-        return [s for s in parts if s.name != TIME]
-    return parts
-
-
 def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], list[Term]]:
     """The terms whose gain is real, too, where each fold knows only what was found without it; and the others.
 
     None at all where the whole does not help to predict what it has not seen: what it says is luck then.
     """
-    if terms and not whole.t > REAL:
-        return [], [replace(term, kept=False, reason=_luck(whole.t)) for term in terms]
+    bench = errors.bench
+    if terms:
+        judges = _judges_of_all(bench, terms, whole.schemes)
+        t = combined_t([value for s, value in zip(whole.schemes, whole.t) if any(s is one for one in judges)])
+        if not t > REAL:
+            return [], [replace(term, kept=False, t_anew=t, reason=_luck(t)) for term in terms]
     kept, lost = [], []
-    bench, folds = errors.bench, [_solved(errors.bench, a) for a in whole.anew] if terms else []
+    folds = [_solved(bench, a) for a in whole.anew] if terms else []
     with_all = [_linear(s, rows) for s, rows in zip(whole.schemes, folds)]
-    own = _made(bench.problem(_effects([t.finding for t in terms])), [t.finding for t in terms]) if terms else []
-    made = [_made(problem, found) for rows in folds for found, problem in rows.values()]
-    for term, moved in zip(terms, own):
+    findings = [term.finding for term in terms]
+    problem, numbers = (bench.problem(_effects(findings)), _numbered(findings)) if terms else (None, [])
+    own = _made(problem, findings) if terms else []
+    made = [_made(solved, found) for rows in folds for found, solved in rows.values()]
+    for term, moved, mine in zip(terms, own, numbers):
         t = []
-        for scheme in _judges(bench, term.finding.effects, whole.schemes):
-            at = whole.schemes.index(scheme)
+        for scheme in judging_schemes(bench, term.finding.effects, whole.schemes, problem, mine):
+            at = next(i for i, one in enumerate(whole.schemes) if one is scheme)
             less = _linear(scheme, folds[at], term.finding)
             t.append(paired(bench.pose, less, with_all[at], usual, sigma_of(bench)))
         again = sum(_alike(moved, others) for others in made)
-        term = replace(term, again=again, chances=len(made), t_anew=max(t))
+        anew = min(t) if min(t) < -REAL else max(t)
+        term = replace(term, again=again, chances=len(made), t_anew=anew)
         if term.t_anew > REAL:
             kept.append(term)
         else:
-            reason = f"searched anew without a part of the samples, it does not help to predict them (t = {max(t):.1f})"
+            reason = f"where the search is repeated inside the folds, it does not predict the others (t = {anew:.1f})"
             lost.append(replace(term, kept=False, reason=reason))
     return kept, lost
 

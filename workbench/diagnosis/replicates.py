@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import f as fisher
 
-_LEAST_REPEATS = 10
+LEAST_REPEATS = 10
 
 
 def replicates(pose: np.ndarray, index: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, int]:
@@ -20,7 +20,7 @@ def noise(pose, index, residual: np.ndarray, sigma: float | None, degrees: float
     from the sigma of one coordinate that the recording states; else what is left in the end, an upper limit.
     """
     group, free = replicates(pose, index, residual)
-    if free >= _LEAST_REPEATS * len(residual):
+    if free >= LEAST_REPEATS * len(residual):
         within = sum(float(((row - _means(row, group)) ** 2).sum()) for row in residual)
         return float(np.sqrt(len(residual) * within / free)), "from replicates"
     if sigma is not None:
@@ -38,7 +38,7 @@ def lack_of_fit(pose, index, residual: np.ndarray, rank: int) -> dict | None:
     Draper & Smith, Applied Regression Analysis, 3rd ed. (1998), sec. 2.1. rank: of the model's parameters.
     """
     group, free = replicates(pose, index, residual)
-    if free < _LEAST_REPEATS * len(residual):
+    if free < LEAST_REPEATS * len(residual):
         return None
     means = np.stack([_means(row, group) for row in residual])
     between = len(residual) * (group.max() + 1) - rank
@@ -52,4 +52,4 @@ def lack_of_fit(pose, index, residual: np.ndarray, rank: int) -> dict | None:
             "pure_error_rms": float(np.sqrt(len(residual) * pure))}  # fmt: skip
 
 
-__all__ = ["lack_of_fit", "noise", "replicates"]
+__all__ = ["LEAST_REPEATS", "lack_of_fit", "noise", "replicates"]

@@ -76,7 +76,8 @@ class Proof:
 
     `before` with the baseline, `after` with what the selection made of the other folds, whole and anew in each;
     `fixed` with the terms of all data, fitted on the other folds. `t` of the paired gains. `errors` (2, n): before
-    and after, nan where not predicted; `fold` (n,) of the scheme by time. `schemes`: name -> before, after, t, folds.
+    and after, nan where not predicted; `fold` (n,). All of these are of one `scheme`, that can judge the terms;
+    `schemes`: before, after, t, folds of every scheme, and whether it judges. `after` is at most `before`.
     `noise` and `noise_from`: what the instrument leaves, and how it is known. `lack`: lack of fit against replicates.
     """
 
@@ -93,6 +94,7 @@ class Proof:
     lack: Mapping | None = None
     angles: np.ndarray | None = None  # (2, n) deg, rotation angles that belong to `errors`; None: no orientation
     angles_rms: tuple[float, float] | None = None  # deg, before and after
+    scheme: str = ""
 
 
 @dataclass(frozen=True)
@@ -181,11 +183,15 @@ def verdict_of(terms, first_p: float, left: bool = False, level: float = 0.005) 
 
     `unexplained` where a kept term has no name, where nothing was kept though structure is there, or where more is
     `left` than the terms explain away; `ambiguous` where a kept term is less than certain and has alternatives.
+    A wrong statement of the noise explains no structure.
     """
+    structure = [term for term in terms if term.finding.effect != "stated-noise"]
     if any(term.finding.effect == "unknown" for term in terms):
         return UNEXPLAINED
+    if not structure and first_p < level:
+        return UNEXPLAINED
     if not terms:
-        return UNEXPLAINED if first_p < level else CONSISTENT
+        return CONSISTENT
     if left:
         return UNEXPLAINED
     return EXPLAINED if all(term.certain for term in terms) else AMBIGUOUS
@@ -197,7 +203,7 @@ def much_left(proof: Proof, rest_p: float, level: float = 0.01) -> bool:
     return rest_p < level and above[1] > _REST * above[0]
 
 
-def told(diagnosis: Diagnosis, statements) -> Diagnosis:
+def with_statements(diagnosis: Diagnosis, statements) -> Diagnosis:
     """The diagnosis with a statement for each of its terms, then of those refused."""
     said = iter(statements)
     fresh = [tuple(replace(term, statement=next(said)) for term in some)
@@ -248,11 +254,18 @@ def _located(one: Located, unit: str) -> dict:
 
 def _held_out(proof: Proof, unit: str) -> dict:
     return {
-        f"before_{unit}": proof.before, f"after_{unit}": proof.after, f"noise_{unit}": proof.noise,
-        "folds": proof.folds, "noise_from": proof.noise_from, "t": proof.t, f"after_same_terms_{unit}": proof.fixed,
-        "schemes": [dict(row) for row in proof.schemes], "lack_of_fit": dict(proof.lack) if proof.lack else None,
+        f"before_{unit}": proof.before,
+        f"after_{unit}": proof.after,
+        f"noise_{unit}": proof.noise,
+        "folds": proof.folds,
+        "scheme": proof.scheme,
+        "noise_from": proof.noise_from,
+        "t": proof.t,
+        f"after_same_terms_{unit}": proof.fixed,
+        "schemes": [dict(row) for row in proof.schemes],
+        "lack_of_fit": dict(proof.lack) if proof.lack else None,
         **_angles(proof),
-    }  # fmt: skip
+    }
 
 
 def _angles(proof: Proof) -> dict:

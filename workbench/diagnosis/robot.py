@@ -126,7 +126,8 @@ class RobotBench:
         model, fit, weights = self.solve(effects, samples)
         every = np.ones(self.chain.n, bool) if samples is None else samples
         part = self._part(samples)
-        made = _problem(model, fit, weights, self.pose[every], tuple(effects), self.loose, part.library)
+        variants = self.loose, self.mass_laws
+        made = _problem(model, fit, weights, self.pose[every], tuple(effects), variants, part.library)
         rotation = np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
         return replace(made, made=part.made, rotation=rotation)
 
@@ -147,6 +148,12 @@ class RobotBench:
         known = [o for o in options(self.chain, False) if o.effect.effect in _LOOSE and not _held(o, self.baseline)]
         laws = [(o, loose.loosened(o.effect, self.chain.state)) for o in known]
         return tuple(replace(o, effect=law, label=loose.LABEL, mass=_LOOSE_MASS) for o, law in laws if law)
+
+    @cached_property
+    def mass_laws(self) -> tuple[Option, ...]:
+        """What first moments that are only nearly known change in each elastic law; none without masses."""
+        known = [o for o in options(self.chain, False) if o.effect.effect in (*_LOOSE, "link-self-weight")]
+        return tuple(replace(o, effect=loose.MassResponse(o.effect.where, o.effect)) for o in known)
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
         """Model on the samples with sigmas widened to what is left unexplained, fit, robust weights (n,)."""
@@ -242,7 +249,7 @@ def _extra(squares, sigma):
     return brentq(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
 
 
-def _problem(model: Model, fit: Fit, weights, pose, effects, loosened, library) -> Problem:
+def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) -> Problem:
     evaluation = model.evaluate(fit.parameters)
     sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
     white = np.sqrt(weights) / sigma
@@ -260,7 +267,9 @@ def _problem(model: Model, fit: Fit, weights, pose, effects, loosened, library) 
         scans(model.chain, rows), effects,
         float(np.median(sigma / model.chain.stated_sigma)), added,
         tuple(fit.parameters.values[span] for span in model.spans[first:]),
-        _candidates(model, fit, rows, white, loosened), lengths(model.chain, rows), _given(bare, fit, white),
+        _candidates(model, fit, rows, white, variants[0]), lengths(model.chain, rows), _given(bare, fit, white),
+        _candidates(model, fit, rows, white, variants[1]),
+        {(e.effect, e.where): fit.parameters.values[span] for e, span in zip(bare.effects, bare.spans) if e.elastic},
     )  # fmt: skip
 
 
@@ -331,9 +340,15 @@ def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Ca
         columns = _columns(model, fit, rows, white, effect)
         typical = np.array([p.typical for p in effect.parameters(model.chain)])
         kind = effect.effect in _TOGETHER, _POSITIVE.get(effect.effect, 0)
+        load = _load(model, effect) if effect.elastic and effect.effect in _POSITIVE else 0.0
         made.append(Candidate(effect.effect, effect.where, option.label, (effect,), columns, typical,
-                              option.family, option.mass, option.missing, *kind))  # fmt: skip
+                              option.family, option.mass, option.missing, *kind, load))  # fmt: skip
     return tuple(made)
+
+
+def _load(model: Model, effect: Effect) -> float:
+    """RMS over the samples of the torque or moment (N m) that an elastic law's first parameter multiplies."""
+    return float(np.sqrt((model.basis(effect)[0] ** 2).sum(0).mean()))
 
 
 def _columns(model, fit, rows, white, effect):

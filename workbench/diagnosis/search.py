@@ -18,8 +18,7 @@ class Search:
     """`accepted` hypotheses and the `problem` solved with them, on `samples` (n,) bool (None: all).
 
     `level`: chance of a false alarm on the whole search. `scatter`: a place that moves by chance, `spread` (n,) how
-    far each sample's noise is spread: all is judged beside them. `trail`: a line for each step. `usual`: names of
-    those that were preferred only as more usual.
+    far each sample's noise is spread: all is judged beside them. `trail`: a line for each step.
     """
 
     bench: Bench
@@ -33,7 +32,6 @@ class Search:
     tables: dict = field(default_factory=dict)
     scatter: Scatter | None = None
     spread: np.ndarray | None = None
-    usual: set = field(default_factory=set)
 
     def say(self, line: str):
         """A line for the trail and for whoever waits."""

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.diagnosis.data import far_off, of_data, unevenly
+from workbench.diagnosis.elastic_choice import exchange_elastic_terms, probabilities_of_names
 from workbench.diagnosis.evidence import Projected
-from workbench.diagnosis.findings import YIELDS, finding, tells, with_hidden
+from workbench.diagnosis.findings import finding, tells, with_hidden
 from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.locate import located
 from workbench.diagnosis.parts import against, folded, near, outdone
@@ -63,7 +64,8 @@ def _found(search: Search) -> Found:
         search.say(f"{search.scatter.site.where} moves from sample to sample")
         search.level = CLAIMED  # how much it moves is only known nearly
         first = _first(search, anew=True)
-    findings = tuple(with_hidden(search, finding(search, i)) for i in search.everyone)
+    names = probabilities_of_names(search)
+    findings = tuple(with_hidden(search, finding(search, i, names)) for i in search.everyone)
     rest = family_wise(search.table(search.everyone))
     after = search.plain.keeping()
     outliers, data = of_data(after)
@@ -184,7 +186,6 @@ def _alone(search: Search, i: int) -> float:
 def _named(search: Search):
     _settle(search)
     _prune(search)
-    _usual(search)
     _judged_again(search)
     best = outdone(search)
     if best is not None:
@@ -192,6 +193,9 @@ def _named(search: Search):
         search.accepted = (_with_effect(search.bench, best),)
         search.solve()
         _judged_again(search)
+    if exchange_elastic_terms(search):
+        _sure(search)
+        against(search)
     _ordered(search)
 
 
@@ -237,7 +241,7 @@ def _likelier(search: Search, i: int, slack: float, failed: set[tuple]) -> Hypot
     failed: names of laws with effect and place of what did not stand in their place.
     """
     own = search.own(i)
-    if own.unnamed or name_of(own) in search.usual:
+    if own.unnamed:
         return None
     rivals = [h for h in search.table(search.others(i))
               if h.log_weight > own.log_weight and h.p / h.weight <= search.level
@@ -341,27 +345,6 @@ def _inexact(search: Search) -> float:
     """The least gain that is not the error of the elastic laws in the model themselves, which geometry makes."""
     elastic = any(effect.elastic for h in search.accepted for effect in h.effects)
     return LAW_ERROR**2 * (search.problem.given + elastic * search.explained())
-
-
-def _usual(search: Search):
-    """A joint that yields instead of anything else that does, where what is left weighs more than their difference.
-
-    Gears yield more than links and bearings, and what is not explained yet could turn the balance either way.
-    """
-    for i in search.everyone:
-        mine, left = search.accepted[i], search.left()
-        if not left or mine.effect not in YIELDS:
-            continue
-        table = search.table(search.others(i))
-        least = search.own(i).gain - left
-        joints = [h for h in table if h.effect == "joint-compliance" and h.gain > least]
-        if joints:
-            other = max(joints, key=lambda h: h.gain)
-            places = f"{other.effect} at {other.where} for {mine.effect} at {mine.where}"
-            search.say(f"{places}: about as good, and more usual")
-            search.accepted = (*search.accepted[:i], other, *search.accepted[i + 1 :])
-            search.usual.add(name_of(other))
-            search.solve()
 
 
 def _grow(search: Search):

@@ -31,6 +31,8 @@ _NAMES = {
     "incidence": "the angle of incidence", "ball": "which ball it is", "reflector": "which reflector it is",
 }  # fmt: skip
 _MOST, _NOTABLE = 3, 0.005
+BY_POSE = "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
+NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
 _OF_DATA = ("outliers", "noise-heteroscedastic", "encoder-quantisation")
@@ -180,6 +182,10 @@ def _what(term: Term, tip: str, unit: str) -> str:
         return (f"There is structure that these data show and do not explain: a function of {depends} at "
                 f"{place(found.where)} makes {100 * term.share:.0f} % of the mismatch, and yet nothing that was fitted "
                 "to some of the poses predicts the others. No more is claimed.")  # fmt: skip
+    if found.effect == "stated-noise":
+        return _of_stated_noise(term)
+    if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
+        return f"There is structure that nothing in the catalogue explains: {found.label} (p = {found.p_value:.2g})."
     if found.effect in _OF_DATA or (found.effect == "unknown" and not found.effects and not found.depends_on):
         return _of_data(found)
     if found.effect == "unknown":
@@ -192,6 +198,16 @@ def _what(term: Term, tip: str, unit: str) -> str:
     by_time = any(row["unit"].endswith("/h") for row in term.parameters)
     said = said.replace(_EITHER, "with time (no temperature was recorded)" if by_time else "with temperature")
     return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
+
+
+def _of_stated_noise(term: Term) -> str:
+    """The factor by which the stated noise is wrong, why that matters and what to do."""
+    row = next(iter(term.parameters), None)
+    factor = f"{row['value']:.2f} ± {row['std']:.2f} times" if row else "not"
+    source = term.finding.label.rpartition(", ")[2]
+    return (f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "
+            "All results below use the noise that was found. Correct sigma_mm in the recording: calibration and "
+            "tolerances rely on it.")  # fmt: skip
 
 
 def _of_data(found: Finding) -> str:

@@ -53,9 +53,11 @@ def _rotation_numbers(proof) -> tuple[tuple[str, str, str], ...]:
 
 def _lead(made: Diagnosis):
     proof = made.proof
-    yield said.errors(proof.before, proof.after, proof.noise, proof.noise_from, made.unit) + (
-        f" These are {counted(made.samples, 'sample')} predicted in {proof.folds} folds, in each of which the whole "
-        "search was made anew on the other folds; repeats of one pose never stand on both sides."
+    scheme = f" ({proof.scheme})" if proof.scheme else ""
+    errors = said.errors(proof.before, proof.after, proof.noise, proof.noise_from, made.unit)
+    yield (
+        f"{errors} These are {counted(made.samples, 'sample')} predicted in {proof.folds} folds{scheme}. The complete "
+        "search is repeated inside every fold; repeats of one pose are never on both sides."
     )
     yield f"The baseline: {made.baseline}." + (f" {' '.join(made.warnings)}" if made.warnings else "")
 
@@ -69,6 +71,7 @@ def _findings(made: Diagnosis):
     if made.terms:
         yield table(["term", "where", "p", "probability", f"size ({made.unit} RMS)", "t held out",
                      "found again"], [_row(term) for term in made.terms], left=2)  # fmt: skip
+    if figures.with_evidence(made):
         yield figure("sizes", figures.evidence(made), "Chi-square that each term explains beside the others, its "
                      "size, and t of its held-out gain.")  # fmt: skip
     if made.refused:
@@ -130,9 +133,9 @@ def _proof(made: Diagnosis):
         f"Last, its cause scrambled must gain nothing. Over all terms t = {proof.t:.1f}."
     )
     rows = [(s["folds_by"], s["folds"], rounded(s["before"]), rounded(s["after"]), rounded(s["after_same_terms"]),
-             f"{s['t']:.1f}") for s in proof.schemes]  # fmt: skip
+             f"{s['t']:.1f}", "yes" if s.get("judges", True) else "no") for s in proof.schemes]  # fmt: skip
     yield table(["folds", "number", f"before ({unit})", f"after, searched anew ({unit})",
-                 f"after, the terms above ({unit})", "t"], rows)  # fmt: skip
+                 f"after, the terms above ({unit})", "t", "can judge the terms"], rows)  # fmt: skip
     yield figure("heldout", figures.held_out(made), "Share of samples whose held-out error is smaller.")
     if proof.angles is not None:
         yield figure("heldout-rotation", figures.held_out_rotation(made), "The same of the orientation.")

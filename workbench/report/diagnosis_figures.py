@@ -18,7 +18,7 @@ _ALIKE = 0.999
 
 def evidence(made: Diagnosis) -> go.Figure:
     """Bars of the chi-square that each term explains, kept blue and refused grey, strongest on top."""
-    terms = sorted((*made.terms, *made.refused), key=lambda term: term.finding.gain)
+    terms = sorted(with_evidence(made), key=lambda term: term.finding.gain)
     drawn = style.figure(120 + 34 * len(terms), "fall of chi-square with the term (logarithmic)")
     drawn.add_bar(
         y=[term.title for term in terms], x=[max(term.finding.gain, 1e-3) for term in terms], orientation="h",
@@ -26,15 +26,25 @@ def evidence(made: Diagnosis) -> go.Figure:
         text=[_bar_text(term, made.unit) for term in terms], textposition="auto",
         hovertemplate="%{y}: %{x:.0f}<extra></extra>",
     )  # fmt: skip
-    low, high = min(t.finding.gain for t in terms), max(t.finding.gain for t in terms)
-    drawn.update_xaxes(style.log_axis(max(low, 1e-2) / 3, high * 2))
+    gains = [max(term.finding.gain, 1e-2) for term in terms] or [1.0]
+    drawn.update_xaxes(style.log_axis(min(gains) / 3, max(gains) * 2))
     drawn.update_yaxes(automargin=True)
     return drawn.update_layout(bargap=0.3, margin_l=230)
 
 
+def with_evidence(made: Diagnosis) -> list:
+    """The terms, kept and refused, that explain a part of the chi-square.
+
+    A finding on the data (outliers, heteroscedastic noise) explains none: it has no bar.
+    """
+    every = (*made.terms, *made.refused)
+    return [term for term in every if np.isfinite(term.finding.gain) and term.finding.gain > 0]
+
+
 def _bar_text(term, unit):
-    size = f"{term.size:.2g} {unit}" if term.size is not None else ""
-    return f"{size}, t = {term.t:.1f}" if term.t is not None else size
+    size = "" if term.size is None else f"{term.size:.2g} {unit}"
+    t = "" if term.t is None else f"t = {term.t:.1f}"
+    return ", ".join(filter(None, (size, t)))
 
 
 def shares(found) -> go.Figure:
@@ -47,7 +57,7 @@ def shares(found) -> go.Figure:
     drawn = style.figure(260, "mean squared distance (mm², logarithmic)")
     drawn.add_bar(y=[r[0] for r in rows], x=[r[1] for r in rows], orientation="h", showlegend=False,
                   marker=dict(color=[r[2] for r in rows]), text=[f"{r[1]:.3g} mm²" for r in rows])  # fmt: skip
-    values = [r[1] for r in rows]
+    values = [r[1] for r in rows] or [1.0]
     drawn.update_xaxes(style.log_axis(min(values) / 5, max(values) * 5, most=9))
     return drawn.update_layout(bargap=0.3, margin_l=250)
 
@@ -70,6 +80,8 @@ def _shares_of_samples(every, unit: str) -> go.Figure:
     drawn = style.figure(360, f"held-out error ({unit}, logarithmic)", "share of samples (%)")
     for name, errors in zip(("before", "after"), every):
         ordered = np.sort(errors[np.isfinite(errors)])
+        if not len(ordered):
+            continue
         rank = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), 800)).astype(int))
         drawn.add_scatter(x=ordered[rank], y=100 * (rank + 1) / len(ordered), mode="lines", name=name,
                           line=dict(color=_COLOURS[name], width=3))  # fmt: skip
@@ -78,8 +90,9 @@ def _shares_of_samples(every, unit: str) -> go.Figure:
 
 def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
     """The figure with a logarithmic axis from its least value to its largest."""
-    ends = np.concatenate([trace.x for trace in drawn.data])
-    drawn.update_xaxes(style.log_axis(ends[ends > 0].min() / 1.1, ends.max() * 1.1))
+    ends = np.concatenate([[], *(np.asarray(trace.x, float) for trace in drawn.data)])
+    ends = ends[np.isfinite(ends) & (ends > 0)]
+    drawn.update_xaxes(style.log_axis(ends.min(initial=np.inf) / 1.1, ends.max(initial=0.0) * 1.1))
     return drawn.update_yaxes(range=[0, 101])
 
 
@@ -146,7 +159,11 @@ def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
 
 def extent(values) -> tuple[float, float]:
     """What 99 % of all values lie in, and a tenth more."""
-    low, high = np.nanpercentile(values, [0.5, 99.5])
+    known = values[np.isfinite(values)]
+    if not len(known) or not np.ptp(known) > 0:
+        middle = float(known[0]) if len(known) else 0.0
+        return middle - 1.0, middle + 1.0
+    low, high = np.percentile(known, [0.5, 99.5])
     return low - 0.1 * (high - low), high + 0.1 * (high - low)
 
 
@@ -193,11 +210,18 @@ def mattering(made: Diagnosis) -> list[str]:
 
 def _same(x: np.ndarray, y: np.ndarray) -> bool:
     """Whether two covariates are one, but for their unit or sign: a torque and the moment about the same axis."""
+    if not (np.ptp(x) > 0 and np.ptp(y) > 0):
+        return False
     return abs(float(np.corrcoef(x, y)[0, 1])) > _ALIKE
 
 
 def fall(views, name: str) -> float:
     """Fall of the variance of the means in bins of a covariate, all components together."""
     x = views.covariates[name]
-    spread = [sum(float(np.var(binned(x, row)[1])) for row in part) for part in (views.before, views.after)]
-    return spread[0] - spread[1]
+    before, after = (sum(_variance(binned(x, row)[1]) for row in part) for part in (views.before, views.after))
+    return before - after
+
+
+def _variance(means: np.ndarray) -> float:
+    """Variance of the means in bins; 0 where there are none."""
+    return float(np.var(means)) if len(means) else 0.0

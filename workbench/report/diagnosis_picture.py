@@ -66,16 +66,25 @@ def _chain(axes, made):
 
 
 def _errors(axes, made):
-    for name, errors, colour in zip(("before", "after"), made.proof.errors, (style.GREY, style.BLUE)):
-        axes.ecdf(errors[np.isfinite(errors)], label=name, color=colour, lw=2)
-    axes.axvline(made.proof.noise, color=style.ORANGE, ls=":", label="noise, RMS")
-    axes.set(xscale="log", xlabel=f"held-out error ({made.unit})", title="share of samples that err by less")
+    known = [errors[np.isfinite(errors)] for errors in made.proof.errors]
+    for name, errors, colour in zip(("before", "after"), known, (style.GREY, style.BLUE)):
+        if len(errors):
+            axes.ecdf(errors, label=name, color=colour, lw=2)
+    if np.isfinite(made.proof.noise) and made.proof.noise > 0:
+        axes.axvline(made.proof.noise, color=style.ORANGE, ls=":", label="noise, RMS")
+    positive = any((errors > 0).any() for errors in known)
+    axes.set(xlabel=f"held-out error ({made.unit})", title="share of samples that err by less")
+    if positive:
+        axes.set_xscale("log")
     axes.yaxis.set_major_formatter("{x:.0%}")
     axes.legend(frameon=False, loc="upper left")
     _quiet(axes)
 
 
 def _over(axes, made):
+    if made.views is None or not made.views.covariates:
+        axes.axis("off")
+        return
     name = max(made.views.covariates, key=lambda one: fall(made.views, one))
     x, title = shown_covariate(name, made.views.covariates[name])
     k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in made.views.before]))

@@ -9,6 +9,7 @@ BLUE, ORANGE, GREEN, VIOLET, GREY = "#1f83c4", "#d9730d", "#12957a", "#b8649f", 
 COMPONENTS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 DISTANCE = VIOLET
 MOST_POINTS = 5000
+_SMALLEST_LOG = 1e-100  # ends of a logarithmic axis beyond this and its reciprocal count as zero and infinity
 _IN_VIEW = 1.45
 """Length of a scene's diagonal that is in view from where the figures are seen from, in plotly's units."""
 
@@ -28,14 +29,29 @@ def figure(height: int, across: str = "", up: str = "") -> go.Figure:
 
 
 def log_axis(low: float, high: float, most: int = 7) -> dict:
-    """A logarithmic axis from `low` to `high` (both > 0), at most about so many plain numbers on it."""
+    """A logarithmic axis from `low` to `high`, at most about so many plain numbers on it.
+
+    Ends that a logarithm does not have (zero, negative, infinite, nan) or that are equal are replaced, so that a
+    figure without data is drawn empty instead of raising.
+    """
+    low, high = _log_ends(low, high)
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     for steps in ((1, 1.5, 2, 3, 4, 5, 6, 8), (1, 2, 3, 5), (1, 2, 5), (1,)):
         ticks = [step * 10.0**power for power in powers for step in steps]
         ticks = [tick for tick in ticks if low <= tick <= high]
         if len(ticks) <= most:
             break
+    ticks = ticks[:: -(-len(ticks) // most)] if ticks else [low, high]
     return dict(type="log", range=[np.log10(low), np.log10(high)], tickvals=ticks, ticktext=[plain(t) for t in ticks])
+
+
+def _log_ends(low: float, high: float) -> tuple[float, float]:
+    """Finite positive ends with low < high: those given where they are usable, else a decade about what is."""
+    usable = [float(end) for end in (low, high) if np.isfinite(end) and _SMALLEST_LOG <= end <= 1 / _SMALLEST_LOG]
+    if not usable:
+        return 0.1, 10.0
+    low, high = min(usable), max(usable)
+    return (low, high) if high > low * (1 + 1e-9) else (low / 10**0.5, high * 10**0.5)
 
 
 def plain(tick: float) -> str:

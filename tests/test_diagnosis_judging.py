@@ -1,0 +1,148 @@
+"""Held-out errors come from splits that can judge the terms, and terms that do not reduce them are not kept."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import tomli_w
+
+from workbench.diagnosis import judging, proof, words
+from workbench.diagnosis.answer import _somewhere, diagnose
+from workbench.diagnosis.folds import SPACE, TIME, Scheme
+from workbench.diagnosis.problem import Finding, Found, Located, Problem
+from workbench.diagnosis.result import UNEXPLAINED, Term, verdict_of
+from workbench.simulate import simulate
+
+SCENE = {
+    "robot": "abb_irb120",
+    "samples": 120,
+    "seed": 4,
+    "sigma_mm": 0.05,
+    "reflectors": [[0.0, 30.0, 120.0]],
+    "share_of_limits": 0.6,
+    "errors": {"length_mm": 0.1, "angle_deg": 0.02},
+}
+STEP = {"effect": "zero-shift", "where": "joint-2", "after": 105.0, "values": {"shift": 1e-3}}
+
+
+def problem_with(columns: np.ndarray, values: np.ndarray) -> Problem:
+    """A problem without a baseline whose only effect has columns (N, P) and values (P,)."""
+    n = len(columns)
+    return Problem(
+        np.zeros(n),
+        np.zeros((n, 0)),
+        np.arange(n),
+        np.ones(n),
+        np.ones(n),
+        np.arange(n),
+        np.arange(n) * 1.0,
+        {},
+        (),
+        (),
+        effects=(SimpleNamespace(),),
+        added=(columns,),
+        values=(values,),
+    )
+
+
+def test_a_curve_is_not_judged_by_a_split_that_leaves_its_angles_out():
+    """Ten pieces of an angle's range: blocks of the range leave two pieces out, blocks dealt in turn none."""
+    piece = np.repeat(np.arange(10), 20)
+    columns = (piece[:, None] == np.arange(10)).astype(float)
+    problem = problem_with(columns, np.linspace(1, 2, 10))
+    blocks, dealt = piece // 2, np.arange(200) % 5
+    assert judging.extrapolated_share(problem, [0], blocks) > 0.99
+    assert judging.extrapolated_share(problem, [0], dealt) < 0.01
+    bench = SimpleNamespace(chain=None)
+    parts = [Scheme(TIME, blocks), Scheme(SPACE, dealt)]
+    assert [s.name for s in judging.judging_schemes(bench, (), parts, problem, [0])] == [SPACE]
+
+
+def test_a_term_of_few_numbers_is_judged_by_every_split():
+    columns = np.random.default_rng(0).normal(size=(200, 2))
+    problem = problem_with(columns, np.ones(2))
+    assert judging.extrapolated_share(problem, [0], np.arange(200) // 40) == 0.0
+
+
+@pytest.mark.parametrize(
+    "errors, supported, shown",
+    [
+        (
+            ((0.479, 0.548, True), (0.500, 0.300, True)),
+            False,
+            SPACE,
+        ),  # a split that can judge says it is worse
+        (
+            ((0.117, 0.185, False), (0.120, 0.060, True)),
+            True,
+            SPACE,
+        ),  # a step, by a block of time that contains it
+        (((0.117, 0.090, True), (0.120, 0.060, True)), True, TIME),
+        (((0.117, 0.117, True), (0.120, 0.120, True)), False, TIME),
+    ],
+)
+def test_the_shown_error_is_of_a_split_that_judges_and_falls(errors, supported, shown):
+    rows = [
+        judging.Judged(Scheme(name, np.zeros(1, int)), np.zeros(1), np.zeros(1), *row)
+        for name, row in zip((TIME, SPACE), errors)
+    ]
+    assert judging.is_supported(rows) is supported
+    assert judging.headline(rows).scheme.name == shown
+
+
+def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch):
+    """The term with the least support goes first, and all go where the error never falls."""
+    names = [("joint-coupling", "joint-1"), ("axis-run-out", "joint-2")]
+    terms = [
+        Term(Finding(*name, "", (), 1e-9, 1.0, 1.0, 50.0), t_anew=t)
+        for name, t in zip(names, (3.0, 9.0))
+    ]
+    scheme = Scheme(TIME, np.zeros(4, int))
+    whole = proof._Whole([scheme], [np.full(4, 0.479)], [np.full(4, 0.548)], [{}], [5.0])
+    monkeypatch.setattr(proof, "_judges_of_all", lambda bench, terms, parts: parts)
+    errors = SimpleNamespace(
+        bench=SimpleNamespace(), predicted=lambda scheme, kept, plain: plain + 0.01
+    )
+    kept, refused, rows = proof._supported(errors, terms, [], whole, np.ones(4, bool))
+    assert kept == [] and [term.finding.effect for term in refused] == [
+        "joint-coupling",
+        "axis-run-out",
+    ]
+    assert all("the held-out error by blocks of time rises" in term.reason for term in refused)
+    assert judging.headline(rows).rms_after == judging.headline(rows).rms_before
+    assert verdict_of((), 1e-6) == UNEXPLAINED
+
+
+def test_a_step_in_time_is_judged_by_blocks_of_the_workspace(tmp_path):
+    """Whoever leaves out the block of time with the step cannot know when it was: that error hardly falls."""
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(SCENE | {"effect": [STEP]}), encoding="utf-8")
+    made = diagnose(simulate(path))
+    shown = made.as_json()["held_out"]
+    assert [term.finding.effect for term in made.terms] == ["zero-shift"]
+    assert shown["scheme"] == SPACE and shown["after_mm"] < 0.7 * shown["before_mm"]
+    assert {row["folds_by"]: row["judges"] for row in shown["schemes"]} == {
+        TIME: False,
+        SPACE: True,
+    }
+
+
+def found_with(located, p_first=1e-6) -> Found:
+    return Found((), None, None, p_first, 1.0, located, (), np.zeros(4, bool))
+
+
+def test_what_is_unexplained_is_never_a_function_with_p_1_and_no_share():
+    """Where no smooth function is significant anywhere, the place is that of the strongest term that was refused."""
+    nothing = (Located("laser", "plane", ("v",), 0.0, 1.0),)
+    refused = (Term(Finding("plane-bow", "laser", "", (), 1e-7, 0.9, 1.0, 60.0), kept=False),)
+    for gone, where in ((refused, "laser"), ((), "samples")):
+        (term,) = _somewhere(found_with(nothing), (), gone, None)
+        assert term.finding.where == where and term.finding.p_value == 1e-6 and term.share is None
+        assert words.NOT_LOCATED in words.statement(term, "the board", "px")
+
+
+def test_where_a_smooth_function_is_significant_it_is_what_is_unexplained(monkeypatch):
+    monkeypatch.setattr("workbench.diagnosis.answer.unrecorded", lambda problem, place: ())
+    places = (Located("joint-2", "joint", ("q2",), 0.4, 1e-8),)
+    (term,) = _somewhere(found_with(places), (), (), None)
+    assert (term.finding.where, term.share, term.finding.p_value) == ("joint-2", 0.4, 1e-8)

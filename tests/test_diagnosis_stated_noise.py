@@ -1,0 +1,99 @@
+"""A wrong statement of the noise is a finding of its own, and a right one never is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import tomli_w
+
+from workbench.diagnosis.answer import diagnose
+from workbench.diagnosis.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
+from workbench.diagnosis.stated_noise import StatedNoise, compare, finding_of
+from workbench.simulate import simulate
+
+SCENE = {
+    "robot": "abb_irb120",
+    "samples": 80,
+    "seed": 4,
+    "sigma_mm": 0.02,
+    "reflectors": [[0.0, 30.0, 120.0]],
+    "share_of_limits": 0.6,
+    "errors": {"length_mm": 0.1, "angle_deg": 0.02},
+}
+
+
+def stated(rng, factor=1.0, poses=60, repeats=1, kind="normal", rank=33) -> StatedNoise:
+    """Residuals of a fit of `rank` parameters to noise that is `factor` times the stated one."""
+    n = poses * repeats
+    white = rng.normal(size=(3, n))
+    if kind == "heavy tails":
+        white = rng.standard_t(4, size=(3, n)) / np.sqrt(2)
+    basis = np.linalg.qr(rng.normal(size=(3 * n, rank)))[0]
+    flat = white.ravel()
+    left = (flat - basis @ (basis.T @ flat)).reshape(3, n)
+    if kind == "outliers":  # a robust fit does not follow them
+        left[:, rng.choice(n, n // 20, replace=False)] *= 8
+    length = (left**2).sum(0)
+    usual = length < 4 * np.quantile(length, 0.9)
+    return StatedNoise(
+        factor * left, 3 * n - rank, usual, np.repeat(np.arange(poses), repeats), np.zeros(n, int)
+    )
+
+
+@pytest.mark.parametrize("kind", ["normal", "heavy tails", "outliers"])
+@pytest.mark.parametrize("repeats", [1, 4])
+def test_a_right_statement_raises_no_alarm(kind, repeats):
+    rng = np.random.default_rng(11)
+    found = [compare(stated(rng, kind=kind, repeats=repeats), False) for _ in range(300)]
+    assert sum(one is not None for one in found) <= 3
+
+
+@pytest.mark.parametrize("repeats, source", [(1, "from residuals"), (4, "from replicates")])
+@pytest.mark.parametrize("factor", [1 / 3, 0.6, 1.9, 3.0])
+def test_a_wrong_statement_is_found_with_its_factor(factor, repeats, source):
+    rng = np.random.default_rng(3)
+    found = [compare(stated(rng, factor, repeats=repeats), False) for _ in range(40)]
+    assert all(one is not None and one.source == source for one in found)
+    off = [(one.factor - factor) / one.error for one in found]
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_structure_that_is_left_is_no_noise():
+    """Without replicates nothing is said of the noise while something in the residual is not explained."""
+    wrong = stated(np.random.default_rng(1), 2.0)
+    assert compare(wrong, False) is not None and compare(wrong, True) is None
+    repeated = stated(np.random.default_rng(1), 2.0, repeats=4)
+    assert compare(repeated, True) is not None
+
+
+def test_a_residual_above_the_scatter_of_repeats_is_a_lack_of_fit():
+    rng = np.random.default_rng(5)
+    right = stated(rng, repeats=4)
+    assert right.lack_of_fit() > 0.001
+    by_pose = np.repeat(rng.normal(size=(3, 60)), 4, axis=1)
+    assert replace(right, white=right.white + 2 * by_pose).lack_of_fit() < 1e-6
+
+
+def test_a_wrong_statement_explains_no_structure():
+    term = Term(finding_of(compare(stated(np.random.default_rng(1), 2.0), False)))
+    assert verdict_of((term,), 0.5) == EXPLAINED
+    assert verdict_of((term,), 1e-6) == UNEXPLAINED
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.9, 3.0, 0.4])
+def test_a_recording_with_the_wrong_noise_is_not_consistent(tmp_path, factor):
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(SCENE), encoding="utf-8")
+    recording = replace(simulate(path), sigma_mm=0.02 / factor)
+    made = diagnose(recording)
+    if factor == 1.0:
+        assert made.verdict == CONSISTENT and not made.terms
+        return
+    (term,) = made.terms
+    assert (term.finding.effect, term.finding.where) == ("stated-noise", "noise")
+    assert term.parameters[0]["value"] == pytest.approx(factor, rel=0.2)
+    assert made.proof.noise == pytest.approx(np.sqrt(3) * 0.02, rel=0.2)
+    assert (
+        "the stated sigma" in term.statement
+        and made.as_json()["effects"][0]["parameters"][0]["std"] > 0
+    )
