@@ -34,6 +34,7 @@ SAMPLES = 12
 ODD = st.sampled_from([0.0, 1e-300, 1e-12, 0.02, 1.0, 1e9, float("inf"), float("nan"), -1.0])
 CHANCE = st.sampled_from([0.0, 1e-300, 0.003, 0.5, 0.95, 1.0])
 MAYBE = st.none() | ODD
+PASSED = st.sampled_from([True, False, None])
 FOUND = st.sampled_from(
     [
         ("outliers", "samples", "3 of 12", ()),
@@ -48,72 +49,69 @@ FOUND = st.sampled_from(
 )
 
 
+ALTERNATIVES = st.lists(
+    st.builds(
+        Alternative,
+        st.just("backlash"),
+        st.just("joint-2"),
+        st.just(""),
+        CHANCE,
+        ODD,
+        st.just("alike"),
+    ),
+    max_size=2,
+)
+
+
 @st.composite
 def terms(draw, kept: bool = True):
     """A term of any kind, whose figures may be zero, infinite or not there."""
     effect, where, label, depends = draw(FOUND)
-    others = draw(
-        st.lists(
-            st.builds(
-                Alternative,
-                st.just("backlash"),
-                st.just("joint-2"),
-                st.just(""),
-                CHANCE,
-                ODD,
-                st.just("same signature"),
-                st.sampled_from(["", "temperature"]),
-            ),
-            max_size=2,
-        )
-    )
-    finding = Finding(
-        effect,
-        where,
-        label,
-        (),
-        draw(CHANCE),
-        draw(CHANCE),
-        draw(ODD),
-        draw(ODD),
-        depends,
-        tuple(others),
-    )
-    rows = draw(st.lists(st.sampled_from(["cos2", "sin2", "compliance"]), max_size=3, unique=True))
-    parameters = tuple(
-        {
-            "key": f"{where}.{name}",
-            "name": name,
-            "where": where,
-            "label": name,
-            "effect": effect,
-            "value": draw(ODD),
-            "std": draw(ODD),
-            "unit": "rad/(N m)",
-            "typical": 1e-5,
-            "size_mm": draw(ODD),
-        }
-        for name in rows
-    )
-    controls = (
-        Control(
-            "permuted", draw(MAYBE), draw(MAYBE), draw(st.sampled_from([True, False, None])), 3
-        ),
-    )
+    figures_of = [draw(CHANCE), draw(CHANCE), draw(ODD), draw(ODD)]
+    finding = Finding(effect, where, label, (), *figures_of, depends, tuple(draw(ALTERNATIVES)))
+    names = draw(st.lists(st.sampled_from(["cos2", "sin2", "compliance"]), max_size=3, unique=True))
+    controls = (Control("permuted", draw(MAYBE), draw(MAYBE), draw(PASSED), 3),)
     return Term(
         finding,
-        parameters,
-        draw(MAYBE),
-        draw(MAYBE),
-        draw(MAYBE),
-        draw(MAYBE),
-        draw(st.integers(0, 9)),
-        draw(st.integers(0, 9)),
-        controls,
-        kept,
-        "" if kept else "its held-out gain is not significant",
+        tuple(_parameter(draw, effect, where, name) for name in names),
+        size=draw(MAYBE),
+        t=draw(MAYBE),
+        t_anew=draw(MAYBE),
+        gain=draw(MAYBE),
+        again=draw(st.integers(0, 9)),
+        chances=draw(st.integers(0, 9)),
+        controls=controls,
+        kept=kept,
+        reason="" if kept else "its held-out gain is not significant",
         share=draw(st.none() | CHANCE),
         rest=draw(st.booleans()),
+    )
+
+
+def _parameter(draw, effect: str, where: str, name: str) -> dict:
+    same = {"key": f"{where}.{name}", "name": name, "where": where, "label": name, "effect": effect}
+    unit = {"unit": "rad/(N m)", "typical": 1e-5}
+    return same | unit | {"value": draw(ODD), "std": draw(ODD), "size_mm": draw(ODD)}
+
+
+def _proof(draw) -> Proof:
+    """Errors that are constant, zero, infinite or growing, in any number of folds."""
+    folds = draw(st.integers(1, 5))
+    shape = draw(st.sampled_from([np.ones(SAMPLES), np.arange(1.0, SAMPLES + 1)]))
+    figures_of = {name: draw(ODD) for name in ("before", "after", "after_same_terms", "t")}
+    row = {"folds_by": "blocks of time", "folds": folds, "judges": draw(st.booleans())} | figures_of
+    return Proof(
+        before=draw(ODD),
+        after=draw(ODD),
+        fixed=draw(ODD),
+        t=draw(ODD),
+        folds=folds,
+        noise=draw(ODD),
+        noise_from="as the recording states",
+        errors=np.stack([shape, shape]) * draw(ODD),
+        fold=np.arange(SAMPLES) % folds,
+        schemes=(row,),
+        scheme="blocks of time",
     )
 
 
@@ -122,33 +120,6 @@ def diagnoses(draw):
     """A diagnosis with any terms, folds, errors, residuals and units."""
     unit = draw(st.sampled_from(["mm", "px"]))
     kept, gone = draw(st.lists(terms(), max_size=3)), draw(st.lists(terms(False), max_size=2))
-    folds = draw(st.integers(1, 5))
-    value = draw(ODD)
-    errors = np.full((2, SAMPLES), value) * draw(
-        st.sampled_from([np.ones(SAMPLES), np.arange(SAMPLES)])
-    )
-    row = {
-        "folds_by": "blocks of time",
-        "folds": folds,
-        "before": draw(ODD),
-        "after": draw(ODD),
-        "after_same_terms": draw(ODD),
-        "t": draw(ODD),
-        "judges": draw(st.booleans()),
-    }
-    proof = Proof(
-        draw(ODD),
-        draw(ODD),
-        draw(ODD),
-        draw(ODD),
-        folds,
-        draw(ODD),
-        "as the recording states",
-        errors,
-        np.arange(SAMPLES) % folds,
-        (row,),
-        scheme="blocks of time",
-    )
     places = (Located("joint-2", "joint", ("q2",), draw(CHANCE), draw(CHANCE)),)
     made = Diagnosis(
         "case",
@@ -162,7 +133,7 @@ def diagnoses(draw):
         tuple(gone),
         places,
         places,
-        proof,
+        _proof(draw),
         _visible(draw),
         Experiment("Measure more poses."),
         Found((), None, None, draw(CHANCE), draw(CHANCE), (), (), np.zeros(SAMPLES, bool)),
@@ -170,9 +141,8 @@ def diagnoses(draw):
         outliers=tuple(draw(st.sampled_from([(), (1, 2), tuple(range(30))]))),
         not_recorded=draw(st.sampled_from([(), ("temperature",)])),
     )
-    return with_statements(
-        made, [words.statement(term, "the reflector", unit) for term in (*kept, *gone)]
-    )
+    said = [words.statement(term, "the reflector", unit) for term in (*kept, *gone)]
+    return with_statements(made, said)
 
 
 @st.composite
