@@ -93,13 +93,16 @@ def real(name: str) -> Made:
 
     recording = datasets.read(name)
     run = handeye.calibrate(recording, None, None, lambda text: None)
-    return Made(recording, run.made.sensor, run.made.kind)
+    home = Path(mkdtemp(prefix="workbench-test-"))
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    (home / "camera.toml").write_text(camera_text(run.calibration.camera))
+    return Made(recording, run.made.sensor, run.made.kind, home / "camera.toml")
 
 
 def camera_text(camera: Camera) -> str:
     keys = f"fx_px = {camera.fx}\nfy_px = {camera.fy}\ncx_px = {camera.cx}\ncy_px = {camera.cy}\n"
     size = f"width_px = {camera.size[0]}\nheight_px = {camera.size[1]}\n"
-    return f'format = "camera/1"\n{keys}distortion = [0.0, 0.0, 0.0, 0.0, 0.0]\n{size}'
+    return f'format = "camera/1"\n{keys}distortion = {list(camera.distortion)}\n{size}'
 
 
 def board_keys(scene):

@@ -287,6 +287,6 @@ def outcomes(right: Made, name: str) -> dict[str, Outcome]:
     """What becomes of every mistake that can be made in a recording."""
     has = "flange" if right.recording.flange is not None else "joints"
     fitting = {key: one for key, one in MISTAKES.items() if one.of in ("any", has)}
-    if right.camera is None:
+    if name not in SCENES:
         fitting.pop(OTHER_CAMERA)
     return {key: outcome(one.plant(right), right, one.words) for key, one in fitting.items()}

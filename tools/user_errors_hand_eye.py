@@ -60,7 +60,12 @@ def page(mistakes, found, right_ones) -> str:
     for mistake in mistakes:
         cells = [word(found[name].get(mistake)) for name in names]
         lines.append(f"| {mistake} | {' | '.join(cells)} |")
-    return "\n".join([*lines, "", *summary(found), "", "## What is said", "", *sentences(mistakes, found)]) + "\n"
+    return (
+        "\n".join(
+            [*lines, "", *summary(found), "", "## What is said", "", *sentences(mistakes, found)]
+        )
+        + "\n"
+    )
 
 
 def word(one) -> str:

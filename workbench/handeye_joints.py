@@ -45,52 +45,44 @@ def joint_readings(recording: Recording, rows: np.ndarray) -> Iterator[Reading]:
 
 
 def _column_changes(recording):
+    """Cause, words, advice, and columns with the mistake undone; single joints first."""
     columns = recording.columns
     names = joint_columns(columns)
     turning = [name for name in names if name.endswith("_deg")]
     for name in names:
-        yield (
-            "joint-sign",
-            f"column {name} looks as if it had the opposite sign",
-            f"negate {name}",
-            {name: -columns[name]},
-        )
+        yield _signs(columns, (name,), f"column {name}")
     for a, b in combinations(names, 2):
-        yield (
-            "joint-order",
-            f"columns {a} and {b} look exchanged",
-            "put them in order",
-            {
-                a: columns[b],
-                b: columns[a],
-            },
-        )
+        swapped = {a: columns[b], b: columns[a]}
+        yield "joint-order", f"columns {a} and {b} look exchanged", "put them in order", swapped
     yield from _unit_changes(columns, turning)
+    yield from _zero_changes(columns, turning)
+    if len(turning) > 2:
+        yield from _coupling_changes(columns, *turning[1:3])
+    for a, b in combinations(names, 2):
+        yield _signs(columns, (a, b), f"columns {a} and {b}")
+    yield _signs(columns, tuple(names), "all joint columns")
+
+
+def _signs(columns, names, called):
+    changed = {name: -columns[name] for name in names}
+    verb = "looks" if len(names) == 1 else "look"
+    return "joint-sign", f"{called} {verb} as if of the opposite sign", f"negate {called}", changed
+
+
+def _zero_changes(columns, turning):
     for name in turning:
         for offset in _OFFSETS_DEG:
-            yield (
-                "joint-zero",
-                f"the zero of column {name} looks displaced by {-offset:g} deg",
-                (
-                    f"add {offset:g} deg to {name}, or correct theta_deg of joint {joint_number(name)} of the robot"
-                ),
-                {name: columns[name] + offset},
-            )
-    if len(turning) > 2:
-        second, third = turning[1:3]
-        for sign, word in ((1, "plus"), (-1, "less")):
-            seems = f"the angle of joint 3 looks like {third} {word} {second}"
-            do = "write coupled under joint 3 of the robot"
-            yield "joint-coupling", seems, do, {third: columns[third] + sign * columns[second]}
-    for names_of_two in (*combinations(turning, 2), tuple(turning)):
-        if len(names_of_two) > 1:
-            listed = " and ".join(names_of_two) if len(names_of_two) == 2 else "all joint columns"
-            yield (
-                "joint-sign",
-                f"{listed} look as if they had the opposite sign",
-                "negate them",
-                {name: -columns[name] for name in names_of_two},
-            )
+            seems = f"the zero of column {name} looks displaced by {-offset:g} deg"
+            joint = joint_number(name)
+            do = f"add {offset:g} deg to {name}, or correct theta_deg of joint {joint} of the robot"
+            yield "joint-zero", seems, do, {name: columns[name] + offset}
+
+
+def _coupling_changes(columns, second, third):
+    for sign, word in ((1, "plus"), (-1, "less")):
+        seems = f"the angle of joint 3 looks like {third} {word} {second}"
+        changed = {third: columns[third] + sign * columns[second]}
+        yield "joint-coupling", seems, "write coupled under joint 3 of the robot", changed
 
 
 def _unit_changes(columns, turning):

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import chain, permutations, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -96,109 +96,76 @@ def _order_readings(flange) -> Iterator[Reading]:
 
 
 def _quaternion_readings(turn, place) -> Iterator[Reading]:
-    x, y, z, w = Rotation.from_matrix(turn).as_quat().T
-    columns = "flange_qw … flange_qz"
+    recorded = Rotation.from_matrix(turn).as_quat()  # x, y, z, w
+    for cause, seems, do, columns, signs in _quaternion_mistakes():
+        true = Rotation.from_quat(recorded[:, columns] * signs).as_matrix()
+        yield Reading(cause, f"flange_qw … flange_qz {seems}", do, transform(true, place))
 
-    def reading(cause, seems, do, *numbers):
-        made = Rotation.from_quat(np.stack(numbers, axis=1))
-        return Reading(cause, f"{columns} {seems}", do, transform(made.as_matrix(), place))
 
-    # The columns w x y z hold x y z w; and the other way round.
-    yield reading(
-        "quaternion-order",
+def _quaternion_mistakes():
+    """Cause, words, advice, and which recorded number is which true one of x, y, z, w, with its sign."""
+    same, order = [0, 1, 2, 3], "quaternion-order"
+    yield (
+        order,
         "look written in the order x, y, z, w",
         "write the scalar part first",
-        w,
-        x,
-        y,
-        z,
+        [3, 0, 1, 2],
+        1,
     )
-    yield reading(
-        "quaternion-order",
+    yield (
+        order,
         "look written in an order with the scalar part in flange_qx",
         "put the scalar part into flange_qw",
-        y,
-        z,
-        w,
-        x,
+        [1, 2, 3, 0],
+        1,
     )
-    yield reading(
-        "inverse-rotation",
-        "look inverted (the rotation of the base in the flange)",
-        "negate flange_qx, flange_qy and flange_qz",
-        -x,
-        -y,
-        -z,
-        w,
-    )
+    seems = "look inverted (the rotation of the base in the flange)"
+    do = "negate flange_qx, flange_qy and flange_qz"
+    yield "inverse-rotation", seems, do, same, (-1, -1, -1, 1)
     for signs in product((1, -1), repeat=3):
         if signs not in ((1, 1, 1), (-1, -1, -1)):
             names = _listed([f"flange_q{a}" for a, sign in zip(_AXES, signs) if sign < 0])
-            yield reading(
-                "quaternion-sign",
-                f"look as if {names} had the opposite sign",
-                f"negate {names}",
-                x * signs[0],
-                y * signs[1],
-                z * signs[2],
-                w,
-            )
+            seems = f"look as if {names} had the opposite sign"
+            yield "quaternion-sign", seems, f"negate {names}", same, (*signs, 1)
 
 
 def _angle_readings(turn, place) -> Iterator[Reading]:
     """Angles in another order, in another unit, or a rotation vector taken for angles."""
     vector = Rotation.from_matrix(turn).as_rotvec()
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UserWarning
-        )  # of gimbal lock: such a reading does not fit then
+        # Of gimbal lock: such a reading does not fit then.
+        warnings.simplefilter("ignore", UserWarning)
         angles = {order: Rotation.from_matrix(turn).as_euler(order) for order in _EULER}
+    mistakes = chain(_vector_mistakes(vector, angles), _order_mistakes(angles))
+    for cause, seems, do, true in mistakes:
+        yield Reading(cause, seems, do, transform(true.as_matrix(), place))
 
-    def reading(cause, seems, do, made):
-        return Reading(cause, seems, do, transform(made.as_matrix(), place))
 
-    degrees = "convert the orientation from the angles as the controller gave them"
-    yield reading(
-        "angle-order",
-        f"a rotation vector looks read as angles ({_named('xyz')})",
-        "read the three numbers as a rotation vector",
-        Rotation.from_rotvec(_shorter(angles["xyz"])),
-    )
-    yield reading(
-        "angle-unit",
-        "the rotation vectors look like radians given for degrees",
-        degrees,
-        Rotation.from_rotvec(np.degrees(vector)),
-    )
+def _vector_mistakes(vector, angles):
+    """Cause, words, advice and true rotations where a rotation vector, or a unit, was misread."""
+    convert = "convert the orientation from the angles as the controller gave them"
+    as_vector = "read the three numbers as a rotation vector"
+    seems = f"a rotation vector looks read as angles ({_named('xyz')})"
+    yield "angle-order", seems, as_vector, Rotation.from_rotvec(_shorter(angles["xyz"]))
+    seems = "the rotation vectors look like radians given for degrees"
+    yield "angle-unit", seems, convert, Rotation.from_rotvec(np.degrees(vector))
     for order, values in angles.items():
         name = _named(order)
-        yield reading(
-            "angle-unit",
-            f"the angles look like radians given for degrees ({name})",
-            degrees,
-            Rotation.from_euler(order, np.degrees(values)),
-        )
-        yield reading(
-            "angle-order",
-            f"a rotation vector looks read as angles ({name})",
-            "read the three numbers as a rotation vector",
-            Rotation.from_rotvec(values),
-        )
-        yield reading(
-            "angle-order",
-            f"angles ({name}) look read as a rotation vector",
-            f"read them as {name}",
-            Rotation.from_euler(order, vector),
-        )
-        for other in _EULER:
-            if other != order:
-                words = f"the angles look as though read in the order {name} where {_named(other)} was meant"
-                yield reading(
-                    "angle-order",
-                    words,
-                    f"read the angles as {_named(other)}",
-                    Rotation.from_euler(other, values),
-                )
+        seems = f"the angles look like radians given for degrees ({name})"
+        yield "angle-unit", seems, convert, Rotation.from_euler(order, np.degrees(values))
+        seems = f"a rotation vector looks read as angles ({name})"
+        yield "angle-order", seems, as_vector, Rotation.from_rotvec(values)
+        seems = f"angles ({name}) look read as a rotation vector"
+        yield "angle-order", seems, f"read them as {name}", Rotation.from_euler(order, vector)
+
+
+def _order_mistakes(angles):
+    """The same for angles that were read in another order than they were written."""
+    for read, written in permutations(_EULER, 2):
+        name = _named(written)
+        seems = f"the angles look as though read in the order {_named(read)} where {name} was meant"
+        true = Rotation.from_euler(written, angles[read])
+        yield "angle-order", seems, f"read the angles as {name}", true
 
 
 def _shorter(angles):
