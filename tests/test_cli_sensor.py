@@ -310,3 +310,26 @@ def test_the_demo_ends_in_one_page_that_leads_to_both(workbench, tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     for link in ("from-pictures/report.html", "tracker/report.html", "from-pictures/truth.json"):
         assert f'href="{link}"' in page and (tmp_path / "out" / link).is_file()
+
+
+@pytest.mark.parametrize(
+    ("command", "units"),
+    [("camera", ["px"]), ("scanner", ["mm", "px"]), ("scan", ["mm"]), ("handeye", ["mm", "deg", "px"])],
+)
+def test_every_sensor_command_compares_its_residual_with_the_noise(answers, command, units):
+    """Without a tolerance nothing passes or fails; a rendered recording is near its noise and warns of nothing."""
+    found = answers(command)[0]
+    verdict = found["verdict"]
+    parts = verdict.get("checks", [verdict])
+    assert verdict["pass"] is None and [part["unit"] for part in parts] == units and found["warnings"] == []
+    for part in parts:
+        assert part["residual_over_noise"] > 0 and "noise" in part["sentence"]
+
+
+def test_a_tolerance_that_is_not_met_ends_with_status_1(here):
+    folder = scanner_recording()[0]
+    words = ("camera", folder, "--no-report", "--json", "answer.json", "--tolerance")
+    assert run(*words, "0.0001px") == 1
+    assert json.loads((here / "answer.json").read_text())["verdict"]["pass"] is False
+    assert run(*words, "5px") == 0
+    assert run(*words, "1mm") == 2

@@ -1,6 +1,6 @@
 """From pictures of a board to a camera: the recording's part, the JSON contract and the file."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,8 @@ from workbench.core.errors import InputError
 from workbench.pace import paced
 from workbench.pictures import by_role
 from workbench.provenance import provenance
+from workbench.sensor_verdict import camera_verdict, camera_warnings
+from workbench.verdict import Tolerance
 
 FILE = "camera.toml"
 
@@ -52,8 +54,8 @@ def _with_reason(problem: InputError, found) -> InputError:
                       f"{first.why})")  # fmt: skip
 
 
-def as_json(made: CameraRun) -> dict:
-    """The camera's part of the JSON contract."""
+def as_json(made: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The camera's part of the JSON contract; tolerances: what its verdict is judged by."""
     calibration = made.calibration
     return {
         **camera_json(calibration.camera, calibration.std),
@@ -71,6 +73,8 @@ def as_json(made: CameraRun) -> dict:
         "halves": halves_json(calibration.halves),
         "uncertainty": uncertainty_json(calibration.uncertainty),
         "undetermined": list(calibration.undetermined),
+        "warnings": camera_warnings(calibration),
+        "verdict": camera_verdict(calibration, tolerances).as_json(),
         "provenance": provenance(made.recording),
     }
 

@@ -17,13 +17,15 @@ from workbench.core.errors import InputError
 from workbench.flange import rows_of_samples
 from workbench.provenance import provenance
 from workbench.scan import Ball, Scan, Scans
+from workbench.sensor_verdict import scan_verdict, scan_warnings
 from workbench.spool import Made, Parts, Spool
+from workbench.verdict import Tolerance
 
 FOLDER = "ball-centres"
 
 
-def as_json(made: Scans, folder: Path) -> dict:
-    """The answer of `workbench scan`; folder: where the run will stand."""
+def as_json(made: Scans, folder: Path, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The answer of `workbench scan`; folder: where the run will stand; tolerances: what its verdict is judged by."""
     centres = centres_of(made)
     return {
         "scans": Made(made.scans, lambda one: scan_json(one, folder, made.scanner)),
@@ -31,6 +33,8 @@ def as_json(made: Scans, folder: Path) -> dict:
         "scanner": None if made.calibration is None else str(folder / "scanner.toml"),
         "ball_centres": None if centres is None else {"folder": str(folder / FOLDER), "samples": centres.n},
         "acceptance": [characteristic_json(one) for one in characteristics(made)],
+        "warnings": scan_warnings(made),
+        "verdict": scan_verdict(made, tolerances).as_json(),
         "provenance": provenance(made.recording),
     }
 

@@ -1,6 +1,6 @@
 """From pictures of a board, or profiles of a ball, at flange poses to the hand-eye transform: contract and file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,16 +12,20 @@ from sensors.boards.detection import Rejected, View, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, camera_from_keys
 from sensors.hand_eye.result import HandEye
+from sensors.hand_eye.review import Review
 from workbench import camera as cameras
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
 from workbench.flange import flange_poses, rows_of_samples
+from workbench.handeye_verdict import handeye_verdict, handeye_warnings
 from workbench.pace import paced
 from workbench.pictures import by_role, check_size
 from workbench.provenance import provenance
+from workbench.verdict import Tolerance
 
 FILE = "hand-eye.toml"
 IN_HAND, TO_HAND = "in-hand", "to-hand"
+HELD = "the recording's own guess, held"
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class HandEyeRun:
 
     Of pictures: the `board`, its `views`, those `rejected`, and the `camera` calibration where it was made here. Of
     profiles of a ball whose radius is certified: `free`, the same with a radius that the profiles tell themselves.
+    `review`: whether flange poses and images fit each other.
     """
 
     recording: Recording
@@ -43,15 +48,21 @@ class HandEyeRun:
     rejected: tuple[Rejected, ...] = ()
     source: str = ""
     free: HandEye | None = None
+    review: Review | None = None
 
 
 def calibrate(
-    recording: Recording, sensor: Path | None, kind: str | None, progress: Callable[[str], None]
+    recording: Recording,
+    sensor: Path | None,
+    kind: str | None,
+    progress: Callable[[str], None],
+    trust_data: bool = False,
 ) -> HandEyeRun:
     """The hand-eye of a recording with flange poses or joint readings.
 
     sensor: a camera.toml or scanner.toml, None calibrates the camera from the same pictures; kind:
-    "in-hand" or "to-hand", None as the recording's [board] says. Raises InputError.
+    "in-hand" or "to-hand", None as the recording's [board] says. trust_data: a mistake in the data that explains what
+    the data cannot is reported and does not refuse the recording. Raises InputError.
     """
     if recording.measures == "ball-surface":
         return _from_profiles(recording, kind, progress)
@@ -69,9 +80,15 @@ def calibrate(
     camera, source = _camera(recording, sensor, found, progress)
     progress(f"hand-eye from {len(views)} pictures")
     from sensors.hand_eye.pictures import hand_eye_from_views
+    from workbench.handeye_review import Observed, refuse, review_recording
 
-    poses = flange[rows_of_samples(recording, [view.row["sample"] for view in views])]
-    made = hand_eye_from_views(views, found.board, camera, poses, kind)
+    rows = rows_of_samples(recording, [view.row["sample"] for view in views])
+    poses = flange[rows]
+    held = source == HELD or sensor is not None
+    review = review_recording(Observed(recording, found, views, camera, not held, poses, rows, kind), progress)
+    if not trust_data:
+        refuse(recording, review)
+    made = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
     calibration = camera if isinstance(camera, CameraCalibration) else None
     return HandEyeRun(
         recording,
@@ -84,6 +101,7 @@ def calibrate(
         views,
         found.rejected,
         source,
+        review=review,
     )
 
 
@@ -103,7 +121,7 @@ def _camera(recording, sensor, found, progress):
         if guess is None:
             raise
     keys = {"width_px": found.size[0], "height_px": found.size[1], **guess}
-    return camera_from_keys(keys, f"{recording.name}, guess.camera"), "the recording's own guess, held"
+    return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD
 
 
 def _from_profiles(recording, kind, progress) -> HandEyeRun:
@@ -134,8 +152,8 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
     return HandEyeRun(recording, made, flange, names, free=free)
 
 
-def as_json(run: HandEyeRun) -> dict:
-    """The answer of `workbench handeye`."""
+def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The answer of `workbench handeye`; tolerances: what its verdict is judged by."""
     made = run.made
     return {
         "kind": made.kind,
@@ -168,6 +186,8 @@ def as_json(run: HandEyeRun) -> dict:
         "rejected": [{"image": one.image, "why": one.why} for one in run.rejected],
         "undetermined": list(made.undetermined),
         "suspicions": list(made.suspicions),
+        "warnings": handeye_warnings(run),
+        "verdict": handeye_verdict(run, tolerances).as_json(),
         "notes": list(made.notes),
         "outcome": made.outcome,
         "converged": made.converged,

@@ -1,6 +1,6 @@
 """From pictures of a board, without and with the laser, to a scanner: the recording's part, contract and file."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,8 @@ from workbench.core.errors import InputError
 from workbench.pace import paced
 from workbench.pictures import by_role, full_scale, path_of, streamed
 from workbench.provenance import provenance
+from workbench.sensor_verdict import scanner_verdict, scanner_warnings
+from workbench.verdict import Tolerance
 
 FILE = "scanner.toml"
 _FRAMES = 16
@@ -177,8 +179,8 @@ def region_of(view: View, board: Board) -> np.ndarray:
     return mask.astype(bool)
 
 
-def as_json(made: ScannerRun) -> dict:
-    """The scanner's part of the JSON contract."""
+def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The scanner's part of the JSON contract; tolerances: what its verdict is judged by."""
     calibration, scanner = made.calibration, made.scanner
     joint = cameras.camera_json(calibration.camera, calibration.std)
     planes = [{"step": int(step), "normal": plane[:3].tolist(), "offset_mm": float(plane[3]), "rms_mm": float(rms),
@@ -202,6 +204,8 @@ def as_json(made: ScannerRun) -> dict:
         "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
         "volume_mm": list(calibration.volume),
         "sentences": list(calibration.sentences),
+        "warnings": scanner_warnings(calibration),
+        "verdict": scanner_verdict(calibration, tolerances).as_json(),
         "provenance": provenance(made.recording),
     }
 

@@ -1,19 +1,17 @@
 """What the motions of a hand-eye set cannot tell, and mistakes in its poses, in words."""
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from sensors.hand_eye.mistakes import pose_readings
 from sensors.hand_eye.profiles_start import find_start
-from sensors.hand_eye.start import STILL, align
-from workbench.core.rigid import inverse, rotation_vector, transform
+from sensors.hand_eye.start import STILL
+from workbench.core.rigid import rotation_vector, transform
 
 _ERRORS = 6.0  # sigmas: errors alone, of hundreds of poses, make two of them differ by five
 _BETTER = 3.0  # how much smaller the misfit must be before another reading of the poses is believed
-_EULER = tuple("xyz xzy yxz yzx zxy zyx XYZ XZY YXZ YZX ZXY ZYX".split())
 _POOR = 1.0  # mm; an arm repeats to hundredths and is true to tenths
 _MOST = 24  # poses up to which every exchange of two is tried
 
@@ -55,47 +53,14 @@ def _motion(turns, axes, sentence):
     return Motion(axes.T, np.einsum("pji,mj->im", turns, axes) / len(turns), (sentence,))
 
 
-def suspicions(flange: np.ndarray, seen: np.ndarray, kind: str) -> tuple[str, ...]:
-    """Mistakes in the flange poses that would explain a misfit: exchanged rows, Euler order, units, inverse.
-
-    Every reading of the poses is aligned with what the camera saw; one that fits three times
-    better than the poses as given is named. flange (P, 4, 4), seen (P, 4, 4) T_camera_board.
-    """
-    def misfit(poses):
-        return align(poses if kind == "in-hand" else inverse(poses), seen)[1]
-
-    given = misfit(flange)
-    best = min(((misfit(poses), words) for words, poses in readings(flange)), key=lambda row: row[0])
-    if best[0] < given / _BETTER:
-        return (f"{best[1]}: read so, the poses fit the pictures to {best[0]:.3g} mm instead of {given:.3g} mm",)
-    return _odd_angles(align(flange if kind == "in-hand" else inverse(flange), seen)[2])
-
-
-def _odd_angles(angles):
-    """Flange and camera are one body: they turn by one angle, whatever the hand-eye (Chen 1991)."""
-    apart = np.degrees(np.median(np.abs(angles[0] - angles[1])))
-    if apart < 1:
-        return ()
-    return (f"flange and camera turned by different angles between the same two poses, by {apart:.1f} deg in the "
-            "median: check Euler order, units, and which pose belongs to which picture",)
-
-
 def readings(flange: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Other readings of flange poses (P, 4, 4), each with its words; the simple ones first."""
     turn, place = flange[:, :3, :3], flange[:, :3, 3]
-    yield "the poses look inverted, T_flange_base given for T_base_flange", inverse(flange)
     yield "the positions look like metres given for millimetres", transform(turn, 1000 * place)
     yield "the positions look too large by 1000", transform(turn, place / 1000)
-    yield "the poses look shifted by one row against the pictures", np.roll(flange, 1, 0)
-    yield "the poses look shifted by one row against the pictures", np.roll(flange, -1, 0)
-    if _turns(flange):  # angles that never change say nothing of their order
-        yield from _other_angles(turn, place)
+    for reading in pose_readings(flange):
+        yield reading.seems, reading.flange
     yield from _exchanged(flange)
-
-
-def _turns(flange):
-    relative = np.swapaxes(flange[:1, :3, :3], 1, 2) @ flange[:, :3, :3]
-    return np.linalg.norm(rotation_vector(relative), axis=1).max() > STILL
 
 
 def _exchanged(flange):
@@ -105,27 +70,6 @@ def _exchanged(flange):
         order = np.arange(len(flange))
         order[[i, j]] = order[[j, i]]
         yield f"poses {i} and {j} look exchanged", flange[order]
-
-
-def _other_angles(turn, place):
-    """Angles in another order, or radians where degrees were meant."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of gimbal lock: such a reading does not fit then
-        angles = {order: Rotation.from_matrix(turn).as_euler(order) for order in _EULER}
-    for order, values in angles.items():
-        name = _named(order)
-        yield (f"the angles look like radians given for degrees ({name})",
-               transform(Rotation.from_euler(order, np.degrees(values)).as_matrix(), place))  # fmt: skip
-        for other in _EULER:
-            if other != order:
-                words = f"the angles look as though read in the order {name} where {_named(other)} was meant"
-                yield words, transform(Rotation.from_euler(other, values).as_matrix(), place)
-
-
-def _named(order):
-    """As rotations are multiplied: extrinsic xyz is Rz Ry Rx."""
-    letters = order if order.isupper() else order[::-1]
-    return " ".join(f"R{letter.lower()}" for letter in letters)
 
 
 def profile_suspicions(flange: np.ndarray, circles: np.ndarray, radius: float | None, misfit: float) -> tuple[str, ...]:

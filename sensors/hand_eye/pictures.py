@@ -5,6 +5,7 @@ of pixels in which the robot's own poses are measured with error. The error of a
 is stated as the field does: by how much the board, which never moved, seems to move.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +14,17 @@ from sensors.boards.circles import centre_shift
 from sensors.boards.detection import relabelled
 from sensors.camera.model import Camera
 from sensors.hand_eye.adjust import Variances, adjust, find_blunders
+from sensors.hand_eye.alternatives import moved_of
 from sensors.hand_eye.chain import BoardChain
+from sensors.hand_eye.corner_noise import board_corners, corner_noise
 from sensors.hand_eye.known import knowledge
-from sensors.hand_eye.motion import motion, suspicions
+from sensors.hand_eye.mistakes import Reading, pose_readings
+from sensors.hand_eye.motion import motion
+from sensors.hand_eye.pose_data import PoseData
+from sensors.hand_eye.pose_fit import robust_starts
 from sensors.hand_eye.poses import check_pixels, checked_flange
 from sensors.hand_eye.result import HandEye, PoseRow, held_row, of_block, placement, rms
+from sensors.hand_eye.review import Named, Review, review
 from sensors.hand_eye.scatter import held_least, held_scatter, least_scatter, scatter
 from sensors.hand_eye.start import board_poses, nearest_turns, start_from_boards
 from workbench.core.errors import InputError
@@ -30,7 +37,7 @@ _SURE = 2.0  # sigmas from one before the board's scale is tried
 
 
 def hand_eye_from_views(views, board, camera, flange, kind="in-hand", camera_covariance=None,
-                        pivot="board", board_scale=None) -> HandEye:
+                        pivot="board", board_scale=None, reviewed: Review | None = None) -> HandEye:
     """Hand-eye, board and robot's pose error from views of one board.
 
     views: of each pose one with `index` (k,) and `pixels` (2, k); board: with `points` (3, N) mm;
@@ -44,6 +51,7 @@ def hand_eye_from_views(views, board, camera, flange, kind="in-hand", camera_cov
     the board, half a metre away, leave errors of 0.6 to 1.2 sigmas (RMS, by direction, over 100 sets).
     board_scale: whether the board's scale is free, with a prior of 0.001; None: where it differs from
     one by more than two sigmas and lowers the error of poses that the solve did not see.
+    reviewed: what `review_views` found, None looks for mistakes in the flange poses here.
     InputError for fewer than three poses, poses that are none, or numbers of poses and views that differ.
     """
     flange = _checked(views, flange, kind)
@@ -57,8 +65,9 @@ def hand_eye_from_views(views, board, camera, flange, kind="in-hand", camera_cov
     values = np.concatenate([start, np.zeros(1 + chain.modes.shape[1])])
     parameters = replace(chain.parameters, values=values).free("*").fix(_SCALE)
     first = Variances(_noise(chain, seen), np.array([misfit, misfit / _reach(seen)]))
-    doubts = suspicions(flange, seen, kind)
-    most = 0 if doubts else len(flange) // 4  # poses read wrongly are not to be taken for blunders
+    reviewed = reviewed or review_views(views, board, (camera, points), flange, kind)
+    doubts = reviewed.sentences
+    most = 0 if reviewed.certain else len(flange) // 4  # poses read wrongly are not to be taken for blunders
     found, notes = _best(chain, parameters, first, most, False if doubts and board_scale is None else board_scale)
     return _result(chain, points, found, doubts, notes)
 
@@ -90,6 +99,26 @@ def _predicted(chain, found):
     square = [(chain.at(np.flatnonzero(chain.pose == k)).evaluate(one.values).residual ** 2).sum(0)
               for k, one in found[1].items() if k not in found[2]]  # fmt: skip
     return float(np.sqrt(np.concatenate(square).mean()))
+
+
+def review_views(views, board, camera, flange, kind="in-hand", readings: Sequence[Reading] | None = None) -> Review:
+    """Whether flange poses and images fit each other, and which mistake explains it if they do not.
+
+    Arguments as in `hand_eye_from_views`; camera may also be a pair (Camera, board points (3, N) mm). readings: other
+    readings of the flange poses to try; None tries those of `mistakes.pose_readings`.
+    """
+    flange = _checked(views, flange, kind)
+    own, points = camera if isinstance(camera, tuple) else (_camera(camera, None)[0], _shape(board, camera))
+    turns = range(getattr(board, "turns", 1))
+    every = [[relabelled(view, board, turn) for view in views] if turn else views for turn in turns]
+    chains = [_chain(labelled, points, own, flange, kind, None) for labelled in every]
+    seen = np.array([board_poses(chain.board, chain.pixels, chain.pose, own) for chain in chains])
+    corners = board_corners(points)
+    noise = corner_noise(chains[0], seen[0], corners)
+    names = [getattr(view, "image", "") or f"pose {k}" for k, view in enumerate(views)]
+    data = PoseData(moved_of(flange, kind), seen, corners)
+    readings = pose_readings(flange) if readings is None else readings
+    return review(data, noise, Named(names, kind), readings, robust_starts(data))
 
 
 def camera_prior(camera: Camera, focal: float = 0.002, centre: float = 0.005, distortion: float = 0.02) -> np.ndarray:

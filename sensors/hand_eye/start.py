@@ -56,11 +56,15 @@ def closed_forms(flange: np.ndarray, seen: np.ndarray, kind: str) -> dict[str, n
 
 
 def _called(cv2, function, arguments, method):
-    """(4, 4) or None where OpenCV finds none."""
+    """(4, 4) or None where OpenCV finds none; what it writes on standard error about that is no use to a person."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         made = function(*arguments, method=method)
     except cv2.error:
         return None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     matrix = transform(made[-2], made[-1][:, 0])
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3]) - 1) > 1e-3:
         return None

@@ -25,10 +25,14 @@ def command(
     recording: Recording,
     model: Model = Lens.BROWN,
     out: answer.OutFolder = None,
+    tolerance: answer.Tolerance = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
     """Calibrate the camera of a recording from its pictures of a board, and say how sure each number is."""
+    from workbench import sensor_verdict, verdict
+
+    tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.CAMERA_UNITS)
 
     def work(run, say) -> dict:
         import datasets
@@ -39,7 +43,7 @@ def command(
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return {"recording": recording, **camera.as_json(made), "camera_file": run.path / camera.FILE}
+        return {"recording": recording, **camera.as_json(made, tolerances), "camera_file": run.path / camera.FILE}
 
     flow.run("camera", recording, out, json, work, sensor_tables.camera)
 

@@ -35,6 +35,8 @@ def command(
     scanner: answer.ScannerFile = None,
     kind: Where = None,
     out: answer.OutFolder = None,
+    tolerance: answer.Tolerance = None,
+    trust_data: answer.TrustData = False,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
@@ -42,14 +44,18 @@ def command(
 
     def work(run, say) -> dict:
         import datasets
-        from workbench import handeye
+        from workbench import handeye, handeye_verdict, verdict
 
-        made = handeye.calibrate(datasets.read(recording), camera or scanner, kind and kind.value, say)
+        read = datasets.read(recording)
+        is_profile = read.measures == "ball-surface"
+        units = handeye_verdict.PROFILE_UNITS if is_profile else handeye_verdict.UNITS
+        tolerances = verdict.parse_tolerances(tolerance, units)
+        made = handeye.calibrate(read, camera or scanner, kind and kind.value, say, trust_data)
         handeye.save(made, run.partial)
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return {"recording": recording, **handeye.as_json(made)}
+        return {"recording": recording, **handeye.as_json(made, tolerances)}
 
     flow.run("handeye", recording, out, json, work, sensor_tables.handeye)
 

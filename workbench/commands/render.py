@@ -7,6 +7,7 @@ import typer
 
 from workbench import runs
 from workbench.commands import answer
+from workbench.verdict import no_verdict
 
 Scene = Annotated[Path, typer.Argument(help="Scene file (TOML).")]
 Truth = Annotated[
@@ -32,6 +33,7 @@ def command(
             if truth is not None:
                 runs.replace_file(truth, answer.as_text(made["truth"]))
     found = {key: value for key, value in made.items() if key != "truth"}
+    found["verdict"] = no_verdict("A rendering measures nothing, so there is no residual to judge.").as_json()
     answer.deliver({"command": "render", "scene": scene, "recording": run.path, **found, "run": run.path}, json)
     console = answer.console(json)
     console.print(f"{found['images']} pictures, {found['samples']} samples", markup=False)

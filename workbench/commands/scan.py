@@ -13,10 +13,14 @@ def command(
     recording: Recording,
     scanner: answer.ScannerFile = None,
     out: answer.OutFolder = None,
+    tolerance: answer.Tolerance = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
     """Turn the scans of a recording into clouds and ball centres; without --scanner it is calibrated first."""
+    from workbench import sensor_verdict, verdict
+
+    tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCAN_UNITS)
 
     def work(run, say) -> dict:
         import datasets
@@ -28,7 +32,7 @@ def command(
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return {"recording": recording, **centres.as_json(made, run.path)}
+        return {"recording": recording, **centres.as_json(made, run.path, tolerances)}
 
     flow.run("scan", recording, out, json, work, sensor_tables.scan)
 

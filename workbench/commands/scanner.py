@@ -22,11 +22,16 @@ def command(
     recording: Recording,
     out: Out = None,
     model: Model = Lens.BROWN,
+    tolerance: answer.Tolerance = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
     """Calibrate camera, light planes and mirror of a recording in one adjustment."""
     answer.check_target(None if out is None else str(out), "--out")
+
+    from workbench import sensor_verdict, verdict
+
+    tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCANNER_UNITS)
 
     def work(run, say) -> dict:
         import datasets
@@ -40,7 +45,7 @@ def command(
         if out is not None:
             runs.replace_file(out, (run.partial / scanner.FILE).read_text(encoding="utf-8"))
         place = out.resolve() if out else run.path / scanner.FILE
-        return {"recording": recording, **scanner.as_json(made), "scanner_file": place}
+        return {"recording": recording, **scanner.as_json(made, tolerances), "scanner_file": place}
 
     flow.run("scanner", recording, None, json, work, sensor_tables.scanner)
 

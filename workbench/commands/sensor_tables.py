@@ -153,7 +153,7 @@ _ERRORS = {
 def handeye(console, answer: Mapping) -> None:
     """Transform, errors and doubts of a hand-eye calibration; `answer`: the object of `handeye --json`."""
     sensor = answer["hand_eye"]
-    for sentence in (*answer["suspicions"], *answer["undetermined"]):
+    for sentence in answer["undetermined"]:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     values, spreads = (*sensor["xyz_mm"], *sensor["rotvec_deg"]), (*sensor["std_mm"], *sensor["std_deg"])
     names = ("x mm", "y mm", "z mm", "rx deg", "ry deg", "rz deg")

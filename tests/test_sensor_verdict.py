@@ -1,0 +1,47 @@
+"""A sensor result that is far above its noise is said not to be trustworthy, whether or not a tolerance is given."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import datasets
+from sensor_recordings import scanner_recording
+from sensors.boards.detection import detect_all
+from sensors.camera.calibration import calibrate_camera
+from workbench import sensor_verdict
+from workbench.scanner import as_json, calibrate
+
+
+def mispaired(recording):
+    """The recording with the laser images of each board pose said to be of another one."""
+    names = sorted({row["placement"] for row in recording.images if row["role"] == "board-laser"})
+    other = dict(zip(names, names[1:] + names[:1]))
+    images = tuple(
+        {**row, "placement": other[row["placement"]]} if row["role"] == "board-laser" else row
+        for row in recording.images
+    )
+    return replace(recording, images=images)
+
+
+def test_light_planes_from_mispaired_images_are_not_trustworthy():
+    """Laser line and board pose do not belong together: the planes miss the line by many px, and exit status 0 stays."""
+    made = calibrate(mispaired(datasets.read(scanner_recording()[0])))
+    found = as_json(made)
+    assert found["verdict"]["pass"] is None
+    assert any("not trustworthy" in sentence for sentence in found["warnings"])
+    assert max(part["residual_over_noise"] for part in found["verdict"]["checks"]) > 5
+
+
+def test_images_of_two_zooms_make_no_trustworthy_camera():
+    """Every second image enlarged by 1.8: one camera cannot explain them; the same images alone are near their noise."""
+    found = detect_all(datasets.read(scanner_recording()[0]))
+    right = calibrate_camera(found.views, found.board, found.size, folds=0)
+    assert sensor_verdict.camera_warnings(right) == []
+    middle = np.array(found.size)[:, None] / 2
+    mixed = [
+        replace(view, pixels=middle + 1.8 * (view.pixels - middle)) if k % 2 else view
+        for k, view in enumerate(found.views)
+    ]
+    wrong = calibrate_camera(mixed, found.board, found.size, folds=0)
+    assert "not trustworthy" in " ".join(sensor_verdict.camera_warnings(wrong))
+    assert sensor_verdict.camera_verdict(wrong).passed is None

@@ -1,0 +1,106 @@
+"""Write docs/user-errors-hand-eye.md: what `workbench handeye` makes of mistakes planted into right recordings.
+
+Run from anywhere: `python tools/user_errors_hand_eye.py`. Takes some ten minutes. Real recordings take part where
+they are present.
+"""
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "user-errors-hand-eye.md"
+_LONGEST = 260
+INTRODUCTION = """# User errors in hand-eye recordings
+
+`workbench handeye` compares the scatter of the estimated board pose with the scatter that the corner noise alone makes.
+The corner noise comes from each image alone, without the robot. Where the scatter is larger, alternatives are fitted:
+each frequent mistake is undone, images are assigned to other poses, the flange positions get a free scale, and the
+camera or the board may have moved between two images. A cause is named only if its alternative fits near the noise and
+the recorded data cannot. A certain mistake refuses the recording (exit status 2); `--trust-data` turns the refusal into
+a warning.
+
+The table comes from the bench in `tests/hand_eye_user_errors.py`. The recordings are rendered, with a known sensor
+pose, or real (`handeye_open3dv`, whose own result stands for the truth). This page is written by
+`python tools/user_errors_hand_eye.py`. For mistakes in recordings of robot arms see [user-errors.md](user-errors.md).
+
+- **refused**, **warned**: the message names the right cause.
+- *refused, other cause*, *warned, other cause*: the message names something else.
+- harmless: the result is right all the same (within 3 mm and 0.5 deg).
+- SILENT: a wrong result without a warning.
+- –: the mistake cannot be made in this recording.
+
+"""
+
+
+def main() -> None:
+    """Run the bench and write the page."""
+    sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+    import hand_eye_recordings as recordings
+    from hand_eye_user_errors import MISTAKES, outcome, outcomes
+
+    found, right_ones = {}, {}
+    for name in (*recordings.SCENES, *recordings.REAL):
+        try:
+            right = recordings.made(name) if name in recordings.SCENES else recordings.real(name)
+        except ValueError as problem:
+            print(f"left out: {problem}")
+            continue
+        right_ones[name] = outcome(right, right)
+        found[name] = outcomes(right, name)
+        print(f"{name}: {len(found[name])} mistakes")
+    PAGE.write_text(INTRODUCTION + page(MISTAKES, found, right_ones), encoding="utf-8")
+
+
+def page(mistakes, found, right_ones) -> str:
+    """The tables, and one sentence per mistake."""
+    names = list(found)
+    lines = [f"| mistake | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+    untouched = " | ".join(word(right_ones[name]) for name in names)
+    lines.append(f"| none | {untouched} |")
+    for mistake in mistakes:
+        cells = [word(found[name].get(mistake)) for name in names]
+        lines.append(f"| {mistake} | {' | '.join(cells)} |")
+    return (
+        "\n".join(
+            [*lines, "", *summary(found), "", "## What is said", "", *sentences(mistakes, found)]
+        )
+        + "\n"
+    )
+
+
+def word(one) -> str:
+    """One cell."""
+    if one is None:
+        return "–"
+    if one.what in ("refused", "warned"):
+        return f"**{one.what}**" if one.named else f"*{one.what}, other cause*"
+    return {"harmless": "harmless", "silent": "SILENT"}[one.what]
+
+
+def summary(found) -> list[str]:
+    """Counts over all recordings."""
+    every = [one for rows in found.values() for one in rows.values()]
+    counted = [one for one in every if one.what != "harmless"]
+    named = sum(one.named for one in counted)
+    silent = sum(one.what == "silent" for one in counted)
+    return [
+        f"{len(every)} planted mistakes, {len(every) - len(counted)} of them harmless. Of the other {len(counted)}, "
+        f"{named} ({100 * named / len(counted):.1f} %) are stopped or warned of with the right cause; {silent} pass "
+        "silently with a wrong result."
+    ]
+
+
+def sentences(mistakes, found) -> list[str]:
+    """The message of the first recording, shortened."""
+    lines = []
+    for mistake in mistakes:
+        rows = [one[mistake] for one in found.values() if mistake in one and one[mistake].sentence]
+        if rows:
+            said = rows[0].sentence
+            short = said if len(said) <= _LONGEST else f"{said[:_LONGEST].rsplit(' ', 1)[0]} …"
+            lines.append(f"- {mistake}: “{short}”")
+    return lines
+
+
+if __name__ == "__main__":
+    main()
