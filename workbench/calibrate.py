@@ -30,11 +30,11 @@ from workbench.crossvalidation import (
     repeat_summary,
 )
 from workbench.gauge import lengths_beside, resized, size_of
+from workbench.plausibility import check_plausibility
 from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
 from workbench.shrinkage import settled
-from workbench.suspicion import suspicion
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
@@ -128,7 +128,7 @@ def calibrate(
     stages = _stages(plan, chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split, stages)
-    warnings = _doubts(robot, moving.select(split.fit), nominal)
+    warnings = _doubts(robot, moving.select(split.fit))
     step, results = _run(nominal, stages, split, progress)
     for _ in range(_ROUNDS):
         clean = _without_blunders(step, split, everyone)
@@ -164,12 +164,13 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
     return Split(fit, fold, test)
 
 
-def _doubts(robot, recording, nominal: _Step) -> tuple[str, ...]:
-    """What looks wrong with the recording; InputError where one change would set it right."""
-    found = suspicion(robot, recording, error_summary(nominal.fit.residual)["rms_mm"])
-    if found is not None and found.certain:
-        raise InputError(found.sentence)
-    return () if found is None else (found.sentence,)
+def _doubts(robot, recording) -> tuple[str, ...]:
+    """What looks wrong with the recording; InputError where the recorded data cannot be right."""
+    suspicions = check_plausibility(robot, recording)
+    for suspicion in suspicions:
+        if suspicion.certain:
+            raise InputError(suspicion.sentence)
+    return tuple(suspicion.sentence for suspicion in suspicions)
 
 
 def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:

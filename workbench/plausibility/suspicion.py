@@ -1,0 +1,18 @@
+"""What looks wrong with a recording: one sentence, how certain it is, and the cause in one word."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """One possible mistake in a recording.
+
+    `sentence`: what was found, why it matters and what to do.
+    `certain`: True where the recorded data cannot be right: one correction fits position and orientation as
+    well as plausible geometry errors allow, and the data as recorded do not. A calibration then refuses.
+    `cause`: the kind of mistake as one term, for example "joint-sign" or "rows-shifted".
+    """
+
+    sentence: str
+    certain: bool
+    cause: str = ""
