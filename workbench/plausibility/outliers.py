@@ -1,0 +1,111 @@
+"""Rows that differ from all others by far more than these scatter: blunders, wrong labels, interchanged rows."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.plausibility.corrections import listed
+from workbench.plausibility.fitting import POSITION, row_mismatch, row_residual
+
+_FAR = 10.0
+"""Times the median mismatch, which is about 15 standard deviations of one coordinate."""
+_MOST_SHARE = 0.4
+_NEAR = 4.0
+_NAMED = 12
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Row numbers that are far off, the mismatch (n,) mm of all rows, and its median."""
+
+    rows: np.ndarray
+    mismatch: np.ndarray
+    median: float
+
+
+def find_outliers(robot, recording, fit, floor: float) -> Outliers | None:
+    """Rows far off the fit, of all rows of the recording; None where there are none, or too many to be outliers.
+
+    floor: mm by which unmodelled effects may put a single row off.
+    """
+    mismatch = row_mismatch(robot, recording, fit)
+    median = float(np.median(mismatch))
+    rows = np.flatnonzero(mismatch > max(_FAR * median, floor))
+    if not len(rows) or len(rows) > _MOST_SHARE * recording.n:
+        return None
+    return Outliers(rows, mismatch, median)
+
+
+def outlier_sentence(robot, recording, fit, outliers: Outliers) -> tuple[str, str]:
+    """What the outliers are (a part of a sentence), and the cause in one term."""
+    near = _NEAR * outliers.median
+    for explain in (_other_labels, _interchanged):
+        told = explain(robot, recording, fit, outliers, near)
+        if told:
+            return told
+    label = "ball" if recording.measures in ("ball-centre", "ball-surface") else "reflector"
+    if label in recording.columns and len(np.unique(recording.columns[label])) > 1:
+        own = recording.columns[label].astype(int)
+        for number in np.unique(own[outliers.rows]):
+            if np.isin(np.flatnonzero(own == number), outliers.rows).mean() > 0.8:
+                return (f"nearly all rows of {label} {number} are among them: its coordinates or its number "
+                        "are probably wrong", "wrong-target")  # fmt: skip
+    return "gross errors of single measurements are the likely cause", "blunders"
+
+
+def named_samples(recording, rows) -> str:
+    """'sample 5, 9 and 12', at most a dozen numbers."""
+    ids = [str(i) for i in recording.sample_ids[rows[:_NAMED]]]
+    more = [f"{len(rows) - _NAMED} more"] if len(rows) > _NAMED else []
+    return f"sample{'s' * (len(rows) > 1)} {listed([*ids, *more])}"
+
+
+def _other_labels(robot, recording, fit, outliers, near):
+    """Rows that fit another ball or another reflector."""
+    label = "ball" if recording.measures == "ball-centre" else "reflector"
+    known = sorted(recording.balls) if label == "ball" else np.unique(recording.reflector).tolist()
+    if recording.measures not in ("ball-centre", "external-point") or len(known) < 2 or label not in recording.columns:
+        return None
+    seen = np.unique(recording.columns[label].astype(int)).tolist()
+    wrong = recording.select(outliers.rows)
+    distances = np.full((len(known), len(outliers.rows)), np.inf)
+    for k, number in enumerate(known):
+        if label == "ball" or number in seen:
+            columns = {**recording.columns, label: recording.columns[label].copy()}
+            columns[label][outliers.rows] = number
+            relabelled = replace(recording, columns=columns)
+            if len(np.unique(columns[label])) == len(seen) or label == "ball":
+                distances[k] = row_mismatch(robot, relabelled, fit)[outliers.rows]
+    better = distances.min(0) < near
+    if better.mean() < 0.7:
+        return None
+    numbers = np.array(known)[distances.argmin(0)]
+    old = wrong.columns[label].astype(int)
+    pairs = [f"{i} ({label} {a} for {b})" for i, a, b in zip(wrong.sample_ids, old, numbers)]
+    more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
+    return (f"they fit with another number in column {label}: sample {listed([*pairs[:_NAMED], *more])}",
+            f"{label}-labels")  # fmt: skip
+
+
+def _interchanged(robot, recording, fit, outliers, near):
+    """Outlying rows whose measurements fit one another's joint readings, or the next row's from some row on."""
+    if "x_mm" not in recording.columns or recording.measures == "ball-surface" or len(outliers.rows) < 2:
+        return None
+    rows = outliers.rows
+    measured = recording.points
+    predicted = measured + row_residual(robot, recording, fit)[:POSITION].T
+    gaps = np.linalg.norm(measured[rows][:, None] - predicted[rows][None], axis=2)
+    partner = gaps.argmin(1)
+    fitting = (gaps.min(1) < near) & (partner != np.arange(len(rows)))
+    shift = rows[partner] - rows
+    if (fitting & (np.abs(shift) == 1) & (shift == np.median(shift))).sum() >= max(3, 0.7 * len(rows)):
+        side = "before" if np.median(shift) < 0 else "after"
+        first, last = recording.sample_ids[rows[[0, -1]]]
+        return (f"from sample {first} to {last}, the rows hold the measurement of the row {side}: a row is missing "
+                "or doubled there", "rows-shifted")  # fmt: skip
+    if fitting.sum() >= max(2, 0.6 * len(rows)):
+        ids = recording.sample_ids
+        pairs = [f"{ids[rows[k]]} holds that of {ids[rows[partner[k]]]}" for k in np.flatnonzero(fitting)]
+        more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
+        return f"their measurements are interchanged: sample {listed([*pairs[:_NAMED], *more])}", "rows-interchanged"
+    return None
