@@ -434,7 +434,7 @@ MISTAKES = (
     Mistake("target or sensor slipped midway", _MOVED, _moved("tool", 3.0, 0.4)),
     Mistake("file of another robot", ("robot-file",), _other_robot),
     Mistake("craig instead of distal", ("convention",), _convention),
-    Mistake("one link length off by a quarter", ("geometry",), _link),
+    Mistake("one link length off by a quarter", ("geometry", "robot-file"), _link),
     Mistake("sigma 1000 times too large", ("sigma",), _sigma(1000)),
     Mistake("sigma in m", ("sigma",), _sigma(0.001)),
     Mistake("payload in g", ("payload",), _covariate("payload_kg", lambda v: 1000 * v)),

@@ -38,7 +38,7 @@ def misfit_suspicions(robot, recording, recorded: Fit, good: float) -> Iterator[
         if wrong_geometry is not None:
             yield wrong_geometry
             return
-        if not _in_no_order(robot, recording, recorded):
+        if not constant_columns(recording):
             search = search_further(robot, recording, search, good)
             found = _accepted(search.explanations, recorded, good)
     if found:

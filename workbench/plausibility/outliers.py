@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workbench.plausibility.corrections import listed
+from workbench.plausibility.columns_at_rest import longest_run
+from workbench.plausibility.corrections import listed, observed_columns
 from workbench.plausibility.fitting import POSITION, row_mismatch, row_residual
 
 _FAR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""
-_MOST_SHARE = 0.4
 _NEAR = 4.0
 _NAMED = 12
 
@@ -24,14 +24,14 @@ class Outliers:
 
 
 def find_outliers(robot, recording, fit, floor: float) -> Outliers | None:
-    """Rows far off the fit, of all rows of the recording; None where there are none, or too many to be outliers.
+    """Rows far off the fit, of all rows of the recording; None where there are none.
 
     floor: mm by which unmodelled effects may put a single row off.
     """
     mismatch = row_mismatch(robot, recording, fit)
     median = float(np.median(mismatch))
     rows = np.flatnonzero(mismatch > max(_FAR * median, floor))
-    if not len(rows) or len(rows) > _MOST_SHARE * recording.n:
+    if not len(rows):
         return None
     return Outliers(rows, mismatch, median)
 
@@ -39,10 +39,10 @@ def find_outliers(robot, recording, fit, floor: float) -> Outliers | None:
 def outlier_sentence(robot, recording, fit, outliers: Outliers) -> tuple[str, str]:
     """What the outliers are (a part of a sentence), and the cause in one term."""
     near = _NEAR * outliers.median
-    for explain in (_other_labels, _interchanged):
-        told = explain(robot, recording, fit, outliers, near)
-        if told:
-            return told
+    for explain in (_stuck, _other_labels, _shifted, _interchanged):
+        found = explain(robot, recording, fit, outliers, near)
+        if found:
+            return found
     label = "ball" if recording.measures in ("ball-centre", "ball-surface") else "reflector"
     if label in recording.columns and len(np.unique(recording.columns[label])) > 1:
         own = recording.columns[label].astype(int)
@@ -87,8 +87,40 @@ def _other_labels(robot, recording, fit, outliers, near):
             f"{label}-labels")  # fmt: skip
 
 
+def _stuck(robot, recording, fit, outliers, near):
+    """Outlying rows in which one joint column stays at one value while the others change."""
+    run = longest_run(recording)
+    if run is None:
+        return None
+    name, first, last = run
+    within = (outliers.rows >= first) & (outliers.rows <= last)
+    if within.mean() < 0.8:
+        return None
+    ids = recording.sample_ids
+    return (f"column {name} stays at {recording.columns[name][first]:.5g} from sample {ids[first]} to {ids[last]} "
+            "while the other joints move, as of a stuck encoder", "stuck-encoder")  # fmt: skip
+
+
+def _shifted(robot, recording, fit, outliers, near):
+    """Outlying rows whose measurement fits the joint readings of a neighbouring row."""
+    names = observed_columns(recording)
+    if recording.measures == "distance" or not names:
+        return None
+    for step, side in ((1, "after"), (-1, "before")):
+        rows = outliers.rows[(outliers.rows + step >= 0) & (outliers.rows + step < recording.n)]
+        if len(rows) < 3:
+            continue
+        columns = {c: v[rows if c in names else rows + step] for c, v in recording.columns.items()}
+        fitting = row_mismatch(robot, replace(recording, columns=columns), fit) < near
+        if fitting.mean() > 0.7:
+            first, last = recording.sample_ids[rows[fitting][[0, -1]]]
+            return (f"from sample {first} to {last}, rows hold the measurement of the row {side}: a row is missing "
+                    "or doubled there", "rows-shifted")  # fmt: skip
+    return None
+
+
 def _interchanged(robot, recording, fit, outliers, near):
-    """Outlying rows whose measurements fit one another's joint readings, or the next row's from some row on."""
+    """Outlying rows whose measurements fit one another's joint readings."""
     if "x_mm" not in recording.columns or recording.measures == "ball-surface" or len(outliers.rows) < 2:
         return None
     rows = outliers.rows
@@ -97,12 +129,6 @@ def _interchanged(robot, recording, fit, outliers, near):
     gaps = np.linalg.norm(measured[rows][:, None] - predicted[rows][None], axis=2)
     partner = gaps.argmin(1)
     fitting = (gaps.min(1) < near) & (partner != np.arange(len(rows)))
-    shift = rows[partner] - rows
-    if (fitting & (np.abs(shift) == 1) & (shift == np.median(shift))).sum() >= max(3, 0.7 * len(rows)):
-        side = "before" if np.median(shift) < 0 else "after"
-        first, last = recording.sample_ids[rows[[0, -1]]]
-        return (f"from sample {first} to {last}, the rows hold the measurement of the row {side}: a row is missing "
-                "or doubled there", "rows-shifted")  # fmt: skip
     if fitting.sum() >= max(2, 0.6 * len(rows)):
         ids = recording.sample_ids
         pairs = [f"{ids[rows[k]]} holds that of {ids[rows[partner[k]]]}" for k in np.flatnonzero(fitting)]

@@ -8,9 +8,10 @@ import numpy as np
 
 from robot_model import load_robot
 from robot_model.robot import builtin_robots
-from workbench.plausibility.corrections import Correction
+from workbench.plausibility.corrections import Correction, listed
 
 ROBOT = "robot"
+_FEW_NUMBERS = 4
 
 
 def robot_corrections(robot) -> Iterator[Correction]:
@@ -25,8 +26,8 @@ def robot_corrections(robot) -> Iterator[Correction]:
         same_joints = np.array_equal(known.prismatic, robot.prismatic) and known.mixing.shape == robot.mixing.shape
         if same_joints and not _same_geometry(known, robot):
             yield Correction(
-                "robot-file", f"robot file of '{robot.name}'", f"does not describe this arm, which is a {known.name}",
-                f"use the robot '{name}'", frozenset({ROBOT}), _with_robot(known),
+                "robot-file", f"robot file of '{robot.name}'", _difference(robot, known),
+                f"use the robot '{name}' of the library, or correct the file", frozenset({ROBOT}), _with_robot(known),
             )  # fmt: skip
 
 
@@ -38,6 +39,20 @@ def _known_robot(name):
 def _same_geometry(one, other) -> bool:
     same = one.convention == other.convention and np.allclose(one.mixing, other.mixing)
     return bool(same and np.allclose(one.geometry, other.geometry, atol=1e-3))
+
+
+def _difference(robot, known) -> str:
+    """'does not describe this arm, which is …', or the few numbers that differ from the library's file."""
+    names = ("theta", "d", "a", "alpha", "beta")
+    units = (180 / np.pi, 1.0, 1.0, 180 / np.pi, 180 / np.pi)
+    different = np.argwhere(~np.isclose(robot.geometry, known.geometry, atol=1e-3))
+    if len(different) > _FEW_NUMBERS or robot.convention != known.convention:
+        return f"does not describe this arm, which is a {known.name}"
+    numbers = [
+        f"{names[c]}{k + 1} is {robot.geometry[k, c] * units[c]:.5g} instead of {known.geometry[k, c] * units[c]:.5g}"
+        for k, c in different
+    ]
+    return f"differs from the data of a {known.name}: {listed(numbers)}"
 
 
 def _with_convention(convention):

@@ -25,6 +25,7 @@ _FIRST_STEPS, _SCREEN_STEPS, _SCREENED_TWICE = 1, 4, 30
 _JUDGED = 12
 _BEAM = 5
 _DEEPEST = 3
+_PROGRESS = 0.8
 CLOSE = 1.5
 """Candidates within this factor of the smallest scale explain the data about equally well."""
 
@@ -78,13 +79,15 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
 
     enough: scale in mm at which a fit is good and no further mistake is searched for.
     """
+    before = search.beam[0].scale if search.beam else np.inf
     for _ in range(_DEEPEST - 1):
         joined = _joined(search.beam[:_BEAM], search.singles)
         beam = screen(robot, recording, joined)
         found = _best([*search.explanations, *judge(robot, recording, beam[:_JUDGED])])
         search = Search(tuple(found), tuple(beam), search.singles)
-        if found and found[0].fit.scale <= enough:
+        if (found and found[0].fit.scale <= enough) or not beam or beam[0].scale > _PROGRESS * before:
             break
+        before = beam[0].scale
     return search
 
 
