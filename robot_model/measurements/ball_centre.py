@@ -80,7 +80,7 @@ class BallCentre:
         R_b^T (c - mean c) + t - R_f R_h s - R_f t_h = t_f - mean t_f, with X_1 = R_b^T, X_2 = R_h, balls c in the
         frame of the artefact and s as seen.
         """
-        start = self._system(frames).starts()[0]
+        start = self.system(frames).starts()[0]
         rotation = start.rotations[0].T
         shift = frames.end_origin.mean(1) + start.translations[:3]
         base = pose_values(rotation, self._ball_centroid() - rotation @ shift)
@@ -90,7 +90,8 @@ class BallCentre:
         """(3,) mean of the balls over the samples, artefact frame, mm."""
         return self.centres[self.index].mean(0)
 
-    def _system(self, frames: Frames) -> RotationSystem:
+    def system(self, frames: Frames) -> RotationSystem:
+        """The equations of `start`, one sample a ball seen."""
         turns = flange_matrices(frames)
         count = len(turns)
         balls = (self.centres[self.index] - self._ball_centroid()).T

@@ -74,8 +74,12 @@ class ExternalPoint:
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Base pose (6,) and reflectors (3 R,): the best of the local minima over the base's rotation."""
-        start = point_system(frames, self.measured, self.index, len(self.ids)).starts()[0]
+        start = self.system(frames).starts()[0]
         return base_values(start, frames, self.measured), start.translations[3:]
+
+    def system(self, frames: Frames) -> RotationSystem:
+        """The equations of `start`, one sample a measured point."""
+        return point_system(frames, self.measured, self.index, len(self.ids))
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement plus its residual (3, n)."""

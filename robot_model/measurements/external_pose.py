@@ -74,10 +74,10 @@ class ExternalPose:
         """Base and tool at every local minimum that was found, best first."""
         return [
             (base_values(start, frames, self.measured), pose_values(start.rotations[1], start.translations[3:]))
-            for start in self._system(frames).starts()
+            for start in self.system(frames).starts()
         ]
 
-    def _system(self, frames: Frames) -> RotationSystem:
+    def system(self, frames: Frames) -> RotationSystem:
         """The rows of one reflector, and R_b^T R_m - R_f R_t = 0 with X_1 = R_b^T and X_2 = R_t."""
         turns = flange_matrices(frames)
         points = point_system(frames, self.measured, np.zeros(len(turns), int), 1)

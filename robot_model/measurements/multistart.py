@@ -31,6 +31,7 @@ LEAST_LEVER_MM = 100.0
 
 _SCREENED, _KEPT, _ALTERNATIVES = 48, 8, 4
 _SHORT, _LONG = 10, 60
+_QUICK = 6
 _ROUNDS, _CENTRED = 12, 2
 _SETTLED_RAD, _SETTLED_MM = 1e-8, 1e-7
 _SAME_RAD = np.deg2rad(3.0)
@@ -107,11 +108,24 @@ class RotationSystem:
             centre = found[0].translations if done < _CENTRED else centre
         return found
 
+    def quick_distances(self) -> np.ndarray:
+        """(n,) distance of each sample, in units of the rows, at the best minimum from a few starts.
+
+        One round without robust weights: enough to compare many hypotheses about the same samples.
+        """
+        reduced = _Reduced(self, np.ones(len(self.right)), np.zeros(len(self.prior)))
+        rotations = reduced.descended(reduced.screened()[:_QUICK], _SHORT)
+        best = rotations[int(np.argmin(reduced.cost(rotations)))]
+        return self._distances(best, reduced.translations(best))
+
+    def _distances(self, rotations: np.ndarray, translations: np.ndarray) -> np.ndarray:
+        """(n,) lengths of the residuals of the samples."""
+        gap = self.rotation_rows @ rotations.ravel() + self.translation_rows @ translations - self.right
+        return np.linalg.norm(gap, axis=1)
+
     def _robust_weights(self, start: Start) -> np.ndarray:
         """(n,) Cauchy weights of the samples from their distance at a start."""
-        turned = self.rotation_rows @ start.rotations.ravel()
-        shifted = self.translation_rows @ start.translations
-        distance = np.linalg.norm(turned + shifted - self.right, axis=1)
+        distance = self._distances(start.rotations, start.translations)
         sigma = _MEDIAN_TO_SIGMA * np.median(distance)
         return 1 / (1 + (distance / max(_CAUCHY * sigma, 1e-9)) ** 2)
 
@@ -168,9 +182,9 @@ class _Reduced:
 
     def minima(self, begin: np.ndarray) -> list[Start]:
         """Distinct local minima reached from rotations (S, K, 3, 3), best first."""
-        rotations = self._descend(begin, _SHORT)
+        rotations = self.descended(begin, _SHORT)
         best = np.argsort(self._rounded_cost(rotations), kind="stable")[:_KEPT]
-        rotations = self._descend(rotations[best], _LONG)
+        rotations = self.descended(rotations[best], _LONG)
         order = np.argsort(self._rounded_cost(rotations), kind="stable")
         kept = []
         for one in rotations[order]:
@@ -200,7 +214,7 @@ class _Reduced:
             parts.append(np.einsum("rv,sjv->srj", self.rows[:, 9 * k : 9 * k + 9], turned))
         return np.concatenate(parts, 2)
 
-    def _descend(self, rotations: np.ndarray, steps: int) -> np.ndarray:
+    def descended(self, rotations: np.ndarray, steps: int) -> np.ndarray:
         """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once."""
         count, size = len(rotations), 3 * self.count
         damping, cost = np.full(count, 1e-3), self.cost(rotations)

@@ -100,13 +100,13 @@ class PartialPose:
 
         The rotation of the tool is the shortest one to the axis: that about the axis is not measured.
         """
-        start = self._system(frames).starts()[0]
+        start = self.system(frames).starts()[0]
         axis = start.rotations[1][:, self.which]
         turn, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.which][None])
         place = start.translations[3:]
         return base_values(start, frames, self.measured), np.concatenate([place, turn.as_rotvec()])
 
-    def _system(self, frames: Frames) -> RotationSystem:
+    def system(self, frames: Frames) -> RotationSystem:
         """The rows of one reflector, and R_b^T n - R_f R_t e = 0 with X_1 = R_b^T and X_2 = R_t."""
         turns = flange_matrices(frames)
         points = point_system(frames, self.measured, np.zeros(len(turns), int), 1)

@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from robot_model.chain import forward
 from robot_model.measurements import measurement_of
+from robot_model.measurements.multistart import MODEL_ERROR_MM
 from robot_model.robot import Robot
 from robot_model.system import bind, geometry_free
 from workbench.core.model import Model
@@ -104,6 +106,24 @@ def model_at(robot, recording, values=None) -> tuple[Model, Parameters]:
     base = 0 if measurement_of(recording).grounded else 6
     model = Model(bind(robot, recording, np.concatenate([values[:base], values[base + 5 * robot.joints :]])))
     return model, replace(model.parameters, values=np.array(values, float))
+
+
+def nominal_scale(robot, recording) -> float:
+    """RMS mm of the best 90 % of the samples with base and tool fitted at the nominal geometry; inf for too few.
+
+    Rotations count by the lever of `robot_model.measurements.multistart`. Fast: one linear system, few starts.
+    """
+    measurement = measurement_of(recording)
+    if not hasattr(measurement, "system"):
+        return fit_recording(robot, recording, free=base_and_tool(recording), steps=3).scale
+    frames = forward(robot, robot.mixing @ recording.joints.T)
+    system = measurement.system(frames)
+    samples, rows, _ = system.rotation_rows.shape
+    spare = samples * rows - 3 * system.count - len(system.prior)
+    if spare < _LEAST_SPARE:
+        return np.inf
+    distances = np.sort(system.quick_distances())[: int(np.ceil(_KEPT * samples))]
+    return float(np.sqrt((distances**2).mean() * samples * rows / spare)) * MODEL_ERROR_MM
 
 
 def row_residual(robot, recording, fit: Fit) -> np.ndarray:

@@ -138,15 +138,19 @@ def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
         f"base, tool and plausible geometry errors fit the measurements to {fit_words(recorded)} only, where at most "
         f"about {good:.2g} mm are expected"
     )
+    doubts = list(_columns_to_doubt(recording))
+    for part, cause in doubts:
+        yield Suspicion(f"{named}, {part}; {fits}.", False, cause)
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
             f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "
             "of joint readings do not belong together; check how the two were joined.", False, "rows-shuffled",
         )  # fmt: skip
-        return
-    for part, cause in _columns_to_doubt(recording):
-        yield Suspicion(f"{named}, {part}; {fits}.", False, cause)
-        return
+    elif not doubts:
+        yield from _unknown_cause(robot, recording, recorded, named, fits)
+
+
+def _unknown_cause(robot, recording, recorded, named, fits) -> Iterator[Suspicion]:
     share = 100 * recorded.scale / reach_of(robot, recording)
     yield Suspicion(
         f"{named}: {fits} ({share:.2g} % of the arm's reach), and no single mistake that is searched for explains it; "

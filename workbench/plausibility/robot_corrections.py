@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from robot_model import load_robot
-from robot_model.robot import builtin_robots
+from robot_model.loading import builtin_robots, load_robot
+
 from workbench.plausibility.corrections import Correction, listed
 
 ROBOT = "robot"

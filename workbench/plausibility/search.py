@@ -13,7 +13,7 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.plausibility.artefact_corrections import artefact_corrections
 from workbench.plausibility.corrections import Correction, join
-from workbench.plausibility.fitting import Fit, base_and_tool, fit_recording
+from workbench.plausibility.fitting import Fit, fit_recording, nominal_scale
 from workbench.plausibility.joint_corrections import joint_corrections, sign_vectors, unit_vectors
 from workbench.plausibility.point_corrections import point_corrections
 from workbench.plausibility.robot_corrections import robot_corrections
@@ -21,8 +21,7 @@ from workbench.plausibility.row_corrections import row_corrections
 from workbench.plausibility.sampling import even_rows
 
 _SCREEN_ROWS, _JUDGE_ROWS = 50, 200
-_FIRST_STEPS, _SCREEN_STEPS, _SCREENED_TWICE = 1, 4, 30
-_JUDGED = 12
+_JUDGED, _PROMISING = 8, 4.0
 _BEAM = 5
 _DEEPEST = 3
 _PROGRESS = 0.8
@@ -71,7 +70,7 @@ def search_singles(robot, recording) -> Search:
     singles = single_corrections(robot, recording)
     vectors = [*sign_vectors(recording), *unit_vectors(recording)]
     screened = screen(robot, recording, [*singles, *vectors])
-    return Search(tuple(judge(robot, recording, screened[:_JUDGED])), tuple(screened), tuple(singles))
+    return Search(tuple(judge(robot, recording, screened)), tuple(screened), tuple(singles))
 
 
 def search_further(robot, recording, search: Search, enough: float) -> Search:
@@ -83,7 +82,7 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
     for _ in range(_DEEPEST - 1):
         joined = _joined(search.beam[:_BEAM], search.singles)
         beam = screen(robot, recording, joined)
-        found = _best([*search.explanations, *judge(robot, recording, beam[:_JUDGED])])
+        found = _best([*search.explanations, *judge(robot, recording, beam)])
         search = Search(tuple(found), tuple(beam), search.singles)
         if (found and found[0].fit.scale <= enough) or not beam or beam[0].scale > _PROGRESS * before:
             break
@@ -92,30 +91,20 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
 
 
 def screen(robot, recording, corrections: Iterable[Correction]) -> list[Candidate]:
-    """Candidates by the scale that they leave at the nominal geometry, the smallest first.
-
-    All are fitted with one step from the closed-form start, and the best again until they have converged.
-    """
-    rough = _screened(robot, recording, corrections, _FIRST_STEPS)
-    best = [candidate.correction for candidate in rough[:_SCREENED_TWICE]]
-    return [*_screened(robot, recording, best, _SCREEN_STEPS), *rough[_SCREENED_TWICE:]]
-
-
-def _screened(robot, recording, corrections, steps):
+    """Candidates by the scale that they leave at the nominal geometry, the smallest first."""
     rows = even_rows(recording, _SCREEN_ROWS)
-    candidates = [Candidate(c, _screened_scale(robot, recording, c, rows, steps)) for c in corrections]
+    candidates = [Candidate(c, _screened_scale(robot, recording, c, rows)) for c in corrections]
     finite = [candidate for candidate in candidates if np.isfinite(candidate.scale)]
     return sorted(finite, key=lambda c: (c.scale, c.correction.parts))
 
 
-def _screened_scale(robot, recording, correction, rows, steps):
+def _screened_scale(robot, recording, correction, rows):
     try:
         arm, corrected = correction.apply(robot, recording)
-        chosen = corrected.select(rows[rows < corrected.n])
-        fit = fit_recording(arm, chosen, free=base_and_tool(chosen), steps=steps)
+        scale = nominal_scale(arm, corrected.select(rows[rows < corrected.n]))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return np.inf
-    return comparable_scale(fit.scale, correction)
+    return comparable_scale(scale, correction)
 
 
 def comparable_scale(scale, correction):
@@ -123,11 +112,11 @@ def comparable_scale(scale, correction):
     return scale * max(1.0, 1 / correction.magnification)
 
 
-def judge(robot, recording, candidates: Iterable[Candidate]) -> list[Explanation]:
+def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
     """The candidates fitted with plausible geometry errors, the best first."""
     rows = even_rows(recording, _JUDGE_ROWS)
     found = []
-    for candidate in candidates:
+    for candidate in _promising(candidates):
         arm, corrected = candidate.correction.apply(robot, recording)
         try:
             fit = fit_recording(arm, corrected.select(rows[rows < corrected.n]))
@@ -136,6 +125,11 @@ def judge(robot, recording, candidates: Iterable[Candidate]) -> list[Explanation
         if np.isfinite(fit.scale):
             found.append(Explanation(candidate.correction, fit))
     return _best(found)
+
+
+def _promising(candidates: list[Candidate]) -> list[Candidate]:
+    """The first few candidates whose scale is not far above the smallest."""
+    return [c for c in candidates[:_JUDGED] if c.scale <= _PROMISING * candidates[0].scale]
 
 
 def _best(found):
