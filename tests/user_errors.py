@@ -428,7 +428,7 @@ MISTAKES = (
     Mistake("two balls swapped", ("ball-labels",), _labels_swapped, ("ball-centre",)),
     Mistake("a few wrong labels", ("ball-labels", "reflector-labels"), _few_labels, ("ball-centre", "external-point")),
     Mistake("artefact.csv in inches", ("artefact-unit",), _artefact(1 / 25.4), ("ball-centre",)),
-    Mistake("artefact.csv left-handed", ("artefact-left-handed",), _artefact_mirrored, ("ball-centre",)),
+    Mistake("artefact.csv left-handed", ("artefact-left-handed", "wrong-target"), _artefact_mirrored, ("ball-centre",)),
     Mistake("base, instrument or artefact moved midway", _MOVED, _moved("base", 4.0, 0.3)),
     Mistake("instrument set up anew midway", _MOVED, _moved("base", 700.0, 50.0), EXTERNAL),
     Mistake("target or sensor slipped midway", _MOVED, _moved("tool", 3.0, 0.4)),

@@ -4,8 +4,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
 
-import numpy as np
-
 from datasets.columns import AXES, MEASURED, POINT, QUATERNION, joint_columns
 from datasets.recording import OTHER
 from robot_model.measurements import second_ends
@@ -19,8 +17,7 @@ class Correction:
 
     `cause`: the kind of mistake. `subject` and `statement` are parts of a sentence ("column q3_deg", "has the
     opposite sign"), `remedy` says what to do. `touches`: what it changes; corrections of disjoint sets can be
-    joined. `apply(robot, recording)` returns both as they would be without the mistake. `magnification`: factor
-    by which measured lengths grow. `parts`: number of elementary mistakes; fewer are preferred.
+    joined. `apply(robot, recording)` returns both as they would be without the mistake. `parts`: number of elementary mistakes; fewer are preferred.
     """
 
     cause: str
@@ -29,7 +26,6 @@ class Correction:
     remedy: str
     touches: frozenset[str]
     apply: Callable
-    magnification: float = 1.0
     parts: int = 1
 
     @property
@@ -67,7 +63,6 @@ def join(corrections: Iterable[Correction]) -> Correction:
         "; ".join(f"{c.subject}: {c.remedy}" for c in corrections),
         frozenset().union(*(c.touches for c in corrections)),
         apply,
-        float(np.prod([c.magnification for c in corrections])),
         sum(c.parts for c in corrections),
     )
 

@@ -10,7 +10,7 @@ from workbench.plausibility.columns_at_rest import constant_columns, equal_colum
 from workbench.plausibility.corrections import observed_columns
 from workbench.plausibility.fitting import Fit, base_and_tool, fit_recording, reach_of
 from workbench.plausibility.sampling import even_rows
-from workbench.plausibility.search import CLOSE, Explanation, comparable_scale, search_further, search_singles
+from workbench.plausibility.search import CLOSE, Explanation, search_further, search_singles
 from workbench.plausibility.suspicion import Suspicion
 from workbench.plausibility.wording import correction_sentence, deviation_sentence, fit_words, listed
 
@@ -52,8 +52,8 @@ def _accepted(explanations, recorded: Fit, good) -> list[Explanation]:
     plausible = [e for e in explanations if _is_accepted(e, recorded, good)]
     if not plausible:
         return []
-    best = min(comparable_scale(e.fit.scale, e.correction) for e in plausible)
-    close = [e for e in plausible if comparable_scale(e.fit.scale, e.correction) <= max(CLOSE * best, best + 0.05)]
+    best = min(e.fit.scale for e in plausible)
+    close = [e for e in plausible if e.fit.scale <= max(CLOSE * best, best + 0.05)]
     return sorted(close, key=lambda e: (e.correction.parts, _rank(e), e.fit.scale))
 
 
@@ -68,9 +68,8 @@ def _rank(explanation):
 
 def _is_accepted(explanation, recorded, good):
     fit = explanation.fit
-    scale = comparable_scale(fit.scale, explanation.correction)
     worst = np.abs(fit.deviations).max(initial=0.0)
-    return scale <= good and _FALLS * scale < recorded.scale and worst < _PLAUSIBLE
+    return fit.scale <= good and _FALLS * fit.scale < recorded.scale and worst < _PLAUSIBLE
 
 
 def _explained(robot, recording, recorded, found, good) -> Suspicion:

@@ -24,6 +24,7 @@ _SCREEN_ROWS, _JUDGE_ROWS = 50, 200
 _JUDGED, _PROMISING = 8, 4.0
 _BEAM = 5
 _DEEPEST = 3
+SIGN = "joint-sign"
 _PROGRESS = 0.8
 CLOSE = 1.5
 """Candidates within this factor of the smallest scale explain the data about equally well."""
@@ -80,7 +81,7 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
     """
     before = search.beam[0].scale if search.beam else np.inf
     for _ in range(_DEEPEST - 1):
-        joined = _joined(search.beam[:_BEAM], search.singles)
+        joined = _joined(_seeds(search.beam), search.singles)
         beam = screen(robot, recording, joined)
         found = _best([*search.explanations, *judge(robot, recording, beam)])
         search = Search(tuple(found), tuple(beam), search.singles)
@@ -101,15 +102,9 @@ def screen(robot, recording, corrections: Iterable[Correction]) -> list[Candidat
 def _screened_scale(robot, recording, correction, rows):
     try:
         arm, corrected = correction.apply(robot, recording)
-        scale = nominal_scale(arm, corrected.select(rows[rows < corrected.n]))
+        return nominal_scale(arm, corrected.select(rows[rows < corrected.n]))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return np.inf
-    return comparable_scale(scale, correction)
-
-
-def comparable_scale(scale, correction):
-    """A correction that makes lengths shorter makes every error smaller, and explains nothing by that."""
-    return scale * max(1.0, 1 / correction.magnification)
 
 
 def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
@@ -133,7 +128,13 @@ def _promising(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def _best(found):
-    return sorted(found, key=lambda e: comparable_scale(e.fit.scale, e.correction))
+    return sorted(found, key=lambda e: e.fit.scale)
+
+
+def _seeds(beam) -> list[Candidate]:
+    """The best candidates, and every single sign: a wrong sign is common, and hides behind a second mistake."""
+    signs = [c for c in beam[_BEAM:] if c.correction.cause == SIGN and c.correction.parts == 1]
+    return [*beam[:_BEAM], *signs]
 
 
 def _joined(beam: list[Candidate], singles: list[Correction]) -> list[Correction]:
@@ -141,7 +142,8 @@ def _joined(beam: list[Candidate], singles: list[Correction]) -> list[Correction
     made = {}
     for candidate in beam:
         for single in singles:
-            if not candidate.correction.touches & single.touches:
+            both_signs = single.cause == candidate.correction.cause == SIGN  # screened as sign vectors
+            if not both_signs and not candidate.correction.touches & single.touches:
                 pair = join([candidate.correction, single])
                 made.setdefault(frozenset([candidate.correction.claim, single.claim]), pair)
     return list(made.values())
