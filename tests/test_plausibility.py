@@ -26,7 +26,9 @@ def erring(measures, seed, n=60, lengths=0.4, degrees=0.06, **more):
     rng, model = np.random.default_rng(seed), model_of(made)
     truth = model.parameters
     free = truth.only(truth.matching(*geometry_free(made.robot)))
-    size = np.array([np.deg2rad(degrees) if p.unit == "rad" else lengths for p in free.table])[free.mask]
+    size = np.array([np.deg2rad(degrees) if p.unit == "rad" else lengths for p in free.table])[
+        free.mask
+    ]
     truth = free.unpack(free.pack() + size * rng.standard_normal(len(size)))
     points = observed(model, truth, rng).chain.measurement.measured
     return made.robot, changed(made.recording, **dict(zip(XYZ, points)))
@@ -63,31 +65,49 @@ def test_a_joint_of_the_other_sign_is_named(measures, joint):
     robot, recording = erring(measures, 1)
     name = f"q{joint}_deg"
     flipped = changed(recording, **{name: -recording.columns[name]})
-    assert_named(robot, flipped, f", column {name}:", "the opposite sign", f"sign = -1 for joint {joint} ")
+    assert_named(
+        robot, flipped, f", column {name}:", "the opposite sign", f"sign = -1 for joint {joint} "
+    )
 
 
 def test_two_joints_of_the_other_sign_are_named():
     robot, recording = erring("external-point", 2)
-    flipped = changed(recording, **{name: -recording.columns[name] for name in ("q2_deg", "q5_deg")})
-    assert_named(robot, flipped, ", columns q2_deg and q5_deg:", "have the opposite sign", "joint 2 and 5")
+    flipped = changed(
+        recording, **{name: -recording.columns[name] for name in ("q2_deg", "q5_deg")}
+    )
+    assert_named(
+        robot, flipped, ", columns q2_deg and q5_deg:", "have the opposite sign", "joint 2 and 5"
+    )
 
 
 def test_a_sliding_joint_of_the_other_sign_is_named():
     robot, recording = erring("external-point", 3, arm=ARMS["sliding"])
-    assert_named(robot, changed(recording, q2_mm=-recording.columns["q2_mm"]), ", column q2_mm:", "opposite sign")
+    assert_named(
+        robot,
+        changed(recording, q2_mm=-recording.columns["q2_mm"]),
+        ", column q2_mm:",
+        "opposite sign",
+    )
 
 
 @pytest.mark.parametrize("pair", [("q4_deg", "q5_deg"), ("q1_deg", "q2_deg"), ("q3_deg", "q6_deg")])
 def test_swapped_joint_columns_are_named(pair):
     robot, recording = erring("ball-centre", 4)
     first, second = pair
-    swapped = changed(recording, **{first: recording.columns[second], second: recording.columns[first]})
+    swapped = changed(
+        recording, **{first: recording.columns[second], second: recording.columns[first]}
+    )
     assert_named(robot, swapped, f", columns {first} and {second}:", "are swapped")
 
 
 def test_a_joint_in_radians_is_named():
     robot, recording = erring("external-point", 5)
-    assert_named(robot, changed(recording, q3_deg=np.deg2rad(recording.columns["q3_deg"])), "q3_deg", "holds radians")
+    assert_named(
+        robot,
+        changed(recording, q3_deg=np.deg2rad(recording.columns["q3_deg"])),
+        "q3_deg",
+        "holds radians",
+    )
 
 
 def test_all_joints_in_radians_are_named():
@@ -99,12 +119,18 @@ def test_all_joints_in_radians_are_named():
 
 @pytest.mark.parametrize("measures", KINDS)
 @pytest.mark.parametrize(
-    "factor, unit", [(0.1, "cm"), (1 / 25.4, "inches"), (0.001, "m"), (10, "tenths of a mm"), (1000, "um")]
+    "factor, unit",
+    [(0.1, "cm"), (1 / 25.4, "inches"), (0.001, "m"), (10, "tenths of a mm"), (1000, "um")],
 )
 def test_points_in_another_unit_are_named(measures, factor, unit):
     robot, recording = erring(measures, 6)
     wrong = changed(recording, **{c: factor * recording.columns[c] for c in XYZ})
-    assert_named(robot, wrong, f"columns x_mm, y_mm and z_mm hold {unit}", f"multiply them by {1 / factor:g},")
+    assert_named(
+        robot,
+        wrong,
+        f"columns x_mm, y_mm and z_mm hold {unit}",
+        f"multiply them by {1 / factor:g},",
+    )
 
 
 @pytest.mark.parametrize("measures", KINDS[:2])
@@ -117,13 +143,22 @@ def test_left_handed_points_are_named(measures, axis):
 @pytest.mark.parametrize("axis", XYZ)
 def test_beside_orientations_the_mirrored_axis_is_named(axis):
     robot, recording = erring("external-pose", 8)
-    assert_named(robot, changed(recording, **{axis: -recording.columns[axis]}), f", column {axis}:", "opposite sign")
+    assert_named(
+        robot,
+        changed(recording, **{axis: -recording.columns[axis]}),
+        f", column {axis}:",
+        "opposite sign",
+    )
 
 
 def test_swapped_axes_beside_orientations_are_named():
     robot, recording = erring("external-pose", 8)
     columns = recording.columns
-    assert_named(robot, changed(recording, x_mm=columns["y_mm"], y_mm=columns["x_mm"]), "x_mm and y_mm are swapped")
+    assert_named(
+        robot,
+        changed(recording, x_mm=columns["y_mm"], y_mm=columns["x_mm"]),
+        "x_mm and y_mm are swapped",
+    )
 
 
 def test_a_quaternion_that_turns_the_other_way_is_named():
@@ -134,7 +169,9 @@ def test_a_quaternion_that_turns_the_other_way_is_named():
 
 def test_a_quaternion_with_w_last_is_named():
     robot, recording = erring("external-pose", 9)
-    wrong = changed(recording, **{c: recording.columns[f"q{old}"] for c, old in zip(QUATERNION, "xyzw")})
+    wrong = changed(
+        recording, **{c: recording.columns[f"q{old}"] for c, old in zip(QUATERNION, "xyzw")}
+    )
     assert_named(robot, wrong, "in the order x, y, z, w")
 
 
@@ -168,15 +205,21 @@ def test_positions_of_the_neighbouring_row_are_named(measures, step, words):
 def test_shuffled_rows_are_named_but_nothing_is_to_be_changed(measures):
     robot, recording = erring(measures, 13)
     order = np.random.default_rng(13).permutation(recording.n)
-    shuffled = changed(recording, **{c: recording.columns[c][order] for c in observed_columns(recording)})
-    assert_warned(robot, shuffled, "rows-shuffled", "no better than in random order", "mm are expected")
+    shuffled = changed(
+        recording, **{c: recording.columns[c][order] for c in observed_columns(recording)}
+    )
+    assert_warned(
+        robot, shuffled, "rows-shuffled", "no better than in random order", "mm are expected"
+    )
 
 
 @pytest.mark.parametrize("measures", KINDS)
 @pytest.mark.parametrize("seed", range(20))
 def test_an_arm_off_its_data_sheet_is_not_suspected(measures, seed):
     arm = list(ARMS.values())[seed % len(ARMS)]
-    robot, recording = erring(measures, 100 + seed, n=(12, 20, 40, 80)[seed % 4], lengths=1.0, degrees=0.2, arm=arm)
+    robot, recording = erring(
+        measures, 100 + seed, n=(12, 20, 40, 80)[seed % 4], lengths=1.0, degrees=0.2, arm=arm
+    )
     assert suspicions(robot, recording) == []
 
 
@@ -192,20 +235,26 @@ def test_gross_errors_are_named_by_sample(measures):
     robot, recording = erring(measures, 14)
     z = recording.columns["z_mm"].copy()
     z[[3, 30]] += 300.0
-    assert_warned(robot, changed(recording, z_mm=z), "blunders", "2 of 60 rows", "(samples 4 and 31)")
+    assert_warned(
+        robot, changed(recording, z_mm=z), "blunders", "2 of 60 rows", "(samples 4 and 31)"
+    )
 
 
 def test_a_mistake_is_named_although_a_row_is_lost():
     robot, recording = erring("external-point", 15)
     z = recording.columns["z_mm"].copy()
     z[7] += 400.0
-    assert_named(robot, changed(recording, z_mm=z, q4_deg=-recording.columns["q4_deg"]), ", column q4_deg:")
+    assert_named(
+        robot, changed(recording, z_mm=z, q4_deg=-recording.columns["q4_deg"]), ", column q4_deg:"
+    )
 
 
 @pytest.mark.parametrize("measures", KINDS)
 @pytest.mark.parametrize("n", [3, 4, 5])
 def test_too_few_rows_say_nothing_certain(measures, n):
-    robot, recording = erring(measures, 16, n=n, balls={1: BALLS[1]}, reflectors={1: (30.0, -40.0, 100.0)})
+    robot, recording = erring(
+        measures, 16, n=n, balls={1: BALLS[1]}, reflectors={1: (30.0, -40.0, 100.0)}
+    )
     assert not any(found.certain for found in suspicions(robot, recording))
 
 
@@ -219,7 +268,13 @@ def test_many_rows_are_thinned_but_no_ball_is_lost():
     assert_named(robot, wrong, ", column q3_deg:")
 
 
-REAL = ("irb120_faro", "irb120_wu_arm", "fanuc165f_innopolis", "hilti_jaibot_tilt:flat", "motoman_leica_ctu:left")
+REAL = (
+    "irb120_faro",
+    "irb120_wu_arm",
+    "fanuc165f_innopolis",
+    "hilti_jaibot_tilt:flat",
+    "motoman_leica_ctu:left",
+)
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -243,7 +298,12 @@ def test_orientation_counts_as_much_as_position(joint):
     robot, recording = made.robot, observed_with_tool(made, tool)
     assert suspicions(robot, recording) == []
     name = f"q{joint}_deg"
-    assert_named(robot, changed(recording, **{name: -recording.columns[name]}), f"column {name}", " deg as recorded")
+    assert_named(
+        robot,
+        changed(recording, **{name: -recording.columns[name]}),
+        f"column {name}",
+        " deg as recorded",
+    )
 
 
 def load_flange(robot):
@@ -258,7 +318,9 @@ def observed_with_tool(made, tool):
     rng = np.random.default_rng(1)
     readings = made.recording.joints
     targets = made.base @ np.array([frames_of(made.robot, q)[-1] for q in readings]) @ tool
-    turns = Rotation.from_matrix(targets[:, :3, :3]) * Rotation.from_rotvec(2e-4 * rng.normal(size=(len(targets), 3)))
+    turns = Rotation.from_matrix(targets[:, :3, :3]) * Rotation.from_rotvec(
+        2e-4 * rng.normal(size=(len(targets), 3))
+    )
     points = targets[:, :3, 3] + 0.02 * rng.normal(size=(len(targets), 3))
     columns = dict(zip(XYZ, points.T)) | {f"q{c}": v for c, v in zip("xyzw", turns.as_quat().T)}
     return changed(made.recording, **columns)
@@ -283,7 +345,10 @@ def nearly_one_orientation(spread, seed):
     while len(readings) < 80:
         goal = home.copy()
         goal[:3, 3] += rng.uniform(-120, 120, 3)
-        goal[:3, :3] = Rotation.from_rotvec(np.deg2rad(spread) * rng.normal(size=3) / 1.7).as_matrix() @ home[:3, :3]
+        goal[:3, :3] = (
+            Rotation.from_rotvec(np.deg2rad(spread) * rng.normal(size=3) / 1.7).as_matrix()
+            @ home[:3, :3]
+        )
         found = least_squares(lambda q, goal=goal: pose_gap(robot, q, goal), middle, xtol=1e-12)
         if found.cost < 1e-6:
             readings.append(found.x)

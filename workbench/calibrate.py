@@ -30,8 +30,8 @@ from workbench.crossvalidation import (
     repeat_summary,
 )
 from workbench.gauge import lengths_beside, resized, size_of
-from workbench.plausibility import check_plausibility
 from workbench.plans import default_plan, frames_of, held, read_plan, stage_mask
+from workbench.plausibility import check_plausibility
 from workbench.provenance import provenance
 from workbench.results import StageResult, calibration_json, parameter_rows
 from workbench.shrinkage import settled

@@ -17,25 +17,41 @@ def artefact_corrections(recording) -> Iterator[Correction]:
         return
     yield from _permutations(sorted(recording.balls))
     for factor, unit in LENGTH_UNITS.items():
-        yield _artefact("artefact-unit", f"holds {unit}", f"multiply x, y and z by {factor:g}",
-                        lambda x, y, z, factor=factor: (factor * x, factor * y, factor * z))  # fmt: skip
-    yield _artefact("artefact-left-handed", "is left-handed",
-                    "give one of its coordinates the opposite sign, or swap the two that are interchanged",
-                    lambda x, y, z: (-x, y, z))  # fmt: skip
+        yield _artefact(
+            "artefact-unit",
+            f"holds {unit}",
+            f"multiply x, y and z by {factor:g}",
+            lambda x, y, z, factor=factor: (factor * x, factor * y, factor * z),
+        )
+    yield _artefact(
+        "artefact-left-handed",
+        "is left-handed",
+        "give one of its coordinates the opposite sign, or swap the two that are interchanged",
+        lambda x, y, z: (-x, y, z),
+    )
 
 
 def _permutations(numbers):
     if len(numbers) <= _MOST_SWAPPED:
         for a, b in combinations(numbers, 2):
-            yield _relabelled(f"numbers {a} and {b}", "are swapped", "swap them there or in artefact.csv",
-                              {a: b, b: a})  # fmt: skip
+            yield _relabelled(
+                f"numbers {a} and {b}",
+                "are swapped",
+                "swap them there or in artefact.csv",
+                {a: b, b: a},
+            )
     if len(numbers) <= _MOST_PERMUTED:
         for order in permutations(numbers):
             moved = {a: b for a, b in zip(numbers, order) if a != b}
             if len(moved) > 2:
                 pairs = listed([f"{a} is {b}" for a, b in moved.items()])
-                yield _relabelled(f"numbers {listed(moved)}", f"are exchanged ({pairs})",
-                                  "correct them there or in artefact.csv", moved, parts=len(moved) - 1)  # fmt: skip
+                yield _relabelled(
+                    f"numbers {listed(moved)}",
+                    f"are exchanged ({pairs})",
+                    "correct them there or in artefact.csv",
+                    moved,
+                    parts=len(moved) - 1,
+                )
 
 
 def _relabelled(subject, statement, remedy, moved, parts=1) -> Correction:
@@ -45,8 +61,15 @@ def _relabelled(subject, statement, remedy, moved, parts=1) -> Correction:
         balls = {k: recording.balls[moved.get(k, k)] for k in recording.balls}
         return robot, replace(recording, balls=balls)
 
-    return Correction("ball-labels", f"column ball, {subject}", statement, remedy, frozenset({LABELS}), apply,
-                      parts=parts)  # fmt: skip
+    return Correction(
+        "ball-labels",
+        f"column ball, {subject}",
+        statement,
+        remedy,
+        frozenset({LABELS}),
+        apply,
+        parts=parts,
+    )
 
 
 def _artefact(cause, statement, remedy, change) -> Correction:

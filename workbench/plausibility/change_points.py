@@ -31,9 +31,12 @@ _WORDS = {
         "ball-surface": "the artefact or the robot's base",
         "": "the instrument or the robot's base",
     },
-    "tool": {"ball-centre": "the sensor on the flange", "ball-surface": "the sensor on the flange",
-             "": "the target on the flange"},
-}  # fmt: skip
+    "tool": {
+        "ball-centre": "the sensor on the flange",
+        "ball-surface": "the sensor on the flange",
+        "": "the target on the flange",
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -165,14 +168,19 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
     limit = _EXTREME * max(good, first.core, last.core)
     costs = [np.cumsum(np.minimum(part, limit) ** 2) for part in (early, late)]
     split = int(np.argmin(costs[0] + costs[1][-1] - costs[1]))
-    before, after = np.median(early[: split + 1]), np.median(late[split + 1 :]) if split + 1 < ordered.n else np.inf
+    before, after = (
+        np.median(early[: split + 1]),
+        np.median(late[split + 1 :]) if split + 1 < ordered.n else np.inf,
+    )
     if not max(before, after) < 3 * good or split + 1 > ordered.n - 4:
         return None
     place, shift = _what_moved(robot, ordered, (first, last), split + 1)
     words, ids = _WORDS[place], ordered.sample_ids
     scale = float(max(before, after))
     what = words.get(recording.measures, words[""])
-    return ChangePoint(what, int(ids[split]), int(ids[split + 1]), shift / max(scale, 1e-9), scale, shift)
+    return ChangePoint(
+        what, int(ids[split]), int(ids[split + 1]), shift / max(scale, 1e-9), scale, shift
+    )
 
 
 def _fit_of(robot, recording, rows):
@@ -184,7 +192,7 @@ def _fit_of(robot, recording, rows):
 
 
 def _what_moved(robot, recording, fits, split):
-    """"base" or "tool", whichever explains the later rows better when only it differs from the earlier fit, and how
+    """ "base" or "tool", whichever explains the later rows better when only it differs from the earlier fit, and how
     far it moves the measured points (RMS, mm)."""
     first, _ = fits
     later = recording.select(np.arange(split, recording.n))

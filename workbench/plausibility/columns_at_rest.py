@@ -16,9 +16,16 @@ def constant_columns(recording) -> list[str]:
 
 def equal_columns(recording) -> list[tuple[str, str]]:
     """Pairs of varying joint columns with the same values: one was copied over the other."""
-    names = [name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0]
+    names = [
+        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
+    ]
     values = recording.columns
-    return [(a, b) for k, a in enumerate(names) for b in names[k + 1 :] if np.array_equal(values[a], values[b])]
+    return [
+        (a, b)
+        for k, a in enumerate(names)
+        for b in names[k + 1 :]
+        if np.array_equal(values[a], values[b])
+    ]
 
 
 def longest_run(recording) -> tuple[str, int, int] | None:
@@ -26,7 +33,9 @@ def longest_run(recording) -> tuple[str, int, int] | None:
 
     Returns the column and the first and last row number; None where no run has ten rows.
     """
-    names = [name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0]
+    names = [
+        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
+    ]
     steps = np.array([np.diff(recording.columns[name]) != 0 for name in names])
     best = None
     for k, name in enumerate(names):

@@ -15,9 +15,10 @@ LABELS = ("ball", "reflector")
 class Correction:
     """One mistake undone.
 
-    `cause`: the kind of mistake. `subject` and `statement` are parts of a sentence ("column q3_deg", "has the
-    opposite sign"), `remedy` says what to do. `touches`: what it changes; corrections of disjoint sets can be
-    joined. `apply(robot, recording)` returns both as they would be without the mistake. `parts`: number of elementary mistakes; fewer are preferred.
+    `cause`: the kind of mistake. `subject` and `statement` are parts of a sentence ("column q3_deg",
+    "has the opposite sign"), `remedy` says what to do. `touches`: what it changes; corrections of
+    disjoint sets can be joined. `apply(robot, recording)` returns both as they would be without the
+    mistake. `parts`: number of elementary mistakes; fewer are preferred.
     """
 
     cause: str
@@ -54,7 +55,9 @@ def join(corrections: Iterable[Correction]) -> Correction:
         return corrections[0]
 
     def apply(robot, recording):
-        return reduce(lambda pair, correction: correction.apply(*pair), corrections, (robot, recording))
+        return reduce(
+            lambda pair, correction: correction.apply(*pair), corrections, (robot, recording)
+        )
 
     return Correction(
         " and ".join(dict.fromkeys(c.cause for c in corrections)),

@@ -84,8 +84,9 @@ def geometry_prior(robot: Robot, recording, parameters: Parameters) -> np.ndarra
 def fit_recording(robot, recording, start=None, free=None, widen=(), steps=14) -> Fit:
     """The robust fit of a recording.
 
-    start: values (P,) of all parameters, for example of another fit; None: in closed form. free: shell patterns of the parameters to estimate; None: base, tool and
-    geometry. widen: patterns of geometry parameters that are estimated without a prior.
+    start: values (P,) of all parameters, for example of another fit; None: in closed form. free: shell
+    patterns of the parameters to estimate; None: base, tool and geometry. widen: patterns of geometry
+    parameters that are estimated without a prior.
     Raises numpy.linalg.LinAlgError where a start cannot be computed.
     """
     model, parameters = model_at(robot, recording, start)
@@ -94,7 +95,9 @@ def fit_recording(robot, recording, start=None, free=None, widen=(), steps=14) -
     prior = geometry_prior(robot, recording, parameters)
     if widen:
         prior = np.where(parameters.matching(*widen), np.inf, prior)
-    problem = _Problem(model, parameters.only(mask), 1 / prior[mask] ** 2, lever_of(robot, recording))
+    problem = _Problem(
+        model, parameters.only(mask), 1 / prior[mask] ** 2, lever_of(robot, recording)
+    )
     return problem.solve(steps)
 
 
@@ -104,7 +107,9 @@ def model_at(robot, recording, values=None) -> tuple[Model, Parameters]:
         model = Model(bind(robot, recording))
         return model, model.parameters
     base = 0 if measurement_of(recording).grounded else 6
-    model = Model(bind(robot, recording, np.concatenate([values[:base], values[base + 5 * robot.joints :]])))
+    model = Model(
+        bind(robot, recording, np.concatenate([values[:base], values[base + 5 * robot.joints :]]))
+    )
     return model, replace(model.parameters, values=np.array(values, float))
 
 
@@ -141,7 +146,9 @@ def row_mismatch(robot, recording, fit: Fit) -> np.ndarray:
 
 def tool_patterns(recording) -> tuple[str, ...]:
     """Shell patterns of the measurement's own parameters: tool or sensor, and points that nobody measured."""
-    return tuple(sorted({f"{p.key.partition('.')[0]}.*" for p in measurement_of(recording).parameters()}))
+    return tuple(
+        sorted({f"{p.key.partition('.')[0]}.*" for p in measurement_of(recording).parameters()})
+    )
 
 
 def base_and_tool(recording) -> tuple[str, ...]:
@@ -153,7 +160,12 @@ class _Problem:
     """Levenberg-Marquardt under Cauchy weights; the noise scale is the robust scale of the present residual."""
 
     def __init__(self, model, parameters, precision, lever):
-        self.model, self.parameters, self.precision, self.lever = model, parameters, precision, lever
+        self.model, self.parameters, self.precision, self.lever = (
+            model,
+            parameters,
+            precision,
+            lever,
+        )
         self.nulls = parameters.nulls[parameters.mask]
 
     def solve(self, steps) -> Fit:
@@ -210,8 +222,11 @@ class _Problem:
         m, n = self.residual.shape
         matrix = self.data + np.diag(self.precision)
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
-        spent = np.trace(np.linalg.lstsq(matrix * np.outer(scale, scale), self.data * np.outer(scale, scale),
-                                         rcond=1e-10)[0])  # fmt: skip
+        spent = np.trace(
+            np.linalg.lstsq(
+                matrix * np.outer(scale, scale), self.data * np.outer(scale, scale), rcond=1e-10
+            )[0]
+        )
         degrees = m * n - float(spent)
         mismatch = np.sqrt((self.residual**2).sum(0))
         kept = np.argsort(mismatch)[: max(int(np.ceil(_KEPT * n)), 1)]
@@ -223,5 +238,15 @@ class _Problem:
         deviations = (self.parameters.pack() - self.nulls) * np.sqrt(self.precision)
         residual = np.concatenate([self.residual[:POSITION], self.residual[POSITION:] / self.lever])
         whole = float(np.sqrt((mismatch[kept] ** 2).mean())) * lost
-        return Fit(self.model, self.parameters, residual, mismatch, whole, core * lost, position, rotation,
-                   deviations, degrees)  # fmt: skip
+        return Fit(
+            self.model,
+            self.parameters,
+            residual,
+            mismatch,
+            whole,
+            core * lost,
+            position,
+            rotation,
+            deviations,
+            degrees,
+        )

@@ -33,7 +33,9 @@ def joint_corrections(recording) -> Iterator[Correction]:
 
 def sign_vectors(recording) -> Iterator[Correction]:
     """Every combination of two or more joint columns with the opposite sign."""
-    joints = [name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0]
+    joints = [
+        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
+    ]
     if len(joints) > _MOST_SIGNS:
         joints = joints[:_MOST_SIGNS]
     for count in range(2, len(joints) + 1):
@@ -42,7 +44,9 @@ def sign_vectors(recording) -> Iterator[Correction]:
 
 def unit_vectors(recording) -> Iterator[Correction]:
     """Every combination of two or more joint columns in radians."""
-    small = [name for name in revolute_columns(recording) if _could_hold(recording, name, 180 / np.pi)]
+    small = [
+        name for name in revolute_columns(recording) if _could_hold(recording, name, 180 / np.pi)
+    ]
     for count in range(2, len(small) + 1):
         yield from (_unit(names, "radians", 180 / np.pi) for names in combinations(small, count))
 
@@ -111,9 +115,18 @@ def _orders(joints):
             yield _order((a, b), (b, a), "are swapped", "swap them back")
     if len(joints) > 2 and len({name[-3:] for name in joints}) == 1:
         backwards, first, last = joints[::-1], joints[1:] + joints[:1], joints[-1:] + joints[:-1]
-        yield _order(joints, backwards, "are in reverse order", "name them in the order of the kinematic chain")
-        yield _order(joints, first, "are moved on by one place", f"name the first of them {joints[-1]}")
-        yield _order(joints, last, "are moved back by one place", f"name the last of them {joints[0]}")
+        yield _order(
+            joints,
+            backwards,
+            "are in reverse order",
+            "name them in the order of the kinematic chain",
+        )
+        yield _order(
+            joints, first, "are moved on by one place", f"name the first of them {joints[-1]}"
+        )
+        yield _order(
+            joints, last, "are moved back by one place", f"name the last of them {joints[0]}"
+        )
 
 
 def _order(names, sources, statement, remedy) -> Correction:

@@ -12,7 +12,12 @@ from workbench.plausibility.fitting import Fit, base_and_tool, fit_recording, re
 from workbench.plausibility.sampling import even_rows
 from workbench.plausibility.search import CLOSE, Explanation, search_further, search_singles
 from workbench.plausibility.suspicion import Suspicion
-from workbench.plausibility.wording import correction_sentence, deviation_sentence, fit_words, listed
+from workbench.plausibility.wording import (
+    correction_sentence,
+    deviation_sentence,
+    fit_words,
+    listed,
+)
 
 _FALLS = 3.0
 """Factor by which a correction has to lower the misfit."""
@@ -38,9 +43,8 @@ def misfit_suspicions(robot, recording, recorded: Fit, good: float) -> Iterator[
         if wrong_geometry is not None:
             yield wrong_geometry
             return
-        if not constant_columns(recording):
-            search = search_further(robot, recording, search, good)
-            found = _accepted(search.explanations, recorded, good)
+        search = search_further(robot, recording, search, good)
+        found = _accepted(search.explanations, recorded, good)
     if found:
         yield _explained(robot, recording, recorded, found, good)
     else:
@@ -67,9 +71,25 @@ def _rank(explanation):
 
 
 def _is_accepted(explanation, recorded, good):
+    """Whether a correction leaves a good fit with plausible geometry, and the data as recorded do not."""
     fit = explanation.fit
-    worst = np.abs(fit.deviations).max(initial=0.0)
-    return fit.scale <= good and _FALLS * fit.scale < recorded.scale and worst < _PLAUSIBLE
+    if fit.scale > good or _worst(fit) > _PLAUSIBLE:
+        return False
+    gain = recorded.improbability - fit.improbability
+    return _FALLS * fit.scale < recorded.scale or (
+        _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
+    )
+
+
+def _worst(fit):
+    """Largest deviation of a geometry parameter in prior standard deviations."""
+    return np.abs(fit.deviations).max(initial=0.0)
+
+
+def explained_suspicions(robot, recording, recorded: Fit, good: float) -> list[Suspicion]:
+    """The best single correction that explains the data better than the recorded data do, or nothing."""
+    found = _accepted(search_singles(robot, recording).explanations, recorded, good)
+    return [_explained(robot, recording, recorded, found, good)] if found else []
 
 
 def _explained(robot, recording, recorded, found, good) -> Suspicion:
@@ -79,7 +99,9 @@ def _explained(robot, recording, recorded, found, good) -> Suspicion:
     degrees = min(recorded.degrees, best.fit.degrees)
     gain = recorded.improbability - best.fit.improbability
     certain = gain > _EVIDENCE and degrees >= _LEAST_DEGREES and _is_accepted(best, recorded, good)
-    return Suspicion(correction_sentence(recording, recorded, best, others), certain, best.correction.cause)
+    return Suspicion(
+        correction_sentence(recording, recorded, best, others), certain, best.correction.cause
+    )
 
 
 def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
@@ -143,8 +165,10 @@ def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
             f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "
-            "of joint readings do not belong together; check how the two were joined.", False, "rows-shuffled",
-        )  # fmt: skip
+            "of joint readings do not belong together; check how the two were joined.",
+            False,
+            "rows-shuffled",
+        )
     elif not doubts:
         yield from _unknown_cause(robot, recording, recorded, named, fits)
 
@@ -154,21 +178,32 @@ def _unknown_cause(robot, recording, recorded, named, fits) -> Iterator[Suspicio
     yield Suspicion(
         f"{named}: {fits} ({share:.2g} % of the arm's reach), and no single mistake that is searched for explains it; "
         "check that the robot file describes this arm with its zero offsets, the units and signs of the columns, and "
-        "that each row holds joints and measurement of one moment.", False, "unexplained",
-    )  # fmt: skip
+        "that each row holds joints and measurement of one moment.",
+        False,
+        "unexplained",
+    )
 
 
 def _columns_to_doubt(recording) -> Iterator[tuple[str, str]]:
     constant = constant_columns(recording)
     if constant:
         verb = "is" if len(constant) == 1 else "are"
-        yield (f"column{'s' * (len(constant) > 1)} {listed(constant)}: {verb} constant while other joints move, as of "
-               "a stuck encoder; check the export of this joint", "stuck-encoder")  # fmt: skip
+        yield (
+            f"column{'s' * (len(constant) > 1)} {listed(constant)}: {verb} constant while other joints move, as of "
+            "a stuck encoder; check the export of this joint",
+            "stuck-encoder",
+        )
     for a, b in equal_columns(recording):
-        yield f"columns {a} and {b}: hold the same values; one was copied over the other", "copied-column"
+        yield (
+            f"columns {a} and {b}: hold the same values; one was copied over the other",
+            "copied-column",
+        )
     run = longest_run(recording)
     if run is not None:
         name, first, last = run
         ids = recording.sample_ids
-        yield (f"column {name}: stays at {recording.columns[name][first]:.5g} from sample {ids[first]} to {ids[last]} "
-               "while the other joints move, as of a stuck encoder", "stuck-encoder")  # fmt: skip
+        yield (
+            f"column {name}: stays at {recording.columns[name][first]:.5g} from sample {ids[first]} to {ids[last]} "
+            "while the other joints move, as of a stuck encoder",
+            "stuck-encoder",
+        )

@@ -11,6 +11,7 @@ from workbench.plausibility.fitting import POSITION, row_mismatch, row_residual
 _FAR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""
 _NEAR = 4.0
+_NEARLY_ALL = 0.8
 _NAMED = 12
 
 
@@ -36,21 +37,41 @@ def find_outliers(robot, recording, fit, floor: float) -> Outliers | None:
     return Outliers(rows, mismatch, median)
 
 
-def outlier_sentence(robot, recording, fit, outliers: Outliers) -> tuple[str, str]:
-    """What the outliers are (a part of a sentence), and the cause in one term."""
+@dataclass(frozen=True)
+class Reason:
+    """Why rows are outliers: a part of a sentence, the cause in one term, and whether the rows prove it."""
+
+    sentence: str
+    cause: str
+    is_specific: bool = True
+
+
+def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
+    """The most specific reason that the outlying rows agree with."""
     near = _NEAR * outliers.median
     for explain in (_stuck, _other_labels, _shifted, _interchanged):
-        found = explain(robot, recording, fit, outliers, near)
-        if found:
-            return found
+        reason = explain(robot, recording, fit, outliers, near)
+        if reason is not None:
+            return reason
+    return _wrong_target(recording, outliers) or Reason(
+        "gross errors of single measurements are the likely cause", "blunders", False
+    )
+
+
+def _wrong_target(recording, outliers) -> Reason | None:
+    """Nearly all rows of one ball or reflector are outliers."""
     label = "ball" if recording.measures in ("ball-centre", "ball-surface") else "reflector"
-    if label in recording.columns and len(np.unique(recording.columns[label])) > 1:
-        own = recording.columns[label].astype(int)
-        for number in np.unique(own[outliers.rows]):
-            if np.isin(np.flatnonzero(own == number), outliers.rows).mean() > 0.8:
-                return (f"nearly all rows of {label} {number} are among them: its coordinates or its number "
-                        "are probably wrong", "wrong-target")  # fmt: skip
-    return "gross errors of single measurements are the likely cause", "blunders"
+    numbers = recording.columns.get(label)
+    if numbers is None or len(np.unique(numbers)) < 2:
+        return None
+    for number in np.unique(numbers[outliers.rows]):
+        if np.isin(np.flatnonzero(numbers == number), outliers.rows).mean() > _NEARLY_ALL:
+            sentence = (
+                f"nearly all rows of {label} {number:.0f} are among them: its coordinates or its number are "
+                "probably wrong"
+            )
+            return Reason(sentence, "wrong-target", False)
+    return None
 
 
 def named_samples(recording, rows) -> str:
@@ -64,7 +85,11 @@ def _other_labels(robot, recording, fit, outliers, near):
     """Rows that fit another ball or another reflector."""
     label = "ball" if recording.measures == "ball-centre" else "reflector"
     known = sorted(recording.balls) if label == "ball" else np.unique(recording.reflector).tolist()
-    if recording.measures not in ("ball-centre", "external-point") or len(known) < 2 or label not in recording.columns:
+    if (
+        recording.measures not in ("ball-centre", "external-point")
+        or len(known) < 2
+        or label not in recording.columns
+    ):
         return None
     seen = np.unique(recording.columns[label].astype(int)).tolist()
     wrong = recording.select(outliers.rows)
@@ -83,8 +108,10 @@ def _other_labels(robot, recording, fit, outliers, near):
     old = wrong.columns[label].astype(int)
     pairs = [f"{i} ({label} {a} for {b})" for i, a, b in zip(wrong.sample_ids, old, numbers)]
     more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
-    return (f"they fit with another number in column {label}: sample {listed([*pairs[:_NAMED], *more])}",
-            f"{label}-labels")  # fmt: skip
+    return Reason(
+        f"they fit with another number in column {label}: sample {listed([*pairs[:_NAMED], *more])}",
+        f"{label}-labels",
+    )
 
 
 def _stuck(robot, recording, fit, outliers, near):
@@ -97,8 +124,11 @@ def _stuck(robot, recording, fit, outliers, near):
     if within.mean() < 0.8:
         return None
     ids = recording.sample_ids
-    return (f"column {name} stays at {recording.columns[name][first]:.5g} from sample {ids[first]} to {ids[last]} "
-            "while the other joints move, as of a stuck encoder", "stuck-encoder")  # fmt: skip
+    return Reason(
+        f"column {name} stays at {recording.columns[name][first]:.5g} from sample {ids[first]} to {ids[last]} "
+        "while the other joints move, as of a stuck encoder",
+        "stuck-encoder",
+    )
 
 
 def _shifted(robot, recording, fit, outliers, near):
@@ -114,14 +144,21 @@ def _shifted(robot, recording, fit, outliers, near):
         fitting = row_mismatch(robot, replace(recording, columns=columns), fit) < near
         if fitting.mean() > 0.7:
             first, last = recording.sample_ids[rows[fitting][[0, -1]]]
-            return (f"from sample {first} to {last}, rows hold the measurement of the row {side}: a row is missing "
-                    "or doubled there", "rows-shifted")  # fmt: skip
+            return Reason(
+                f"from sample {first} to {last}, rows hold the measurement of the row {side}: a row is missing "
+                "or doubled there",
+                "rows-shifted",
+            )
     return None
 
 
 def _interchanged(robot, recording, fit, outliers, near):
     """Outlying rows whose measurements fit one another's joint readings."""
-    if "x_mm" not in recording.columns or recording.measures == "ball-surface" or len(outliers.rows) < 2:
+    if (
+        "x_mm" not in recording.columns
+        or recording.measures == "ball-surface"
+        or len(outliers.rows) < 2
+    ):
         return None
     rows = outliers.rows
     measured = recording.points
@@ -131,7 +168,12 @@ def _interchanged(robot, recording, fit, outliers, near):
     fitting = (gaps.min(1) < near) & (partner != np.arange(len(rows)))
     if fitting.sum() >= max(2, 0.6 * len(rows)):
         ids = recording.sample_ids
-        pairs = [f"{ids[rows[k]]} holds that of {ids[rows[partner[k]]]}" for k in np.flatnonzero(fitting)]
+        pairs = [
+            f"{ids[rows[k]]} holds that of {ids[rows[partner[k]]]}" for k in np.flatnonzero(fitting)
+        ]
         more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
-        return f"their measurements are interchanged: sample {listed([*pairs[:_NAMED], *more])}", "rows-interchanged"
+        return Reason(
+            f"their measurements are interchanged: sample {listed([*pairs[:_NAMED], *more])}",
+            "rows-interchanged",
+        )
     return None

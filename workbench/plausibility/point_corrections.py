@@ -60,25 +60,36 @@ def _axes(recording):
     if recording.measures in ("external-pose", "partial-pose"):
         for name in POINT:
             yield column_correction(
-                "axis-sign", f"column {name}", "has the opposite sign", "negate it",
-                lambda columns, name=name: {name: -columns[name]}, POINT,
-            )  # fmt: skip
+                "axis-sign",
+                f"column {name}",
+                "has the opposite sign",
+                "negate it",
+                lambda columns, name=name: {name: -columns[name]},
+                POINT,
+            )
         for a, b in combinations(POINT, 2):
             yield _swap(a, b)
         yield _left_handed_frame(recording)
         return
     yield column_correction(
-        "left-handed", f"columns {listed(POINT)}", "are left-handed",
+        "left-handed",
+        f"columns {listed(POINT)}",
+        "are left-handed",
         "give one of them the opposite sign, or swap the two that are interchanged",
-        lambda columns: {"x_mm": -columns["x_mm"]}, POINT,
-    )  # fmt: skip
+        lambda columns: {"x_mm": -columns["x_mm"]},
+        POINT,
+    )
 
 
 def _swap(a, b) -> Correction:
     return column_correction(
-        "axis-order", f"columns {a} and {b}", "are swapped", "swap them back",
-        lambda columns: {a: columns[b], b: columns[a]}, POINT,
-    )  # fmt: skip
+        "axis-order",
+        f"columns {a} and {b}",
+        "are swapped",
+        "swap them back",
+        lambda columns: {a: columns[b], b: columns[a]},
+        POINT,
+    )
 
 
 def _left_handed_frame(recording) -> Correction:
@@ -103,23 +114,34 @@ def _left_handed_frame(recording) -> Correction:
 def _quaternions():
     vector = QUATERNION[1:]
     yield column_correction(
-        "inverse-rotation", f"columns {listed(QUATERNION)}", "hold the inverse rotation (a transposed matrix)",
-        f"negate {listed(vector)}", lambda columns: {name: -columns[name] for name in vector}, QUATERNION,
-    )  # fmt: skip
+        "inverse-rotation",
+        f"columns {listed(QUATERNION)}",
+        "hold the inverse rotation (a transposed matrix)",
+        f"negate {listed(vector)}",
+        lambda columns: {name: -columns[name] for name in vector},
+        QUATERNION,
+    )
     true = (*vector, "qw")
     yield column_correction(
-        "quaternion-order", f"columns {listed(QUATERNION)}", "hold the quaternion in the order x, y, z, w",
+        "quaternion-order",
+        f"columns {listed(QUATERNION)}",
+        "hold the quaternion in the order x, y, z, w",
         "put them in the order w, x, y, z",
-        lambda columns: {name: columns[source] for name, source in zip(true, QUATERNION)}, QUATERNION,
-    )  # fmt: skip
+        lambda columns: {name: columns[source] for name, source in zip(true, QUATERNION)},
+        QUATERNION,
+    )
 
 
 def _inverse_pose() -> Correction:
     names = (*POINT, *QUATERNION)
     return column_correction(
-        "inverse-pose", f"columns {listed(names)}", "hold the inverse pose (external frame in the target frame)",
-        "invert each pose", _inverted, names,
-    )  # fmt: skip
+        "inverse-pose",
+        f"columns {listed(names)}",
+        "hold the inverse pose (external frame in the target frame)",
+        "invert each pose",
+        _inverted,
+        names,
+    )
 
 
 def _inverted(columns):
@@ -133,11 +155,19 @@ def _measured_axis(recording):
     names = axis_columns(recording)
     for name in names:
         yield column_correction(
-            "axis-sign", f"column {name}", "has the opposite sign", "negate it",
-            lambda columns, name=name: {name: -columns[name]}, names,
-        )  # fmt: skip
+            "axis-sign",
+            f"column {name}",
+            "has the opposite sign",
+            "negate it",
+            lambda columns, name=name: {name: -columns[name]},
+            names,
+        )
     for a, b in combinations(names, 2):
         yield column_correction(
-            "axis-order", f"columns {a} and {b}", "are swapped", "swap them back",
-            lambda columns, a=a, b=b: {a: columns[b], b: columns[a]}, names,
-        )  # fmt: skip
+            "axis-order",
+            f"columns {a} and {b}",
+            "are swapped",
+            "swap them back",
+            lambda columns, a=a, b=b: {a: columns[b], b: columns[a]},
+            names,
+        )

@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 
 from robot_model.loading import builtin_robots, load_robot
-
 from workbench.plausibility.corrections import Correction, listed
 
 ROBOT = "robot"
@@ -18,17 +17,28 @@ def robot_corrections(robot) -> Iterator[Correction]:
     """Every arm of the library with the same joints, and the other Denavit-Hartenberg convention."""
     other = "craig" if robot.convention == "distal" else "distal"
     yield Correction(
-        "convention", f"robot file of '{robot.name}', key convention,", f"is '{robot.convention}' instead of '{other}'",
-        f"write convention = \"{other}\"", frozenset({ROBOT}), _with_convention(other),
-    )  # fmt: skip
+        "convention",
+        f"robot file of '{robot.name}', key convention,",
+        f"is '{robot.convention}' instead of '{other}'",
+        f'write convention = "{other}"',
+        frozenset({ROBOT}),
+        _with_convention(other),
+    )
     for name in builtin_robots():
         known = _known_robot(name)
-        same_joints = np.array_equal(known.prismatic, robot.prismatic) and known.mixing.shape == robot.mixing.shape
+        same_joints = (
+            np.array_equal(known.prismatic, robot.prismatic)
+            and known.mixing.shape == robot.mixing.shape
+        )
         if same_joints and not _same_geometry(known, robot):
             yield Correction(
-                "robot-file", f"robot file of '{robot.name}'", _difference(robot, known),
-                f"use the robot '{name}' of the library, or correct the file", frozenset({ROBOT}), _with_robot(known),
-            )  # fmt: skip
+                "robot-file",
+                f"robot file of '{robot.name}'",
+                _difference(robot, known),
+                f"use the robot '{name}' of the library, or correct the file",
+                frozenset({ROBOT}),
+                _with_robot(known),
+            )
 
 
 @cache

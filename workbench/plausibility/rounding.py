@@ -31,8 +31,10 @@ def joint_rounding(robot, recording, fit) -> tuple[list[str], float, float]:
     if not rounded or not np.array_equal(robot.mixing, np.diag(np.diag(robot.mixing))):
         return [], 0.0, 0.0
     parameters = fit.parameters
-    keys = {name: f"joint-{joint_number(name)}.{'d' if name.endswith('_mm') else 'theta'}{joint_number(name)}"
-            for name in rounded}  # fmt: skip
+    keys = {
+        name: f"joint-{joint_number(name)}.{'d' if name.endswith('_mm') else 'theta'}{joint_number(name)}"
+        for name in rounded
+    }
     squares = 0.0
     for name, key in keys.items():
         _, rows = fit.model.linearise(parameters.only(parameters.matching(key)))

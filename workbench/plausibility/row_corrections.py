@@ -45,10 +45,13 @@ def _shifted(names, step) -> Correction:
 
     count = "the row" if abs(step) == 1 else f"the {abs(step)}th row"
     return Correction(
-        "rows-shifted", "rows", f"hold the measurement of {count} {'after' if step < 0 else 'before'}",
+        "rows-shifted",
+        "rows",
+        f"hold the measurement of {count} {'after' if step < 0 else 'before'}",
         f"move the measured columns {'up' if step > 0 else 'down'} by {abs(step)} row{'s' * (abs(step) > 1)}",
-        frozenset({ROWS}), apply,
-    )  # fmt: skip
+        frozenset({ROWS}),
+        apply,
+    )
 
 
 def _reversed(names) -> Correction:
@@ -57,6 +60,10 @@ def _reversed(names) -> Correction:
         return robot, replace(recording, columns=columns)
 
     return Correction(
-        "rows-reversed", "rows", "hold the measurements in reverse order", "reverse the measured columns",
-        frozenset({ROWS}), apply,
-    )  # fmt: skip
+        "rows-reversed",
+        "rows",
+        "hold the measurements in reverse order",
+        "reverse the measured columns",
+        frozenset({ROWS}),
+        apply,
+    )

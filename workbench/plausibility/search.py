@@ -85,7 +85,11 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
         beam = screen(robot, recording, joined)
         found = _best([*search.explanations, *judge(robot, recording, beam)])
         search = Search(tuple(found), tuple(beam), search.singles)
-        if (found and found[0].fit.scale <= enough) or not beam or beam[0].scale > _PROGRESS * before:
+        if (
+            (found and found[0].fit.scale <= enough)
+            or not beam
+            or beam[0].scale > _PROGRESS * before
+        ):
             break
         before = beam[0].scale
     return search
@@ -142,7 +146,9 @@ def _joined(beam: list[Candidate], singles: list[Correction]) -> list[Correction
     made = {}
     for candidate in beam:
         for single in singles:
-            both_signs = single.cause == candidate.correction.cause == SIGN  # screened as sign vectors
+            both_signs = (
+                single.cause == candidate.correction.cause == SIGN
+            )  # screened as sign vectors
             if not both_signs and not candidate.correction.touches & single.touches:
                 pair = join([candidate.correction, single])
                 made.setdefault(frozenset([candidate.correction.claim, single.claim]), pair)

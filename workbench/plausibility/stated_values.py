@@ -36,8 +36,9 @@ def _sigma(robot, recording):
         f"recording '{recording.name}', sigma_mm: expected the standard deviation of a coordinate in mm, found "
         f"{value:.2g} mm, finer than any instrument that follows a robot; it is {1000 * value:.2g} mm if the number "
         "is in m; correct it, or leave it out if it is unknown.",
-        False, "sigma",
-    )  # fmt: skip
+        False,
+        "sigma",
+    )
 
 
 def _payload(robot, recording):
@@ -49,14 +50,18 @@ def _payload(robot, recording):
         row = int(np.argmin(payload))
         yield Suspicion(
             f"{_column(recording, 'payload_kg')}: expected masses in kg that are not negative, found "
-            f"{payload[row]:.4g} at sample {recording.sample_ids[row]}; correct the sign.", True, "payload",
-        )  # fmt: skip
+            f"{payload[row]:.4g} at sample {recording.sample_ids[row]}; correct the sign.",
+            True,
+            "payload",
+        )
     elif payload.max() > limit:
         yield Suspicion(
             f"{_column(recording, 'payload_kg')}: expected masses in kg that this arm can carry (below about "
             f"{limit:.0f} kg), found up to {payload.max():.4g}; compliance would be estimated too small by the same "
-            "factor; if the column holds grams, divide it by 1000.", False, "payload",
-        )  # fmt: skip
+            "factor; if the column holds grams, divide it by 1000.",
+            False,
+            "payload",
+        )
 
 
 def _temperature(robot, recording):
@@ -68,8 +73,9 @@ def _temperature(robot, recording):
             yield Suspicion(
                 f"{_column(recording, name)}: expected degrees Celsius, found a median of {np.median(values):.4g}; "
                 f"that is {(np.median(values) - 32) / 1.8:.3g} C if the column holds degrees Fahrenheit; convert it.",
-                False, "temperature",
-            )  # fmt: skip
+                False,
+                "temperature",
+            )
 
 
 def _time(robot, recording):
@@ -81,16 +87,21 @@ def _time(robot, recording):
         yield Suspicion(
             f"{_column(recording, 'time_s')}: expected seconds, found a median step of {np.median(steps):.4g} between "
             f"samples ({np.ptp(time) / 86400:.3g} days in all); divide by 1000 if the column holds milliseconds.",
-            False, "time",
-        )  # fmt: skip
+            False,
+            "time",
+        )
 
 
 def _poses(robot, recording):
     poses = len(np.unique(recording.poses))
-    a_pose = {"external-pose": 6, "partial-pose": 5, "external-point": 3, "ball-centre": 3}.get(recording.measures)
+    a_pose = {"external-pose": 6, "partial-pose": 5, "external-point": 3, "ball-centre": 3}.get(
+        recording.measures
+    )
     if a_pose is None:
         return
-    reflectors = len(np.unique(recording.reflector)) if recording.measures == "external-point" else 1
+    reflectors = (
+        len(np.unique(recording.reflector)) if recording.measures == "external-point" else 1
+    )
     known = min(a_pose * reflectors, 6) * poses
     unknown = 6 + len(geometry_free(robot)) + (3 * reflectors if a_pose == 3 else 6)
     if known < 1.25 * unknown:
@@ -98,8 +109,9 @@ def _poses(robot, recording):
             f"samples.csv of recording '{recording.name}': {poses} distinct poses give {known} independent "
             f"coordinates for {unknown} unknowns of base, tool and geometry: too few poses to determine and check "
             f"them; measure at least {int(np.ceil(2 * unknown / min(a_pose * reflectors, 6)))} poses.",
-            False, "few-poses",
-        )  # fmt: skip
+            False,
+            "few-poses",
+        )
 
 
 def _rounded_points(robot, recording):
@@ -112,5 +124,7 @@ def _rounded_points(robot, recording):
             yield Suspicion(
                 f"{_column(recording, name)}: all values are multiples of {step:g} mm, so that rounding alone has a "
                 f"standard deviation of {step / np.sqrt(12):.2g} mm, but sigma_mm is {np.median(sigma):.2g}; export "
-                "the column with all digits, or state the larger sigma_mm.", False, "rounding",
-            )  # fmt: skip
+                "the column with all digits, or state the larger sigma_mm.",
+                False,
+                "rounding",
+            )

@@ -4,7 +4,13 @@ import numpy as np
 
 from workbench.plausibility.corrections import listed
 
-__all__ = ["change_point_sentence", "correction_sentence", "deviation_sentence", "fit_words", "listed"]
+__all__ = [
+    "change_point_sentence",
+    "correction_sentence",
+    "deviation_sentence",
+    "fit_words",
+    "listed",
+]
 
 
 def fit_words(fit) -> str:
@@ -29,7 +35,9 @@ def correction_sentence(recording, recorded, explanation, others) -> str:
     """
     correction, fit = explanation.correction, explanation.fit
     as_well = f" (equally well explained: {others[0].claim})" if others else ""
-    file = "" if correction.subject.startswith(("artefact.csv", "robot file")) else "samples.csv of "
+    file = (
+        "" if correction.subject.startswith(("artefact.csv", "robot file")) else "samples.csv of "
+    )
     return (
         f"{file}recording '{recording.name}', {correction.subject}: expected measurements that belong to the joint "
         f"readings, found that base, tool and plausible geometry errors fit them to {fit_words(recorded)} as recorded, "
@@ -43,7 +51,10 @@ def deviation_sentence(recording, fit, limit) -> str | None:
     far = np.flatnonzero(np.abs(fit.deviations) > limit)
     if not len(far):
         return None
-    rows = [_deviation(fit.parameters, keys[k]) for k in far[np.argsort(-np.abs(fit.deviations[far]))][:4]]
+    rows = [
+        _deviation(fit.parameters, keys[k])
+        for k in far[np.argsort(-np.abs(fit.deviations[far]))][:4]
+    ]
     return (
         f"robot file of recording '{recording.name}': the data fit only with {listed(rows)}, far more than the errors "
         "of a data sheet; check these numbers of the robot file and the zero position of the arm."
