@@ -13,6 +13,7 @@ import user_error_changes as changes
 from datasets.recording import Recording
 from robot_model import load_robot
 from workbench.plausibility import check_plausibility
+from workbench.plausibility.fitting import fit_recording
 
 POINT_KINDS = ("external-point", "external-pose", "partial-pose", "ball-centre")
 EXTERNAL = ("external-point", "external-pose", "partial-pose")
@@ -120,6 +121,16 @@ MISTAKES = (
 
 
 # --- outcomes --------------------------------------------------------------------------------------------------------
+
+
+def is_absorbed(sound: Recording, wrong: Recording) -> bool:
+    """Whether the wrong recording fits as well as the sound one, with a geometry as plausible: nothing can tell.
+
+    A joint that hardly moves the target in these poses, for example, may be stuck without a trace.
+    """
+    fits = [fit_recording(load_robot(r.robot), r) for r in (sound, wrong)]
+    plausible = np.abs(fits[1].deviations).max() < np.abs(fits[0].deviations).max() + 2
+    return fits[1].core < 1.25 * fits[0].core and plausible
 
 
 def judged(mistake: Mistake, recording: Recording) -> str:

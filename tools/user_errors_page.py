@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from conftest import recordings_folder  # noqa: E402
 from robot_model import load_robot  # noqa: E402
 from user_error_scenes import REAL, SIMULATED, simulated  # noqa: E402
-from user_errors import MISTAKES, judged  # noqa: E402
+from user_errors import MISTAKES, is_absorbed, judged  # noqa: E402
 from workbench.calibrate import calibrate  # noqa: E402
 from workbench.core.errors import InputError  # noqa: E402
 from workbench.plans import geometry  # noqa: E402
@@ -34,7 +34,8 @@ written by `python tools/user_errors_page.py`; `tests/test_user_errors.py` runs 
 - unnamed: a warning says that the recording does not fit and what to check.
 - calibration: the plausibility check says nothing; the calibration warns or leaves samples out.
 - **silent**: neither the plausibility check nor the calibration says anything.
-- absorbed: nothing can detect the mistake, see below the table.
+- absorbed: nothing can detect the mistake: base, tool and plausible geometry, or the parameter named below the
+  table, make up for it, and the recording fits as well as the sound one.
 - –: the mistake cannot be made in this recording.
 
 """
@@ -57,6 +58,8 @@ def _outcome(mistake, recording) -> str:
     if mistake.absorbed(made):
         return "absorbed"
     outcome = judged(mistake, made)
+    if outcome == "silent" and is_absorbed(recording, made):
+        return "absorbed"
     return _calibrated(made) if outcome == "silent" else outcome
 
 

@@ -164,7 +164,10 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
     last = _fit_of(robot, ordered, slice(-quarter, None))
     if first is None or last is None or max(first.core, last.core) > good:
         return None
-    early, late = (row_mismatch(robot, ordered, fit) for fit in (first, last))
+    try:
+        early, late = (row_mismatch(robot, ordered, fit) for fit in (first, last))
+    except np.linalg.LinAlgError:  # a target was measured in one part only
+        return None
     limit = _EXTREME * max(good, first.core, last.core)
     costs = [np.cumsum(np.minimum(part, limit) ** 2) for part in (early, late)]
     split = int(np.argmin(costs[0] + costs[1][-1] - costs[1]))

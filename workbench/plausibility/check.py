@@ -8,7 +8,7 @@ from robot_model.chain import forward
 from workbench.core.errors import InputError
 from workbench.plausibility.change_points import find_change_point, find_new_setup, time_order
 from workbench.plausibility.fitting import Fit, fit_recording, reach_of, row_mismatch
-from workbench.plausibility.misfit import explained_suspicions, misfit_suspicions
+from workbench.plausibility.misfit import doubtful_columns, explained_suspicions, misfit_suspicions
 from workbench.plausibility.outliers import find_outliers, named_samples, outlier_reason
 from workbench.plausibility.rounding import explains, joint_rounding
 from workbench.plausibility.sampling import even_rows
@@ -74,13 +74,14 @@ def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
     if reason is not None and reason.is_specific:
         yield _outlying(recording, outliers, reason, named)
     elif change is not None:
-        yield Suspicion(change_point_sentence(named, change), False, "moved")
+        yield from _moved_or_explained(robot, recording, fit, good, change)
     elif reason is not None:
         yield _outlying(recording, outliers, reason, named)
     yield from _rounded(robot, recording, fit, named)
     yield from _sigma_too_large(recording, fit)
     if (sentence := deviation_sentence(recording, fit, _DEVIATION)) is not None:
         yield Suspicion(sentence, False, "geometry")
+        yield from doubtful_columns(recording, fit, good)
 
 
 def _badly_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
@@ -90,7 +91,7 @@ def _badly_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
     if change is None or change.scale > good:
         change = find_new_setup(robot, recording, good)
     if change is not None:
-        yield Suspicion(change_point_sentence(named, change), False, "moved")
+        yield from _moved_or_explained(robot, recording, fit, good, change)
         return
     rounded = list(_rounded(robot, recording, fit, named))
     if rounded:
@@ -101,6 +102,13 @@ def _badly_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
         yield from _well_fitting(robot, recording, majority, good)
         return
     yield from misfit_suspicions(robot, recording, fit, good)
+
+
+def _moved_or_explained(robot, recording, fit, good, change) -> list[Suspicion]:
+    """A change point, unless one correction of the data explains them better still."""
+    found = explained_suspicions(robot, recording, fit, min(good, change.scale / 2))
+    sentence = change_point_sentence(f"samples.csv of recording '{recording.name}'", change)
+    return found or [Suspicion(sentence, False, "moved")]
 
 
 def _majority_fit(robot, recording, good) -> Fit | None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from datasets.columns import joint_columns
 
-_LEAST_RUN = 10
+_LEAST_RUN, _MOST = 10, 0.7
 
 
 def constant_columns(recording) -> list[str]:
@@ -29,20 +29,23 @@ def equal_columns(recording) -> list[tuple[str, str]]:
 
 
 def longest_run(recording) -> tuple[str, int, int] | None:
-    """The longest run of rows in which one otherwise varying column stays while all others change.
+    """The longest run of poses in which one otherwise varying column stays while the others change.
 
-    Returns the column and the first and last row number; None where no run has ten rows.
+    Returns the column and the first and last row number; None where no run has ten poses.
     """
-    names = [
-        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
-    ]
+    names = [name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0]
+    if len(names) < 2:
+        return None
     steps = np.array([np.diff(recording.columns[name]) != 0 for name in names])
+    moves = np.flatnonzero(steps.any(axis=0))  # from one pose to the next; several rows may share a pose
+    steps = steps[:, moves]
     best = None
     for k, name in enumerate(names):
         others = np.delete(steps, k, axis=0)
-        stuck = ~steps[k] & others.any(axis=0) & (others.mean(axis=0) > 0.7)
+        stuck = ~steps[k] & (others.mean(axis=0) > _MOST)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], stuck, [0]]).astype(int)))
         for start, end in zip(edges[::2], edges[1::2]):
-            if end - start >= _LEAST_RUN and (best is None or end - start > best[2] - best[1]):
-                best = name, int(start), int(end)
-    return best
+            if end - start >= _LEAST_RUN and (best is None or end - start > best[3]):
+                last = moves[end] if end < len(moves) else recording.n - 1
+                best = name, int(moves[start]), int(last), end - start
+    return None if best is None else best[:3]

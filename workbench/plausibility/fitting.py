@@ -102,11 +102,17 @@ def fit_recording(robot, recording, start=None, free=None, widen=(), steps=14) -
 
 
 def model_at(robot, recording, values=None) -> tuple[Model, Parameters]:
-    """The model of a recording and its parameters, with `values` (P,) where given."""
+    """The model of a recording and its parameters, with `values` (P,) where given.
+
+    Raises numpy.linalg.LinAlgError where the values belong to a recording with other targets.
+    """
     if values is None:
         model = Model(bind(robot, recording))
         return model, model.parameters
-    base = 0 if measurement_of(recording).grounded else 6
+    measurement = measurement_of(recording)
+    base = 0 if measurement.grounded else 6
+    if len(values) != base + 5 * robot.joints + len(measurement.parameters()):
+        raise np.linalg.LinAlgError("values of a recording with other reflectors or balls")
     model = Model(
         bind(robot, recording, np.concatenate([values[:base], values[base + 5 * robot.joints :]]))
     )

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from robot_model.system import geometry_free
 from workbench.core.errors import InputError
 from workbench.plausibility.columns_at_rest import constant_columns, equal_columns, longest_run
 from workbench.plausibility.corrections import observed_columns
@@ -27,8 +28,7 @@ _LEAST_DEGREES = 12
 _PLAUSIBLE = 5.0
 _ROWS = 200
 _PERMUTATIONS = 3
-_LENGTHS = ("joint-*.a[0-9]*", "joint-*.d*", "joint-*.theta*")
-_FAR_REACH = 0.005
+_MOST_RELEASED = 2
 
 
 def misfit_suspicions(robot, recording, recorded: Fit, good: float) -> Iterator[Suspicion]:
@@ -42,6 +42,7 @@ def misfit_suspicions(robot, recording, recorded: Fit, good: float) -> Iterator[
         wrong_geometry = _wrong_geometry(robot, recording, recorded, good)
         if wrong_geometry is not None:
             yield wrong_geometry
+            yield from doubtful_columns(recording, recorded, good)
             return
         search = search_further(robot, recording, search, good)
         found = _accepted(search.explanations, recorded, good)
@@ -123,17 +124,30 @@ def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
 
 
 def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
-    """Lengths or zero offsets of the robot file that are far off, where freeing them makes the recording fit."""
+    """One or two numbers of the robot file that are far off: freeing them makes the recording fit.
+
+    Forward selection: the number whose release lowers the misfit most, then a second one beside it.
+    """
     chosen = recording.select(even_rows(recording, _ROWS))
+    keys = [key for key in geometry_free(robot) if ".alpha" not in key and ".beta" not in key]
+    released = ()
+    for _ in range(_MOST_RELEASED):
+        fits = {key: _released(robot, chosen, recorded, (*released, key)) for key in keys if key not in released}
+        best = min(fits, key=lambda key: fits[key].scale)
+        released = (*released, best)
+        if fits[best].scale <= good and _FALLS * fits[best].scale < recorded.scale:
+            fit = fit_recording(robot, chosen, fits[best].parameters.values, steps=0)  # deviations from all priors
+            sentence = deviation_sentence(recording, fit, _PLAUSIBLE)
+            return None if sentence is None else Suspicion(sentence, False, "geometry")
+    return None
+
+
+def _released(robot, recording, recorded, keys) -> Fit:
+    """The fit without a prior on `keys`; the recorded fit where that cannot be computed."""
     try:
-        fit = fit_recording(robot, chosen, recorded.parameters.values, widen=_LENGTHS, steps=40)
-        fit = fit_recording(robot, chosen, fit.parameters.values, steps=1)
+        return fit_recording(robot, recording, recorded.parameters.values, widen=keys)
     except (np.linalg.LinAlgError, InputError):
-        return None
-    if not (fit.scale <= good and _FALLS * fit.scale < recorded.scale):
-        return None
-    sentence = deviation_sentence(recording, fit, _PLAUSIBLE)
-    return None if sentence is None else Suspicion(sentence, False, "geometry")
+        return recorded
 
 
 def _in_no_order(robot, recording, recorded) -> bool:
@@ -153,15 +167,27 @@ def _in_no_order(robot, recording, recorded) -> bool:
     return bool(names) and recorded.scale > 0.8 * float(np.median(scales))
 
 
-def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
-    named = f"samples.csv of recording '{recording.name}'"
-    fits = (
+def _named(recording) -> str:
+    return f"samples.csv of recording '{recording.name}'"
+
+
+def _fits(recorded, good) -> str:
+    return (
         f"base, tool and plausible geometry errors fit the measurements to {fit_words(recorded)} only, where at most "
         f"about {good:.2g} mm are expected"
     )
-    doubts = list(_columns_to_doubt(recording))
-    for part, cause in doubts:
-        yield Suspicion(f"{named}, {part}; {fits}.", False, cause)
+
+
+def doubtful_columns(recording, recorded, good) -> Iterator[Suspicion]:
+    """A warning for each joint column that does not move as the others do."""
+    for part, cause in _columns_to_doubt(recording):
+        yield Suspicion(f"{_named(recording)}, {part}; {_fits(recorded, good)}.", False, cause)
+
+
+def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
+    named, fits = _named(recording), _fits(recorded, good)
+    doubts = list(doubtful_columns(recording, recorded, good))
+    yield from doubts
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
             f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "

@@ -140,8 +140,10 @@ def _shifted(robot, recording, fit, outliers, near):
         rows = outliers.rows[(outliers.rows + step >= 0) & (outliers.rows + step < recording.n)]
         if len(rows) < 3:
             continue
-        columns = {c: v[rows if c in names else rows + step] for c, v in recording.columns.items()}
-        fitting = row_mismatch(robot, replace(recording, columns=columns), fit) < near
+        source = np.arange(recording.n)
+        source[rows] += step
+        columns = {c: v if c in names else v[source] for c, v in recording.columns.items()}
+        fitting = row_mismatch(robot, replace(recording, columns=columns), fit)[rows] < near
         if fitting.mean() > 0.7:
             first, last = recording.sample_ids[rows[fitting][[0, -1]]]
             return Reason(
