@@ -28,7 +28,7 @@ _LEAST_DEGREES = 12
 _PLAUSIBLE = 5.0
 _ROWS = 200
 _PERMUTATIONS = 3
-_MOST_RELEASED = 2
+_MOST_RELEASED, _RELEASE_STEPS = 2, 40
 
 
 def misfit_suspicions(robot, recording, recorded: Fit, good: float) -> Iterator[Suspicion]:
@@ -143,9 +143,13 @@ def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
 
 
 def _released(robot, recording, recorded, keys) -> Fit:
-    """The fit without a prior on `keys`; the recorded fit where that cannot be computed."""
+    """The fit without a prior on `keys`; the recorded fit where that cannot be computed.
+
+    First with all other geometry held: together they would creep along a narrow valley.
+    """
     try:
-        return fit_recording(robot, recording, recorded.parameters.values, widen=keys)
+        first = fit_recording(robot, recording, free=base_and_tool(recording), widen=keys, steps=_RELEASE_STEPS)
+        return fit_recording(robot, recording, first.parameters.values, widen=keys)
     except (np.linalg.LinAlgError, InputError):
         return recorded
 
