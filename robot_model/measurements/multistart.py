@@ -31,7 +31,7 @@ LEAST_LEVER_MM = 100.0
 
 _SCREENED, _KEPT, _ALTERNATIVES = 48, 8, 4
 _SHORT, _LONG = 10, 60
-_QUICK = 6
+_QUICK, _QUICK_STEPS = 4, 8
 _ROUNDS, _CENTRED = 12, 2
 _SETTLED_RAD, _SETTLED_MM = 1e-8, 1e-7
 _SAME_RAD = np.deg2rad(3.0)
@@ -139,7 +139,7 @@ class RotationSystem:
         One round without robust weights: enough to compare many hypotheses about the same samples.
         """
         reduced = _Reduced(self, np.ones(len(self.right)), np.zeros(len(self.prior)))
-        rotations = reduced.descended(reduced.screened()[:_QUICK], _SHORT)
+        rotations = reduced.descended(reduced.screened()[:_QUICK], _QUICK_STEPS)
         best = rotations[int(np.argmin(reduced.cost(rotations)))]
         return self._distances(best, reduced.translations(best))
 
@@ -194,11 +194,15 @@ class _Reduced:
     def _best_pairs(self, grid: np.ndarray) -> np.ndarray:
         """(S, 2, 3, 3): for every rotation of the grid at either place, the best partner from the grid."""
         size = len(grid)
-        first, second = np.divmod(np.arange(size * size), size)
-        cost = self.cost(np.stack([grid[first], grid[second]], 1)).reshape(size, size)
-        pairs = np.concatenate([np.stack([np.arange(size), cost.argmin(1)], 1),
-                                np.stack([cost.argmin(0), np.arange(size)], 1)])  # fmt: skip
-        return grid[np.unique(pairs, axis=0)]
+        flat = grid.reshape(size, 9)
+        first = flat @ self.rows[:, :9].T + self.rows[:, 18]
+        second = flat @ self.rows[:, 9:18].T
+        # |a + b|^2 = |a|^2 + |b|^2 + 2 a b for all pairs at once
+        cost = (first**2).sum(1)[:, None] + (second**2).sum(1) + 2 * first @ second.T
+        partners = np.zeros((size, size), bool)
+        partners[np.arange(size), cost.argmin(1)] = True
+        partners[cost.argmin(0), np.arange(size)] = True
+        return grid[np.argwhere(partners)]
 
     def _closed_form(self) -> np.ndarray:
         """(K, 3, 3) least squares over matrices without the constraint, then the nearest rotations."""

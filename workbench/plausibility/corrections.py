@@ -1,0 +1,106 @@
+"""A correction: what one mistake did to a recording or its robot file, undone; and corrections joined."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import reduce
+
+from datasets.columns import AXES, MEASURED, POINT, QUATERNION, joint_columns
+from datasets.recording import OTHER
+from robot_model.measurements import second_ends
+
+LABELS = ("ball", "reflector")
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One mistake undone.
+
+    `cause`: the kind of mistake. `subject` and `statement` are parts of a sentence ("column q3_deg",
+    "has the opposite sign"), `remedy` says what to do. `touches`: what it changes; corrections of
+    disjoint sets can be joined. `apply(robot, recording)` returns both as they would be without the
+    mistake. `parts`: number of elementary mistakes; fewer are preferred.
+    """
+
+    cause: str
+    subject: str
+    statement: str
+    remedy: str
+    touches: frozenset[str]
+    apply: Callable
+    parts: int = 1
+
+    @property
+    def claim(self) -> str:
+        """Subject and statement."""
+        return f"{self.subject} {self.statement}"
+
+
+def column_correction(cause, subject, statement, remedy, change, touches, **more) -> Correction:
+    """A correction by `change(columns)`, which returns the columns that differ; both ends of a pair are changed."""
+
+    def apply(robot, recording):
+        columns = {**recording.columns, **change(recording.columns)}
+        if recording.measures == "distance" and OTHER + "sample" in recording.columns:
+            other = change(dict(second_ends(recording).columns))
+            columns |= {OTHER + name: column for name, column in other.items()}
+        return robot, replace(recording, columns=columns)
+
+    return Correction(cause, subject, statement, remedy, frozenset(touches), apply, **more)
+
+
+def join(corrections: Iterable[Correction]) -> Correction:
+    """Several corrections of disjoint columns as one."""
+    corrections = tuple(corrections)
+    if len(corrections) == 1:
+        return corrections[0]
+
+    def apply(robot, recording):
+        return reduce(
+            lambda pair, correction: correction.apply(*pair), corrections, (robot, recording)
+        )
+
+    return Correction(
+        " and ".join(dict.fromkeys(c.cause for c in corrections)),
+        corrections[0].subject,
+        " and ".join([corrections[0].statement, *(c.claim for c in corrections[1:])]),
+        "; ".join(f"{c.subject}: {c.remedy}" for c in corrections),
+        frozenset().union(*(c.touches for c in corrections)),
+        apply,
+        sum(c.parts for c in corrections),
+    )
+
+
+def listed(words) -> str:
+    """'a, b and c'."""
+    *most, last = map(str, words)
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def named_columns(names) -> str:
+    """'column a' or 'columns a and b'."""
+    return f"column{'s' * (len(names) > 1)} {listed(names)}"
+
+
+def observed_columns(recording) -> list[str]:
+    """Measured columns and the labels of what was measured."""
+    return [c for c in recording.columns if c in MEASURED or c in LABELS]
+
+
+def point_columns(recording) -> list[str]:
+    """x_mm, y_mm and z_mm, or length_mm, where the recording has them."""
+    return [c for c in (*POINT, "length_mm") if c in recording.columns]
+
+
+def axis_columns(recording) -> tuple[str, ...]:
+    """The columns of a measured tool axis, or ()."""
+    return next((names for names in AXES if names[0] in recording.columns), ())
+
+
+def revolute_columns(recording) -> list[str]:
+    """Joint columns in degrees."""
+    return [c for c in joint_columns(recording.columns) if c.endswith("_deg")]
+
+
+def has_orientation(recording) -> bool:
+    """Whether quaternions are measured."""
+    return set(QUATERNION) <= set(recording.columns) and recording.measures == "external-pose"
