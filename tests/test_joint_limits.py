@@ -1,15 +1,20 @@
 """Readings beyond nominal limits are measurements: they are used, and a warning says where they are."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import datasets
+from conftest import ROOT
 from erring_scenes import erring
 from scenes import CRAIG
 from test_recording_good import write_good
+from workbench import handeye
 from workbench.calibrate import calibrate
+from workbench.commands import flow
+from workbench.commands.handeye import command
 from workbench.core.errors import InputError
 from workbench.identify import identifiability
 from workbench.plans import geometry
@@ -65,13 +70,41 @@ def test_a_column_within_its_limits_with_the_opposite_sign_is_refused_by_the_fit
         calibrate(recording, [geometry(robot)], folds=3)
 
 
-def test_readings_far_beyond_the_limits_are_read(tmp_path):
-    """One wild cell stops nobody from reading the other rows; the fit shows that it is an outlier."""
-    folder = write_good(tmp_path / "cell-4")
-    lines = (folder / "samples.csv").read_text(encoding="utf-8").splitlines()
+def with_a_wild_cell(folder):
+    """The folder of a recording, row 8 of which reads 1700 degrees at joint 2."""
+    table = folder / "samples.csv"
+    lines = table.read_text(encoding="utf-8").splitlines()
     cells = lines[7].split(",")
     cells[2] = "1700"
     lines[7] = ",".join(cells)
-    (folder / "samples.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (warning,) = datasets.read(folder).warnings
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder
+
+
+def test_readings_far_beyond_the_limits_are_read(tmp_path):
+    """One wild cell stops nobody from reading the other rows; the fit shows that it is an outlier."""
+    (warning,) = datasets.read(with_a_wild_cell(write_good(tmp_path / "cell-4"))).warnings
     assert "row 8" in warning and "q2_deg" in warning and "1700" in warning and "-190 to 190" in warning
+
+
+def test_handeye_repeats_what_reading_found(tmp_path, monkeypatch):
+    """The warning stands before those of the calibration, which is replaced here."""
+    folder = with_a_wild_cell(write_good(tmp_path / "cell-4", "ball-surface"))
+    monkeypatch.setattr(handeye, "calibrate", lambda *given: None)
+    monkeypatch.setattr(handeye, "save", lambda made, where: None)
+    monkeypatch.setattr(handeye, "as_json", lambda made, tolerances: {"warnings": ["own"]})
+    answers = []
+
+    def run(command, subject, out, json, work, show):
+        answers.append(work(SimpleNamespace(partial=None), print))
+
+    monkeypatch.setattr(flow, "run", run)
+    command(str(folder), no_report=True)
+    first, last = answers[0]["warnings"]
+    assert "row 8" in first and last == "own"
+
+
+@pytest.mark.parametrize("name", ["camera", "handeye", "scan", "scanner"])
+def test_every_command_of_sensors_repeats_what_reading_found(name):
+    source = (ROOT / "workbench" / "commands" / f"{name}.py").read_text(encoding="utf-8")
+    assert "datasets.read(recording" in source and "with_reading_warnings(" in source

@@ -38,12 +38,14 @@ def command(
         import datasets
         from workbench import camera
 
-        made = camera.calibrate(datasets.read(recording), model.value, say)
+        read = datasets.read(recording)
+        made = camera.calibrate(read, model.value, say)
         camera.save(made, run.partial)
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return {"recording": recording, **camera.as_json(made, tolerances), "camera_file": run.path / camera.FILE}
+        result = {"recording": recording, **camera.as_json(made, tolerances), "camera_file": run.path / camera.FILE}
+        return flow.with_reading_warnings(result, read)
 
     flow.run("camera", recording, out, json, work, sensor_tables.camera)
 

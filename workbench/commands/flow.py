@@ -26,3 +26,8 @@ def run(command: str, subject: str, out: Path | None, json: str | None, work: Wo
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     show(console, result)
     answer.conclude(console, result, folder.path)
+
+
+def with_reading_warnings(result: Mapping, recording) -> dict:
+    """The answer of a command with what reading its recording found unusual, before its own warnings."""
+    return {**result, "warnings": [*recording.warnings, *result.get("warnings", ())]}

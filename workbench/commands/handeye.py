@@ -46,7 +46,7 @@ def command(
         import datasets
         from workbench import handeye, handeye_verdict, verdict
 
-        read = datasets.read(recording)
+        read = datasets.read(recording, trust_data)
         is_profile = read.measures == "ball-surface"
         units = handeye_verdict.PROFILE_UNITS if is_profile else handeye_verdict.UNITS
         tolerances = verdict.parse_tolerances(tolerance, units)
@@ -55,7 +55,7 @@ def command(
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return {"recording": recording, **handeye.as_json(made, tolerances)}
+        return flow.with_reading_warnings({"recording": recording, **handeye.as_json(made, tolerances)}, read)
 
     flow.run("handeye", recording, out, json, work, sensor_tables.handeye)
 

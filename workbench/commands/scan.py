@@ -26,13 +26,15 @@ def command(
         import datasets
         from workbench import centres, scan
 
-        made = scan.scan(datasets.read(recording), scanner, run.partial, say)
+        read = datasets.read(recording)
+        made = scan.scan(read, scanner, run.partial, say)
         say("writing the ball centres")
         centres.save(made, run.partial)
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return {"recording": recording, **centres.as_json(made, run.path, tolerances)}
+        result = {"recording": recording, **centres.as_json(made, run.path, tolerances)}
+        return flow.with_reading_warnings(result, read)
 
     flow.run("scan", recording, out, json, work, sensor_tables.scan)
 

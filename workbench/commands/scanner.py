@@ -37,7 +37,8 @@ def command(
         import datasets
         from workbench import scanner
 
-        made = scanner.calibrate(datasets.read(recording), model.value, say)
+        read = datasets.read(recording)
+        made = scanner.calibrate(read, model.value, say)
         scanner.save(made, run.partial)
         if not no_report:
             say("writing the report")
@@ -45,7 +46,8 @@ def command(
         if out is not None:
             runs.replace_file(out, (run.partial / scanner.FILE).read_text(encoding="utf-8"))
         place = out.resolve() if out else run.path / scanner.FILE
-        return {"recording": recording, **scanner.as_json(made, tolerances), "scanner_file": place}
+        result = {"recording": recording, **scanner.as_json(made, tolerances), "scanner_file": place}
+        return flow.with_reading_warnings(result, read)
 
     flow.run("scanner", recording, None, json, work, sensor_tables.scanner)
 
