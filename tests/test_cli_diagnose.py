@@ -75,7 +75,7 @@ def test_what_is_left_is_judged_against_noise_and_tolerance(found):
 
 @pytest.mark.slow
 def test_noise_stated_three_times_too_small_is_not_passed_over(home, tmp_path, capsys):
-    """A diagnosis may well call it consistent: no structure is there. It must say that the noise is not as stated."""
+    """The noise is not as stated: a finding, in the terminal and in the comparison of noise estimates."""
     recording = tmp_path / "wrong-noise"
     shutil.copytree(home / "clean", recording)
     head = (recording / "recording.toml").read_text(encoding="utf-8")
@@ -84,12 +84,14 @@ def test_noise_stated_three_times_too_small_is_not_passed_over(home, tmp_path, c
     call = ["diagnose", str(recording), "--no-report", "--tolerance", "0.001mm", "--out", str(tmp_path / "run")]
     assert cli.run([*call, "--json", str(tmp_path / "a.json")]) == 1
     answer = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
-    assert answer["verdict"] == "consistent"
+    assert [effect["effect"] for effect in answer["effects"]] == ["stated-noise"]
     assert answer["noise"]["factor"] == pytest.approx(3, rel=0.15)
-    assert any("A noise that is stated too small" in text for text in answer["warnings"])
+    assert "A noise that is stated too small" in answer["noise"]["sentence"]
+    assert not any("stated too small" in text for text in answer["warnings"]), "the finding says it, once"
     assert answer["verdict_details"]["pass"] is False
+    assert answer["verdict_details"]["residual_over_noise"] > 2.5
     assert "noise stated too small is more likely" in answer["verdict_details"]["sentence"]
-    assert "stated too small" in " ".join(capsys.readouterr().out.split())
+    assert "states the wrong noise" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_statement_says_what_an_engineer_asks(found):

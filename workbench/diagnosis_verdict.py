@@ -19,6 +19,7 @@ from workbench.residual_structure import JOINTS, Structure
 from workbench.verdict import REPLICATES, STATED, Noise, Residual, Tolerance, Verdict, judge
 
 _SOURCES = {"from replicates": REPLICATES, "as the recording states": STATED}
+_STATED_NOISE = "stated-noise"  # the finding of a diagnosis that the noise is stated wrongly
 _WITHOUT_STRUCTURE = ("consistent", "explained")
 
 
@@ -32,6 +33,8 @@ class DiagnosisCheck:
     def keys(self, answer: Mapping) -> dict:
         """What joins the JSON `answer` of the diagnosis: verdict_details, noise and more warnings."""
         more = self.noise.warnings if self.noise else ()
+        if any(effect["effect"] == _STATED_NOISE for effect in answer["effects"]):
+            more = self.noise.alarms if self.noise else ()  # the finding says the rest
         noise = {"noise": self.noise.as_json()} if self.noise else {}
         warnings = [*answer["warnings"], *more]
         return {"verdict_details": self.verdict.as_json(), **noise, "warnings": warnings}
@@ -41,11 +44,18 @@ def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> Di
     """Judge what a `workbench.diagnosis.result.Diagnosis` of a recording leaves."""
     unit, held_out = made.unit, made.as_json()["held_out"]
     noise = noise_of(made, recording, held_out) if unit == "mm" and made.views is not None else None
-    source = _SOURCES.get(held_out["noise_from"])
-    expected = None if source is None else Noise(held_out[f"noise_{unit}"], source)
     above = None if noise is None else noise.is_above
+    expected = _expected(noise, held_out, unit)
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
     return DiagnosisCheck(judge(error, expected, tolerances, _advice(made, noise)), noise)
+
+
+def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise | None:
+    """The stated noise where there is one, since the test is against it; else that of replicates."""
+    if noise is not None and noise.stated_rms is not None:
+        return Noise(noise.stated_rms, STATED)
+    source = _SOURCES.get(held_out["noise_from"])
+    return None if source is None else Noise(held_out[f"noise_{unit}"], source)
 
 
 def noise_of(made, recording, held_out: Mapping) -> NoiseReport | None:
