@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from datasets.columns import joint_columns
-from hand_eye_recordings import CAMERA, Made, camera_text, flange_columns
+from hand_eye_recordings import CAMERA, SCENES, Made, camera_text, flange_columns
 from sensors.boards.detection import detect_all
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_vector, transform
