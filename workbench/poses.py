@@ -114,6 +114,10 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
         raise InputError(f"--count {n}: expected 2 to {count}, the poses of {recording.name} that can be used "
                          f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates")
     model, free, everything = _model(robot, moving, effects)
+    if not free.mask.any():
+        raise InputError(f"{recording.name}: expected candidate poses that determine at least one parameter of the "
+                         "arm, found none that changes a measurement by more than its sigma; bring poses that differ "
+                         "more, or check sigma_mm")
     rows = _by_pose(_whitened(model, free), poses)
     wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
     known = None if tasks is None else _known(free)

@@ -10,6 +10,7 @@ import numpy as np
 
 from sensors.hand_eye.motion import Motion
 from workbench.core.identifiability import identifiability
+from workbench.core.linear_algebra import solve_positive
 
 _FAR = 1e4
 """Squared, in typical sizes: how far what is not determined may be off, of a place a metre."""
@@ -62,7 +63,9 @@ def knowledge(adjusted, motion: Motion) -> Known:
     held = adjusted.linear.covariance / np.outer(typical, typical)
     if null.shape[1]:
         cross = held @ null
-        held = held - cross @ np.linalg.solve(null.T @ cross, cross.T)
+        # what is left when the open directions are held: an oblique projection on both sides keeps it non-negative
+        project = np.eye(len(held)) - cross @ solve_positive(null.T @ cross, null.T)
+        held = project @ held @ project.T
     return Known(keys, held * np.outer(typical, typical), null * typical[:, None],
                  (*motion.sentences, *(found.sentences() if more else ())))
 
@@ -71,7 +74,7 @@ def _beside(normal, precision, own):
     """(A, A) normal matrix of those without a prior, the others adjusted to whatever these are (Schur)."""
     other = normal[np.ix_(~own, ~own)] + np.diag(precision[~own])
     cross = normal[np.ix_(own, ~own)]
-    return normal[np.ix_(own, own)] - cross @ np.linalg.solve(other, cross.T)
+    return normal[np.ix_(own, own)] - cross @ solve_positive(other, cross.T)
 
 
 def _directions(motion, keys):

@@ -8,6 +8,7 @@ import numpy as np
 from sensors.hand_eye.mistakes import pose_readings
 from sensors.hand_eye.profiles_start import find_start
 from sensors.hand_eye.start import STILL
+from workbench.core.linear_algebra import thin_svd
 from workbench.core.rigid import rotation_vector, transform
 
 _ERRORS = 6.0  # sigmas: errors alone, of hundreds of poses, make two of them differ by five
@@ -35,7 +36,7 @@ def motion(flange: np.ndarray, kind: str, spin: float = 0.0) -> Motion:
     turns = flange[:, :3, :3] if kind == "to-hand" else np.swapaxes(flange[:, :3, :3], 1, 2)
     vectors = rotation_vector(turns @ np.swapaxes(turns[:1], 1, 2))
     still, mount = max(STILL, _ERRORS * spin), "base" if kind == "to-hand" else "flange"
-    axes = np.linalg.svd(vectors, full_matrices=False)[2]
+    axes = thin_svd(vectors)[2]
     if np.linalg.norm(vectors, axis=1).max() < still:
         return _motion(turns, np.eye(3),
                        f"the flange only moved and never turned: where the sensor sits in the {mount} frame is "

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
+from workbench.core.linear_algebra import symmetric_eigen
 from workbench.diagnosis.problem import Problem, Scan
 
 SIZES = np.geomspace(0.1, 100.0, 13)
@@ -273,7 +274,7 @@ def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
 
 def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses."""
-    values, vectors = np.linalg.eigh(moments.gram)
+    values, vectors = symmetric_eigen(moments.gram)
     seen = values > np.maximum(_GONE * moments.raw, 1e-12)[:, None]
     values = np.where(seen, values, 0.0)
     along = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)

@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import brentq
 
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
@@ -13,6 +12,7 @@ from workbench.checked_samples import check_samples
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import covariance_of, root_between, thin_svd
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.core.parameters import Parameters
 from workbench.core.solve import Fit, solve
@@ -25,6 +25,7 @@ from workbench.diagnosis.problem import Candidate, Problem, Site
 from workbench.diagnosis.rivals import Smooth
 from workbench.plans import geometry, stage_mask
 
+_FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 BASELINES = ("geometry", "joint-compliance")
 # a direction that moves all measurements together by less than this many sigmas for one typical size of
 # the geometry can neither hide nor imitate anything
@@ -194,7 +195,10 @@ class RobotBench:
     def parameters(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> tuple[dict, ...]:
         """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate."""
         model, fit, _ = self.solve(effects, samples)
-        covariance = np.linalg.pinv(fit.normal, hermitian=True) * fit.sigma_scale**2
+        typical = fit.parameters.typical[fit.parameters.mask]
+        scaled = fit.normal * np.outer(typical, typical)
+        covariance = covariance_of(scaled, np.full(len(typical), _FAINT)) * np.outer(typical, typical)
+        covariance *= fit.sigma_scale**2
         std = np.zeros(len(fit.parameters))
         std[fit.parameters.mask] = np.sqrt(np.maximum(np.diag(covariance), 0))
         rows = []
@@ -246,7 +250,7 @@ def _extra(squares, sigma):
         return float((squares / (sigma**2 + v)).mean() - 1)
 
     high, least = 2 * float(squares.mean()) + 1e-12, 1e-12
-    return brentq(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
+    return root_between(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
 
 
 def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) -> Problem:
@@ -313,7 +317,7 @@ def _noise(model):
 def _basis(columns: np.ndarray) -> np.ndarray:
     """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
     q, r = np.linalg.qr(columns)
-    u, s, _ = np.linalg.svd(r)
+    u, s, _ = thin_svd(r)
     return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]
 
 
