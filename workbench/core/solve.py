@@ -186,7 +186,7 @@ class _Problem:
         return self.precision * max(1.0, square / residual.size)
 
     def robust_weights(self, white):
-        if self.weigh is None:
+        if self.weigh is None or not white.size:
             return np.ones(white.shape[1])
         z = (white**2).sum(0) * 3 / len(white)
         spread = np.median(z) / 2.366  # the median of chi-square with 3 degrees of freedom

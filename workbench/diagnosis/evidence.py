@@ -65,7 +65,8 @@ class Projected:
         self.problem = problem
         self.y = problem.clear(problem.residual)
         self.crowd = crowding(self.y, problem)
-        self.yy, self.degrees = float(self.y @ self.y) / self.crowd, problem.degrees / self.crowd
+        # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
+        self.yy, self.degrees = float(self.y @ self.y) / self.crowd, max(problem.degrees, 1) / self.crowd
         self.known = problem.known
         self._first, self._more = problem.basis[:, : problem.first], problem.basis[:, problem.first :]
         n, size = problem.n, len(problem.sample)

@@ -23,7 +23,7 @@ def robust_weights(white: np.ndarray) -> np.ndarray:
     """
     length = lengths(white)
     weights = np.minimum(1.0, _FULL / np.maximum(length, 1e-300))
-    return weights * np.minimum(1.0, (_LITTLE / np.maximum(length, 1e-300)) ** 3)
+    return weights * np.minimum(1.0, _LITTLE / np.maximum(length, 1e-300)) ** 3
 
 
 def lengths(white: np.ndarray) -> np.ndarray:

@@ -36,6 +36,7 @@ _POSITIVE = {"joint-compliance": 1, "link-self-weight": 1, "link-compliance": 1,
              "pedestal-compliance": 2}  # fmt: skip
 _LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
+_LEAST_POSES = 4
 _KEPT = 4  # parts of the samples whose bases are kept
 _TOGETHER = ("transmission-harmonic", "joint-coupling", "measured-tilt")
 
@@ -47,6 +48,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     """
     if baseline not in BASELINES:
         raise InputError(f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one")
+    _check_enough(recording)
     checked = check_samples(recording, trust_data)
     moving = checked.recording
     chain = bind(checked.robot, moving)
@@ -55,6 +57,32 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     if baseline == "joint-compliance":
         effects = tuple(o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance")
     return RobotBench(chain, moving.poses, effects, moving, checked.warnings)
+
+
+def _check_enough(recording) -> None:
+    """InputError where a recording's kind or number of poses leaves nothing to diagnose."""
+    if recording.measures == "distance":
+        raise InputError(
+            f"recording '{recording.name}', key measures: a diagnosis needs one look at the arm a sample, found lengths "
+            "between two; use `workbench calibrate`, `compare` or `identifiability`"
+        )
+    moving = samples_of(recording)
+    poses = len(np.unique(moving.poses))
+    if poses < _LEAST_POSES:
+        raise InputError(
+            f"recording '{recording.name}': a diagnosis needs at least {_LEAST_POSES} distinct poses, found {poses} "
+            f"among {moving.n} samples; measure more"
+        )
+
+
+def _check_redundancy(problem: Problem, recording) -> None:
+    """InputError where the baseline spends every measured number."""
+    if problem.degrees < 1:
+        raise InputError(
+            f"recording '{recording.name if recording else ''}': the baseline spends all {problem.residual.size} "
+            f"measured numbers of {len(np.unique(problem.pose))} poses, so that nothing is left from which a missing "
+            "effect could be found; measure more poses"
+        )
 
 
 def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
@@ -129,6 +157,8 @@ class RobotBench:
         part = self._part(samples)
         variants = self.loose, self.mass_laws
         made = _problem(model, fit, weights, self.pose[every], tuple(effects), variants, part.library)
+        if samples is None and not effects:
+            _check_redundancy(made, self.recording)
         rotation = np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
         return replace(made, made=part.made, rotation=rotation)
 

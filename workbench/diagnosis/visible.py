@@ -149,7 +149,9 @@ def _row(table: _Table, k, seen, apart, twin, units) -> Visible:
     unit = units[0] if len(set(units)) == 1 else ""
     length = table.length[k] if survives > _NOTHING else np.full_like(table.length[k], np.nan)  # nothing is seen of it
     at = _median(seen / length)
-    least = np.maximum(seen, told_apart() * table.length[k] / np.maximum(apart, 1e-300))
+    distinct = apart > _NOTHING * table.length[k]
+    ratio = np.divide(table.length[k], apart, out=np.full_like(apart, np.inf), where=distinct)
+    least = np.maximum(seen, told_apart() * ratio)
     same = twin < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
     far = None if same else _median(least / length)
     other = table.every[twin] if twin >= 0 else None
