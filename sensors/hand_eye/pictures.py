@@ -241,8 +241,8 @@ def _result(chain, points, found, doubts, notes):
     held = np.empty_like(exact)
     for k in range(count):
         held[:, chain.pose == k] = chain.at(np.flatnonzero(chain.pose == k)).evaluate(left_out[k].values).residual
-    spin = 0.0 if doubts else adjusted.variances.spread[1]
-    known = knowledge(adjusted, motion(chain.flange[used], chain.kind, spin))
+    shift, spin = (0.0, 0.0) if doubts else adjusted.variances.spread
+    known = knowledge(adjusted, motion(chain.flange[used], chain.kind, spin, shift))
     return HandEye(
         kind=chain.kind, sensor=placement(values[:6]), covariance=of_block(adjusted, known, "sensor"),
         target=placement(values[6:12]), target_covariance=of_block(adjusted, known, "target"),

@@ -121,7 +121,7 @@ def _likelihood(site, z) -> tuple[float, float, float]:
     squares = np.einsum("nab,an->bn", vectors, z) ** 2
     spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
     widths = 1 + spreads[:, None, None] ** 2 * values.T
-    level = (squares / widths).mean((1, 2))
+    level = np.maximum((squares / widths).mean((1, 2)), 1e-300)
     logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
     best = int(np.argmax(logs))
     return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
@@ -139,7 +139,7 @@ def _turned(site, z, share) -> float:
     squares = np.einsum("nab,an->bn", vectors, unit) ** 2
     spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
     widths = 1 + spreads[:, None, None] ** 2 * values.T
-    logs = -0.5 * (np.log(widths).sum(1) + len(z) * np.log((squares / widths).sum(1))) @ share
+    logs = -0.5 * (np.log(widths).sum(1) + len(z) * np.log(np.maximum((squares / widths).sum(1), 1e-300))) @ share
     return float(logs.max())
 
 
@@ -162,7 +162,7 @@ def _constant(z, share) -> float:
 
 def _of_noise(z) -> float:
     """Log likelihood of residuals z (m, n) where nothing moves by chance, on the scale of `_likelihood`."""
-    return -0.5 * z.size * float(np.log((z**2).mean()))
+    return -0.5 * z.size * float(np.log(max((z**2).mean(), 1e-300)))
 
 
 def _score(tensor, z, pose):
