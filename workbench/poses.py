@@ -17,6 +17,7 @@ from workbench.core.design import Design, choose
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.identifiability import identifiability, independent
+from workbench.core.linear_algebra import covariance_of
 from workbench.core.model import Model
 from workbench.core.solve import normal_matrix
 from workbench.plans import default_plan, frames_of
@@ -201,7 +202,7 @@ def _rotation_errors(rows, tasks, known, chosen) -> dict[str, float]:
 
 def _rotation_error(rows, tasks, known) -> float:
     flat = rows.reshape(-1, rows.shape[2])
-    covariance = np.linalg.pinv(flat.T @ flat + known, rcond=1e-15, hermitian=True)
+    covariance = covariance_of(flat.T @ flat, np.diag(known))
     variance = np.einsum("tkf,fg,tkg->t", tasks, covariance, tasks)
     return float(np.rad2deg(np.sqrt(variance.mean())))
 

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from robot_model.measurements import samples_of
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
 from workbench.checked_samples import check_samples
@@ -63,8 +64,8 @@ def _check_enough(recording) -> None:
     """InputError where a recording's kind or number of poses leaves nothing to diagnose."""
     if recording.measures == "distance":
         raise InputError(
-            f"recording '{recording.name}', key measures: a diagnosis needs one look at the arm a sample, found lengths "
-            "between two; use `workbench calibrate`, `compare` or `identifiability`"
+            f"recording '{recording.name}', key measures: a diagnosis needs one look at the arm a sample, found "
+            "lengths between two; use `workbench calibrate`, `compare` or `identifiability`"
         )
     moving = samples_of(recording)
     poses = len(np.unique(moving.poses))
