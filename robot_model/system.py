@@ -285,8 +285,21 @@ def bind(
         start = np.concatenate(measurement.at(start_on).start(frames))
     tool = start if measurement.grounded else start[_BASE:]
     state = _state(robot, looks, variables, measurement, tool)
-    sigma = measurement.sigma(recording)
+    sigma = _checked_sigma(measurement.sigma(recording), recording.name)
     return RobotChain(robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None)
+
+
+def _checked_sigma(sigma: np.ndarray, name: str) -> np.ndarray:
+    """sigma (m, n) where every entry is a positive number; InputError otherwise, since residuals are divided by it."""
+    wrong = ~(np.isfinite(sigma) & (sigma > 0)).all(0)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        found = sigma[:, row][~(np.isfinite(sigma[:, row]) & (sigma[:, row] > 0))][0]
+        raise InputError(
+            f"recording '{name}', sample row {row + 1}: expected a standard deviation of the measurement above 0, "
+            f"found {found:g}; correct sigma_mm or sigma_deg, or leave it out where it is unknown"
+        )
+    return sigma
 
 
 def _columns_of(samples, looks: int, columns: int):

@@ -15,6 +15,7 @@ import numpy as np
 
 from sensors.ball.fit import EDGE, ELSEWHERE, INCIDENCE, MISSING, OUTLIER, REASONS, USED, BallFit, fit_ball, shell
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import symmetric_eigen
 
 NOT_JUDGED = "not judged: no limit was given"
 WITHIN, BEYOND = "within the limit", "beyond the limit"
@@ -238,7 +239,7 @@ def _of_plane(of, name, symbol, vdi, plane, share) -> Characteristic:
         why = "no plane was measured" if plane is None else f"fewer than {_LEAST} points on the plane"
         return _undetermined(of, name, symbol, vdi, "mm", why)
     from_middle = points - points.mean(1, keepdims=True)
-    normal = np.linalg.eigh(from_middle @ from_middle.T)[1][:, 0]
+    normal = symmetric_eigen(from_middle @ from_middle.T)[1][:, 0]
     return _characteristic(of, name, symbol, vdi, shell(normal @ from_middle, share), "mm", points.shape[1])
 
 

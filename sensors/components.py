@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.linear_algebra import pseudo_inverse
+
 _ROUNDS = 60
 _STILL = 1e-3  # of a variance, or of what it is known to
 _FEWEST = 3.0  # shared errors that must be left beside the unknowns: fewer tell nothing of their variance
@@ -83,7 +85,7 @@ def _stepped(variance, known, score, told):
     free, made, std = told.copy(), np.zeros_like(variance), np.full(len(variance), np.inf)
     wanted = known @ variance + score
     while free.any():
-        inverse = np.linalg.pinv(known[np.ix_(free, free)], hermitian=True)
+        inverse = pseudo_inverse(known[np.ix_(free, free)])
         made[:], std[:] = 0, np.inf
         made[free] = inverse @ wanted[free]
         std[free] = np.sqrt(2 * np.maximum(np.diag(inverse), 1e-300))

@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import brentq
 
 from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
@@ -15,6 +14,7 @@ from workbench.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.identifiability import Identifiability, identifiability, independent
+from workbench.core.linear_algebra import root_between
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
@@ -308,7 +308,7 @@ def _extra_variance(squares, sigma):
 
     high = 2 * float(squares.mean())  # twice: at the mean itself rounding may leave the sign open
     least = max(1e-12 * high, _NANOMETRE**2)
-    return brentq(excess, least, high) if high > least and excess(least) > 0 else least * (not sigma.any())
+    return root_between(excess, least, high) if high > least and excess(least) > 0 else least * (not sigma.any())
 
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:

@@ -19,6 +19,7 @@ from workbench.core.adjustment_tests import robust_sigma, variance_test
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.identifiability import identifiability, independent
+from workbench.core.linear_algebra import solve_positive
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution
@@ -241,7 +242,7 @@ def _held_out(stream: Stream, fit: Fit, fold: np.ndarray, folds: int) -> dict:
     moved = []
     for k in range(folds):
         rest = (normal.sum(0) - normal[k] + np.diag(prior)) * np.outer(scale, scale) + _FLOOR * np.eye(len(scale))
-        step = np.linalg.solve(rest, (gradient.sum(0) - gradient[k] + pull) * scale) * scale
+        step = solve_positive(rest, (gradient.sum(0) - gradient[k] + pull) * scale) * scale
         moved.append(parameters.unpack(parameters.pack() - step))
     parts = []
     for own, model in stream.models():

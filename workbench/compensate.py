@@ -14,6 +14,7 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.robot import Robot
 from robot_model.state import State, sliding
 from robot_model.system import RobotChain
+from workbench.core.linear_algebra import least_squares, solve_positive
 from workbench.core.model import Model
 from workbench.core.rigid import transform
 from workbench.solution_file import CalibratedArm
@@ -71,7 +72,7 @@ def compensate(
         step = _step(model, arm, residual)
         if distance.max(initial=0) < _REACHED_MM:
             break
-        found = found - np.linalg.lstsq(arm.robot.mixing, step, rcond=None)[0].T
+        found = found - least_squares(arm.robot.mixing, step).T
     model = _model(arm, found, wanted, covariates)
     left = _off(model, arm)[1]
     reached = (left < 1e-3) & _within(arm.robot, found)
@@ -170,7 +171,7 @@ def _step(model, arm, residual):
     right = (residual * scale).T[..., None]
     # damped: near a singular posture a plain inverse would leap
     normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * _LEVER_MM**2 * 1e-3 * np.eye(arm.robot.joints)
-    return (np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0] * weight).T
+    return (solve_positive(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0] * weight).T
 
 
 def _joint_weights(arm) -> np.ndarray:
@@ -208,7 +209,7 @@ def _searched(robot, start, wanted):
         if distance.max(initial=0) < 1e-3:
             break
         step = np.clip(_step(model, bare, residual), -0.3 * _reach(robot), 0.3 * _reach(robot))
-        found = found - np.linalg.lstsq(robot.mixing, step, rcond=None)[0].T
+        found = found - least_squares(robot.mixing, step).T
     found = _turned_back(robot, found)
     return found, (_off(_model(bare, found, wanted, None), bare)[1] < 1e-2) & _within(robot, found)
 
@@ -263,7 +264,7 @@ def _beside_the_frame(arm) -> np.ndarray:
     if not frame or any(key.startswith("base.") and "-" not in key for key in arm.values):
         return arm.covariance
     shared = arm.covariance[:, frame]
-    return arm.covariance - shared @ np.linalg.solve(shared[frame], shared.T)
+    return arm.covariance - shared @ solve_positive(shared[frame], shared.T)
 
 
 def _called(key: str) -> str:

@@ -42,7 +42,10 @@ def resized(parameters: Parameters, size: str) -> Parameters:
     mask = parameters.mask & np.array([p.unit == "mm" for p in parameters.table])
     mask[parameters.index[size]] = True
     values, precision = parameters.values[mask], parameters.precision[mask]
-    factor = (precision * parameters.nulls[mask]) @ values / (precision @ values**2)
+    square = precision @ values**2
+    if not square > 0:  # no length has a prior and a value: there is no size to keep
+        return parameters
+    factor = (precision * parameters.nulls[mask]) @ values / square
     new = parameters.values.copy()
     new[mask] *= factor
     return Parameters(parameters.table, new, parameters.mask)

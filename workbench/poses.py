@@ -17,6 +17,7 @@ from workbench.core.design import Design, choose
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.identifiability import identifiability, independent
+from workbench.core.linear_algebra import covariance_of
 from workbench.core.model import Model
 from workbench.core.solve import normal_matrix
 from workbench.plans import default_plan, frames_of
@@ -114,6 +115,10 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
         raise InputError(f"--count {n}: expected 2 to {count}, the poses of {recording.name} that can be used "
                          f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates")
     model, free, everything = _model(robot, moving, effects)
+    if not free.mask.any():
+        raise InputError(f"{recording.name}: expected candidate poses that determine at least one parameter of the "
+                         "arm, found none that changes a measurement by more than its sigma; bring poses that differ "
+                         "more, or check sigma_mm")
     rows = _by_pose(_whitened(model, free), poses)
     wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
     known = None if tasks is None else _known(free)
@@ -197,7 +202,7 @@ def _rotation_errors(rows, tasks, known, chosen) -> dict[str, float]:
 
 def _rotation_error(rows, tasks, known) -> float:
     flat = rows.reshape(-1, rows.shape[2])
-    covariance = np.linalg.pinv(flat.T @ flat + known, rcond=1e-15, hermitian=True)
+    covariance = covariance_of(flat.T @ flat, np.diag(known))
     variance = np.einsum("tkf,fg,tkg->t", tasks, covariance, tasks)
     return float(np.rad2deg(np.sqrt(variance.mean())))
 

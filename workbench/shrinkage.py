@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.linear_algebra import covariance_of
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 from workbench.core.solve import Fit, normal_matrix, solve
@@ -60,7 +61,7 @@ def _scaled(normal, away, precision, least, family):
     right, precision = normal @ away + precision * away, precision.copy()
     members = [family == k for k in range(family.max() + 1) if (family == k).any()]
     for _ in range(_ROUNDS):
-        covariance = np.linalg.inv(normal + np.diag(precision + 1e-9))
+        covariance = covariance_of(normal, precision + 1e-9)
         away, before = covariance @ right, precision.copy()
         for mine in members:
             spent = (1 - precision[mine] * np.diag(covariance)[mine]).sum()  # numbers that the data determine

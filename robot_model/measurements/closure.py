@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.linear_algebra import least_squares
 from workbench.core.rigid import nearest_rotation
 
 SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
@@ -32,11 +33,8 @@ class Closure:
 
 
 def solve_linear_start(blocks: list[np.ndarray], right: np.ndarray) -> np.ndarray:
-    """Least-norm solution of blocks @ unknowns = right; blocks (3 n, k_i) side by side."""
-    columns = np.concatenate(blocks, 1)
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1
-    return np.linalg.lstsq(columns / scale, right, rcond=1e-10)[0] / scale
+    """Solution of blocks @ unknowns = right, of least norm at unit columns; blocks (3 n, k_i) side by side."""
+    return least_squares(np.concatenate(blocks, 1), right, 1e-10)
 
 
 def rigid_fit(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

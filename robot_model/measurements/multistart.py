@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from workbench.core.linear_algebra import symmetric_eigenvalues
 from workbench.core.rigid import nearest_rotation, rotation_matrix
 
 TOOL_PRIOR_MM = 500.0
@@ -232,7 +233,7 @@ class _Reduced:
 
     def _start(self, rotations: np.ndarray) -> Start:
         jacobian = self._jacobian(rotations[None])[0]
-        values = np.linalg.eigvalsh(jacobian.T @ jacobian)
+        values = symmetric_eigenvalues(jacobian.T @ jacobian)
         curvature = float(max(values[0], 0.0) / max(values[-1], 1e-300))
         cost = float(self.cost(rotations[None])[0])
         return Start(rotations, self.translations(rotations), cost, curvature)

@@ -6,6 +6,7 @@ import numpy as np
 
 from robot_model.chain import Frames
 from robot_model.measurements.closure import Closure, flange_matrices, position_sigma
+from workbench.core.linear_algebra import least_squares
 from workbench.core.parameters import Parameter
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
@@ -83,7 +84,7 @@ class PlaneTouch:
             rows = np.einsum("ni,nij->nj", normal, turns)
             right = -(normal * (origins - middles[self.index])).sum(1)
             ones = np.eye(len(self.ids))[self.index]  # each plane may shift along its normal
-            tip = np.linalg.lstsq(np.column_stack([rows, -ones]), right, rcond=1e-9)[0][:3]
+            tip = least_squares(np.column_stack([rows, -ones]), right, 1e-9)[:3]
         normals, middles = self._planes(origins + turns @ tip)
         tilts = np.stack([-normals[:, 1], normals[:, 0]], 1)
         size = np.linalg.norm(tilts, axis=1, keepdims=True)

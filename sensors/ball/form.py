@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
+from workbench.core.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+
 UNLIKELY = 1e-3
 """Probability below which a form is not put down to chance."""
 _ENOUGH = 5000  # points
@@ -25,7 +27,7 @@ def plane_gain(points: np.ndarray, distance: np.ndarray, sigma: np.ndarray) -> f
     `distance` (n,) mm away, as a difference of chi-square; the noise is that of the better of both."""
     weight = sigma**-2
     centred = points - (points * weight).sum(1, keepdims=True) / weight.sum()
-    plane = float(np.linalg.eigvalsh((centred * weight) @ centred.T)[0])
+    plane = float(symmetric_eigenvalues((centred * weight) @ centred.T)[0])
     ball = float((weight * distance**2).sum())
     noise = max(min(plane, ball) / max(points.shape[1] - len(points), 1), 1e-300)
     return (ball - plane) / noise
@@ -44,7 +46,7 @@ def low_orders(normal: np.ndarray, residual: np.ndarray, sigma: np.ndarray, rows
     shape = _shapes(normal) / sigma
     shape = shape - (shape @ own) @ own.T
     white = white - own @ (own.T @ white)
-    values, vectors = np.linalg.eigh(shape @ shape.T)
+    values, vectors = symmetric_eigen(shape @ shape.T)
     kept = values > _RANK * max(values[-1], 1e-300)
     count, left = int(kept.sum()), len(white) - len(rows) - int(kept.sum())
     if left < 2 * (count + len(rows)):

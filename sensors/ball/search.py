@@ -8,6 +8,7 @@ from scipy.stats import f as f_distribution
 
 from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.core.rigid import nearest_rotation
 
 # The search goes over a thinned cloud; its cells are this part of the smallest radius.
@@ -165,7 +166,7 @@ def _normals(points, near):
     """(3, n) unit normals, without sense, of the planes through each point's neighbours."""
     around = points[:, near] - points[:, near].mean(2, keepdims=True)
     matrix = np.einsum("dnk,enk->nde", around, around, optimize=True)
-    return np.linalg.eigh(matrix)[1][:, :, 0].T.copy()
+    return symmetric_eigen(matrix)[1][:, :, 0].T.copy()
 
 
 class _Search:
@@ -225,7 +226,7 @@ class _Search:
         if shell.sum() < _LEAST_POINTS or inside > _INSIDE_SHARE * shell.sum():
             return False
         noise = np.median(np.abs(gap - gap[cloud.near[:, 1]])[shell]) / 0.67449 / np.sqrt(2)
-        spread = np.linalg.eigvalsh(np.cov(away[:, shell] / distance[shell]))
+        spread = symmetric_eigenvalues(np.cov(away[:, shell] / distance[shell]))
         return fit.rms**2 - noise**2 < (self.form * fit.radius) ** 2 and spread[1] > _SPREAD
 
 

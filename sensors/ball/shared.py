@@ -10,6 +10,7 @@ import numpy as np
 
 from sensors.ball.solve import Linear, Loss, Problem, Solved, linearise, memory, spread
 from sensors.components import components
+from workbench.core.linear_algebra import inverse_positive, solve_positive
 
 # Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
 _STEPS, _SETTLE = 40, 8
@@ -107,7 +108,7 @@ def _posterior(normal, covariance):
     """(p + kG, p + kG) covariance of ball and known errors."""
     inner = _inner(normal, covariance)
     mixed = normal.between @ inner
-    ball = np.linalg.pinv(normal.ball - mixed @ normal.between.T, hermitian=True)
+    ball = inverse_positive(normal.ball - mixed @ normal.between.T)
     return np.block([[ball, -ball @ mixed], [-mixed.T @ ball, inner + mixed.T @ ball @ mixed]])
 
 
@@ -176,7 +177,7 @@ def _move(normal, covariance):
     inner = _inner(normal, covariance)
     schur = normal.ball - normal.between @ inner @ normal.between.T
     pull = normal.pull - normal.between @ inner @ normal.pull_groups
-    move = np.linalg.lstsq(schur, pull, rcond=1e-14)[0]
+    move = solve_positive(schur, pull)
     return move, inner @ (normal.pull_groups - normal.between.T @ move)
 
 
@@ -194,4 +195,4 @@ def _covariance(problem, solved, by_error, loss, shared, lasting):
     independent = used.sum() / lasting
     last = normal(variance * independent / max(independent - problem.size - spent, 1))
     schur = last.ball - last.between @ _inner(last, shared.covariance) @ last.between.T
-    return np.linalg.pinv(schur, hermitian=True)
+    return inverse_positive(schur)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.linear_algebra import inverse_positive, solve_positive
+
 # Tukey's and Huber's constants for 95 % efficiency on normal residuals.
 _TUKEY, _HUBER = 4.685, 1.345
 # median of |z| of a standard normal, and of one cut off at three sigma
@@ -192,7 +194,7 @@ def _descend(problem, values, at, loss, scale, keep):
         weight /= at.sigma**2
         weighted = rows * weight
         normal = weighted @ rows.T * factor
-        move = np.linalg.lstsq(normal, weighted @ np.where(weight > 0, at.residual, 0), rcond=1e-14)[0]
+        move = solve_positive(normal, weighted @ np.where(weight > 0, at.residual, 0))
         length = float(np.sqrt(move @ normal @ move)) / max(scale, 1e-300)
         values = values.copy()
         values[: problem.size] += move * min(1, 0.5 * values[-1] / max(np.abs(move).max(), 1e-300))
@@ -224,7 +226,7 @@ def step_left(part: Used, radius: float) -> float:
     """What a further Newton step would move, in sigmas of what is fitted: the score statistic of an M-estimate (Rao,
     Proc. Cambridge Phil. Soc. 44, 1948). 0 where it is less than rounding of the radius."""
     pull = part.rows @ part.score
-    move = np.linalg.lstsq(part.normal, pull, rcond=1e-14)[0]
+    move = solve_positive(part.normal, pull)
     power = part.score @ part.score / max(part.score.size - len(part.rows), 1)
     if np.abs(move).max() < 1e-9 * radius:
         return 0.0
@@ -241,7 +243,7 @@ def covariance(part: Used, groups: np.ndarray | None = None) -> np.ndarray:
         return _grouped(part.rows, part.score, part.slope, groups)
     size, count = part.rows.shape
     spread = part.score @ part.score / max(count - size, 1) / part.slope.mean() ** 2
-    return np.linalg.pinv(part.normal, hermitian=True) * spread
+    return inverse_positive(part.normal) * spread
 
 
 def _grouped(rows, score, slope, groups):
@@ -257,7 +259,7 @@ def _grouped(rows, score, slope, groups):
     rest = own.sum(0) - own
     if count <= size:
         return np.full((size, size), np.inf)
-    moved = np.linalg.solve(rest, sums[..., None])[..., 0]
+    moved = (inverse_positive(rest) @ sums[..., None])[..., 0]
     return moved.T @ moved * (count - 1) / count
 
 
@@ -298,4 +300,4 @@ def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float, 
         bent = (total - sigma**2) / 2 - 2 * (turned * across).sum(0) / sigma**2
         pull = part.rows @ (bent / sigma)
         pull[: len(u)] += across @ sigma**-2
-    return np.linalg.lstsq(part.normal, pull / radius, rcond=1e-14)[0] * scale**2
+    return solve_positive(part.normal, pull / radius) * scale**2

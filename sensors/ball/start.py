@@ -54,7 +54,8 @@ def _through(points, random):
     chosen = points[:, random.integers(0, n, (_TRIES, d + 1))]
     first, rest = chosen[..., 0], chosen[..., 1:] - chosen[..., :1]
     matrix = 2 * rest.transpose(1, 2, 0)
-    fine = np.abs(np.linalg.det(matrix)) > 1e-12
+    size = max(np.abs(matrix).max(initial=0.0), 1e-300)
+    fine = np.abs(np.linalg.det(matrix / size)) > 1e-12  # four points in one plane determine no sphere
     centre = np.linalg.solve(matrix[fine], (rest**2).sum(0)[fine][..., None])[..., 0].T
     return np.concatenate([centre + first[:, fine], np.linalg.norm(centre, axis=0)[None]])
 

@@ -9,6 +9,7 @@ from sensors.camera.corners import Corners, placements
 from sensors.camera.model import RATIONAL, Camera
 from workbench.core.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import all_finite, least_squares, solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
@@ -156,7 +157,8 @@ def projection_uncertainty(camera: Camera, covariance: np.ndarray, distance: flo
     """
     x, y, by_value, _ = _compensated(camera, distance)
     spread = np.einsum("pcn,pq,qdn->ncd", by_value, covariance, by_value)
-    largest = np.linalg.eigvalsh(spread)[:, 1]
+    across, along, both = spread[:, 0, 0], spread[:, 1, 1], spread[:, 0, 1]
+    largest = (across + along) / 2 + np.hypot((across - along) / 2, both)  # larger eigenvalue of each 2 x 2 matrix
     return FieldMap(x, y, np.sqrt(np.maximum(largest, 0)).reshape(len(y), len(x)), distance)
 
 
@@ -179,7 +181,7 @@ def motion_rows(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _without(rows, motion, good):
     """rows (P, 2, n) less what the motions (6, 2, n) make of them where `good`."""
     known = motion[:, :, good].reshape(len(motion), -1).T
-    share = np.linalg.lstsq(known, rows[:, :, good].reshape(len(rows), -1).T, rcond=None)[0]
+    share = least_squares(known, rows[:, :, good].reshape(len(rows), -1).T)
     return rows - np.tensordot(share.T, motion, 1)
 
 
@@ -229,7 +231,9 @@ def compare_halves(chain: Corners, effects, known: Parameters, loss: str, distan
     spread = sum(fit.covariance[:own, :own] for fit in fits)
     gap = second.values - first.values
     typical = chain.parameters.typical
-    scaled = np.linalg.solve(spread / np.outer(typical, typical), gap / typical)
+    if not all_finite(spread):  # a half that leaves a number of its camera undetermined says nothing of the other
+        return None
+    scaled = solve_positive(spread / np.outer(typical, typical), gap / typical)
     difference = projection_difference(first, second, distance)
     sigma = projection_uncertainty(first, spread, distance)
     return Halves(difference, sigma, float(gap / typical @ scaled), own)
@@ -245,7 +249,7 @@ def projection_difference(first: Camera, second: Camera, distance: float) -> Fie
     for _ in range(4):
         seen, by_point, _ = second.project_rows(points)
         motion = motion_rows(by_point, points)
-        move = np.linalg.lstsq(motion[:, :, good].reshape(6, -1).T, (pixels - seen)[:, good].ravel(), rcond=None)[0]
+        move = least_squares(motion[:, :, good].reshape(6, -1).T, (pixels - seen)[:, good].ravel())
         points = points + move[:3, None] + np.cross(move[3:], points.T).T
     gap = np.where(good, np.hypot(*(second.project(points) - pixels)), np.nan)
     return FieldMap(x, y, gap.reshape(len(y), len(x)), distance)

@@ -12,6 +12,7 @@ import numpy as np
 
 from sensors.camera.corners import Corners
 from sensors.camera.start import spread
+from workbench.core.linear_algebra import solve_positive
 from workbench.core.rigid import rotation_matrix
 
 if TYPE_CHECKING:
@@ -101,6 +102,6 @@ def _rough(chain, residual):
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
     gram = np.add.reduceat(rows[:, None] * rows, start, axis=2).transpose(2, 0, 1)
     pull = np.add.reduceat(rows[:, None] * residual, start, axis=2).transpose(2, 0, 1)
-    warp = np.linalg.solve(gram + 1e-9 * len(rows) * np.eye(len(rows)), pull)
+    warp = solve_positive(gram + 1e-9 * len(rows) * np.eye(len(rows)), pull)
     which = np.repeat(np.arange(len(start)), np.diff(start, append=residual.shape[1]))
     return residual - np.einsum("kn,nkc->cn", rows, warp[which])

@@ -13,6 +13,7 @@ from sensors.camera.checks import group_subset
 from sensors.camera.corners import Corners
 from workbench.core.bundle import BundleFit
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import inverse_positive, pseudo_inverse, solve_positive
 from workbench.core.model import Model
 
 UNLIKELY = 0.01
@@ -65,7 +66,7 @@ def print_errors(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> P
     own = _by_corner(np.stack([(rows[a] * rows[b]).sum(0) for a in (0, 1) for b in (0, 1)]), corner).reshape(-1, 2, 2)
     pull = _by_corner((rows * residual).sum(1), corner)
     seen = np.linalg.det(own) > 0
-    taken = float((pull[seen] * np.linalg.solve(own[seen], pull[seen][..., None])[..., 0]).sum())
+    taken = float((pull[seen] * solve_positive(own[seen], pull[seen][..., None])[..., 0]).sum())
     trace = float(np.trace(own[seen], axis1=1, axis2=2).sum())
     sums = _Sums(float((residual**2).sum()), taken, trace, int(seen.sum()))
     made = _tested(fit, sums, _share(chain, fit, effects, _SOME))
@@ -119,9 +120,10 @@ def _share(chain, fit, effects, some: int) -> _Share:
     own, cross, normal, corners = _blocks(chosen, fit, effects, np.sqrt(weights) / chosen.sigma)
     grow = count / len(groups)
     good = np.linalg.det(corners) > 0
-    inverse = np.linalg.inv(np.where(good[:, None, None], corners, np.eye(2)))
-    by_pose = (own[1].transpose(0, 1, 3, 2) @ np.linalg.inv(own[0])[:, None] @ own[1]).sum(0)
-    total = by_pose + cross.transpose(0, 2, 1) @ np.linalg.pinv(normal, hermitian=True) @ cross
+    inverse = inverse_positive(np.where(good[:, None, None], corners, np.eye(2)))
+    inverse_own = solve_positive(own[0], np.broadcast_to(np.eye(6), own[0].shape))
+    by_pose = (own[1].transpose(0, 1, 3, 2) @ inverse_own[:, None] @ own[1]).sum(0)
+    total = by_pose + cross.transpose(0, 2, 1) @ pseudo_inverse(normal) @ cross
     degrees = float(np.einsum("ctu,cut->", total[good], inverse[good]))
     return _Share(degrees, grow * float(np.trace(total, axis1=1, axis2=2).sum()),
                   grow**2 * np.einsum("cpt,cqt->pq", cross, cross))  # fmt: skip
@@ -138,7 +140,7 @@ def _blocks(chain, fit, effects, root):
     scale = fit.table.typical[: len(shared)]
     shared = shared * scale[:, None, None]
     own = _sum(np.einsum("amn,bmn->nab", pose, pose), group)
-    mix = np.linalg.solve(own, _sum(np.einsum("amn,bmn->nab", pose, shared), group))
+    mix = solve_positive(own, _sum(np.einsum("amn,bmn->nab", pose, shared), group))
     left = shared - np.einsum("nkp,kmn->pmn", mix[group], pose)
     count = corner.max() + 1
     at_pose = _sum(np.einsum("amn,bmn->nab", pose, target), group * count + corner, len(own) * count)

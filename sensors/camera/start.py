@@ -8,6 +8,7 @@ import numpy as np
 from sensors.camera.corners import Corners
 from sensors.camera.model import BROWN, RATIONAL, Camera
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import solve_positive
 from workbench.core.rigid import rotation_vector
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndar
     rows = np.moveaxis(rows * weight, 2, 0).transpose(0, 2, 1, 3).reshape(len(chosen), 9, -1)
     normal = rows @ rows.transpose(0, 2, 1)
     small = 1e-12 * np.trace(normal[:, :8, :8], axis1=1, axis2=2)[:, None, None] * np.eye(8)
-    made = np.linalg.solve(normal[:, :8, :8] + small, normal[:, :8, 8:])[..., 0]
+    made = solve_positive(normal[:, :8, :8] + small, normal[:, :8, 8:])[..., 0]
     made = np.concatenate([made, np.ones((len(made), 1))], axis=1).reshape(-1, 3, 3)
     return np.linalg.solve(picture, made @ board)
 

@@ -11,6 +11,7 @@ from sensors.camera.corners import Corners
 from sensors.camera.start import corner_chain, placement_groups
 from workbench.core.bundle import BundleFit
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import solve_positive, symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix, rotation_vector
 
@@ -36,9 +37,9 @@ def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) ->
     then chosen in turn until nothing changes. All False where the bow is too small to tell.
     """
     own, known = _own_bows(chain, fit, effects)
-    sign = np.sign(own @ np.linalg.eigh(np.einsum("gi,gj->ij", own, own))[1][:, -1])
+    sign = np.sign(own @ symmetric_eigen(np.einsum("gi,gj->ij", own, own))[1][:, -1])
     for _ in range(_ROUNDS):
-        common = np.linalg.solve(known.sum(0), np.einsum("g,gij,gj->i", sign, known, own))
+        common = solve_positive(known.sum(0), np.einsum("g,gij,gj->i", sign, known, own))
         told = np.einsum("gi,gij,j->g", own, known, common)
         if (np.sign(told) == sign).all():
             break
@@ -57,11 +58,11 @@ def _own_bows(chain, fit, effects):
     rows = rows * (np.sqrt(fit.weights[0]) / chain.sigma)
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
     gram = np.add.reduceat(np.einsum("amn,bmn->nab", rows, rows), start, axis=0)
-    mix = np.linalg.solve(gram[:, :6, :6], gram[:, :6, 6:])
+    mix = solve_positive(gram[:, :6, :6], gram[:, :6, 6:])
     left = gram[:, 6:, 6:] - gram[:, 6:, :6] @ mix
     known = left[:, :2, :2]
     xx, yy, xy = (fit.parameters[key] for key in _BOW)
-    return np.array([(xx - yy) / 2, xy]) - np.linalg.solve(known, left[:, :2, 2:])[..., 0], known
+    return np.array([(xx - yy) / 2, xy]) - solve_positive(known, left[:, :2, 2:])[..., 0], known
 
 
 def turn(chain: Corners, views: Sequence["View"], board: "Board", turned: np.ndarray, model: str):

@@ -11,10 +11,13 @@ import numpy as np
 
 from workbench.core.bundle import Family, solve_bundle
 from workbench.core.bundle_blocks import tiles_of
+from workbench.core.linear_algebra import covariance_of, solve_positive, symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 POSE = "pose"
+LEAST_NOISE = 1e-6
+"""px or mm: no sensor is better, and residuals of exactly zero are those of made-up data."""
 _ROUNDS, _INNER = 6, 100
 _STILL = 0.01  # of a sigma: far below what a few poses know a sigma to
 _LEVEL = 1e-3  # how often a set without a blunder has a pose called one (Baarda's choice): poses are dear
@@ -139,7 +142,7 @@ def restricted_likelihood(chain, made, parameters: Parameters, start: Variances)
     for _ in range(_INNER):
         linear = solve_linear(made, parameters, noise, _each(chain, spread))
         before = np.array([noise, *spread])
-        noise = np.clip(np.sqrt(linear.squares / linear.degrees), noise / 3, 3 * noise)
+        noise = np.clip(np.sqrt(linear.squares / linear.degrees), max(noise / 3, LEAST_NOISE), 3 * noise)
         spread = np.array([_component(linear, group, s) for group, s in zip(chain.groups, spread)])
         if np.abs(np.log(np.array([noise, *spread]) / before)).max() < _STILL / 10:
             break
@@ -166,13 +169,13 @@ def solve_linear(made, parameters: Parameters, noise: float, sigma: np.ndarray) 
     free = parameters.mask
     size, typical = int(free.sum()), parameters.typical[free]
     own, last = slice(size, size + len(sigma)), -1
-    inverse = np.linalg.inv(gram[:, own, own] + np.diag(sigma**-2))
+    inverse = covariance_of(gram[:, own, own], sigma**-2)
     mix = inverse @ np.concatenate([gram[:, own, :size], gram[:, own, last:]], -1)
     normal = (gram[:, :size, :size] - gram[:, :size, own] @ mix[..., :-1]).sum(0)
     held = parameters.precision[free] + _FLOOR / typical**2
     pull = (gram[:, :size, last] - (gram[:, :size, own] @ mix[..., -1:])[..., 0]).sum(0)
     pull = pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free])
-    covariance = np.linalg.inv((normal + np.diag(held)) * np.outer(typical, typical)) * np.outer(typical, typical)
+    covariance = _scaled_covariance(normal, held, typical)
     change = -covariance @ pull
     errors = -(mix[..., -1] + mix[..., :-1] @ change)
     blocks = inverse + mix[..., :-1] @ covariance @ mix[..., :-1].transpose(0, 2, 1)
@@ -196,15 +199,21 @@ def solve_equal(made, parameters: Parameters, noise: float, sigma: np.ndarray) -
     plain, cross = gram[:, :size, :size], gram[:, :size, size:-1]
     total = plain.sum(0)
     worth = max(float(np.diag(best.normal) @ typical**2), 1e-300) / max(float(np.diag(total) @ typical**2), 1e-300)
-    held = np.diag(parameters.precision[free] + _FLOOR / typical**2)
-    inverse = np.linalg.inv((total * worth + held) * np.outer(typical, typical)) * np.outer(typical, typical)
+    held = parameters.precision[free] + _FLOOR / typical**2
+    inverse = _scaled_covariance(total * worth, held, typical)
     pull = worth * gram[:, :size, -1].sum(0)
     change = -inverse @ (pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free]))
-    middle = worth**2 * (noise**2 * total + ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)) + held
+    middle = worth**2 * (noise**2 * total + ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)) + np.diag(held)
     own = gram[:, size:-1] / noise**2
     said = own[:, :, -1] + own[:, :, :size] @ change
-    errors = -np.linalg.solve(own[:, :, size:-1] + np.diag(sigma**-2), said[..., None])[..., 0]
+    errors = -solve_positive(own[:, :, size:-1] + np.diag(sigma**-2), said[..., None])[..., 0]
     return replace(best, change=change, covariance=inverse @ middle @ inverse, errors=errors)
+
+
+def _scaled_covariance(normal, held, typical):
+    """(F, F) inverse of normal + diag(held), computed in units of the typical sizes (F,)."""
+    size = np.outer(typical, typical)
+    return covariance_of(normal * size, held * typical**2) * size
 
 
 def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
@@ -244,10 +253,12 @@ def _distance(chain, made, pose, linear, variances):
     spread = np.diag(_each(chain, variances.spread) ** 2)
     covariance = variances.noise**2 * own + own @ spread @ own + cross @ linear.covariance @ cross.T
     scale = 1 / np.sqrt(np.maximum(np.diag(covariance), 1e-18 * np.abs(covariance).max()))
-    values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
+    values, vectors = symmetric_eigen(covariance * np.outer(scale, scale))
     seen = values > 1e-9 * values[-1]
     squared = float((((said * scale) @ vectors[:, seen]) ** 2 / values[seen]).sum())
     numbers = int(seen.sum())
+    if not numbers:  # nothing measured at this pose bears on what is adjusted
+        return 0.0, 0, 1.0
     others = int((made[1] > 0).sum()) - 1
     rest = max(numbers * others - size, 1)
     return squared, numbers, float(f.sf(squared / numbers, numbers, rest))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import solve_positive
 
 _TRIPLES = 1500  # at 40 % of points on the ball 6 % of triples are good: some 90 of them
 _STEPS = 30
@@ -84,7 +85,7 @@ def _solved(rows, target, k, count):
     """(count, 3) least-squares solutions, one a label."""
     normal = np.array([[np.bincount(k, p * q, count) for q in rows] for p in rows])
     right = np.stack([np.bincount(k, p * target, count) for p in rows], -1)
-    return np.linalg.solve(np.moveaxis(normal, -1, 0), right[..., None])[..., 0]
+    return solve_positive(np.moveaxis(normal, -1, 0), right[..., None])[..., 0]
 
 
 def _gaps(flat, label, centre, radius):

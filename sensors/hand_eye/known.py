@@ -10,9 +10,12 @@ import numpy as np
 
 from sensors.hand_eye.motion import Motion
 from workbench.core.identifiability import identifiability
+from workbench.core.linear_algebra import least_squares, solve_positive, thin_svd
+from workbench.core.rigid import left_jacobian
 
 _FAR = 1e4
 """Squared, in typical sizes: how far what is not determined may be off, of a place a metre."""
+_SAME = 1e-6  # relative: a direction that others make but for this is no direction of its own
 _OWN = 0.5  # a direction that lies in the others but for a half of it is one of them, blurred by errors
 
 
@@ -56,13 +59,15 @@ def knowledge(adjusted, motion: Motion) -> Known:
     typical = table.typical[free]
     null = np.zeros((len(keys), found.null.shape[1]))
     null[own] = found.null
-    known = _with(np.zeros((len(keys), 0)), _directions(motion, keys) / typical[:, None])
+    known = _orthonormal(_directions(motion, adjusted.parameters, keys) / typical[:, None])
     null = _with(known, null)
     more = null.shape[1] > known.shape[1]  # the motions' own words say it best
     held = adjusted.linear.covariance / np.outer(typical, typical)
     if null.shape[1]:
         cross = held @ null
-        held = held - cross @ np.linalg.solve(null.T @ cross, cross.T)
+        # what is left when the open directions are held: an oblique projection on both sides keeps it non-negative
+        project = np.eye(len(held)) - cross @ solve_positive(null.T @ cross, null.T)
+        held = project @ held @ project.T
     return Known(keys, held * np.outer(typical, typical), null * typical[:, None],
                  (*motion.sentences, *(found.sentences() if more else ())))
 
@@ -71,16 +76,29 @@ def _beside(normal, precision, own):
     """(A, A) normal matrix of those without a prior, the others adjusted to whatever these are (Schur)."""
     other = normal[np.ix_(~own, ~own)] + np.diag(precision[~own])
     cross = normal[np.ix_(own, ~own)]
-    return normal[np.ix_(own, own)] - cross @ np.linalg.solve(other, cross.T)
+    return normal[np.ix_(own, own)] - cross @ solve_positive(other, cross.T)
 
 
-def _directions(motion, keys):
-    """(F, M) mm: sensor and target shifted together by each of the motion's directions."""
+def _directions(motion, parameters, keys):
+    """(F, M) mm and rad: change of the free parameters when sensor and target move by each small motion."""
     rows = np.zeros((len(keys), motion.sensor.shape[1]))
-    for where, shifts in (("sensor", motion.sensor), ("target", motion.target)):
-        for name, shift in zip("xyz", shifts):
-            rows[keys.index(f"{where}.{name}")] = shift
+    for where, twists in (("sensor", motion.sensor), ("target", motion.target)):
+        place = np.array([parameters[f"{where}.{name}"] for name in "xyz"])
+        change = twists[:3] + np.cross(twists[3:].T, place).T
+        if f"{where}.rx" in keys:
+            vector = np.array([parameters[f"{where}.{name}"] for name in ("rx", "ry", "rz")])
+            change = np.concatenate([change, least_squares(left_jacobian(vector), twists[3:])])
+        for name, row in zip(("x", "y", "z", "rx", "ry", "rz"), change):
+            rows[keys.index(f"{where}.{name}")] = row
     return rows
+
+
+def _orthonormal(columns):
+    """(F, R) orthonormal basis of columns (F, M)."""
+    if not columns.shape[1]:
+        return columns
+    u, values, _ = thin_svd(columns / np.linalg.norm(columns, axis=0))
+    return u[:, values > _SAME * values[0]]
 
 
 def _with(null, more):

@@ -8,49 +8,101 @@ import numpy as np
 from sensors.hand_eye.mistakes import pose_readings
 from sensors.hand_eye.profiles_start import find_start
 from sensors.hand_eye.start import STILL
-from workbench.core.rigid import rotation_vector, transform
+from workbench.core.linear_algebra import thin_svd
+from workbench.core.rigid import inverse, rotation_vector, transform
 
 _ERRORS = 6.0  # sigmas: errors alone, of hundreds of poses, make two of them differ by five
 _BETTER = 3.0  # how much smaller the misfit must be before another reading of the poses is believed
 _POOR = 1.0  # mm; an arm repeats to hundredths and is true to tenths
+_AT_REST = 0.1  # mm; below it a translation is what an arm makes when it stands still
+_TWISTS = np.eye(6)
 _MOST = 24  # poses up to which every exchange of two is tried
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What the flange's motions leave open: M shifts `sensor` (3, M), along the axes of the frame that the
-    sensor sits in, with the shifts `target` (3, M) of board or ball that go with them; `sentences`."""
+    """What the flange's motions leave undetermined: M small motions of the sensor that change nothing measured.
+
+    `sensor` and `target` (6, M): translation (mm a unit) and rotation vector (rad a unit) of the sensor, along the
+    axes of the frame that it sits in, and of board or ball, which goes with it; `sentences` say it in words.
+    """
 
     sensor: np.ndarray
     target: np.ndarray
     sentences: tuple[str, ...]
 
 
-def motion(flange: np.ndarray, kind: str, spin: float = 0.0) -> Motion:
-    """What flange poses (P, 4, 4) leave undetermined: all turns about one axis, or none at all.
+def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0) -> Motion:
+    """What flange poses (P, 4, 4) leave undetermined.
 
-    spin: 1 sigma, rad, of the error of a pose's rotation; turns that are not larger than such errors
-    make them are none.
+    With A the flange's motion between two poses, a hand-eye X and exp(x) X predict the same where x commutes with
+    every A. spin (rad) and shift (mm): 1 sigma of the error of a pose's rotation and position; motions that are not
+    larger than such errors make them are none.
     """
-    turns = flange[:, :3, :3] if kind == "to-hand" else np.swapaxes(flange[:, :3, :3], 1, 2)
-    vectors = rotation_vector(turns @ np.swapaxes(turns[:1], 1, 2))
+    moved = flange if kind != "to-hand" else inverse(flange)
+    motions = inverse(moved) @ moved[:1]
+    vectors = rotation_vector(motions[:, :3, :3])
     still, mount = max(STILL, _ERRORS * spin), "base" if kind == "to-hand" else "flange"
-    axes = np.linalg.svd(vectors, full_matrices=False)[2]
+    axes = thin_svd(vectors)[2]
+    near = max(_AT_REST, _ERRORS * shift)
+    if np.linalg.norm(vectors, axis=1).max() < still and (found := _short_of_translations(motions, near, mount)):
+        return _motion(moved, *found)
     if np.linalg.norm(vectors, axis=1).max() < still:
-        return _motion(turns, np.eye(3),
+        return _motion(moved, _TWISTS[:, :3],
                        f"the flange only moved and never turned: where the sensor sits in the {mount} frame is "
                        "undetermined, only how it is turned; add poses with turns about two axes")  # fmt: skip
     if np.linalg.norm(vectors - np.outer(vectors @ axes[0], axes[0]), axis=1).max() < still:
         axis = ", ".join(f"{a:+.2f}" for a in axes[0])
-        return _motion(turns, axes[:1],
+        about = _fixed_line(motions, axes[0], near)
+        if about is not None:
+            return _motion(moved, np.column_stack([_along(axes[0]), about]),
+                           f"the flange rotated about one fixed line only, of direction ({axis}) in the {mount} frame: "
+                           "the sensor's position along this line and its rotation about it are undetermined; add "
+                           "rotations about another axis")  # fmt: skip
+        return _motion(moved, _along(axes[0])[:, None],
                        f"the flange turned about one axis only, ({axis}) of the {mount} frame: the sensor's position "
                        "along it is undetermined; add turns about another axis")  # fmt: skip
-    return Motion(np.zeros((3, 0)), np.zeros((3, 0)), ())
+    return Motion(np.zeros((6, 0)), np.zeros((6, 0)), ())
 
 
-def _motion(turns, axes, sentence):
-    """turns (P, 3, 3): from the target's frame into that of the sensor's mount."""
-    return Motion(axes.T, np.einsum("pji,mj->im", turns, axes) / len(turns), (sentence,))
+def _short_of_translations(motions, near, mount):
+    """What stays undetermined, and the sentence, of a flange that never rotated and hardly moved; None otherwise."""
+    places = motions[:, :3, 3]
+    line = thin_svd(places)[2][0]
+    if np.linalg.norm(places, axis=1).max() < near:
+        return _TWISTS, (
+            f"the flange never moved: neither position nor rotation of the sensor in the {mount} frame is determined; "
+            "measure at different poses, with rotations about two axes"
+        )
+    if np.linalg.norm(places - np.outer(places @ line, line), axis=1).max() < near:
+        axis = ", ".join(f"{a:+.2f}" for a in line)
+        return np.column_stack([_TWISTS[:, :3], np.append(np.zeros(3), line)]), (
+            f"the flange moved along one line only, ({axis}) of the {mount} frame, and never rotated: the sensor's "
+            "position, and its rotation about this line, are undetermined; add poses with rotations about two axes"
+        )
+    return None
+
+
+def _fixed_line(motions, axis, near):
+    """(6,) small rotation about the line that all motions leave where it is; None where there is no such line."""
+    rows = (motions[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = np.cross(axis, motions[:, :3, 3]).ravel()
+    arm = np.linalg.lstsq(rows, right, rcond=1e-9)[0]
+    gap = np.linalg.norm((rows @ arm - right).reshape(-1, 3), axis=1).max()
+    return np.append(arm, axis) if gap < near else None
+
+
+def _along(axis):
+    """(6,) a translation along an axis."""
+    return np.append(axis, np.zeros(3))
+
+
+def _motion(moved, twists, sentence):
+    """moved (P, 4, 4): from the frame of the sensor's mount into that of the target; twists (6, M) of the sensor."""
+    turn, place = moved[0, :3, :3], moved[0, :3, 3]
+    spun = turn @ twists[3:]
+    carried = turn @ twists[:3] + np.cross(place, spun.T).T
+    return Motion(twists, np.concatenate([carried, spun]), (sentence,))
 
 
 def readings(flange: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:

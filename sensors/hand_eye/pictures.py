@@ -28,6 +28,7 @@ from sensors.hand_eye.review import Named, Review, review
 from sensors.hand_eye.scatter import held_least, held_scatter, least_scatter, scatter
 from sensors.hand_eye.start import board_poses, nearest_turns, start_from_boards
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import symmetric_eigen
 
 __all__ = ["HandEye", "PoseRow", "hand_eye_from_views"]
 KINDS = ("in-hand", "to-hand")
@@ -83,7 +84,7 @@ def _best(chain, parameters, first, most, scale):
             return plain, ()
         loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
         place = loose.parameters.keys.index(_SCALE)
-        if abs(loose.parameters[_SCALE]) < _SURE * np.sqrt(loose.linear.covariance[place, place]):
+        if abs(loose.parameters[_SCALE]) < _SURE * np.sqrt(max(loose.linear.covariance[place, place], 0.0)):
             return plain, ()
         parameters, first = loose.parameters, loose.variances
     scaled = find_blunders(chain, parameters.free(_SCALE), first, most)
@@ -216,7 +217,7 @@ def _pivot(pivot, chain, start, points):
 def _root(covariance):
     """(V, M) with root root' = covariance, without the directions that are known exactly."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    values, vectors = symmetric_eigen(covariance / np.outer(scale, scale))
     real = values > 1e-12
     return scale[:, None] * vectors[:, real] * np.sqrt(values[real])
 
@@ -240,8 +241,8 @@ def _result(chain, points, found, doubts, notes):
     held = np.empty_like(exact)
     for k in range(count):
         held[:, chain.pose == k] = chain.at(np.flatnonzero(chain.pose == k)).evaluate(left_out[k].values).residual
-    spin = 0.0 if doubts else adjusted.variances.spread[1]
-    known = knowledge(adjusted, motion(chain.flange[used], chain.kind, spin))
+    shift, spin = (0.0, 0.0) if doubts else adjusted.variances.spread
+    known = knowledge(adjusted, motion(chain.flange[used], chain.kind, spin, shift))
     return HandEye(
         kind=chain.kind, sensor=placement(values[:6]), covariance=of_block(adjusted, known, "sensor"),
         target=placement(values[6:12]), target_covariance=of_block(adjusted, known, "target"),
@@ -265,5 +266,6 @@ def _std(chain, known):
     places = [k for k, key in enumerate(known.keys) if key.startswith("camera.")]
     if not places:
         return table
-    spread = np.sqrt(np.diag(chain.modes @ known.covariance[np.ix_(places, places)] @ chain.modes.T))
+    square = np.diag(chain.modes @ known.covariance[np.ix_(places, places)] @ chain.modes.T)
+    spread = np.sqrt(np.maximum(square, 0.0))
     return {**table, **dict(zip((f"camera.{name}" for name in NAMES), spread.tolist()))}

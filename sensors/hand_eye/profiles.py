@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.hand_eye.adjust import Variances, find_blunders
+from sensors.hand_eye.adjust import LEAST_NOISE, Variances, find_blunders
 from sensors.hand_eye.chain import BallChain
 from sensors.hand_eye.circles import Circles, find_circles
 from sensors.hand_eye.known import knowledge
@@ -46,7 +46,7 @@ def hand_eye_from_profiles(points, pose, flange, radius=None, radius_sigma=None,
     parameters = replace(chain.parameters, values=values).free("*").fix(_SCALE)
     if radius is not None and radius_sigma is None:
         parameters = parameters.fix("target.radius")
-    first = Variances(_noise(circles), max(start.rms, 1e-3) * np.array([1.0, 0.2]))
+    first = Variances(max(_noise(circles), LEAST_NOISE), max(start.rms, 1e-3) * np.array([1.0, 0.2]))
     doubts = profile_suspicions(flange, np.concatenate([circles.centre, [circles.radius]]), radius, start.rms)
     most = 0 if doubts else len(flange) // 4  # poses read wrongly are not to be taken for blunders
     found, notes = _best(chain, parameters, first, weights, range_scale, most)

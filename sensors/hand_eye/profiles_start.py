@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from workbench.core.linear_algebra import solve_positive
 from workbench.core.rigid import left_jacobian, rotation_matrix, rotation_vector, skew
 
 _BEST = 24
@@ -65,7 +66,7 @@ def _linear(circles, flange, radius):
     rows, right = rows.reshape(len(axes), -1, 6), right.reshape(len(axes), -1, 1)
     size = np.sqrt((rows**2).sum(1, keepdims=True).max(0))  # what poses that never turn leave open stays small
     normal = (rows / size).transpose(0, 2, 1) @ (rows / size) + 1e-9 * np.eye(6)
-    solved = np.linalg.solve(normal, (rows / size).transpose(0, 2, 1) @ right)[..., 0] / size[:, 0]
+    solved = solve_positive(normal, (rows / size).transpose(0, 2, 1) @ right)[..., 0] / size[:, 0]
     vectors = rotation_vector(turns())
     return np.concatenate([solved[:, :3], vectors, solved[:, 3:], np.full((len(axes), 1), radius)], 1)
 

@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from sensors.camera.model import Camera
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.rigid import inverse, nearest_rotation, rotation_vector, transform
 
 METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
@@ -160,9 +161,10 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
     sure = (angles < _HALF_TURN).all(0)
     reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))
     found = []
-    for turn in _turns(alpha[sure], beta[sure], flange, camera):
+    candidates = _turns(alpha[sure], beta[sure], flange, camera) if sure.any() else _half_turns(flange, camera)
+    for turn in candidates:
         shift, rest = _translation(turn, flange, camera)
-        gap = (alpha - beta @ turn.T)[sure] * reach
+        gap = ((alpha - beta @ turn.T)[sure] if sure.any() else _turned_apart(turn, flange, camera)) * reach
         found.append((float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())), transform(turn, shift)))
     misfit, best = min(found, key=lambda row: row[0])
     return best, misfit, angles
@@ -171,14 +173,46 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
 def _turns(alpha, beta, flange, camera):
     """Rotations (3, 3) to try, of which one is near, from rotation vectors (K, 3) of flange and camera."""
     turn = nearest_rotation((alpha.T @ beta)[None])[0]
-    axes = np.linalg.svd(alpha, full_matrices=False)[2]
+    axes = thin_svd(alpha)[2]
     along = alpha @ axes[0]
     if np.linalg.norm(alpha, axis=1).max(initial=0) < STILL:  # flange and camera move alike
         return [nearest_rotation((flange[:, :3, 3].T @ camera[:, :3, 3])[None])[0]]
     if np.linalg.norm(alpha - np.outer(along, axes[0]), axis=1).max() > STILL:
         return [turn]
-    about = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 24, endpoint=False), axes[0])).as_matrix()
-    return _about(about @ turn, axes[0], flange, camera)
+    return _about(_spun(axes[0]) @ turn, axes[0], flange, camera)
+
+
+def _half_turns(flange, camera):
+    """Rotations to try where every relative rotation is about a half turn, whose axes (k,) have no sign.
+
+    A half turn about a is 2 a a' - 1: products of axes have a sign. The principal axes of the mean products of flange
+    and camera agree up to their signs; a rotation about a single axis is searched from both of its directions.
+    """
+    tried = []
+    own, seen = (symmetric_eigen(_axis_products(motions).mean(0)) for motions in (flange, camera))
+    for signs in np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]):
+        axes = own[1][:, 1:] * signs, seen[1][:, 1:]
+        frames = [np.column_stack([np.cross(*pair.T), pair]) for pair in axes]
+        turn = frames[0] @ frames[1].T
+        tried += [turn] if own[0][1] > STILL else _about(_spun(own[1][:, 2]) @ turn, own[1][:, 2], flange, camera)
+    return tried
+
+
+def _axis_products(motions):
+    """(K, 3, 3) products a a' of the axes of half turns (K, 4, 4)."""
+    turns = motions[:, :3, :3]
+    return (turns + np.swapaxes(turns, 1, 2)) / 4 + np.eye(3) / 2
+
+
+def _turned_apart(turn, flange, camera):
+    """(K, 3) rad: what a hand-eye rotation leaves between the rotations of flange and camera."""
+    predicted = turn @ camera[:, :3, :3] @ turn.T
+    return rotation_vector(flange[:, :3, :3] @ np.swapaxes(predicted, 1, 2))
+
+
+def _spun(axis):
+    """(24, 3, 3) rotations about an axis, a whole turn of them."""
+    return Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 24, endpoint=False), axis)).as_matrix()
 
 
 def _about(turns, axis, flange, camera):

@@ -4,6 +4,7 @@ import numpy as np
 
 from sensors.state import stripe_direction
 from workbench.core.bundle import Family
+from workbench.core.linear_algebra import thin_svd
 
 TILTS = ("tilt_across", "tilt_along", "offset")
 UNITS = ("rad", "rad", "mm")
@@ -61,7 +62,7 @@ def plane_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     kept = np.ones(points.shape[1], bool)
     for _ in range(4):
         middle = points[:, kept].mean(1)
-        _, spread, directions = np.linalg.svd((points[:, kept] - middle[:, None]).T, full_matrices=False)
+        _, spread, directions = thin_svd((points[:, kept] - middle[:, None]).T)
         distance = np.abs(directions[2] @ (points - middle[:, None]))
         kept = distance <= max(3 * 1.4826 * np.median(distance), 1e-12)
     plane = np.append(directions[2], -directions[2] @ middle)

@@ -13,6 +13,7 @@ from sensors.light.sheets import Sheets
 from sensors.scanner.errors import Apart, apart_from_frame
 from workbench.core.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
@@ -57,7 +58,7 @@ class Adjustment:
             if key in table.index:
                 rows[k, table.index[key]] = 1
         rows[len(own) :] = self._plane_rows()
-        values, vectors = np.linalg.eigh(self.fit.covariance)
+        values, vectors = symmetric_eigen(self.fit.covariance)
         return rows @ (vectors * np.sqrt(np.maximum(values, 0)))
 
     def apart(self, volume: tuple[float, float]) -> Apart:

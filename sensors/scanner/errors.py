@@ -7,6 +7,7 @@ import numpy as np
 from sensors.camera.model import Camera
 from sensors.light.planes import tilt_directions
 from sensors.state import stripe_direction
+from workbench.core.linear_algebra import solve_positive
 from workbench.core.rigid import nearest_rotation
 
 _DEPTHS, _PLACES = 7, 15
@@ -135,7 +136,7 @@ def apart_from_frame(camera: Camera, planes: np.ndarray, volume: tuple[float, fl
         moves += rows[:, :, None] * by_own[step, k]
     frame = frame_moves(points)
     normal = np.einsum("ain,bin->ab", frame, frame, optimize=True)
-    laid = -np.linalg.solve(normal, np.tensordot(frame, moves, ((1, 2), (0, 1))))
+    laid = -solve_positive(normal, np.tensordot(frame, moves, ((1, 2), (0, 1))))
     moves += np.tensordot(frame, laid, (0, 0))
     left = joint[count:] + plane_moves(planes).transpose(2, 1, 0).reshape(-1, 6) @ laid
     return Apart(left @ left.T, laid @ laid.T, float(np.sqrt((moves**2).sum() / len(step))))

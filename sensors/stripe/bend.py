@@ -54,7 +54,7 @@ class Bend:
         Straight line of width^2 by 1 / slope^2, what is far off left out three times over; 0 where widths say nothing.
         """
         steep, square = self.slope**-2, np.asarray(width, float) ** 2
-        kept = np.isfinite(steep) & np.isfinite(square)
+        kept = np.isfinite(steep) & np.isfinite(square) & (square > 0)
         grown = 0.0
         for _ in range(4):
             if kept.sum() < 20:

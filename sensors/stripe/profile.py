@@ -11,6 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from workbench.core.linear_algebra import inverse_positive
+
 PHASES = 8
 """Starts a pixel for which the fit is tabulated."""
 NARROWEST, WIDEST = 0.45, 40.0
@@ -53,7 +55,7 @@ def centre_bound(width, amplitude, noise: Noise, background: float = 0.0, phase:
     g = np.exp(-u * u / 2)
     rows = np.stack([np.ones_like(u), g, amplitude * g * u / width, amplitude * g * u * u / width])
     information = rows / noise.variance(background + amplitude * g) @ rows.T
-    return float(np.sqrt(np.linalg.inv(information)[2, 2]))
+    return float(np.sqrt(inverse_positive(information)[2, 2]))
 
 
 def speckle_floor(width: np.ndarray, contrast: float, grain: float | None = None) -> np.ndarray:

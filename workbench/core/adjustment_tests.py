@@ -9,6 +9,8 @@ import numpy as np
 from scipy.stats import chi2, norm
 from scipy.stats import f as fisher
 
+from workbench.core.linear_algebra import symmetric_eigen, thin_svd
+
 _UNCONTROLLED = 1e-3  # redundancy below which an observation is hardly checked by the others
 # Degrees of freedom of the t distribution fitted to the residuals. Never lighter than 8: a hundred residuals cannot
 # show the tails that decide over a single sample, and a normal law would call 5 % of clean recordings with the tails
@@ -73,7 +75,7 @@ def standardised_squares(white: np.ndarray, redundancies: np.ndarray | None = No
     """
     if redundancies is None:
         return (white**2).sum(0)
-    values, vectors = np.linalg.eigh((redundancies + redundancies.transpose(0, 2, 1)) / 2)
+    values, vectors = symmetric_eigen((redundancies + redundancies.transpose(0, 2, 1)) / 2)
     along = np.einsum("nmk,mn->nk", vectors, white)
     checked = values > _UNCONTROLLED
     squares = np.where(checked, along**2 / np.where(checked, values, 1), 0).sum(1)
@@ -196,7 +198,7 @@ def regression_test(residual: np.ndarray, baseline: np.ndarray, columns: np.ndar
 
 def _orthonormal(columns: np.ndarray, size: float | None = None) -> np.ndarray:
     """(N, r) orthonormal basis of the column space; size: below 1e-8 of it a direction is rounding."""
-    left, values, _ = np.linalg.svd(columns, full_matrices=False)
+    left, values, _ = thin_svd(columns)
     largest = values.max(initial=0) if size is None else max(size, 1e-300)
     return left[:, values > 1e-8 * largest]
 

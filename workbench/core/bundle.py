@@ -15,6 +15,7 @@ import numpy as np
 from workbench.core.bundle_blocks import Blocks, Family, Layout, Part
 from workbench.core.errors import InputError
 from workbench.core.identifiability import Identifiability, identifiability
+from workbench.core.linear_algebra import all_finite, covariance_of, inverse_positive, solve_positive
 from workbench.core.model import Model
 from workbench.core.noise import noise_mask
 from workbench.core.parameters import Parameters
@@ -24,7 +25,7 @@ OUT_OF_STEPS = (
     "did not converge: the cost was still falling at the last step; allow more steps, check units and the start, "
     "or fix parameters that are undetermined"
 )
-NOT_FINITE = "did not converge: the model is not finite at its start; check the start and the measurements"
+NOT_FINITE = "did not converge: the model or its derivative is not finite; check the start and the measurements"
 # As in workbench.core.solve: least damping per squared typical size, squared sigmas that end the solve.
 # They are those of all unknowns together, which are many here: a last step without a new derivative may be longer.
 _FLOOR, _DONE, _NEARLY = 1e-4, 1e-4, 5e-2
@@ -158,14 +159,13 @@ class _Problem:
         self.weigh, self.damping, self.outcome, self.history = weigh, 0.0, "", []
         self.scales(parameters)
         start = _Point(parameters, {name: np.array(f.values, float) for name, f in self.families.items()})
-        self.check(start.values)
+        self.check_groups(start.values)
         self.inverse_sigma = [part.inverse_sigma(parameters) for part in self.parts]
         self.measured = sum(part.tiles.live.sum() * len(s) for part, s in zip(self.parts, self.inverse_sigma))
         self.take(start, self.linearise(start))
-        if not np.isfinite(self.cost):
-            self.outcome = NOT_FINITE
+        self.check()
 
-    def check(self, values):
+    def check_groups(self, values):
         for part in self.parts:
             for name in part.families:
                 last = int(part.tiles.groups[name].max(initial=0))
@@ -244,6 +244,16 @@ class _Problem:
         self.cost = self.cost_of(point)
         self.history.append(self.cost)
 
+    def check(self) -> bool:
+        """Whether cost and equations are finite; otherwise the solve ends, and its data determine nothing."""
+        if all_finite(self.cost, self.data.dense, self.data.cross, self.data.own, self.gradient):
+            return True
+        self.outcome = NOT_FINITE
+        self.data = Blocks.empty(len(self.scale), len(self.own_centre), len(self.own_scale))
+        self.gradient, self.own_gradient = self.data.gradient, self.data.own_gradient
+        self.trust, self.own_trust = self.precision, self.own_precision
+        return False
+
     def cost_of(self, point):
         """The squares under the present weights, and those of the priors."""
         squares = sum(float(w @ z) for w, z in zip(self.point.weights, point.squares))
@@ -254,7 +264,7 @@ class _Problem:
         """Schur complement (D, D) of the damped normal matrix, and own^-1 [cross, gradient] (G, L, D + 1)."""
         own = self.data.own + np.diag(self.own_trust * self.own_scale**2 + damping)
         right = np.concatenate([self.data.cross, self.own_gradient[..., None]], -1)
-        mix = np.linalg.solve(own, right)
+        mix = solve_positive(own, right)
         shape = own.shape[0] * own.shape[1], len(self.scale)
         schur = self.data.dense + np.diag(self.trust * self.scale**2 + damping)
         return schur - self.data.cross.reshape(shape).T @ mix[..., :-1].reshape(shape), mix
@@ -263,14 +273,13 @@ class _Problem:
         """Moves of the dense (D,) and the eliminated unknowns (G, L), in typical sizes."""
         schur, mix = self.reduced(damping)
         pull = self.gradient - np.tensordot(self.data.cross, mix[..., -1], ((0, 1), (0, 1)))
-        try:
-            move = -np.linalg.solve(schur, pull)
-        except np.linalg.LinAlgError:
-            move = -np.linalg.lstsq(schur, pull, rcond=1e-12)[0]
+        move = -solve_positive(schur, pull)
         return move, -(mix[..., -1] + mix[..., :-1] @ move)
 
     def step(self):
         """One step; the damping grows until the cost falls."""
+        if not self.check():
+            return
         before = self.cost
         for _ in range(20):
             move = self.newton(_FLOOR + self.damping)
@@ -320,15 +329,16 @@ class _Problem:
 
     def degrees(self, schur, mix):
         """Residuals less the unknowns that the data, and not the priors, have spent on them."""
-        inverse = np.linalg.inv(schur) if len(schur) else schur
-        held = np.diag(inverse) @ (self.trust * self.scale**2 + _FLOOR)
+        prior = self.trust * self.scale**2 + _FLOOR
+        inverse = covariance_of(schur - np.diag(prior), prior)
+        held = np.diag(inverse) @ prior
         own = np.diag(self.own_trust * self.own_scale**2 + _FLOOR)
         if len(own):
             held += (self.inverse_own() * own).sum() + ((mix @ inverse * mix).sum((0, 2)) * np.diag(own)).sum()
         return max(self.measured - len(self.scale) - self.own_centre.size + float(held), 1.0)
 
     def inverse_own(self):
-        return np.linalg.inv(self.data.own + np.diag(self.own_trust * self.own_scale**2 + _FLOOR))
+        return inverse_positive(self.data.own + np.diag(self.own_trust * self.own_scale**2 + _FLOOR))
 
     def finish(self):
         schur, mix = self.reduced(_FLOOR)

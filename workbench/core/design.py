@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from workbench.core.linear_algebra import inverse_positive, solve_positive, symmetric_eigenvalues
+
 _SWEEPS = 12
 # of the largest eigenvalue: added where nothing else is known, so that a set with too few poses has a volume at all
 _RIDGE = 1e-9
@@ -38,6 +40,8 @@ class Design:
     def gain(self) -> float:
         """How many times better than the median random set; above 1 is better."""
         usual = float(np.median(self.random))
+        if not usual or not self.value:  # nothing is determined: no ratio says anything
+            return 1.0 if usual == self.value else float("nan")
         return self.value / usual if self.larger_is_better else usual / self.value
 
 
@@ -53,7 +57,7 @@ def choose(rows: np.ndarray, n: int, criterion: str = "D", tasks: np.ndarray | N
     """
     rng = np.random.default_rng(seed)
     grams = np.swapaxes(rows, 1, 2) @ rows
-    largest = np.linalg.eigvalsh(grams.sum(0))[-1] * np.eye(rows.shape[2])
+    largest = symmetric_eigenvalues(grams.sum(0))[-1] * np.eye(rows.shape[2])
     ridge = _RIDGE * largest if known is None else known + _ROUNDING * largest
     weight = None if tasks is None else np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
     score, swap = _criterion(criterion, n, weight)
@@ -87,7 +91,7 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
     """
     flat, shares, bound = grams.reshape(len(grams), -1), np.full(len(grams), n / len(grams)), 0.0
     for _ in range(_SHARES):
-        inverse = np.linalg.inv((shares @ flat).reshape(ridge.shape) + ridge)
+        inverse = inverse_positive((shares @ flat).reshape(ridge.shape) + ridge)
         value, slope = float((inverse * weight).sum()), flat @ (inverse @ weight @ inverse).ravel()
         whole, part = divmod(n, repeats)
         best = np.sort(slope)[::-1]
@@ -95,7 +99,7 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
         bound = max(bound, value - (most - slope @ shares))
         if bound > value * (1 - 1e-3):
             break
-        shares = _filled(shares * np.sqrt(slope), n, repeats)
+        shares = _filled(shares * np.sqrt(np.maximum(slope, 0)), n, repeats)
     return shares, float(bound)
 
 
@@ -121,12 +125,12 @@ def _criterion(name, n, weight) -> tuple[Callable, Callable]:
     if name == "D":
         return _volume, _volumes_with
     if name == "task":
-        return (lambda normal: float(np.trace(np.linalg.solve(normal, weight)))), \
+        return (lambda normal: float(np.trace(inverse_positive(normal) @ weight))), \
                (lambda normal, rows, grams: -_variances_with(normal, rows, weight))  # fmt: skip
     index = int(name[1:]) - 1
 
     def score(normals):
-        s = np.sqrt(np.maximum(np.linalg.eigvalsh(normals), 1e-300))
+        s = np.sqrt(np.maximum(symmetric_eigenvalues(normals), 1e-300))
         return observability(s, n)[index]
 
     return (lambda normal: float(score(normal))), (lambda normal, rows, grams: score(normal + grams))
@@ -145,16 +149,16 @@ def _volume(normal):
 
 def _volumes_with(normal, rows, grams):
     """log det with each candidate, less log det without: Sylvester's identity on its few rows."""
-    inner = rows @ np.linalg.solve(normal, np.swapaxes(rows, 1, 2))
+    inner = rows @ inverse_positive(normal) @ np.swapaxes(rows, 1, 2)
     return np.linalg.slogdet(np.eye(rows.shape[1]) + inner)[1]
 
 
 def _variances_with(normal, rows, weight):
     """Trace of weight times the covariance with each candidate: Woodbury's identity."""
-    inverse = np.linalg.inv(normal)
+    inverse = inverse_positive(normal)
     half = rows @ inverse
     inner = np.eye(rows.shape[1]) + half @ np.swapaxes(rows, 1, 2)
-    gain = np.linalg.solve(inner, half @ weight @ np.swapaxes(half, 1, 2))
+    gain = solve_positive(inner, half @ weight @ np.swapaxes(half, 1, 2))
     return np.trace(inverse @ weight) - np.trace(gain, axis1=1, axis2=2)
 
 

@@ -8,13 +8,21 @@ s < 1 they know less than one knew before measuring, and the direction is called
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import qr, solve_triangular
 
+from workbench.core.linear_algebra import (
+    covariance_of,
+    least_squares,
+    symmetric_eigen,
+    thin_svd,
+)
 from workbench.core.parameters import Parameters
 
 _PART, _NAMED = 0.05, 6
 _SAME = 1e-12  # squared: what rounding leaves of a column, in its own length, that others make exactly
 _NO_EFFECT = 1e-6  # sigmas: what rounding makes of a column of zeros
+_ROUNDING = 1e-13  # of the largest column: what is left of a column of zeros where the sigma is tiny
+_LEAST_SCALE = 1e-9  # residuals of exactly zero make no data infinitely good
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
 _TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
 
@@ -78,7 +86,7 @@ class Identifiability:
         """
         exact, pivots = _echelon(self.exact)
         rest = self.null.T - self.null.T[:, pivots] @ exact
-        basis = np.linalg.svd(rest, full_matrices=False)[2][: max(len(rest) - len(exact), 0)]
+        basis = thin_svd(rest)[2][: max(len(rest) - len(exact), 0)]
         return np.concatenate([exact, _echelon(basis)[0]])
 
     def sentences(self) -> list[str]:
@@ -119,14 +127,14 @@ def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1
     """
     mask = parameters.mask
     typical = parameters.typical[mask]
-    scaled = normal * np.outer(typical, typical) / max(scale, 1e-300) ** 2
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    scaled = normal * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
+    values, vectors = symmetric_eigen((scaled + scaled.T) / 2)
     rounding = 1e-14 * len(values) * max(values[-1], 0) if len(values) else 0
     singular = np.sqrt(np.maximum(np.where(values < rounding, 0, values), 0))
     rank = int((singular >= 1).sum())
-    known = scaled + np.diag(parameters.precision[mask] * typical**2 + _FAINT)
     weight = np.sqrt(np.maximum(np.diag(scaled), 0))
-    covariance = np.linalg.inv(known) * np.outer(typical, typical)
+    prior = parameters.precision[mask] * typical**2 + _FAINT
+    covariance = covariance_of(scaled, prior) * np.outer(typical, typical)
     table = [p for p, free in zip(parameters.table, mask) if free]
     names = tuple(p.key for p in table), tuple(p.label or p.key for p in table), tuple(p.unit for p in table)
     return Identifiability(*names, typical, singular, vectors, rank, covariance, weight, _exact(scaled, weight))
@@ -134,9 +142,10 @@ def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1
 
 def _exact(scaled, weight):
     """(E, F) null directions of the matrix with columns of unit length, back in typical sizes."""
-    seen = weight > _NO_EFFECT  # what rounding leaves of a column of zeros is not to be blown up
+    # what rounding leaves of a column of zeros is not to be blown up
+    seen = weight > max(_NO_EFFECT, _ROUNDING * weight.max(initial=0.0))
     length = np.where(seen, weight, 1)
-    values, vectors = np.linalg.eigh(scaled * np.outer(seen, seen) / np.outer(length, length))
+    values, vectors = symmetric_eigen(scaled * np.outer(seen, seen) / np.outer(length, length))
     return (vectors[:, values < _SAME] / length[:, None]).T
 
 
@@ -146,7 +155,7 @@ def _echelon(rows):
         return rows, []
     weight = 1 + 1e-3 * np.arange(rows.shape[1])  # of equals the later one gives its name
     pivots = qr(rows * weight, pivoting=True, mode="r")[1][: len(rows)]
-    return np.linalg.solve(rows[:, pivots], rows), pivots
+    return least_squares(rows[:, pivots], rows), pivots
 
 
 def independent(
@@ -162,12 +171,12 @@ def independent(
     free = free[np.argsort(parameters.precision[free] > 0, kind="stable")]
     typical = parameters.typical[free]
     place = np.searchsorted(np.flatnonzero(parameters.mask), free)
-    scaled = normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, 1e-300) ** 2
+    scaled = normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
     kept, left_out = _greedy(scaled)
     mask = np.zeros(len(parameters), bool)
     mask[free[kept]] = True
     keys = [parameters.keys[k] for k in free]
-    weight = np.sqrt(np.diag(scaled))
+    weight = np.sqrt(np.maximum(np.diag(scaled), 0))
     tied = {keys[k]: _partners(mix * weight[kept[: len(mix)]], keys, kept) for k, mix in left_out.items()}
     return parameters.only(mask), tied
 
@@ -192,7 +201,7 @@ def _greedy(scaled):
             kept.append(k)
         else:
             size = len(kept)
-            left_out[k] = np.linalg.solve(lower[:size, :size].T, row[:size]) if size else row[:0]
+            left_out[k] = solve_triangular(lower[:size, :size], row[:size], trans=1, lower=True) if size else row[:0]
     return kept, left_out
 
 

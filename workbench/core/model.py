@@ -101,7 +101,9 @@ class Model:
     def _joined(self, columns: np.ndarray) -> np.ndarray:
         """(..., n) sums of (..., looks n): where a chain looks several times for one sample, its looks add up."""
         looks = getattr(self.chain, "looks", 1)
-        return columns if looks == 1 else columns.reshape(*columns.shape[:-1], looks, -1).sum(-2)
+        if looks == 1:
+            return columns
+        return columns.reshape(*columns.shape[:-1], looks, columns.shape[-1] // looks).sum(-2)
 
     def fill_rows(self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray) -> np.ndarray:
         """Into `rows` (F, m, n) the derivative of the residual of `evaluation`, made at `parameters`."""

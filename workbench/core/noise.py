@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.linear_algebra import solve_positive
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 
@@ -39,7 +40,7 @@ def fit_noise(model: Model, parameters: Parameters, residual: np.ndarray, weight
         excess = len(residual) * (white / np.average(white, weights=weights) - 1)
         values = parameters.values[mask]
         pull = (basis * weights) @ excess - precision @ (values - parameters.nulls[mask])
-        step = np.linalg.solve(information(model, parameters, weights) + precision, pull)
+        step = solve_positive(information(model, parameters, weights) + precision, pull)
         step *= min(1.0, _LONGEST / max(np.abs(step).max(), 1e-300))
         changed = parameters.values.copy()
         changed[mask] += step

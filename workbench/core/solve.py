@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from workbench.core.linear_algebra import all_finite, covariance_of, solve_positive
 from workbench.core.model import Model
 from workbench.core.noise import fit_noise, information, noise_mask
 from workbench.core.parameters import Parameters
@@ -17,7 +18,7 @@ OUT_OF_STEPS = (
     "and the nominal robot, or fix parameters that are undetermined"
 )
 NOT_FINITE = (
-    "did not converge: the model is not finite at its start; check the recording for impossible "
+    "did not converge: the model or its derivative is not finite; check the recording for impossible "
     "joint angles and the robot's geometry"
 )
 # A step is damped by at least this much per squared typical size: it keeps null directions still,
@@ -142,8 +143,7 @@ class _Problem:
     def start(self):
         self.inverse_sigma = 1 / self.model.sigma(self.parameters)
         self.take(self.parameters, *self.linearise(self.parameters))
-        if not np.isfinite(self.cost):
-            self.outcome = NOT_FINITE
+        self.check()
 
     def linearise(self, parameters):
         """Residual, weights and cost at `parameters`, and the rows of the derivative."""
@@ -159,10 +159,22 @@ class _Problem:
         self.normal = made.normal * np.outer(self.scale, self.scale)
         self.gradient = made.gradient * self.scale
         self.trust = self.trust_in_priors(residual)
-        self.normal += np.diag(self.trust * self.scale**2)
+        self.prior = self.trust * self.scale**2
+        self.data_normal = self.normal
+        self.normal = self.normal + np.diag(self.prior)
         self.gradient += self.trust * self.scale * (parameters.pack() - self.nulls)
         self.cost = self.cost_of(parameters, residual)
         self.history.append(self.cost)
+
+    def check(self) -> bool:
+        """Whether cost and equations are finite; otherwise the solve ends, and its data determine nothing."""
+        if all_finite(self.cost, self.normal, self.gradient):
+            return True
+        self.outcome = NOT_FINITE
+        size = len(self.scale)
+        self.trust, self.gradient = self.precision, np.zeros(size)
+        self.prior, self.data_normal = self.trust * self.scale**2, np.zeros((size, size))
+        return False
 
     def trust_in_priors(self, residual):
         """Precision of the priors beside residuals that are larger than their stated sigma.
@@ -174,7 +186,7 @@ class _Problem:
         return self.precision * max(1.0, square / residual.size)
 
     def robust_weights(self, white):
-        if self.weigh is None:
+        if self.weigh is None or not white.size:
             return np.ones(white.shape[1])
         z = (white**2).sum(0) * 3 / len(white)
         spread = np.median(z) / 2.366  # the median of chi-square with 3 degrees of freedom
@@ -187,6 +199,8 @@ class _Problem:
 
     def step(self):
         """One step; the damping grows until the cost falls."""
+        if not self.check():
+            return
         before = self.cost
         size = len(self.gradient)
         for trial in range(20):
@@ -236,27 +250,27 @@ class _Problem:
         size = len(self.scale)
         if not size:
             return float(self.residual.size)
-        prior = np.diag(self.trust * self.scale**2 + _FLOOR)
-        held = np.trace(np.linalg.solve(self.normal + _FLOOR * np.eye(size), prior))
-        return max(self.residual.size - size + float(held), 1.0)
+        prior = self.prior + _FLOOR
+        held = float(np.diag(covariance_of(self.data_normal, prior)) @ prior)
+        return max(self.residual.size - size + held, 1.0)
 
     def finish(self):
         degrees = self.degrees()
         data = float((self.weights * (self.residual * self.inverse_sigma) ** 2).sum())
         return Fit(
             self.parameters, self.residual, self.weights,
-            (self.normal - np.diag(self.trust * self.scale**2)) / np.outer(self.scale, self.scale),
+            self.data_normal / np.outer(self.scale, self.scale),
             float(np.sqrt(data / degrees)),
             tuple(self.history), self.outcome or OUT_OF_STEPS, degrees,
         )  # fmt: skip
 
 
 def _newton(matrix, gradient):
-    """-matrix^-1 gradient; by least squares where rounding has left the matrix indefinite."""
+    """-matrix^-1 gradient; of least norm where rounding has left the matrix indefinite."""
     try:
         return cho_solve(cho_factor(matrix, check_finite=False), -gradient, check_finite=False)
     except LinAlgError:
-        return -np.linalg.lstsq(matrix, gradient, rcond=1e-12)[0]
+        return -solve_positive(matrix, gradient)
 
 
 def normal_matrix(model: Model, parameters: Parameters) -> np.ndarray:

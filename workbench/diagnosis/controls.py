@@ -14,6 +14,7 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.heldout import name_of
 from workbench.diagnosis.problem import Bench
@@ -158,7 +159,7 @@ class _Trial:
         length = np.sqrt((clear**2).sum(0))
         seen = length > 1e-9 * length.max(initial=1e-300)
         clear = clear[:, seen] / length[seen]
-        values, vectors = np.linalg.eigh(clear.T @ clear)
+        values, vectors = symmetric_eigen(clear.T @ clear)
         kept = values > 1e-9
         along = (vectors[:, kept].T @ (clear.T @ self.y)) / np.sqrt(values[kept])
         return float(along @ along)
@@ -190,7 +191,7 @@ def _plane(columns: np.ndarray) -> np.ndarray:
     """(N, R) orthonormal basis of columns (N, P), without those that the baseline makes."""
     length = np.sqrt((columns**2).sum(0))
     seen = length > 1e-9 * length.max(initial=1e-300)
-    u, s, _ = np.linalg.svd(columns[:, seen] / length[seen], full_matrices=False)
+    u, s, _ = thin_svd(columns[:, seen] / length[seen])
     return u[:, s > 1e-6]
 
 

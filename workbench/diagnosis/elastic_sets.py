@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
+from workbench.core.linear_algebra import pseudo_inverse, solve_positive, symmetric_eigen
 from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.problem import Candidate, Problem
 
@@ -144,7 +145,7 @@ class ElasticSets:
         """(P,) values of the compliances where masses are as stated, hardly shrunk."""
         widest = np.where(tied, scale * _SCALES[-1], scale)
         scaled = gram * np.outer(widest, widest) + np.eye(len(score))
-        return widest * np.linalg.solve(scaled, widest * score)
+        return widest * solve_positive(scaled, widest * score)
 
     def _masses(self, members, values: np.ndarray) -> np.ndarray:
         """(T, M) weights of the Gram matrix's columns that make G, one column a first moment."""
@@ -175,7 +176,7 @@ class ElasticSets:
         right = np.concatenate([score, weights.T @ self.score[used]])
         factor = np.concatenate([spread, np.ones((len(spread), mass_count))], axis=1)
         matrix = whole * factor[:, :, None] * factor[:, None, :] + np.eye(size)
-        eigenvalues, vectors = np.linalg.eigh(matrix)
+        eigenvalues, vectors = symmetric_eigen(matrix)
         eigenvalues = np.maximum(eigenvalues, 1.0)  # rounding alone brings them below
         along = np.einsum("sij,si->sj", vectors, factor * right)
         gained = (along**2 / eigenvalues).sum(1)
@@ -223,7 +224,7 @@ class ElasticSets:
             return 0.0
         cross = self.gram[np.ix_(own, other)][0]
         inner = self.gram[np.ix_(other, other)]
-        made = float(cross @ np.linalg.pinv(inner, rcond=1e-9, hermitian=True) @ cross)
+        made = float(cross @ pseudo_inverse(inner, 1e-9) @ cross)
         return float(np.clip(made / length, 0.0, 1.0))
 
     def window(self, best: tuple[int, ...]) -> tuple[list[frozenset], np.ndarray]:
@@ -273,7 +274,7 @@ def _explained(terms: Sequence[Term], gram: np.ndarray, score: np.ndarray) -> fl
         return 0.0
     own = np.concatenate(columns)
     return float(
-        score[own] @ np.linalg.pinv(gram[np.ix_(own, own)], rcond=1e-9, hermitian=True) @ score[own]
+        score[own] @ pseudo_inverse(gram[np.ix_(own, own)], 1e-9) @ score[own]
     )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
+from workbench.core.linear_algebra import symmetric_eigen
 from workbench.diagnosis.problem import Problem, Scan
 
 SIZES = np.geomspace(0.1, 100.0, 13)
@@ -64,7 +65,8 @@ class Projected:
         self.problem = problem
         self.y = problem.clear(problem.residual)
         self.crowd = crowding(self.y, problem)
-        self.yy, self.degrees = float(self.y @ self.y) / self.crowd, problem.degrees / self.crowd
+        # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
+        self.yy, self.degrees = float(self.y @ self.y) / self.crowd, max(problem.degrees, 1) / self.crowd
         self.known = problem.known
         self._first, self._more = problem.basis[:, : problem.first], problem.basis[:, problem.first :]
         n, size = problem.n, len(problem.sample)
@@ -273,7 +275,7 @@ def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
 
 def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses."""
-    values, vectors = np.linalg.eigh(moments.gram)
+    values, vectors = symmetric_eigen(moments.gram)
     seen = values > np.maximum(_GONE * moments.raw, 1e-12)[:, None]
     values = np.where(seen, values, 0.0)
     along = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)

@@ -14,6 +14,7 @@ import numpy as np
 from robot_model.system import bind
 from workbench.core.design import choose
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.diagnosis.planned import Plan, plans
 from workbench.diagnosis.problem import Problem
@@ -164,7 +165,7 @@ def _apart(normal, size, own) -> float:
     """Sigmas between the finding's signature and all that the other columns can make of it."""
     rest = np.setdiff1d(np.arange(len(normal)), own)
     cross = normal[np.ix_(own, rest)]
-    left = normal[np.ix_(own, own)] - cross @ np.linalg.solve(normal[np.ix_(rest, rest)], cross.T)
+    left = normal[np.ix_(own, own)] - cross @ solve_positive(normal[np.ix_(rest, rest)], cross.T)
     return float(np.sqrt(max(size[own] @ left @ size[own], 0.0)))
 
 

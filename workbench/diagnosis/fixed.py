@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.covariates import clock
+from workbench.core.linear_algebra import inverse_positive
 from workbench.core.rigid import rotation_matrix
 from workbench.core.solve import pose_scores
 from workbench.diagnosis.library import options
@@ -137,7 +138,7 @@ def _predicted(bench, terms, points, time, ends):
 def _covariance(bench, model, fit) -> np.ndarray:
     """(F, F) of the free parameters, where the rows of one pose err together: Liang & Zeger, Biometrika 73 (1986)."""
     known = np.diag(fit.parameters.precision[fit.parameters.mask])
-    inverse = np.linalg.pinv(fit.normal / fit.sigma_scale**2 + known, hermitian=True)
+    inverse = inverse_positive(fit.normal / fit.sigma_scale**2 + known)
     scores = pose_scores(model, fit, bench.pose)
     return inverse if scores is None else inverse @ scores @ inverse
 

@@ -7,6 +7,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.crossvalidation import hold_out
 from workbench.diagnosis.folds import Scheme
 from workbench.diagnosis.problem import Problem
@@ -159,7 +160,7 @@ def name_of(effect: Effect) -> str:
 
 def _alone(rows: np.ndarray) -> np.ndarray:
     """Shares (R,) of directions that the rows (k, R) of an orthonormal basis alone determine, ascending."""
-    return np.linalg.eigvalsh(rows.T @ rows)
+    return symmetric_eigenvalues(rows.T @ rows)
 
 
 def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
@@ -180,7 +181,7 @@ def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = Non
     for k in np.unique(fold) if only is None else (only,):
         rows = mine == k
         block = problem.basis[rows]
-        values, vectors = np.linalg.eigh(block.T @ block)
+        values, vectors = symmetric_eigen(block.T @ block)
         along = vectors.T @ (block.T @ left[rows]) / np.maximum(1 - values, _HELD)
         out[rows] = left[rows] + block @ (vectors @ along)
     out *= problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import symmetric_eigen
 from workbench.diagnosis.controls import of_order
 from workbench.diagnosis.folds import TIME, Scheme
 from workbench.diagnosis.problem import Problem
@@ -88,7 +89,7 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     lost = 0.0
     for k in np.unique(blocks):
         rows = basis[blocks == k]
-        information, directions = np.linalg.eigh(rows.T @ rows)
+        information, directions = symmetric_eigen(rows.T @ rows)
         alone = directions[:, information > _ONE_BLOCK]
         lost += float(((alone.T @ along) ** 2).sum())
     return lost / total

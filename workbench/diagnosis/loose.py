@@ -10,6 +10,7 @@ would make of first moments that the data sheet does not know.
 import numpy as np
 
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import thin_svd
 from workbench.core.parameters import Parameter
 
 _SHARE, _CENTRE_MM = 0.2, 20.0  # a data sheet's mass is good to a fifth, a centre to 20 mm
@@ -101,7 +102,7 @@ def loosened(law: Effect, state) -> Loose | None:
     length = (own**2).sum((1, 2))
     shares = (made * own).sum((2, 3)) / np.maximum(length, 1e-300)
     left = (made - shares[:, :, None, None] * own) / np.sqrt(np.maximum(length, 1e-300))[:, None, None]
-    u, s, _ = np.linalg.svd(left.reshape(len(left), -1), full_matrices=False)
+    u, s, _ = thin_svd(left.reshape(len(left), -1))
     kept = np.flatnonzero(s[:_MOST] > _LEAST)
     if not len(kept):
         return None

@@ -23,17 +23,18 @@ def robust_weights(white: np.ndarray) -> np.ndarray:
     """
     length = lengths(white)
     weights = np.minimum(1.0, _FULL / np.maximum(length, 1e-300))
-    return weights * np.minimum(1.0, (_LITTLE / np.maximum(length, 1e-300)) ** 3)
+    return weights * np.minimum(1.0, _LITTLE / np.maximum(length, 1e-300)) ** 3
 
 
 def lengths(white: np.ndarray) -> np.ndarray:
     """(n,) lengths of residuals (m, n) on the scale of a unit Gaussian in three coordinates."""
     m = len(white)
     square = (white**2).sum(0)
-    spread = np.median(square) / chi2.ppf(0.5, m)
-    quantile = chi2.logsf(square / max(spread, 1e-300), m)
+    # most residuals may be exactly zero: the others are then compared with a millionth of the longest
+    spread = max(np.median(square) / chi2.ppf(0.5, m), 1e-12 * square.max(initial=0.0), 1e-300)
     if m == 3:
-        return np.sqrt(square / max(spread, 1e-300))
+        return np.sqrt(square / spread)
+    quantile = chi2.logsf(square / spread, m)
     return np.sqrt(chi2.isf(np.exp(np.maximum(quantile, -650.0)), 3))
 
 
@@ -61,6 +62,8 @@ def _tails(length) -> float | None:
     def ratio(nu):
         return np.sqrt(fisher.ppf(0.9, 3, nu) / fisher.ppf(0.5, 3, nu))
 
+    if not np.median(length) > 0:  # exact data: no noise whose tails could be told
+        return None
     found, gauss = np.quantile(length, 0.9) / np.median(length), np.sqrt(chi2.ppf(0.9, 3) / chi2.ppf(0.5, 3))
     if found < gauss * (1 + 1.5 * _RATIO_ERROR / np.sqrt(len(length))):
         return None
@@ -79,6 +82,8 @@ def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
     part = np.searchsorted(inner, x)
     square = (white**2).sum(0)
     spread = np.array([np.median(square[part == k]) if (part == k).any() else 1.0 for k in range(part.max() + 1)])
+    if not spread.max() > 0:
+        return np.ones(len(part))
     each = np.sqrt(np.maximum(spread, 1e-12 * spread.max()))[part]
     return each / np.sqrt((each**2).mean())
 
@@ -91,6 +96,8 @@ def spread_with(white: np.ndarray, covariates: Mapping[str, np.ndarray]) -> tupl
     """
     kept = ~named(white)
     squares = (white[:, kept] ** 2).sum(0)
+    if not np.ptp(squares) > 0:
+        return None
     scores = {}
     for name, x in covariates.items():
         x = x[kept]

@@ -17,6 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import thin_svd
 
 _ROUNDING = 1e-9  # share of columns below which what a baseline leaves of them is only rounding
 
@@ -193,7 +194,7 @@ class Problem:
         What the baseline makes exactly leaves 1e-13 of itself, in no direction that means anything.
         """
         own = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
-        u, s, _ = np.linalg.svd(self.clear(own), full_matrices=False)
+        u, s, _ = thin_svd(self.clear(own))
         return np.linalg.qr(self.clear(u[:, s > _ROUNDING]))[0]
 
     def clear(self, columns: np.ndarray) -> np.ndarray:

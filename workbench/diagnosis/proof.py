@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import least_squares
 from workbench.diagnosis.controls import controls
 from workbench.diagnosis.folds import Scheme, schemes, thinned
 from workbench.diagnosis.heldout import Errors, left_out, paired, rms, sigma_of
@@ -326,7 +327,7 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     if not others:
         return False
     made = np.stack(others, 1)
-    share = np.linalg.lstsq(made, moved, rcond=None)[0]
+    share = least_squares(made, moved)
     like = np.maximum(share, 0.0) @ made.T
     return bool(((moved - like) ** 2).sum() < (1 - _MOST) * (moved**2).sum())
 

@@ -5,14 +5,15 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import brentq
 
+from robot_model.measurements import samples_of
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
 from workbench.checked_samples import check_samples
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import covariance_of, root_between, thin_svd
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.core.parameters import Parameters
 from workbench.core.solve import Fit, solve
@@ -25,6 +26,7 @@ from workbench.diagnosis.problem import Candidate, Problem, Site
 from workbench.diagnosis.rivals import Smooth
 from workbench.plans import geometry, stage_mask
 
+_FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 BASELINES = ("geometry", "joint-compliance")
 # a direction that moves all measurements together by less than this many sigmas for one typical size of
 # the geometry can neither hide nor imitate anything
@@ -35,6 +37,7 @@ _POSITIVE = {"joint-compliance": 1, "link-self-weight": 1, "link-compliance": 1,
              "pedestal-compliance": 2}  # fmt: skip
 _LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
+_LEAST_POSES = 4
 _KEPT = 4  # parts of the samples whose bases are kept
 _TOGETHER = ("transmission-harmonic", "joint-coupling", "measured-tilt")
 
@@ -46,6 +49,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     """
     if baseline not in BASELINES:
         raise InputError(f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one")
+    _check_enough(recording)
     checked = check_samples(recording, trust_data)
     moving = checked.recording
     chain = bind(checked.robot, moving)
@@ -54,6 +58,32 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     if baseline == "joint-compliance":
         effects = tuple(o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance")
     return RobotBench(chain, moving.poses, effects, moving, checked.warnings)
+
+
+def _check_enough(recording) -> None:
+    """InputError where a recording's kind or number of poses leaves nothing to diagnose."""
+    if recording.measures == "distance":
+        raise InputError(
+            f"recording '{recording.name}', key measures: a diagnosis needs one look at the arm a sample, found "
+            "lengths between two; use `workbench calibrate`, `compare` or `identifiability`"
+        )
+    moving = samples_of(recording)
+    poses = len(np.unique(moving.poses))
+    if poses < _LEAST_POSES:
+        raise InputError(
+            f"recording '{recording.name}': a diagnosis needs at least {_LEAST_POSES} distinct poses, found {poses} "
+            f"among {moving.n} samples; measure more"
+        )
+
+
+def _check_redundancy(problem: Problem, recording) -> None:
+    """InputError where the baseline spends every measured number."""
+    if problem.degrees < 1:
+        raise InputError(
+            f"recording '{recording.name if recording else ''}': the baseline spends all {problem.residual.size} "
+            f"measured numbers of {len(np.unique(problem.pose))} poses, so that nothing is left from which a missing "
+            "effect could be found; measure more poses"
+        )
 
 
 def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
@@ -128,6 +158,8 @@ class RobotBench:
         part = self._part(samples)
         variants = self.loose, self.mass_laws
         made = _problem(model, fit, weights, self.pose[every], tuple(effects), variants, part.library)
+        if samples is None and not effects:
+            _check_redundancy(made, self.recording)
         rotation = np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
         return replace(made, made=part.made, rotation=rotation)
 
@@ -194,7 +226,10 @@ class RobotBench:
     def parameters(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> tuple[dict, ...]:
         """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate."""
         model, fit, _ = self.solve(effects, samples)
-        covariance = np.linalg.pinv(fit.normal, hermitian=True) * fit.sigma_scale**2
+        typical = fit.parameters.typical[fit.parameters.mask]
+        scaled = fit.normal * np.outer(typical, typical)
+        covariance = covariance_of(scaled, np.full(len(typical), _FAINT)) * np.outer(typical, typical)
+        covariance *= fit.sigma_scale**2
         std = np.zeros(len(fit.parameters))
         std[fit.parameters.mask] = np.sqrt(np.maximum(np.diag(covariance), 0))
         rows = []
@@ -246,7 +281,7 @@ def _extra(squares, sigma):
         return float((squares / (sigma**2 + v)).mean() - 1)
 
     high, least = 2 * float(squares.mean()) + 1e-12, 1e-12
-    return brentq(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
+    return root_between(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
 
 
 def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) -> Problem:
@@ -313,7 +348,7 @@ def _noise(model):
 def _basis(columns: np.ndarray) -> np.ndarray:
     """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
     q, r = np.linalg.qr(columns)
-    u, s, _ = np.linalg.svd(r)
+    u, s, _ = thin_svd(r)
     return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]
 
 

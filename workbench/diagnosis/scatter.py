@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
+from workbench.core.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.problem import Alternative, Finding, Located, Problem, Site
 
 CLAIMED = 1e-4
@@ -116,11 +117,11 @@ def _likelihood(site, z) -> tuple[float, float, float]:
     """Log likelihood of residuals z (m, n) in noise and what a site does by chance; its likeliest spread over the
     noise, and that noise."""
     d = _directions(site, len(z))
-    values, vectors = np.linalg.eigh(np.einsum("kan,kbn->nab", d, d))
+    values, vectors = symmetric_eigen(np.einsum("kan,kbn->nab", d, d))
     squares = np.einsum("nab,an->bn", vectors, z) ** 2
     spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
     widths = 1 + spreads[:, None, None] ** 2 * values.T
-    level = (squares / widths).mean((1, 2))
+    level = np.maximum((squares / widths).mean((1, 2)), 1e-300)
     logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
     best = int(np.argmax(logs))
     return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
@@ -133,12 +134,12 @@ def _turned(site, z, share) -> float:
     share (n,): what each sample counts.
     """
     d = _directions(site, len(z))
-    values, vectors = np.linalg.eigh(np.einsum("kan,kbn->nab", d, d))
+    values, vectors = symmetric_eigen(np.einsum("kan,kbn->nab", d, d))
     unit = z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
     squares = np.einsum("nab,an->bn", vectors, unit) ** 2
     spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
     widths = 1 + spreads[:, None, None] ** 2 * values.T
-    logs = -0.5 * (np.log(widths).sum(1) + len(z) * np.log((squares / widths).sum(1))) @ share
+    logs = -0.5 * (np.log(widths).sum(1) + len(z) * np.log(np.maximum((squares / widths).sum(1), 1e-300))) @ share
     return float(logs.max())
 
 
@@ -152,16 +153,16 @@ def _constant(z, share) -> float:
     m = len(unit)
     shape = np.eye(m)
     for _ in range(_ROUNDS):
-        lengths = np.maximum(np.einsum("an,ab,bn->n", unit, np.linalg.inv(shape), unit), 1e-300)
+        lengths = np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
         shape = m / share.sum() * (unit * share / lengths) @ unit.T + _LEAST * np.eye(m)
         shape *= m / np.trace(shape)
-    lengths = np.maximum(np.einsum("an,ab,bn->n", unit, np.linalg.inv(shape), unit), 1e-300)
+    lengths = np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
     return -0.5 * (share.sum() * float(np.linalg.slogdet(shape)[1]) + m * float(np.log(lengths) @ share))
 
 
 def _of_noise(z) -> float:
     """Log likelihood of residuals z (m, n) where nothing moves by chance, on the scale of `_likelihood`."""
-    return -0.5 * z.size * float(np.log((z**2).mean()))
+    return -0.5 * z.size * float(np.log(max((z**2).mean(), 1e-300)))
 
 
 def _score(tensor, z, pose):
@@ -242,7 +243,7 @@ def evened_by(problem: Problem, scatter: Scatter) -> Problem:
     site = next(s for s in places(problem) if _which(s) == mine)
     d = _directions(site, m)
     covariance = np.eye(m)[:, :, None] + scatter.ratio**2 * np.einsum("kan,kbn->abn", d, d)
-    values, vectors = np.linalg.eigh(covariance.transpose(2, 0, 1))
+    values, vectors = symmetric_eigen(covariance.transpose(2, 0, 1))
     root = np.einsum("nab,nb,ncb->acn", vectors, scatter.ratio / scatter.spread / np.sqrt(values), vectors)
 
     def white(rows):

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.effects import CATALOGUE
+from workbench.core.linear_algebra import least_squares
 
 _KINDS = ("external-point", "external-pose", "ball-centre")
 SCENE, ROBOT = "next-experiment.toml", "next-experiment.robot.toml"
@@ -74,7 +75,7 @@ def _share(chain) -> float:
     """How much of the joints' limits the recording uses: its largest share, within what a scene takes."""
     limits = chain.robot.limits
     span = np.ptp(limits, axis=1)
-    readings = np.linalg.lstsq(chain.robot.mixing, chain.variables, rcond=None)[0]
+    readings = least_squares(chain.robot.mixing, chain.variables)
     used = np.ptp(readings, axis=1) / np.where(np.isfinite(span) & (span > 0), span, 2 * np.pi)
     return float(np.clip(np.median(used), 0.05, 1.0))
 

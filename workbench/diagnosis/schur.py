@@ -11,6 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from workbench.core.linear_algebra import symmetric_eigen
+
 
 @dataclass(frozen=True)
 class Table:
@@ -46,7 +48,7 @@ class Beside:
 
     def __init__(self, table: Table, held: np.ndarray):
         self.table = table
-        values, self._vectors = np.linalg.eigh(table.gram[np.ix_(held, held)])
+        values, self._vectors = symmetric_eigen(table.gram[np.ix_(held, held)])
         self._within = 1 / (np.maximum(values, 0.0) + table.shrink[:, None])  # (S, h): of A^-1, along the vectors
         self._along = self._vectors.T @ table.gram[held]
         self._score = self._vectors.T @ table.score[held]

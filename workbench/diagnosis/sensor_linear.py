@@ -12,6 +12,7 @@ from sensors.light.planes import steps_family
 from sensors.scanner.adjustment import ON_BOTH
 from workbench.core.bundle import BundleFit, Family
 from workbench.core.effect import Effect
+from workbench.core.linear_algebra import symmetric_eigenvalues, thin_svd
 from workbench.core.model import Model
 from workbench.diagnosis import sensor_data
 from workbench.diagnosis.outliers import robust_weights
@@ -179,7 +180,7 @@ class Linear:
         A mirror that turns a few degrees hides nearly all of a wobble: whatever of it can be seen at all is large.
         """
         left = self.cleared(columns)
-        best = np.sqrt(max(np.linalg.eigvalsh(left.T @ left)[-1], 0.0))
+        best = np.sqrt(max(symmetric_eigenvalues(left.T @ left)[-1], 0.0))
         return float(np.clip(_VISIBLE / max(best, 1e-300), 1.0, WIDEST))
 
     def cleared(self, columns: np.ndarray) -> np.ndarray:
@@ -246,5 +247,5 @@ def _has(part: str, family: str) -> bool:
 def _orthonormal(columns: np.ndarray) -> np.ndarray:
     """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
     q, r = np.linalg.qr(columns)
-    u, s, _ = np.linalg.svd(r)
+    u, s, _ = thin_svd(r)
     return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]

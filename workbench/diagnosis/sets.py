@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from workbench.core.linear_algebra import inverse_positive, solve_positive, symmetric_eigen
 from workbench.diagnosis.evidence import SIZES, Projected, log_evidence
 from workbench.diagnosis.hypotheses import Hypothesis
 from workbench.diagnosis.problem import Problem
@@ -150,7 +151,7 @@ class Sets:
             more = (factor[..., -1, :-1] ** 2).sum(-1)
             spent = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
         except np.linalg.LinAlgError:  # hardly any noise: rounding of what is made exactly exceeds what is left
-            values, vectors = np.linalg.eigh(blocks)
+            values, vectors = symmetric_eigen(blocks)
             values = np.maximum(values, 0.0) + shrink[:, None, None]
             more = (np.einsum("scij,sci->scj", vectors, left.left[:, columns]) ** 2 / values).sum(-1)
             spent = np.log(values).sum(-1)
@@ -172,7 +173,7 @@ class Sets:
         """Fall of the sum of squares by a set, its coefficients hardly held back."""
         held = self.index(members)
         gram = self.gram[np.ix_(held, held)] + np.eye(len(held)) / SIZES[-1] ** 2
-        return float(self.score[held] @ np.linalg.solve(gram, self.score[held]))
+        return float(self.score[held] @ solve_positive(gram, self.score[held]))
 
     def best(self, present: Members = ()) -> tuple[Hypothesis, ...]:
         """The likeliest set: from what is accepted, or else from the best single, the best pair and every kind.
@@ -240,7 +241,7 @@ class Sets:
         """The member that is clearly negative and cannot be, the clearest; None where there is none."""
         held = self.index(members)
         gram = self.gram[np.ix_(held, held)] + np.eye(len(held)) / SIZES[-1] ** 2
-        inverse = np.linalg.inv(gram)
+        inverse = inverse_positive(gram)
         sigma = np.sqrt(max(self.projected.yy - self.gain(members), 1e-300) / self.projected.degrees)
         z = -(inverse @ self.score[held]) / np.sqrt(np.diag(inverse)) / sigma
         owner = np.repeat(members, np.diff(self.start)[list(members)])

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.linear_algebra import symmetric_eigen
 from workbench.diagnosis.problem import Candidate, Problem
 
 POWER, FAMILY = 0.95, 0.01
@@ -111,7 +112,7 @@ class _Table:
     def _made_by(self, k):
         """(C, D) squared length of the part of each candidate's directions that candidate k makes at a likely size."""
         low, high = self.first[k], self.first[k + 1]
-        values, vectors = np.linalg.eigh(self.gram[low:high, low:high])
+        values, vectors = symmetric_eigen(self.gram[low:high, low:high])
         half = (vectors / np.sqrt(np.maximum(values, 0) + _BROAD**-2)).T @ self.gram[low:high]
         parts = np.add.reduceat(half[:, :, None] * self.draws, self.first[:-1], axis=1)
         return (parts**2).sum(0)
@@ -148,7 +149,9 @@ def _row(table: _Table, k, seen, apart, twin, units) -> Visible:
     unit = units[0] if len(set(units)) == 1 else ""
     length = table.length[k] if survives > _NOTHING else np.full_like(table.length[k], np.nan)  # nothing is seen of it
     at = _median(seen / length)
-    least = np.maximum(seen, told_apart() * table.length[k] / np.maximum(apart, 1e-300))
+    distinct = apart > _NOTHING * table.length[k]
+    ratio = np.divide(table.length[k], apart, out=np.full_like(apart, np.inf), where=distinct)
+    least = np.maximum(seen, told_apart() * ratio)
     same = twin < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
     far = None if same else _median(least / length)
     other = table.every[twin] if twin >= 0 else None

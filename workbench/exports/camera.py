@@ -7,6 +7,7 @@ import numpy as np
 
 from sensors.camera.model import BROWN, Camera
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import least_squares
 
 _GRID, _STEPS, _MOST_PX = 41, 10, 0.1
 
@@ -99,7 +100,7 @@ def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
     points, found = np.vstack([flat, np.ones(flat.shape[1])])[:, seen], Camera.of([*camera.values[:8], 0], camera.size)
     for _ in range(_STEPS):
         rows = found.project_rows(points)[2][:8].reshape(8, -1)
-        step = np.linalg.lstsq(rows.T, (pixels[:, seen] - found.project(points)).ravel(), rcond=None)[0]
+        step = least_squares(rows.T, (pixels[:, seen] - found.project(points)).ravel())
         found = Camera.of([*found.values[:8] + step, 0], camera.size)
     off = float(np.linalg.norm(found.project(points) - pixels[:, seen], axis=0).max())
     if not (off < _MOST_PX and seen.all()):

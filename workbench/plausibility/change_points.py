@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.linear_algebra import pseudo_inverse
 from workbench.plausibility.fitting import (
     POSITION,
     fit_recording,
@@ -107,7 +108,7 @@ class _System:
         matrix = flat @ flat.T + np.diag(precision)
         size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
         scaled = matrix * np.outer(size, size) + 1e-9 * np.eye(len(size))
-        self.inverse = np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) * np.outer(size, size)
+        self.inverse = pseudo_inverse(scaled, 1e-9) * np.outer(size, size)
         gradient = flat @ self.residual.ravel()
         self.projected = self.residual - np.tensordot(self.inverse @ gradient, self.rows, 1)
         self.squares = float((self.projected**2).sum())

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from workbench.core.linear_algebra import thin_svd
 from workbench.proving.oracle import Bench
 
 _SUPPORT = 0.9
@@ -199,5 +200,5 @@ def _baseline(held: _Held):
     residual, rows = model.linearise(fitted)
     flat = rows.reshape(len(rows), -1).T
     size = np.linalg.norm(flat, axis=0)
-    u, s, _ = np.linalg.svd(flat[:, size > 0] / size[size > 0], full_matrices=False)
+    u, s, _ = thin_svd(flat[:, size > 0] / size[size > 0])
     return u[:, s > 1e-8 * s[0]], residual, model, start, fitted

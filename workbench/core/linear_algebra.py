@@ -1,0 +1,256 @@
+"""Linear algebra that does not raise on rank-deficient, badly scaled or constant data.
+
+Every function first brings the matrix to unit diagonal or unit largest entry. Symmetric positive semi-definite
+matrices are factorised by Cholesky; where rounding leaves no positive pivot, the eigen-decomposition decides
+which directions are determined. A direction counts as undetermined where its eigenvalue, at unit diagonal, is
+below `RANK_TOLERANCE` times the size of the matrix: that is what rounding of the entries alone can make of zero.
+
+Unit diagonal is within a factor F of the best scaling of an F x F matrix: van der Sluis, Numer. Math. 14 (1969) 14;
+Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed. (2002), sections 7.3, 10.1 and 19.4.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import linalg
+from scipy.optimize import brentq
+
+from workbench.core.errors import InputError
+
+RANK_TOLERANCE = 1e-14
+"""Relative size, per row of a matrix, of what rounding leaves of zero."""
+NOT_FINITE = (
+    "the equations of this solve hold numbers that are not finite, so that nothing can be computed from them; check "
+    "the units of coordinates and joint readings, and the stated sigma, for numbers that are far too large or too small"
+)
+
+
+def all_finite(*arrays: np.ndarray) -> bool:
+    """Whether no entry of any array is nan or infinite."""
+    return all(np.isfinite(array).all() for array in arrays)
+
+
+def check_finite(*arrays: np.ndarray) -> None:
+    """Raise InputError, as one sentence, where an array holds nan or infinity."""
+    if not all_finite(*arrays):
+        raise InputError(NOT_FINITE)
+
+
+def diagonal_scale(matrix: np.ndarray) -> np.ndarray:
+    """(..., F) root of the diagonal of symmetric matrices (..., F, F), 1 where the diagonal is not positive."""
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+
+
+def symmetric_eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (..., F) ascending and eigenvectors (..., F, F) in columns of symmetric matrices (..., F, F).
+
+    Scaled to largest entry 1, so that nothing over- or underflows; the slower QR algorithm takes over where divide
+    and conquer does not converge. Raises InputError where an entry is not finite.
+    """
+    matrix = np.asarray(matrix, float)
+    check_finite(matrix)
+    largest = np.abs(matrix).max(axis=(-2, -1), initial=0.0)
+    size = np.where(largest > 0, largest, 1.0)
+    scaled = matrix / size[..., None, None]
+    try:
+        values, vectors = np.linalg.eigh(scaled)
+    except np.linalg.LinAlgError:
+        values, vectors = _eigen_one_by_one(scaled)
+    return values * size[..., None], vectors
+
+
+def _eigen_one_by_one(matrices):
+    """The same by the QR algorithm (LAPACK syev), which converges where divide and conquer does not."""
+    flat = matrices.reshape(-1, *matrices.shape[-2:])
+    pairs = [linalg.eigh((matrix + matrix.T) / 2, driver="ev") for matrix in flat]
+    values = np.stack([value for value, _ in pairs]).reshape(matrices.shape[:-1])
+    return values, np.stack([vectors for _, vectors in pairs]).reshape(matrices.shape)
+
+
+def symmetric_eigenvalues(matrix: np.ndarray) -> np.ndarray:
+    """(..., F) ascending; see `symmetric_eigen`."""
+    return symmetric_eigen(matrix)[0]
+
+
+def thin_svd(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """u (..., m, k), singular values (..., k) descending and vt (..., k, n) of matrices (..., m, n), k = min(m, n).
+
+    Scaled to largest entry 1; the slower QR iteration takes over where divide and conquer does not converge.
+    Raises InputError where an entry is not finite.
+    """
+    matrix = np.asarray(matrix, float)
+    check_finite(matrix)
+    largest = np.abs(matrix).max(axis=(-2, -1), initial=0.0)
+    size = np.where(largest > 0, largest, 1.0)
+    scaled = matrix / size[..., None, None]
+    try:
+        u, values, vt = np.linalg.svd(scaled, full_matrices=False)
+    except np.linalg.LinAlgError:
+        u, values, vt = _svd_one_by_one(scaled)
+    return u, values * size[..., None], vt
+
+
+def _svd_one_by_one(matrices):
+    """The same by QR iteration (LAPACK gesvd), which converges where divide and conquer does not."""
+    flat = matrices.reshape(-1, *matrices.shape[-2:])
+    parts = [linalg.svd(matrix, full_matrices=False, lapack_driver="gesvd") for matrix in flat]
+    shapes = [(*matrices.shape[:-2], *part.shape) for part in parts[0]]
+    return tuple(np.stack(each).reshape(shape) for each, shape in zip(zip(*parts), shapes))
+
+
+def solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """x (..., F, K) or (F,) with matrix x = right, for symmetric positive semi-definite matrices (..., F, F).
+
+    Where the matrix is singular to rounding, x is the solution of least norm at unit diagonal: nothing moves along
+    directions that the matrix does not determine. right (..., F, K), or (F,) for one matrix. Raises InputError
+    where an entry is not finite.
+    """
+    matrix, right = np.asarray(matrix, float), np.asarray(right, float)
+    if right.ndim == 1:
+        return solve_positive(matrix, right[:, None])[:, 0]
+    check_finite(matrix, right)
+    if not right.size:
+        return np.zeros_like(right)
+    size = diagonal_scale(matrix)
+    unit = matrix / (size[..., :, None] * size[..., None, :])
+    scaled = right / size[..., None]
+    return _solve_unit_diagonal(unit, scaled) / size[..., None]
+
+
+def _solve_unit_diagonal(matrix, right):
+    lower = _cholesky(matrix)
+    if lower is None:
+        return _solve_by_eigen(matrix, right)
+    if matrix.ndim == 2:
+        return linalg.cho_solve((lower, True), right, check_finite=False)
+    return np.linalg.solve(matrix, right)
+
+
+def _cholesky(matrix):
+    """Lower factor of matrices (..., F, F) of unit diagonal, None where one of them is singular to rounding."""
+    try:
+        lower = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    pivots = np.diagonal(lower, axis1=-2, axis2=-1)
+    # a squared pivot is what is left of a column that those before it do not make
+    return lower if (pivots**2 > _cutoff(matrix)).all() else None
+
+
+def _solve_by_eigen(matrix, right):
+    values, vectors = symmetric_eigen(matrix)
+    inverse = _reciprocals(values, _cutoff(matrix))
+    return vectors @ (inverse[..., None] * (np.swapaxes(vectors, -1, -2) @ right))
+
+
+def _cutoff(matrix):
+    """Eigenvalue below which a matrix of unit diagonal says nothing about a direction."""
+    return RANK_TOLERANCE * max(matrix.shape[-1], 1)
+
+
+def _reciprocals(values, cutoff):
+    """1 / values, 0 where a value is not above `cutoff`."""
+    above = values > cutoff
+    return np.where(above, 1 / np.where(above, values, 1.0), 0.0)
+
+
+def inverse_positive(matrix: np.ndarray) -> np.ndarray:
+    """(..., F, F) covariance from information matrices, symmetric positive semi-definite.
+
+    Where a matrix is singular to rounding, its eigenvalues at unit diagonal are raised to what rounding can make of
+    zero: what is undetermined gets a very large variance, and not the 0 of a pseudo-inverse. With a known prior,
+    `covariance_of` says how large. Raises InputError where an entry is not finite.
+    """
+    check_finite(matrix)
+    if not matrix.size:
+        return np.zeros_like(matrix)
+    size = diagonal_scale(matrix)
+    outer = size[..., :, None] * size[..., None, :]
+    unit = matrix / outer
+    if _cholesky(unit) is not None:
+        inverse = np.linalg.inv(unit)
+    else:
+        values, vectors = symmetric_eigen(unit)
+        inverse = (vectors / np.maximum(values, _cutoff(unit))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return (inverse + np.swapaxes(inverse, -1, -2)) / 2 / outer
+
+
+def pseudo_inverse(matrix: np.ndarray, tolerance: float = 1e-13) -> np.ndarray:
+    """(F, F) Moore-Penrose inverse, at unit diagonal, of a symmetric positive semi-definite matrix (F, F).
+
+    tolerance: eigenvalue at unit diagonal below which a direction counts as not in the matrix at all.
+    """
+    size = diagonal_scale(matrix)
+    values, vectors = symmetric_eigen(matrix / np.outer(size, size))
+    inverse = (vectors * _reciprocals(values, tolerance)) @ vectors.T
+    return inverse / np.outer(size, size)
+
+
+def covariance_of(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """(..., F, F) inverse of information + diag(prior), accurate where the information is singular and far larger.
+
+    information (..., F, F): of the data, symmetric positive semi-definite up to rounding. prior (F,): precisions, each
+    above 0, in units in which they are comparable. Along a direction that the data do not determine the result has
+    the variance that the prior alone leaves, and not what rounding of the information would make of it.
+    Raises InputError where an entry is not finite.
+    """
+    prior = np.asarray(prior, float)
+    check_finite(information, prior)
+    if not information.size:
+        return np.zeros_like(information)
+    total = (information + np.swapaxes(information, -1, -2)) / 2 + np.diag(prior)
+    size = diagonal_scale(total)
+    outer = size[..., :, None] * size[..., None, :]
+    # where rounding of the information is small against the prior, the sum can be inverted as it stands
+    rounding = RANK_TOLERANCE * len(prior) * size**2
+    if (rounding < 1e-3 * prior).all() and _cholesky(total / outer) is not None:
+        inverse = np.linalg.inv(total / outer) / outer
+        return (inverse + np.swapaxes(inverse, -1, -2)) / 2
+    flat = information.reshape(-1, *information.shape[-2:])
+    return np.stack([_covariance_by_rows(one, prior) for one in flat]).reshape(information.shape)
+
+
+def _covariance_by_rows(information, prior):
+    """The same from square roots: (R^T R)^-1 with R the triangle of the stacked rows of data and prior.
+
+    Rows in order of size and columns pivoted keep small rows beside large ones: Cox & Higham, BIT 38 (1998) 34.
+    """
+    size = diagonal_scale(information)
+    values, vectors = symmetric_eigen(information / np.outer(size, size))
+    kept = values > _cutoff(information)
+    data = np.sqrt(values[kept])[:, None] * vectors[:, kept].T * size
+    rows = np.concatenate([data, np.diag(np.sqrt(prior))])
+    rows = rows[np.argsort(-np.abs(rows).max(axis=1), kind="stable")]
+    triangle, order = linalg.qr(rows, mode="r", pivoting=True)
+    triangle = triangle[: len(prior)]
+    unit = np.abs(np.diag(triangle))
+    inverse = linalg.solve_triangular(triangle / unit[:, None], np.diag(1 / unit), check_finite=False)
+    covariance = np.empty_like(information)
+    covariance[np.ix_(order, order)] = inverse @ inverse.T
+    return covariance
+
+
+def least_squares(rows: np.ndarray, right: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
+    """x (F,) or (F, K) of least norm, at columns of unit length, that minimises |rows x - right|.
+
+    rows (m, F), right (m,) or (m, K). tolerance: singular value, relative to the largest, below which a direction
+    is left alone. Raises InputError where an entry is not finite.
+    """
+    check_finite(rows, right)
+    largest = np.abs(rows).max(axis=0, initial=0.0)
+    largest = np.where(largest > 0, largest, 1.0)
+    length = largest * np.maximum(np.sqrt(((rows / largest) ** 2).sum(0)), 1.0)
+    u, values, vt = thin_svd(rows / length)
+    inverse = _reciprocals(values, tolerance * values.max(initial=0.0))
+    shape = (-1, *(1,) * (right.ndim - 1))
+    found = vt.T @ (inverse.reshape(shape) * (u.T @ right))
+    return found / length.reshape(shape)
+
+
+def root_between(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function changes its sign between `low` and `high`; where it does not, the end with the smaller value."""
+    at_low, at_high = function(low), function(high)
+    if not (np.isfinite(at_low) and np.isfinite(at_high) and at_low * at_high < 0):
+        return low if abs(at_low) <= abs(at_high) or not np.isfinite(at_high) else high
+    return float(brentq(function, low, high))
