@@ -253,6 +253,17 @@ def geometry_free(robot: Robot) -> list[str]:
     ]
 
 
+def redundant_geometry(robot: Robot) -> list[str]:
+    """Keys of the geometry that the convention replaces by others: beta, or d where the next axis is parallel.
+
+    Three rotations and two lengths place a joint axis only up to a slide along it and a rotation about it, so
+    that four of a joint's five numbers suffice (Hayati & Mirmirani 1985).
+    """
+    free = set(geometry_free(robot))
+    every = (f"joint-{k + 1}.{row[0]}{k + 1}" for k in range(robot.joints) for row in _GEOMETRY)
+    return [key for key in every if key not in free]
+
+
 def held_by_convention(robot: Robot) -> list[str]:
     """Keys of the offsets d that Hayati's beta stands in for: along parallel axes only their sum shows, in the next d.
 

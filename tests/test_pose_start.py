@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from pose_scenes import SPREADS_DEG, pose_scene
 from robot_model.measurements.external_pose import ExternalPose
-from robot_model.system import bind
+from robot_model.system import bind, geometry_free
 from scenes import BALLS, KINDS, scene
+from workbench.calibrate import calibrate
 from workbench.checked_samples import check_samples
 from workbench.core.model import Model
+from workbench.core.solution import Stage
 from workbench.core.solve import Fit, solve
 from workbench.plans import frames_of
 from workbench.start_ambiguity import ambiguity_sentence
@@ -115,3 +117,14 @@ def test_two_bases_are_a_warning():
     sentence = ambiguity_sentence(made.robot, made.recording)
     assert "fit the nominal arm equally well" in sentence
     assert sentence in check_samples(made.recording).warnings
+
+
+@pytest.mark.parametrize("seed", [3, 11])
+def test_a_plan_that_frees_the_whole_geometry_fits_as_well_as_the_default_geometry(seed):
+    # Redundant parameters (beta between axes that are not parallel) must not replace lengths in the solve.
+    scene = pose_scene(seed, 180.0, poses=120)
+    every = Stage("geometry", "all of it", free=("base.*", "tool.*", "joint-*.*"), earn=False)
+    convention = replace(every, free=("base.*", "tool.*", *geometry_free(scene.robot)))
+    errors = [calibrate(scene.recording, [stage]).held_out["rms_mm"] for stage in (every, convention)]
+    assert errors[0] < 1.02 * errors[1]
+    assert errors[1] < 1.5 * np.sqrt(3) * scene.recording.sigma_mm

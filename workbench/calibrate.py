@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
-from robot_model.system import bind, geometry_free, held_by_convention
+from robot_model.system import bind, geometry_free, held_by_convention, redundant_geometry
 from workbench.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -279,7 +279,7 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     Starts from the trial's values; what is left out goes back to where it was before.
     """
     normal = normal_matrix(model, trial.parameters)
-    free, tied = independent(normal, trial.parameters)
+    free, tied = independent(normal, trial.parameters, redundant=redundant_geometry(model.chain.robot))
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.chunks import Chunks, read_chunks
-from robot_model.system import bind
+from robot_model.system import bind, redundant_geometry
 from workbench.calibrate import Calibration, Stage, calibrate
 from workbench.core.adjustment_tests import robust_sigma, variance_test
 from workbench.core.effect import Effect
@@ -196,7 +196,8 @@ def calibrate_chunks(
     thin = calibrate(chunks.thin, plan, folds=folds, progress=progress, trust_data=trust_data)
     stream = stream_of(chunks, thin, progress)
     wanted = _wanted(thin, stream)
-    fit = solve(stream, independent(stream.linearise(wanted)[1].normal, wanted)[0])
+    free, _ = independent(stream.linearise(wanted)[1].normal, wanted, redundant=redundant_geometry(thin.robot))
+    fit = solve(stream, free)
     held_out = _held_out(stream, fit, _folds(chunks.pose, folds), folds)
     everything = wanted.take_over(fit.parameters).only(wanted.mask)
     known = identifiability(stream.linearise(everything)[1].normal, everything)

@@ -5,6 +5,7 @@ size. A singular value s of a direction then reads: the data know it 1/s typical
 s < 1 they know less than one knew before measuring, and the direction is called undetermined.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,16 +160,20 @@ def _echelon(rows):
 
 
 def independent(
-    normal: np.ndarray, parameters: Parameters, scale: float = 1.0
+    normal: np.ndarray, parameters: Parameters, scale: float = 1.0, redundant: Collection[str] = ()
 ) -> tuple[Parameters, dict[str, list[str]]]:
     """Parameters with only an independent set free, and for each one left out what it is tied to.
 
     Goes through the free ones, those without a prior (base, tool) first and then in order, and
-    leaves out each whose column the earlier ones already make: what nothing was known about
-    carries what cannot be told apart.
+    leaves out each whose column is a linear combination of earlier ones: parameters about which nothing
+    was known carry what is not identifiable. Keys in `redundant` come last. They are parameters that
+    the convention replaces by others (beta between axes that are not parallel): an independent set
+    that holds one instead of a length represents millimetres by large angles on short levers.
     """
     free = np.flatnonzero(parameters.mask)
-    free = free[np.argsort(parameters.precision[free] > 0, kind="stable")]
+    has_prior = parameters.precision[free] > 0
+    comes_last = np.isin(np.array(parameters.keys)[free], list(redundant))
+    free = free[np.lexsort((has_prior, comes_last))]
     typical = parameters.typical[free]
     place = np.searchsorted(np.flatnonzero(parameters.mask), free)
     scaled = normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2

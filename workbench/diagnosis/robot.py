@@ -33,8 +33,8 @@ BASELINES = ("geometry", "joint-compliance")
 _SEEN = 1e-2
 _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be off together
 # how many of the first parameters of what yields to a load cannot be negative
-_POSITIVE = {"joint-compliance": 1, "link-self-weight": 1, "link-compliance": 1, "bearing-compliance": 1,
-             "pedestal-compliance": 2}  # fmt: skip
+_POSITIVE = dict.fromkeys(("joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance"), 1)
+_POSITIVE["pedestal-compliance"] = 2
 _LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
@@ -63,15 +63,13 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
 def _check_enough(recording) -> None:
     """InputError where a recording's kind or number of poses leaves nothing to diagnose."""
     if recording.measures == "distance":
-        raise InputError(
-            f"recording '{recording.name}', key measures: a diagnosis needs one look at the arm a sample, found "
-            "lengths between two; use `workbench calibrate`, `compare` or `identifiability`"
-        )
+        raise InputError(f"recording '{recording.name}', key measures: a diagnosis needs one pose of the arm a sample, "
+                         "found lengths between two; use `workbench calibrate`, `compare` or `identifiability`")
     moving = samples_of(recording)
     poses = len(np.unique(moving.poses))
     if poses < _LEAST_POSES:
         raise InputError(
-            f"recording '{recording.name}': a diagnosis needs at least {_LEAST_POSES} distinct poses, found {poses} "
+            f"recording '{recording.name}': a diagnosis needs {_LEAST_POSES} or more distinct poses, found {poses} "
             f"among {moving.n} samples; measure more"
         )
 
