@@ -46,6 +46,8 @@ KINDS = {
 }
 
 INTEGERS = ("sample", "ball", "point", "sphere", "pair", "plane", "pose", "repeat", "reflector")
+GROUPS = ("point", "sphere", "pair", "plane", "pose", "repeat", "reflector")
+"""Columns that only say which rows belong together: a number or a name."""
 TEXT = ("fixed_to", "note")
 FIXED_TO = ("tool", "base", "floor")
 SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")

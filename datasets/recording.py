@@ -39,6 +39,8 @@ class Recording:
     """Of the files that the numbers were read from."""
     warnings: tuple[str, ...] = ()
     """Sentences on what is unusual and was accepted; every command that reads the recording repeats them."""
+    group_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Column of groups (reflector, pose, ...) -> its names in the file; name k stands for the number k + 1."""
     is_resampled: bool = False
     """True where rows were drawn with replacement (bootstrap): equal rows then count as often as they were drawn."""
 

@@ -102,6 +102,7 @@ def calibration_json(calibration) -> dict:
         "recording": calibration.recording.name,
         "measures": calibration.recording.measures,
         "samples": calibration.recording.n,
+        "group_names": dict(calibration.recording.group_names),
         "stages": [_stage_row(stage) for stage in calibration.stages],
         "parameters": [dict(row) for row in calibration.parameters],
         "fit": calibration.fit,

@@ -8,7 +8,7 @@ import numpy as np
 
 from datasets.arms import read_robot
 from datasets.checks import Context, check_samples
-from datasets.columns import KINDS, TEXT, joint_columns
+from datasets.columns import GROUPS, KINDS, TEXT, joint_columns
 from datasets.errors import complaint
 from datasets.files import inside, label, read_toml
 from datasets.formats.table import Table, read_table
@@ -33,7 +33,7 @@ def read_recording(folder: Path, trust_data: bool = False) -> Recording:
     _check_recording(keys, called)
     robot = read_robot(folder, keys["robot"], called) if "robot" in keys else {}
     balls = _read_artefact(folder, keys, called)
-    columns, warnings = _read_samples(folder, keys, called, robot, balls, trust_data)
+    columns, warnings, names = _read_samples(folder, keys, called, robot, balls, trust_data)
     balls = balls or _unknown_ball(keys, columns, called)
     if KINDS[keys["measures"]].joints and joint_columns(columns):
         _has_section(keys, "robot", "robot.toml", called)
@@ -45,7 +45,7 @@ def read_recording(folder: Path, trust_data: bool = False) -> Recording:
         sigma_mm=keys.get("sigma_mm"), balls=balls, images=images, board=keys.get("board"),
         guess=keys.get("guess", {}), name=keys.get("name", folder.resolve().name), folder=folder,
         source=keys.get("source", ""), licence=keys.get("licence", ""), sha256=_digest(folder, keys),
-        warnings=warnings,
+        warnings=warnings, group_names=names,
     )
 
 
@@ -148,13 +148,14 @@ def _check_ball(table: Table, k: int, cells: list[float], balls: Mapping) -> Non
 
 
 def _read_samples(folder: Path, keys: Mapping, called: str, robot: Mapping, balls: Mapping, trust_data: bool):
-    """Columns of the samples, and sentences on what is unusual in them."""
+    """Columns of the samples, sentences on what is unusual in them, and the names of groups that have names."""
     if "samples" not in keys:
-        return {}, ()
+        return {}, (), {}
     path = inside(folder, keys["samples"]["file"], "key samples.file", called)
     small = keys["samples"].get("small_range", False)
     context = Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small, trust_data)
-    return checked(read_table(path, label(path), TEXT), context)
+    table = read_table(path, label(path), TEXT, groups=GROUPS)
+    return *checked(table, context), table.names
 
 
 def checked(table: Table, context: Context) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:

@@ -2,9 +2,9 @@
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -25,6 +25,8 @@ class Table:
     columns: dict[str, np.ndarray]
     rows: np.ndarray
     """(n,) row numbers as a spreadsheet shows them: the header of a CSV file is row 1."""
+    names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Columns of groups that hold names: name k stands for the number k + 1 in the column."""
 
     def where(self, index: int, column: str) -> str:
         """Place of one cell for an error sentence."""
@@ -34,22 +36,46 @@ class Table:
         return f"{self.called}, row {self.rows[index]}{named}, column {column}"
 
 
-def read_table(path: Path, called: str, text: tuple[str, ...] = (), blanks: bool = False) -> Table:
+def read_table(
+    path: Path, called: str, text: tuple[str, ...] = (), blanks: bool = False, groups: tuple[str, ...] = ()
+) -> Table:
     """The table at `path`, CSV or Parquet by its suffix; columns named in `text` stay text.
 
-    blanks: an empty cell of a CSV file is nan, and every other one a finite number. Raises
+    blanks: an empty cell of a CSV file is nan, and every other one a finite number. groups: columns whose
+    cells are all numbers or all names; names become numbers in the order in which they first occur. Raises
     InputError, which names row and column, for everything that is no such table.
     """
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        table = _read_csv(path, called, text, blanks)
+        table = _numbered(_read_csv(path, called, text + groups, blanks), groups)
     elif suffix in (".parquet", ".pq"):
-        table = _read_parquet(path, called, text)
+        table = _numbered(_read_parquet(path, called, text, groups), groups)
     else:
         raise complaint(called, "a .csv or .parquet file", f"the ending {suffix or 'none'!r}", "save it as one")
     if not len(table.rows):
         raise complaint(called, "at least one row below the header", "none", "record samples or export it again")
     return table
+
+
+def _numbered(table: Table, groups: tuple[str, ...]) -> Table:
+    """The table with names of groups replaced by numbers 1, 2, ... in the order in which they first occur."""
+    columns, names = dict(table.columns), {}
+    for group in groups:
+        values = columns.get(group)
+        if values is None or values.dtype.kind == "f":
+            continue
+        if any(_is_number(cell) for cell in values):
+            columns[group] = _numbers(group, values.tolist(), table.rows, table.called)
+            continue
+        if (values == "").any():
+            row = table.rows[int(np.argmax(values == ""))]
+            raise complaint(f"{table.called}, row {row}, column {group}", "a name or a number", "an empty cell",
+                            "fill it, or delete the row or the whole column")
+        found, first, number = np.unique(values, return_index=True, return_inverse=True)
+        rank = np.argsort(np.argsort(first))
+        columns[group] = rank[number].astype(float) + 1
+        names[group] = tuple(found[np.argsort(first)].tolist())
+    return replace(table, columns=columns, names=names)
 
 
 def _read_csv(path: Path, called: str, text: tuple[str, ...], blanks: bool) -> Table:
@@ -179,12 +205,14 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _read_parquet(path: Path, called: str, text: tuple[str, ...]) -> Table:
+def _read_parquet(path: Path, called: str, text: tuple[str, ...], groups: tuple[str, ...] = ()) -> Table:
     import pyarrow.parquet
 
     check_file(path, called, ".parquet")
     with parquet_errors(called), pyarrow.parquet.ParquetFile(path, memory_map=False) as file:
-        return arrow_table(file.read(), called, text)
+        found = file.read()
+        named = tuple(name for name in groups if name in found.column_names and _holds_text(found.column(name)))
+        return arrow_table(found, called, text + named)
 
 
 @contextmanager
@@ -228,6 +256,13 @@ def _arrow_names(found, called: str) -> list[str]:
     return names
 
 
+def _holds_text(column) -> bool:
+    from pyarrow import types
+
+    kind = column.type.value_type if types.is_dictionary(column.type) else column.type
+    return types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind)
+
+
 def _arrow_column(column, name: str, called: str, text: bool) -> np.ndarray:
     import pyarrow
     from pyarrow import types
@@ -235,7 +270,7 @@ def _arrow_column(column, name: str, called: str, text: bool) -> np.ndarray:
     if types.is_dictionary(column.type):  # pandas writes its categories so
         column = column.cast(column.type.value_type)
     where, kind = f"{called}, column {name}", column.type
-    is_text = types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind)
+    is_text = _holds_text(column)
     numeric = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
     if not (is_text if text else numeric):
         raise complaint(where, "text" if text else "numbers", f"the column type {kind}",
