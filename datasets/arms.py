@@ -7,13 +7,17 @@ from xml.etree import ElementTree
 
 from datasets.errors import complaint
 from datasets.files import inside, label, read_text, read_toml
-from datasets.keys import JOINT, ROBOT, check_keys
+from datasets.keys import JOINT, ROBOT, check_keys, shown
 
 RADIANS = tuple(k * math.pi / 2 for k in (-3, -2, -1, 1, 2, 3))
 
 
 def read_robot(folder: Path, section: Mapping, called: str) -> dict:
     """What `Recording.robot` holds. Raises InputError for a missing or impossible robot."""
+    urdf = str(section.get("file", "")).lower().endswith(".urdf")
+    if "gravity" in section and ("builtin" in section or not urdf):
+        raise complaint(f"{called}, key robot.gravity", "this key for a URDF only", shown(section["gravity"]),
+                        "write gravity into robot.toml and name that file")
     if "builtin" in section:
         return {"builtin": section["builtin"]}
     if "file" not in section:
@@ -78,4 +82,4 @@ def _urdf(path: Path, section: Mapping) -> dict:
     for name in section.get("joints", ()):
         if name not in names:
             raise complaint(f"{label(path)}, key robot.joints", "joints of the URDF", repr(name), "correct the name")
-    return {"urdf": str(path), **{k: section[k] for k in ("joints", "tip", "mimic") if k in section}}
+    return {"urdf": str(path), **{k: section[k] for k in ("joints", "tip", "mimic", "gravity") if k in section}}

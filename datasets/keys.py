@@ -1,12 +1,12 @@
 """Which keys recording.toml and robot.toml have, what each must hold, and the walk that checks it."""
 
-import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from datasets.columns import KINDS
 from datasets.errors import complaint
+from workbench.core.key_names import closest_key
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,8 @@ NUMBER = Key(is_number, "a number")
 LENGTH = Key(is_number, "a number in mm", True)
 ANGLE = Key(is_number, "a number in degrees", True)
 WORDS = ", ".join(KINDS)
-UNITS = ("_mm", "_deg", "_kg")
+_SIMILARITY = 0.9
+"""From which a key counts as misspelt; lower would refuse keys that a recording may hold for its own use."""
 DICTIONARIES = (
     *(f"DICT_{k}X{k}_{n}" for k in (4, 5, 6, 7) for n in (50, 100, 250, 1000)), "DICT_ARUCO_ORIGINAL",
     "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11", "DICT_ARUCO_MIP_36h12",
@@ -91,6 +92,7 @@ SECTIONS = {
               "dictionary": Key(_one_of(*DICTIONARIES), "one of OpenCV's, such as DICT_5X5_250"),
               "fixed_to": Key(_one_of("tool", "base", "floor"), "one of tool, base, floor")},
     "robot": {"file": TEXT, "builtin": TEXT, "tip": TEXT, "mimic": TABLE,
+              "gravity": Key(_is_unit, "three numbers, a unit vector"),
               "joints": Key(lambda v: isinstance(v, list) and all(map(_is_text, v)), "a list of joint names")},
     "guess": {},
 }
@@ -133,10 +135,9 @@ def check_keys(found: Mapping, wanted: Mapping[str, Key], where: str) -> None:
 
 
 def _near(name: str, candidates: Mapping, taken: Mapping) -> str | None:
-    """A candidate that `name` was probably meant to be: the same stem, or nearly the same letters."""
+    """A candidate that `name` was probably meant to be and that is not in `taken`."""
     free = [c for c in candidates if c not in taken]
-    stem = [c for c in free if c.split("_")[0] == name.split("_")[0] and (name.endswith(UNITS) or c.endswith(UNITS))]
-    return (stem or difflib.get_close_matches(name, free, 1, 0.9) or [None])[0]
+    return closest_key(name, free, _SIMILARITY)
 
 
 def shown(value) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, joint_columns
+from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, SIGMAS, joint_columns
 from datasets.errors import complaint
 from workbench.core.rigid import transform
 
@@ -86,9 +86,14 @@ class Recording:
 
     @property
     def sigma(self) -> np.ndarray | None:
-        """(n,) 1 sigma of one coordinate, mm: the row's own, else the recording's, else None."""
+        """(n,) 1 sigma of one coordinate, mm: the row's own, else the recording's, else None.
+
+        The row's own is `sigma_mm`, else the root mean square of `sigma_x_mm`, `sigma_y_mm` and `sigma_z_mm`.
+        """
         if "sigma_mm" in self.columns:
             return self.columns["sigma_mm"]
+        if all(name in self.columns for name in SIGMAS):
+            return np.sqrt(np.mean([self.columns[name] ** 2 for name in SIGMAS], axis=0))
         return None if self.sigma_mm is None else np.full(self.n, float(self.sigma_mm))
 
     @property

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from robot_model.robot import PARALLEL, Robot, wrong
 from workbench.core.errors import InputError
+from workbench.core.key_names import closest_key
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Text = Annotated[str, StringConstraints(min_length=1)]
@@ -91,10 +92,21 @@ def robot_from_keys(keys: Mapping, where: str) -> Robot:
     try:
         file = _File.model_validate(dict(keys))
     except ValidationError as problem:
-        raise InputError(_sentence(problem.errors()[0], where)) from None
+        raise InputError(_sentence(_most_helpful(problem.errors()), where)) from None
     for check in (_check_gravity, _check_angles, _check_lengths, _check_limits, _check_coupling, _check_rest):
         check(file, where)
     return _robot(file)
+
+
+def _most_helpful(errors: list[dict]) -> dict:
+    """The first error, unless an unknown key stands where a missing one belongs: then the unknown key."""
+    missing = [error["loc"] for error in errors if error["type"] == "missing"]
+    for error in errors:
+        if error["type"] == "extra_forbidden":
+            *section, name = error["loc"]
+            if closest_key(name, [key for *place, key in missing if place == section]):
+                return error
+    return errors[0]
 
 
 def _sentence(error: dict, where: str) -> str:
@@ -106,7 +118,10 @@ def _sentence(error: dict, where: str) -> str:
     if error["type"] == "missing":
         return f"{key} is missing; add it."
     if error["type"] == "extra_forbidden":
-        return f"{key} is not known, expected one of {_known(place, names)}; correct or remove it."
+        known = _known(place, names)
+        near = closest_key(names[-1], known) if names else None
+        question = f" (did you mean {near}?)" if near else ""
+        return f"{key} is not known{question}, expected one of {', '.join(known)}; correct or remove it."
     expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should ")
     return str(wrong(key, expected, repr(error["input"]), "correct it"))
 
@@ -118,10 +133,10 @@ def _place(path: tuple) -> tuple[str, list[str]]:
     return "", [part for part in path if isinstance(part, str)]
 
 
-def _known(place: str, names: list[str]) -> str:
+def _known(place: str, names: list[str]) -> list[str]:
     sections = {"coupled": _Coupled, "payload": _Payload}
     section = sections[names[0]] if len(names) > 1 else _Joint if place else _File
-    return ", ".join(section.model_fields)
+    return list(section.model_fields)
 
 
 def _check_gravity(file: _File, where: str) -> None:

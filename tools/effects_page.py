@@ -16,6 +16,23 @@ One class an effect; this page is made from them by `python tools/effects_page.p
 effect by the first column. Where that is not the word of the vocabulary, the word stands in the second: it is a
 variant of that effect.
 
+## Conventions
+
+- **Frames.** Frame 0 is the base frame of the robot (of a URDF: the frame on its first axis). Frame K follows the
+  complete row K of the robot file, in the convention "distal" as in "craig". J is the number of joints.
+- **Joint variable** q_K, in rad (mm for a prismatic joint): sign and coupling of the robot file are applied to the
+  readings, the offset theta is not added. A change dq is added to it, at the port `joint`.
+- **Gravity torque** tau_K, in N m: of the bodies K to J and the load, about the axis of joint K, at the nominal
+  geometry. It is positive where gravity drives the joint towards larger q_K. For a prismatic joint it is a force in N.
+- **Load.** The mass of the tool (`[payload]` of the robot file) plus the column `payload_kg`, both at the centre of
+  mass of the tool. Where the tool has no mass, the load is at the measured point.
+- **Port `frame`.** A twist (translation in mm, then rotation vector in rad) in the axes of its place moves everything
+  outward of that place. The pivot of the rotation is: of `base` the origin of the base frame; of `link-K` the midpoint
+  between the origins of frames K-1 and K, with the axes of frame K; of `tool` the origin of the flange frame.
+- **Gravity** is a direction in the base frame (of a URDF: in the frame of its root link). Moments M are in N m.
+- **Time** is `time_s`, or the number of the row where that is not recorded. **T - T0** is the temperature above 20 °C,
+  or the hours of the clock where no temperature is recorded.
+
 ## The robot's, in `robot_model/effects/`
 
 """

@@ -36,9 +36,9 @@ class LinkThermalGrowth(Effect):
 
 
 class BaseDrift(Effect):
-    """The base wanders: six numbers times smooth functions of time, Legendre polynomials 1..order.
+    """The base drifts: a twist about its origin, in the base frame, of Legendre polynomials P_1 to P_order in time.
 
-    `start` and `end` are the instants that the polynomials span, in the unit of the clock.
+    t runs from -1 at `start` to 1 at `end`, which are instants in the unit of the clock.
     """
 
     effect = "base-drift"
@@ -78,7 +78,7 @@ class BaseDrift(Effect):
 
 
 class AxisRunOut(Effect):
-    """The axis of joint K moves across itself once a turn, as the bearing's seat is off."""
+    """The axis of joint K moves radially once a revolution: dx, dy across it, in the frame before the joint turns."""
 
     effect = "axis-run-out"
     port = "frame"

@@ -11,7 +11,7 @@ SHIFTS, TURNS = (0, 1, 2), (3, 4, 5)
 
 
 class JointCompliance(Effect):
-    """The joint yields to the gravity torque of links and load."""
+    """Joint K deflects under the gravity torque of links and load about its axis."""
 
     effect = "joint-compliance"
     port = "joint"
@@ -29,7 +29,7 @@ class JointCompliance(Effect):
 
 
 class LinkSelfWeight(Effect):
-    """The joint yields to the weight of the links alone."""
+    """Joint K deflects under the gravity torque of the links alone, without tool and load."""
 
     effect = "link-self-weight"
     port = "joint"
@@ -109,7 +109,11 @@ class YeCompliance(Effect):
 
 
 class LinkCompliance(Effect):
-    """Link K bends under what it carries: two transverse rotations at mid-link."""
+    """Link K bends under the bodies beyond it (K+1 to J and the load): a rotation in frame K about the pivot of link K.
+
+    M is the gravity moment of these bodies about the pivot of link K. Its component along the link is left out. The
+    link's direction is the nominal line from the origin of frame K-1 to that of frame K (Craig: the z axis of frame K).
+    """
 
     effect = "link-compliance"
     port = "frame"
@@ -130,7 +134,9 @@ class LinkCompliance(Effect):
 
 
 class BearingCompliance(Effect):
-    """The bearing of joint K tilts under the moment across its axis."""
+    """The bearing of joint K tilts under the gravity moment across its axis, of the bodies K to J and the load, about a
+    point on that axis: a rotation vector in frame K about the pivot of link K.
+    """
 
     effect = "bearing-compliance"
     port = "frame"
@@ -149,7 +155,9 @@ class BearingCompliance(Effect):
 
 
 class PedestalCompliance(Effect):
-    """The pedestal tilts with the overturning moment of arm and load."""
+    """The base tilts about its origin under the gravity moment of arm and load, about x and y of the base frame
+    with one compliance each. M is the moment about that origin.
+    """
 
     effect = "pedestal-compliance"
     port = "frame"
@@ -170,7 +178,7 @@ class PedestalCompliance(Effect):
 
 
 class ToolDeflection(Effect):
-    """The tool sags under its own weight as its attitude changes."""
+    """The flange origin shifts along each axis of the flange frame by c times the component of gravity along it."""
 
     effect = "tool-deflection"
     port = "frame"

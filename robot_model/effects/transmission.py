@@ -12,7 +12,9 @@ from workbench.core.errors import InputError
 
 
 class TransmissionHarmonic(Effect):
-    """The gear and the encoder of joint K err periodically with its angle."""
+    """Periodic error of the gear and the encoder of joint K. The phase is n times the joint variable q_K: after sign
+    and coupling, without the offset theta.
+    """
 
     effect = "transmission-harmonic"
     port = "joint"
@@ -120,7 +122,7 @@ class ZeroShift(Effect):
 
 
 class JointCoupling(Effect):
-    """Another joint's motion turns this joint by a share of it."""
+    """The motion of joint J moves joint K by a fixed ratio, in addition to `coupled` in the robot file."""
 
     effect = "joint-coupling"
     port = "joint"

@@ -28,7 +28,7 @@ class PartialPose:
     @classmethod
     def of(cls, recording) -> "PartialPose":
         """From a recording with columns nx ny nz (the tool's x axis) or ox oy oz (its y axis)."""
-        names, which = next((names, k) for names, k in AXES.items() if names[0] in recording.columns)
+        names, which = next((names, k) for names, k in AXES.items() if set(names) <= set(recording.columns))
         axis = np.stack([recording.columns[name] for name in names])
         return cls(np.ascontiguousarray(recording.points.T), axis / np.linalg.norm(axis, axis=0), which)
 
