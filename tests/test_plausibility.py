@@ -214,7 +214,7 @@ def test_shuffled_rows_are_named_but_nothing_is_to_be_changed(measures):
 
 
 @pytest.mark.parametrize("measures", KINDS)
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_an_arm_off_its_data_sheet_is_not_suspected(measures, seed):
     arm = list(ARMS.values())[seed % len(ARMS)]
     robot, recording = erring(
@@ -224,7 +224,7 @@ def test_an_arm_off_its_data_sheet_is_not_suspected(measures, seed):
 
 
 @pytest.mark.parametrize("measures", KINDS)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0])
 def test_zero_offsets_of_degrees_are_never_called_a_mistake(measures, seed):
     robot, recording = erring(measures, 200 + seed, degrees=3.0)
     assert not any(found.certain for found in suspicions(robot, recording))
@@ -326,8 +326,7 @@ def observed_with_tool(made, tool):
     return changed(made.recording, **columns)
 
 
-@pytest.mark.parametrize("spread", [0.05, 0.5, 5.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("spread", "seed"), [(0.05, 0), (0.5, 1), (5.0, 2)])
 def test_poses_of_nearly_one_orientation_get_no_advice(spread, seed):
     """Positions vary, orientations by `spread` degrees only: nothing wrong is found, and no sign is to be changed."""
     robot, recording = nearly_one_orientation(spread, seed)
@@ -337,12 +336,12 @@ def test_poses_of_nearly_one_orientation_get_no_advice(spread, seed):
 
 def nearly_one_orientation(spread, seed):
     """An arm that reaches points with a nearly constant flange, by inverse kinematics from random starts."""
-    made = scene("external-pose", n=80, seed=30 + seed)
+    made = scene("external-pose", n=40, seed=30 + seed)
     robot, rng = made.robot, np.random.default_rng(seed)
     middle = np.array([0.1, 0.2, 0.1, 0.2, 0.9, 0.3])
     home = frames_of(robot, middle)[-1]
     readings = []
-    while len(readings) < 80:
+    while len(readings) < 40:
         goal = home.copy()
         goal[:3, 3] += rng.uniform(-120, 120, 3)
         goal[:3, :3] = (
