@@ -34,11 +34,10 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
     found = [*stated_value_suspicions(robot, recording)]
     try:
         fit = fit_recording(robot, recording.select(even_rows(recording, _ROWS)))
+        if np.isfinite(fit.scale):
+            found += _fit_suspicions(robot, recording, fit, good_scale(robot, recording))
     except (np.linalg.LinAlgError, InputError):
-        return tuple(found)
-    if np.isfinite(fit.scale):
-        good = good_scale(robot, recording)
-        found += _fit_suspicions(robot, recording, fit, good)
+        pass  # too little data for any fit: the calibration says which parameters are undetermined
     return tuple(sorted(found, key=lambda suspicion: not suspicion.certain))
 
 
