@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import datasets
 from sensor_recordings import scanner_recording
@@ -23,6 +24,7 @@ def mispaired(recording):
     return replace(recording, images=images)
 
 
+@pytest.mark.slow
 def test_light_planes_from_mispaired_images_are_not_trustworthy():
     """Laser line and board pose do not belong together: the planes miss the line by many px, and exit status 0 stays."""
     made = calibrate(mispaired(datasets.read(scanner_recording()[0])))

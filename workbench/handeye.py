@@ -25,6 +25,8 @@ from workbench.verdict import Tolerance
 
 FILE = "hand-eye.toml"
 IN_HAND, TO_HAND = "in-hand", "to-hand"
+FEWEST = 3
+"""Images that a hand-eye transform needs."""
 HELD = "the recording's own guess, held"
 
 
@@ -77,6 +79,7 @@ def calibrate(
             f"{recording.name}, images.csv, column sample: expected the row of samples.csv that each board "
             "picture was taken at, found none; add the column"
         )
+    _check_enough(recording, views, found)
     camera, source = _camera(recording, sensor, found, progress)
     progress(f"hand-eye from {len(views)} pictures")
     from sensors.hand_eye.pictures import hand_eye_from_views
@@ -102,6 +105,17 @@ def calibrate(
         found.rejected,
         source,
         review=review,
+    )
+
+
+def _check_enough(recording, views, found) -> None:
+    """InputError where the board was found in too few images, with the reason of the first that was rejected."""
+    if len(views) >= FEWEST or not found.rejected:
+        return
+    raise InputError(
+        f"{recording.name}/recording.toml, [board]: expected the {found.board.title} in at least {FEWEST} images that "
+        f"name a sample, found it in {len(views)} of {len(views) + len(found.rejected)} ({found.rejected[0]}); correct "
+        "kind, columns and rows, or take the images again"
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.camera.checks import motion_rows
+from workbench.core.linear_algebra import pseudo_inverse
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,7 @@ def corner_noise(chain, seen: np.ndarray, corners: np.ndarray) -> CornerNoise:
 def _pose_covariance(rows):
     """(6, 6) per px^2 of a shift (mm) and a rotation (rad) of the board about the camera's origin."""
     flat = rows.reshape(6, -1)
-    normal = flat @ flat.T
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    return np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12) / np.outer(size, size)
+    return pseudo_inverse(flat @ flat.T)
 
 
 def _position_variance(covariance, pose, points):

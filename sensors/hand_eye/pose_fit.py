@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye.pose_data import Freedom, PoseData, PoseFit
 from sensors.hand_eye.start import align, start_from_boards
+from workbench.core.linear_algebra import least_squares, solve_positive
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector, transform
 
 _STEPS, _FEW_STEPS = 40, 6
@@ -129,7 +130,7 @@ def _closed_form_scale(moved, seen, sensor):
     size = max(float(np.abs(flange[:, :3, 3]).max()), 1e-12)
     left = np.column_stack([rows, flange[:, :3, 3].reshape(-1) / size])
     right = (camera[:, :3, 3] @ sensor[:3, :3].T).reshape(-1)
-    solution = np.linalg.lstsq(left, right, rcond=1e-9)[0]
+    solution = least_squares(left, right, 1e-9)
     scale = float(solution[3]) / size
     if not np.isfinite(scale) or scale <= 0:
         return sensor, 1.0
@@ -171,7 +172,7 @@ def _descend(data, state, labels, freedom, steps=_STEPS) -> PoseFit:
             cost = float((weight * _distances(residual) ** 2).sum())
             normal, pull = _normal(weight, rows, residual)
         diagonal = np.diag(normal) + _DAMPING * np.trace(normal)
-        change = -np.linalg.lstsq(normal + damping * np.diag(diagonal), pull, rcond=None)[0]
+        change = -solve_positive(normal + damping * np.diag(diagonal), pull)
         tried = _moved_state(state, change, freedom)
         new = float((weight * _distances(_residual(data, tried, labels, freedom)) ** 2).sum())
         rejected = new > cost
@@ -196,7 +197,7 @@ def _reweighted(data, state, labels, freedom):
         residual = _residual(data, state, labels, freedom)
         normal, pull = _normal(kept, _rows(data, state, labels, freedom), residual)
         damped = normal + _DAMPING * np.diag(np.diag(normal))
-        tried = _moved_state(state, -np.linalg.lstsq(damped, pull, rcond=None)[0], freedom)
+        tried = _moved_state(state, -solve_positive(damped, pull), freedom)
         after = _distances(_residual(data, tried, labels, freedom))
         if (kept * after**2).sum() >= (kept * _distances(residual) ** 2).sum():
             break
@@ -257,7 +258,7 @@ def _scale_std(residual, rows, distance):
     normal = own.sum(0)
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     without = (normal - own) / np.outer(size, size)
-    changes = np.linalg.pinv(without, rcond=1e-12, hermitian=True) @ (pulls / size)[..., None]
+    changes = solve_positive(without, (pulls / size)[..., None])
     change = changes[:, -1, 0] / size[-1]
     count = len(change)
     return float(np.sqrt((count - 1) / count * ((change - change.mean()) ** 2).sum()))
