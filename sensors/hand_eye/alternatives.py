@@ -25,7 +25,6 @@ _UNITS = {
     100.0: "decimetres",
     10.0: "centimetres",
     304.8: "feet",
-    0.001: "micrometres",
 }
 
 
@@ -91,11 +90,11 @@ def _scale_words(scale, std):
     factor = max(scale, 1 / scale)
     size = _with_std(factor, factor * std)
     flange, board = ("small", "large") if scale > 1 else ("large", "small")
-    unit = next(
-        (name for value, name in _UNITS.items() if abs(np.log(scale / value)) < max(3 * std, 0.02)),
-        None,
-    )
-    asked = f" (flange positions in {unit}?)" if unit else ""
+    near = [
+        name for value, name in _UNITS.items() if abs(np.log(factor / value)) < max(3 * std, 0.02)
+    ]
+    what = "flange positions" if scale > 1 else "square_mm"
+    asked = f" ({what} in {near[0]}?)" if near else ""
     seems = (
         f"the squares of the board look {size} times too {board}, or the flange positions {size} times too "
         f"{flange}{asked}"
