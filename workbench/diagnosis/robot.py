@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 
-from robot_model.measurements import samples_of
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
 from workbench.checked_samples import check_samples
@@ -49,9 +48,9 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     """
     if baseline not in BASELINES:
         raise InputError(f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one")
-    _check_enough(recording)
     checked = check_samples(recording, trust_data)
     moving = checked.recording
+    _check_enough(moving)
     chain = bind(checked.robot, moving)
     chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain, moving.poses)))
     effects = ()
@@ -60,16 +59,15 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     return RobotBench(chain, moving.poses, effects, moving, checked.warnings)
 
 
-def _check_enough(recording) -> None:
-    """InputError where a recording's kind or number of poses leaves nothing to diagnose."""
-    if recording.measures == "distance":
-        raise InputError(f"recording '{recording.name}', key measures: a diagnosis needs one pose of the arm a sample, "
+def _check_enough(moving) -> None:
+    """InputError where the kind or the number of poses of a recording's samples leaves nothing to diagnose."""
+    if moving.measures == "distance":
+        raise InputError(f"recording '{moving.name}', key measures: a diagnosis needs one pose of the arm a sample, "
                          "found lengths between two; use `workbench calibrate`, `compare` or `identifiability`")
-    moving = samples_of(recording)
     poses = len(np.unique(moving.poses))
     if poses < _LEAST_POSES:
         raise InputError(
-            f"recording '{recording.name}': a diagnosis needs {_LEAST_POSES} or more distinct poses, found {poses} "
+            f"recording '{moving.name}': a diagnosis needs {_LEAST_POSES} or more distinct poses, found {poses} "
             f"among {moving.n} samples; measure more"
         )
 
