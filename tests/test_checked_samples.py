@@ -58,6 +58,15 @@ def test_trusted_data_are_used_with_a_warning(negated):
     assert choose_poses(recording, 10, trust_data=True).as_json()["warnings"] == [doubt]
 
 
+def test_faulty_single_rows_are_a_warning_and_no_doubt_about_the_recording():
+    _, recording = erring("external-pose", 1, n=60)
+    x = recording.columns["x_mm"].copy()
+    x[[7, 23]] += 40.0
+    checked = check_samples(replace(recording, columns={**recording.columns, "x_mm": x}))
+    assert checked.doubts == ()
+    assert "samples 8 and 24" in checked.warnings[0]
+
+
 def test_only_rows_that_are_fitted_are_checked(negated):
     """The last rows are in doubt, and tested only."""
     _, wrong = negated

@@ -17,13 +17,17 @@ from workbench.core.errors import InputError
 from workbench.plausibility import check_plausibility
 from workbench.start_ambiguity import ambiguity_sentence
 
+# Faulty single rows leave the other rows right: a calibration leaves them out and compares what stays with the noise.
+_SINGLE_ROWS = "blunders"
+
 
 @dataclass(frozen=True)
 class CheckedSamples:
     """A robot and the moving rows of a recording, n samples.
 
-    `doubts`: sentences on what may be wrong with the recording. `warnings`: these, after what reading the
-    recording and leaving out copies had to say.
+    `doubts`: sentences on what may be wrong with the recording as a whole, for which a solution is not used
+    without --force. `warnings`: these, after what reading the recording, leaving out copies and faulty single
+    rows had to say.
     """
 
     robot: Robot
@@ -56,7 +60,10 @@ def check_samples(
     for suspicion in check_plausibility(robot, fitted):
         if suspicion.certain and not trust_data:
             raise InputError(naming_option(suspicion.sentence))
-        doubts.append(accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence)
+        if suspicion.cause == _SINGLE_ROWS:
+            samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
+        else:
+            doubts.append(accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence)
     return CheckedSamples(robot, samples, tuple(doubts))
 
 
