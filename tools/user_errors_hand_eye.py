@@ -1,7 +1,7 @@
 """Write docs/user-errors-hand-eye.md: what `workbench handeye` makes of mistakes planted into right recordings.
 
-Run from anywhere: `python tools/user_errors_hand_eye.py`. Takes some ten minutes on an idle machine. Real recordings take part where
-they are present.
+Run from anywhere: `python tools/user_errors_hand_eye.py`. Takes some ten minutes on an idle machine.
+Real recordings take part where they are present.
 """
 
 import sys
