@@ -21,6 +21,7 @@ _GOOD_MM, _GOOD_REACH, _GOOD_SPREAD = 0.5, 0.001, 0.006
 _DEVIATION = 6.0
 _SIGMA_RATIO = 4.0
 _LEAST_DEGREES = 30
+_LEAST_POSES = 4
 _EFFECT = 3.0
 _MAJORITY = 0.6
 
@@ -32,6 +33,8 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
     A recording that fits is checked in well under a second; the search for a mistake takes several seconds.
     """
     found = [*stated_value_suspicions(robot, recording)]
+    if len(np.unique(recording.poses)) < _LEAST_POSES:
+        return tuple(found)
     try:
         fit = fit_recording(robot, recording.select(even_rows(recording, _ROWS)))
         if np.isfinite(fit.scale):
@@ -68,7 +71,9 @@ def good_scale(robot, recording) -> float:
     """
     places = forward(robot, robot.mixing @ recording.joints.T).end_origin
     spread = np.sqrt(((places - places.mean(1, keepdims=True)) ** 2).sum(0).mean())
-    return max(_GOOD_MM, min(_GOOD_REACH * reach_of(robot, recording), _GOOD_SPREAD * float(spread)))
+    return max(
+        _GOOD_MM, min(_GOOD_REACH * reach_of(robot, recording), _GOOD_SPREAD * float(spread))
+    )
 
 
 def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
@@ -84,7 +89,11 @@ def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
         yield from _moved_or_explained(robot, recording, fit, good, change)
     elif reason is not None:
         # where all rows of one target are off, the order of rows or the labels may be wrong instead
-        found = explained_suspicions(robot, recording, fit, good) if reason.cause == "wrong-target" else []
+        found = (
+            explained_suspicions(robot, recording, fit, good)
+            if reason.cause == "wrong-target"
+            else []
+        )
         yield from found or [_outlying(recording, outliers, reason, named)]
     yield from _rounded(robot, recording, fit, named)
     yield from _sigma_too_large(recording, fit)
@@ -125,7 +134,9 @@ def _majority_fit(robot, recording, good) -> Fit | None:
     order = time_order(recording)
     for rows in np.array_split(order, 2):
         try:
-            fit = fit_recording(robot, recording.select(rows[even_rows(recording.select(rows), _ROWS)]))
+            fit = fit_recording(
+                robot, recording.select(rows[even_rows(recording.select(rows), _ROWS)])
+            )
             own = row_mismatch(robot, recording, fit)
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue

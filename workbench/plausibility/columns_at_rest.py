@@ -33,11 +33,15 @@ def longest_run(recording) -> tuple[str, int, int] | None:
 
     Returns the column and the first and last row number; None where no run has ten poses.
     """
-    names = [name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0]
+    names = [
+        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
+    ]
     if len(names) < 2:
         return None
     steps = np.array([np.diff(recording.columns[name]) != 0 for name in names])
-    moves = np.flatnonzero(steps.any(axis=0))  # from one pose to the next; several rows may share a pose
+    moves = np.flatnonzero(
+        steps.any(axis=0)
+    )  # from one pose to the next; several rows may share a pose
     steps = steps[:, moves]
     best = None
     for k, name in enumerate(names):

@@ -1,5 +1,6 @@
 """A correction: what one mistake did to a recording or its robot file, undone; and corrections joined."""
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -18,7 +19,8 @@ class Correction:
     `cause`: the kind of mistake. `subject` and `statement` are parts of a sentence ("column q3_deg",
     "has the opposite sign"), `remedy` says what to do. `touches`: what it changes; corrections of
     disjoint sets can be joined. `apply(robot, recording)` returns both as they would be without the
-    mistake. `parts`: number of elementary mistakes; fewer are preferred.
+    mistake. `parts`: number of elementary mistakes; fewer are preferred. `magnification`: factor by
+    which measured lengths grow.
     """
 
     cause: str
@@ -28,6 +30,11 @@ class Correction:
     touches: frozenset[str]
     apply: Callable
     parts: int = 1
+    magnification: float = 1.0
+
+    def comparable(self, scale: float) -> float:
+        """A misfit (mm) in terms of the data as recorded: shorter lengths alone make every misfit smaller."""
+        return scale * max(1.0, 1 / self.magnification)
 
     @property
     def claim(self) -> str:
@@ -67,6 +74,7 @@ def join(corrections: Iterable[Correction]) -> Correction:
         frozenset().union(*(c.touches for c in corrections)),
         apply,
         sum(c.parts for c in corrections),
+        math.prod(c.magnification for c in corrections),
     )
 
 

@@ -26,6 +26,8 @@ _EVIDENCE = 30.0
 """Difference of the negative log posteriors: odds of 10^13."""
 _LEAST_DEGREES = 12
 _PLAUSIBLE = 5.0
+_FAR = 3.0
+"""Times a good fit: below it, unmodelled effects are as likely as a mistake."""
 _ROWS = 200
 _PERMUTATIONS = 3
 _MOST_RELEASED, _RELEASE_STEPS = 2, 40
@@ -72,14 +74,17 @@ def _rank(explanation):
 
 
 def _is_accepted(explanation, recorded, good):
-    """Whether a correction leaves a good fit with plausible geometry, and the data as recorded do not."""
+    """Whether a correction leaves a good fit with plausible geometry, and the data as recorded do not.
+
+    The worse the corrected fit, the more the correction has to lower the misfit.
+    """
     fit = explanation.fit
-    if fit.scale > good or _worst(fit) > _PLAUSIBLE:
+    if _worst(fit) > _PLAUSIBLE:
         return False
+    falls = _FALLS * max(1.0, fit.scale / good) ** 2
     gain = recorded.improbability - fit.improbability
-    return _FALLS * fit.scale < recorded.scale or (
-        _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
-    )
+    needless = fit.scale <= good and _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
+    return needless or falls * explanation.correction.comparable(fit.scale) < recorded.scale
 
 
 def _worst(fit):
@@ -132,11 +137,17 @@ def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
     keys = [key for key in geometry_free(robot) if ".alpha" not in key and ".beta" not in key]
     released = ()
     for _ in range(_MOST_RELEASED):
-        fits = {key: _released(robot, chosen, recorded, (*released, key)) for key in keys if key not in released}
+        fits = {
+            key: _released(robot, chosen, recorded, (*released, key))
+            for key in keys
+            if key not in released
+        }
         best = min(fits, key=lambda key: fits[key].scale)
         released = (*released, best)
         if fits[best].scale <= good and _FALLS * fits[best].scale < recorded.scale:
-            fit = fit_recording(robot, chosen, fits[best].parameters.values, steps=0)  # deviations from all priors
+            fit = fit_recording(
+                robot, chosen, fits[best].parameters.values, steps=0
+            )  # deviations from all priors
             sentence = deviation_sentence(recording, fit, _PLAUSIBLE)
             return None if sentence is None else Suspicion(sentence, False, "geometry")
     return None
@@ -148,7 +159,9 @@ def _released(robot, recording, recorded, keys) -> Fit:
     First with all other geometry held: together they would creep along a narrow valley.
     """
     try:
-        first = fit_recording(robot, recording, free=base_and_tool(recording), widen=keys, steps=_RELEASE_STEPS)
+        first = fit_recording(
+            robot, recording, free=base_and_tool(recording), widen=keys, steps=_RELEASE_STEPS
+        )
         return fit_recording(robot, recording, first.parameters.values, widen=keys)
     except (np.linalg.LinAlgError, InputError):
         return recorded
@@ -190,7 +203,9 @@ def doubtful_columns(recording, recorded, good) -> Iterator[Suspicion]:
 
 def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
     named, fits = _named(recording), _fits(recorded, good)
-    doubts = list(doubtful_columns(recording, recorded, good))
+    doubts = (
+        list(doubtful_columns(recording, recorded, good)) if recorded.scale > _FAR * good else []
+    )
     yield from doubts
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
@@ -199,7 +214,7 @@ def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
             False,
             "rows-shuffled",
         )
-    elif not doubts:
+    elif not doubts and recorded.scale > _FAR * good:
         yield from _unknown_cause(robot, recording, recorded, named, fits)
 
 

@@ -52,6 +52,7 @@ def _unit(names, factor, unit) -> Correction:
         f"multiply {'it' if one else 'them'} by {factor:g}, or correct the lengths of the robot file",
         lambda columns: {name: factor * columns[name] for name in names},
         names,
+        magnification=factor,
     )
 
 

@@ -32,7 +32,7 @@ CLOSE = 1.5
 
 @dataclass(frozen=True)
 class Candidate:
-    """A correction and the scale (mm) that it leaves in the screening fit."""
+    """A correction and the scale (mm) that it leaves in the screening fit, in terms of the data as recorded."""
 
     correction: Correction
     scale: float
@@ -106,7 +106,7 @@ def screen(robot, recording, corrections: Iterable[Correction]) -> list[Candidat
 def _screened_scale(robot, recording, correction, rows):
     try:
         arm, corrected = correction.apply(robot, recording)
-        return nominal_scale(arm, corrected.select(rows[rows < corrected.n]))
+        return correction.comparable(nominal_scale(arm, corrected.select(rows[rows < corrected.n])))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return np.inf
 
@@ -132,7 +132,7 @@ def _promising(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def _best(found):
-    return sorted(found, key=lambda e: e.fit.scale)
+    return sorted(found, key=lambda e: e.correction.comparable(e.fit.scale))
 
 
 def _seeds(beam) -> list[Candidate]:
