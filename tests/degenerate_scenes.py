@@ -5,7 +5,7 @@ agree with the arm; the measured columns are exact values plus noise. Every reco
 public reader, or these raise InputError.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,7 +17,8 @@ from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
-from scenes import ABB, SLIDING, _joint
+from scenes import ABB, SLIDING
+from workbench.core.errors import InputError
 
 KINDS = ("ball-centre", "external-point", "external-pose", "partial-pose", "touch-point", "laser-spot", "distance",
          "plane-touch", "ball-surface")  # fmt: skip
@@ -38,7 +39,7 @@ ARMS = {
     "planar": _arm("planar", *(_row(a=200.0, hayati=k < 2) for k in range(3))),
     "no length": _arm("no length", *(_row(alpha=90.0 * (-1) ** k) for k in range(6))),
     "one axis": _arm("one axis", _row(), _row(), _row()),
-    "nine joints": _arm("nine joints", *(_joint(0, 100 + 20 * k, 30, 90 * (-1) ** k, mass=3.0) for k in range(9))),
+    "nine joints": _arm("nine joints", *(_row(d=100.0 + 20 * k, a=30.0, alpha=90.0 * (-1) ** k, mass_kg=3.0, com_mm=[-2.0, 7, -21]) for k in range(9))),
     "three slides": _arm(
         "three slides",
         _row(alpha=-90.0, kind="prismatic"), _row(theta=90.0, alpha=90.0, kind="prismatic"), _row(kind="prismatic"),
@@ -49,6 +50,7 @@ BALLS = {1: (0.0, 0.0, 0.0, 15.0), 2: (120.0, 5.0, -3.0, 15.0), 4: (10.0, 150.0,
 REGIONS_DEG = (0.01, 0.1, 1.0, 5.0, 90.0)
 SCALES = (1.0, 1.0, 1.0, 1.0, 1e-6, 1e-3, 1e3, 1e9)
 SIGMAS = (0.02, 0.02, 0.02, 0.02, None, 0.0, 1e-12, 1e6)
+"""mm; 0 is refused by the reader."""
 COUNTS = (2, 4, 5, 6, 12, 30)
 
 
@@ -126,6 +128,8 @@ def recording(case: Case) -> Recording:
 
 def _read(case, columns, keys, balls) -> Recording:
     """The recording as the reader makes it: after its checks of the columns."""
+    if case.sigma_mm is not None and not case.sigma_mm > 0:
+        raise InputError("recording.toml, key sigma_mm: expected a number above 0; correct it")
     table = Table("samples.csv", columns, np.arange(2, len(columns["sample"]) + 2))
     context = Context(case.kind, keys, balls, case.sigma_mm, small_range=True)
     check_samples(table, context)
@@ -279,7 +283,3 @@ def _balls_seen(case, tips, turns, place, error):
 def _xyz(points):
     return {f"{axis}_mm": row for axis, row in zip("xyz", points.T)}
 
-
-def with_real_columns(found: Recording, kind: str) -> Recording:
-    """The same rows as another kind of measurement that needs only some of the columns."""
-    return replace(found, measures=kind)

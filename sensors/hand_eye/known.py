@@ -22,18 +22,21 @@ _OWN = 0.5  # a direction that lies in the others but for a half of it is one of
 @dataclass(frozen=True)
 class Known:
     """Of the F free parameters `keys`: `covariance` (F, F) in their units, what is not determined held;
-    `open` (F, K) directions that are not determined, one typical size long; `sentences` on them."""
+    `open` (F, K) directions that are not determined, one typical size long; `sentences` on them; `typical`
+    (F,) sizes."""
 
     keys: tuple[str, ...]
     covariance: np.ndarray
     open: np.ndarray
     sentences: tuple[str, ...]
+    typical: np.ndarray
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(R, R) covariance of rows @ parameters, rows (R, F): diagonal inf, and nan beside it, where
         they move by more than their sigma along what is not determined."""
         made = rows @ self.covariance @ rows.T
         lost = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(made)
+        lost |= np.diag(made) > _FAR * ((rows * self.typical) ** 2).sum(1)  # less known than before measuring
         made[lost] = made[:, lost] = np.nan
         made[lost, lost] = np.inf
         return made
@@ -69,7 +72,7 @@ def knowledge(adjusted, motion: Motion) -> Known:
         project = np.eye(len(held)) - cross @ solve_positive(null.T @ cross, null.T)
         held = project @ held @ project.T
     return Known(keys, held * np.outer(typical, typical), null * typical[:, None],
-                 (*motion.sentences, *(found.sentences() if more else ())))
+                 (*motion.sentences, *(found.sentences() if more else ())), typical)
 
 
 def _beside(normal, precision, own):

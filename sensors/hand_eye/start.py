@@ -161,10 +161,15 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
     sure = (angles < _HALF_TURN).all(0)
     reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))
     found = []
-    candidates = _turns(alpha[sure], beta[sure], flange, camera) if sure.any() else _half_turns(flange, camera)
+    turning = (angles > STILL).all(0)
+    half = turning & ~sure
+    only_half = half.any() and not (turning & sure).any()
+    candidates = (
+        _half_turns(half, flange, camera) if only_half else _turns(alpha[sure], beta[sure], flange, camera)
+    )
     for turn in candidates:
         shift, rest = _translation(turn, flange, camera)
-        gap = ((alpha - beta @ turn.T)[sure] if sure.any() else _turned_apart(turn, flange, camera)) * reach
+        gap = (_turned_apart(turn, flange, camera) if only_half else (alpha - beta @ turn.T)[sure]) * reach
         found.append((float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())), transform(turn, shift)))
     misfit, best = min(found, key=lambda row: row[0])
     return best, misfit, angles
@@ -182,19 +187,24 @@ def _turns(alpha, beta, flange, camera):
     return _about(_spun(axes[0]) @ turn, axes[0], flange, camera)
 
 
-def _half_turns(flange, camera):
-    """Rotations to try where every relative rotation is about a half turn, whose axes (k,) have no sign.
+def _half_turns(half, flange, camera):
+    """Rotations to try where the only relative rotations are about half turns, `half` (K,) bool: axes without a sign.
 
-    A half turn about a is 2 a a' - 1: products of axes have a sign. The principal axes of the mean products of flange
-    and camera agree up to their signs; a rotation about a single axis is searched from both of its directions.
+    A half turn about a is 2 a a' - 1, whose largest eigenvector is a up to its sign. Two axes that are far from
+    parallel give a rotation for each choice of signs; of a single axis both directions are searched about it.
     """
+    own, seen = (symmetric_eigen(_axis_products(motions[half]))[1][:, :, 2] for motions in (flange, camera))
+    other = int(np.argmin(np.abs(own @ own[0])))
+    single = abs(own[other] @ own[0]) > np.cos(STILL)
     tried = []
-    own, seen = (symmetric_eigen(_axis_products(motions).mean(0)) for motions in (flange, camera))
-    for signs in np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)]):
-        axes = own[1][:, 1:] * signs, seen[1][:, 1:]
-        frames = [np.column_stack([np.cross(*pair.T), pair]) for pair in axes]
-        turn = frames[0] @ frames[1].T
-        tried += [turn] if own[0][1] > STILL else _about(_spun(own[1][:, 2]) @ turn, own[1][:, 2], flange, camera)
+    for sign in (1.0, -1.0):
+        if single:
+            turn = Rotation.align_vectors(sign * own[:1], seen[:1])[0].as_matrix()
+            tried += _about(_spun(own[0]) @ turn, own[0], flange, camera)
+            continue
+        for second in (1.0, -1.0):
+            axes = np.stack([sign * own[0], second * own[other]]), seen[[0, other]]
+            tried.append(Rotation.align_vectors(*axes)[0].as_matrix())
     return tried
 
 

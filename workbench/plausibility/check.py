@@ -169,7 +169,7 @@ def _rounded(robot, recording, fit, named):
 
 
 def _sigma_too_large(recording, fit):
-    if recording.sigma is None or fit.degrees < _LEAST_DEGREES:
+    if recording.sigma is None or fit.degrees < _LEAST_DEGREES or not fit.scale > 0:
         return
     stated = float(np.median(recording.sigma)) * np.sqrt(3)
     if stated > _SIGMA_RATIO * fit.scale:

@@ -219,9 +219,10 @@ def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
 
 
 def _unknown_cause(robot, recording, recorded, named, fits) -> Iterator[Suspicion]:
-    share = 100 * recorded.scale / reach_of(robot, recording)
+    reach = reach_of(robot, recording)
+    share = f" ({100 * recorded.scale / reach:.2g} % of the arm's reach)" if reach > 0 else ""
     yield Suspicion(
-        f"{named}: {fits} ({share:.2g} % of the arm's reach), and no single mistake that is searched for explains it; "
+        f"{named}: {fits}{share}, and no single mistake that is searched for explains it; "
         "check that the robot file describes this arm with its zero offsets, the units and signs of the columns, and "
         "that each row holds joints and measurement of one moment.",
         False,
