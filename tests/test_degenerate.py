@@ -14,6 +14,7 @@ import pytest
 from degenerate_scenes import Case, draw, recording
 from robot_model import load_robot
 from robot_model.measurements import looks_of, samples_of
+from workbench import checked_samples
 from workbench.calibrate import calibrate
 from workbench.compare import compare
 from workbench.compensate import compensate
@@ -75,7 +76,17 @@ def check_compensated(made, folder):
 
 
 def judge(case: Case, folder) -> list[str]:
-    """What went wrong with a case, by command."""
+    """What went wrong with a case, by command; three in four without the search for mistakes in the data.
+
+    That search has tests of its own, and takes most of the time where nothing fits.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if case.seed % 4:
+            patch.setattr(checked_samples, "check_plausibility", lambda robot, samples: ())
+        return _judged(case, folder)
+
+
+def _judged(case, folder):
     try:
         made = recording(case)
     except InputError as problem:
@@ -88,7 +99,6 @@ def judge(case: Case, folder) -> list[str]:
         "calibrate": lambda: check_both(case, made, folder),
         "significance": lambda: significance(load_robot(made.robot), points=4, readings=readings).as_json(),
     }
-    # each command checks the data first, which takes as long as the rest: one in three of these is enough
     if case.seed % 3 == 0:
         commands["identifiability"] = lambda: identifiability(made, trust_data=True)
     if case.seed % 3 == 1:
@@ -136,6 +146,7 @@ def test_a_diagnosis_of_such_recordings(first):
 
 
 def diagnosed(case: Case) -> str:
+    """The failure of a diagnosis in words, "" where it ended as it should."""
     try:
         made = recording(case)
     except InputError:

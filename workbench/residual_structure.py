@@ -123,7 +123,8 @@ def _of_joint_errors(model: Model, parameters: Parameters, residual: np.ndarray)
         return 1.0, 0.0
     root = 1 / part.sigma(parameters)
     white = (residual[:, kept] * root).ravel()
-    test = regression_test(white, (rows * root).reshape(len(rows), -1).T, (columns * root).reshape(len(columns), -1).T)
+    baseline = (rows * root).reshape(len(rows), white.size).T
+    test = regression_test(white, baseline, (columns * root).reshape(len(columns), white.size).T)
     return test.p_value, test.share
 
 

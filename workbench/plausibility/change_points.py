@@ -104,7 +104,7 @@ class _System:
         self.residual = np.where(kept, residual, 0.0)
         noise = max(float(np.median(mismatch)) ** 2 / len(residual), 1e-6)
         precision = noise / prior[parameters.mask] ** 2
-        flat = self.rows.reshape(len(rows), -1)
+        flat = self.rows.reshape(len(rows), self.residual.size)
         matrix = flat @ flat.T + np.diag(precision)
         size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
         scaled = matrix * np.outer(size, size) + 1e-9 * np.eye(len(size))
