@@ -196,7 +196,7 @@ def test_single_rows_of_another_ball_are_named():
 @pytest.mark.parametrize("step, words", [(1, "of the row before"), (-1, "of the row after")])
 def test_positions_of_the_neighbouring_row_are_named(measures, step, words):
     robot, recording = erring(measures, 12)
-    observed_too = [c for c in (*XYZ, *QUATERNION, "ball", "reflector") if c in recording.columns]
+    observed_too = observed_columns(recording)
     late = changed(recording, **{c: np.roll(recording.columns[c], step) for c in observed_too})
     assert_named(robot, late.select(np.arange(1, 59)), words)
 
