@@ -26,7 +26,8 @@ SOUND = "no mistake"
 HEAD = """# What happens to mistakes in a recording
 
 Each row is a mistake that users make, each column a recording that it was made in. This page is
-written by `python tools/user_errors_page.py`; `tests/test_user_errors.py` runs the same bench.
+written by `python tools/user_errors_page.py`; `tests/test_user_errors.py` runs the same bench. The checks were
+developed on these recordings and mistakes: on others the share that is named may be lower.
 
 - **stopped**: `calibrate` refuses, and its sentence names the cause.
 - **warned**: a warning names the cause.
