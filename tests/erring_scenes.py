@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_model.system import geometry_free
-from scenes import model_of, observed, scene
+from scenes import model_of, scene
 
 
 def erring(measures, seed, n=60, lengths=0.4, degrees=0.06, **more):
@@ -16,6 +16,8 @@ def erring(measures, seed, n=60, lengths=0.4, degrees=0.06, **more):
     free = truth.only(truth.matching(*geometry_free(made.robot)))
     size = np.array([np.deg2rad(degrees) if p.unit == "rad" else lengths for p in free.table])[free.mask]
     truth = free.unpack(free.pack() + size * rng.standard_normal(len(size)))
-    points = observed(model, truth, rng).chain.measurement.measured
-    columns = {**made.recording.columns, **dict(zip(("x_mm", "y_mm", "z_mm"), points))}
+    # Orientations are measured too: they come from the same erring arm as the positions.
+    residual = model.residual(truth)
+    noise = model.chain.sigma * rng.standard_normal(residual.shape)
+    columns = {**made.recording.columns, **model.chain.measurement.columns(residual + noise)}
     return made.robot, replace(made.recording, columns=columns)

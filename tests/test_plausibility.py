@@ -8,30 +8,16 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import datasets
+from erring_scenes import erring
 from plain_frames import frames_of
 from robot_model import load_robot
 from robot_model.measurements import samples_of
-from robot_model.system import geometry_free
-from scenes import ARMS, BALLS, KINDS, model_of, observed, scene
+from scenes import ARMS, BALLS, KINDS, scene
 from workbench.plausibility import check_plausibility
 from workbench.plausibility.corrections import observed_columns
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 QUATERNION = ("qw", "qx", "qy", "qz")
-
-
-def erring(measures, seed, n=60, lengths=0.4, degrees=0.06, **more):
-    """A scene whose arm is off its data sheet by so much (1 sigma), measured with noise."""
-    made = scene(measures, n=n, seed=seed, **more)
-    rng, model = np.random.default_rng(seed), model_of(made)
-    truth = model.parameters
-    free = truth.only(truth.matching(*geometry_free(made.robot)))
-    size = np.array([np.deg2rad(degrees) if p.unit == "rad" else lengths for p in free.table])[
-        free.mask
-    ]
-    truth = free.unpack(free.pack() + size * rng.standard_normal(len(size)))
-    points = observed(model, truth, rng).chain.measurement.measured
-    return made.robot, changed(made.recording, **dict(zip(XYZ, points)))
 
 
 def changed(recording, **columns):
