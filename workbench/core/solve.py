@@ -28,6 +28,8 @@ _FLOOR = 1e-4
 # second the next would be far below the first, since the steps shrink quadratically.
 _DONE, _NEARLY = 1e-4, 1e-2
 _NOISE_ROUNDS = 3
+# Times the stated sigma: a residual of this size is rounding, and its square may be zero in floating point.
+_NO_RESIDUAL = 1e-100
 
 
 @dataclass(frozen=True)
@@ -283,10 +285,11 @@ def normal_matrix(model: Model, parameters: Parameters) -> np.ndarray:
 def pose_scores(model: Model, fit: Fit, poses: np.ndarray) -> np.ndarray | None:
     """(F, F) sum over poses of the outer product of their whitened gradients; poses (n,) labels.
 
-    None where every pose has one sample. In units of the residuals' real size, `fit.sigma_scale`.
+    None where every pose has one sample, or where no residual is left. In units of the residuals' real size,
+    `fit.sigma_scale`.
     """
     _, group = np.unique(poses, return_inverse=True)
-    if len(group) == group.max() + 1:
+    if len(group) == group.max() + 1 or fit.sigma_scale < _NO_RESIDUAL:
         return None
     residual, rows = model.linearise(fit.parameters)
     white = 1 / (model.sigma(fit.parameters) * fit.sigma_scale) ** 2

@@ -141,9 +141,10 @@ def noise_sentence(sigma: float | None, held_out: dict, parts: int = 3, kind: Ki
     floor = np.sqrt(parts) * sigma
     ratio = held_out[kind.key("rms")] / floor
     coordinate = "a coordinate" if kind is POSITION else "an axis"
+    what = "distance" if parts == 1 else kind.what
     return (
         f"The recording states σ = {sigma:.3g} {kind.unit} {coordinate}; noise alone would leave an RMS "
-        f"{kind.what} of {_root(parts)} = {rounded(floor)} {kind.unit}. "
+        f"{what} of {_root(parts)} = {rounded(floor)} {kind.unit}. "
         f"The held-out RMS is {rounded(ratio)} times that."
     )
 
