@@ -7,13 +7,14 @@ BIN := $(VENV)/bin
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
 
-.PHONY: help demo prove test test-slow test-all check bench system clean
+.PHONY: help demo prove test test-slow test-all test-long check bench system clean
 
 help:
 	@echo "make demo       calibrate a recording and write a report page"
 	@echo "make test       the fast tests"
 	@echo "make test-slow  the slow tests"
 	@echo "make test-all   both, in one run"
+	@echo "make test-long  the statistical studies on hundreds of recordings (about an hour)"
 	@echo "make check      ruff, import rules, house style"
 	@echo "make prove      the blind proof: concealed cases of every suite, and a scoreboard (hours)"
 	@echo "make bench      speed against other libraries, in an environment of its own"
@@ -25,13 +26,16 @@ prove: $(VENV)/.test
 	$(BIN)/workbench prove
 
 test: $(VENV)/.test
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not long"
 
 test-slow: $(VENV)/.test
 	$(PYTEST) -m slow
 
 test-all: $(VENV)/.test
-	$(PYTEST)
+	$(PYTEST) -m "not long"
+
+test-long: $(VENV)/.test
+	$(PYTEST) -m long
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -133,14 +133,19 @@ def test_a_recording_that_determines_little_ends_in_a_result_or_in_a_sentence(se
     assert judge(draw(seed), tmp_path) == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("first", range(FAST, FAST + SLOW, A_TEST))
+def in_parts(first: int, end: int, size: int) -> list:
+    """First seeds of parts of so many seeds: two parts are slow tests, the others run in `make test-long`."""
+    marks = [pytest.mark.slow] * 2
+    starts = range(first, end, size)
+    return [pytest.param(k, marks=marks.pop() if marks else pytest.mark.long) for k in starts]
+
+
+@pytest.mark.parametrize("first", in_parts(FAST, FAST + SLOW, A_TEST))
 def test_hundreds_of_recordings_that_determine_little(first, tmp_path):
     assert [found for seed in range(first, first + A_TEST) for found in judge(draw(seed), tmp_path)] == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, DIAGNOSED, 6))
+@pytest.mark.parametrize("first", in_parts(0, DIAGNOSED, 6))
 def test_a_diagnosis_of_such_recordings(first):
     assert [found for seed in range(first, first + 6) if (found := diagnosed(draw(seed)))] == []
 

@@ -199,7 +199,7 @@ def test_a_planted_mistake_is_stopped_by_its_name(name):
     assert found.what == "refused" and found.named, found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("scene", recordings.SCENES)
 def test_the_bench_of_user_errors(scene):
     """Every mistake in one recording; the recording itself passes without a warning."""
@@ -208,7 +208,7 @@ def test_the_bench_of_user_errors(scene):
     check_bench(bench.outcomes(right, scene))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", recordings.REAL)
 def test_the_bench_on_real_recordings(name, real):
     real(name.partition(":")[0])

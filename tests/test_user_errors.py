@@ -65,13 +65,13 @@ def test_mistakes_that_are_searched_for(name, mistake):
     assert_right_cause(NAMED[mistake], simulated(name))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "mistake"), product(SIMULATED, NAMED))
 def test_every_mistake(name, mistake):
     assert_right_cause(NAMED[mistake], simulated(name))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", REAL)
 def test_mistakes_in_real_recordings(name, real):
     """At least 95 % of the mistakes that can be detected are stopped or warned about with the right cause."""
