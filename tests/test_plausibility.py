@@ -8,8 +8,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import datasets
+from datasets.columns import joint_columns
 from erring_scenes import erring
 from plain_frames import frames_of
+from pose_scenes import random_arm
 from robot_model import load_robot
 from robot_model.measurements import samples_of
 from scenes import ARMS, BALLS, KINDS, scene
@@ -346,3 +348,12 @@ def pose_gap(robot, q, goal):
     reached = frames_of(robot, q)[-1]
     turn = Rotation.from_matrix(reached[:3, :3] @ goal[:3, :3].T).as_rotvec()
     return np.concatenate([reached[:3, 3] - goal[:3, 3], 300 * turn])
+
+
+def test_rounded_readings_of_coupled_joints_are_named():
+    arm = random_arm(np.random.default_rng(2))
+    arm["joint"][2]["coupled"] = {"joint": 2, "ratio": 1.0}
+    robot, recording = erring("external-point", 5, n=90, arm=arm)
+    readings = {name: np.round(2 * recording.columns[name]) / 2 for name in joint_columns(recording.columns)}
+    found = suspicions(robot, changed(recording, **readings))
+    assert [one.cause for one in found] == ["rounding"], found

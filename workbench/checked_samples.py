@@ -17,8 +17,9 @@ from workbench.core.errors import InputError
 from workbench.plausibility import check_plausibility
 from workbench.start_ambiguity import ambiguity_sentence
 
-# Faulty single rows leave the other rows right: a calibration leaves them out and compares what stays with the noise.
-_SINGLE_ROWS = "blunders"
+# Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
+# wrong statement of the noise changes uncertainties, not the fit.
+_HARMLESS_TO_THE_FIT = ("blunders", "sigma")
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def check_samples(
     for suspicion in check_plausibility(robot, fitted):
         if suspicion.certain and not trust_data:
             raise InputError(naming_option(suspicion.sentence))
-        if suspicion.cause == _SINGLE_ROWS:
+        if suspicion.cause in _HARMLESS_TO_THE_FIT:
             samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
         else:
             doubts.append(accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence)

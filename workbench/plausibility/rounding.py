@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from datasets.columns import joint_columns, joint_number
+from datasets.columns import joint_columns
 from workbench.plausibility.fitting import POSITION
 
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.25, 0.2, 0.1, 0.05)
@@ -26,21 +26,25 @@ def joint_rounding(robot, recording, fit) -> tuple[list[str], float, float]:
     A reading that is uniform within a step h has the standard deviation h / sqrt(12).
     """
     names = joint_columns(recording.columns)
-    steps = {name: lattice_step(recording.columns[name]) for name in names}
-    rounded = [name for name in names if steps[name] > 0]
-    if not rounded or not np.array_equal(robot.mixing, np.diag(np.diag(robot.mixing))):
+    steps = np.array([lattice_step(recording.columns[name]) for name in names])
+    rounded = [name for name, step in zip(names, steps) if step > 0]
+    if not rounded:
         return [], 0.0, 0.0
-    parameters = fit.parameters
-    keys = {
-        name: f"joint-{joint_number(name)}.{'d' if name.endswith('_mm') else 'theta'}{joint_number(name)}"
-        for name in rounded
-    }
-    squares = 0.0
-    for name, key in keys.items():
-        _, rows = fit.model.linearise(parameters.only(parameters.matching(key)))
-        unit = 1.0 if name.endswith("_mm") else np.pi / 180
-        squares += (rows[0, :POSITION] ** 2).sum(0).mean() * (steps[name] * unit) ** 2 / 12
-    return rounded, max(steps.values()), float(np.sqrt(squares))
+    units = np.array([1.0 if name.endswith("_mm") else np.pi / 180 for name in names])
+    deviation = steps * units / np.sqrt(12)
+    # a reading moves every joint that the mixing couples to it
+    by_reading = np.einsum("jr,jcn->rcn", robot.mixing, _joint_rows(robot, fit))
+    squares = (by_reading**2).sum(1).mean(1) * deviation**2
+    return rounded, float(steps.max()), float(np.sqrt(squares.sum()))
+
+
+def _joint_rows(robot, fit) -> np.ndarray:
+    """(J, 3, n) derivative of the position (mm) by every joint variable (rad, mm)."""
+    rows = []
+    for number, slides in enumerate(robot.prismatic, 1):
+        own = fit.parameters.matching(f"joint-{number}.{'d' if slides else 'theta'}{number}")
+        rows.append(fit.model.linearise(fit.parameters.only(own))[1][0, :POSITION])
+    return np.stack(rows)
 
 
 def explains(predicted_mm: float, found_mm: float) -> bool:
