@@ -109,9 +109,10 @@ class YeCompliance(Effect):
 
 
 class LinkCompliance(Effect):
-    """Link K bends under the bodies beyond it (K+1 to J and the load): a rotation in frame K about the pivot of link K.
+    """Link K bends under the gravity moment of the bodies beyond it.
 
-    M is the gravity moment of these bodies about the pivot of link K. Its component along the link is left out. The
+    A rotation vector in frame K about the pivot of link K. M is the gravity moment of bodies K+1 to J and the load
+    about that pivot. Its component along the link is left out. The
     link's direction is the nominal line from the origin of frame K-1 to that of frame K (Craig: the z axis of frame K).
     """
 
@@ -134,8 +135,10 @@ class LinkCompliance(Effect):
 
 
 class BearingCompliance(Effect):
-    """The bearing of joint K tilts under the gravity moment across its axis, of the bodies K to J and the load, about a
-    point on that axis: a rotation vector in frame K about the pivot of link K.
+    """The bearing of joint K tilts under the gravity moment across its axis.
+
+    A rotation vector in frame K about the pivot of link K. The moment is that of bodies K to J and the load about a
+    point on the axis.
     """
 
     effect = "bearing-compliance"
@@ -155,8 +158,9 @@ class BearingCompliance(Effect):
 
 
 class PedestalCompliance(Effect):
-    """The base tilts about its origin under the gravity moment of arm and load, about x and y of the base frame
-    with one compliance each. M is the moment about that origin.
+    """The base tilts about its origin under the gravity moment of arm and load.
+
+    It tilts about x and y of the base frame, with one compliance each. M is the moment about the origin of the base.
     """
 
     effect = "pedestal-compliance"
