@@ -210,7 +210,8 @@ def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
             f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "
-            "of joint readings do not belong together; check how the two were joined.",
+            "of joint readings do not belong together, or the robot file describes another arm; check how the two "
+            "were joined, and the robot file.",
             False,
             "rows-shuffled",
         )
