@@ -145,8 +145,13 @@ def _is_near(made, one: Alternative, arm: float) -> bool:
 
 
 def _is_named(made, one: Alternative, arm: float) -> bool:
-    """A mistake undone may leave a rest; added parameters, which fit a part of anything, may not."""
-    return one.extra == 0 or _is_near(made, one, arm)
+    """A mistake undone may leave a rest; added parameters, which fit a part of anything, may not.
+
+    Where the data as recorded scatter no more than a plausible arm, replacing them names the arm's own errors.
+    """
+    if one.extra == 0:
+        return one.recorded(made) > arm
+    return _is_near(made, one, arm)
 
 
 def _is_better(made, one: Alternative, tried: int) -> bool:
