@@ -18,9 +18,9 @@ from robot_model import load_robot
 from robot_model.system import bind
 from workbench.core.model import Model
 from workbench.core.solution import Stage
-from workbench.plans import geometry
-from workbench.scene import Cause, Scene
-from workbench.simulate import truth_from
+from workbench.fitting.plans import geometry
+from workbench.files.scene import Cause, Scene
+from workbench.jobs.simulate import truth_from
 
 BLOCK = 50_000
 SIZES = (1000, 10_000, 100_000, 1_000_000)
@@ -73,7 +73,7 @@ def one(samples: int) -> dict:
     """Seconds of the processor, peak memory (MiB) and errors of one calibration in this process."""
     import resource
 
-    from workbench.chunked import calibrate_chunks
+    from workbench.jobs.calibrate_large import calibrate_chunks
 
     with tempfile.TemporaryDirectory() as home:
         subprocess.run([sys.executable, "-m", "benchmarks.large", "--make", str(samples), home], check=True)

@@ -9,7 +9,7 @@ from benchmarks.peers import Pybotics, pinocchio_forward, pinocchio_model
 from benchmarks.problem import NOISE, POINT, Problem, rms
 from benchmarks.table import Disagreement, Row, agree, compare, median
 from robot_model.chain import forward
-from workbench.core.solve import solve
+from workbench.core.least_squares.solver import solve
 
 FEW, MANY = 100, 7000
 REPEATS = {FEW: 100, MANY: 15}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from datasets.columns import KINDS
 from datasets.errors import complaint
-from workbench.core.key_names import closest_key
+from workbench.core.text.key_names import closest_key
 
 
 @dataclass(frozen=True)

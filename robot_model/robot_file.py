@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from robot_model.robot import PARALLEL, Robot, wrong
 from workbench.core.errors import InputError
-from workbench.core.key_names import closest_key
+from workbench.core.text.key_names import closest_key
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Text = Annotated[str, StringConstraints(min_length=1)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from sensors.ball.fit import EDGE, ELSEWHERE, INCIDENCE, MISSING, OUTLIER, REASONS, USED, BallFit, fit_ball, shell
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
 NOT_JUDGED = "not judged: no limit was given"
 WITHIN, BEYOND = "within the limit", "beyond the limit"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.linear_algebra import pseudo_inverse
+from workbench.core.least_squares.linear_algebra import pseudo_inverse
 
 _ROUNDS = 60
 _STILL = 1e-3  # of a variance, or of what it is known to

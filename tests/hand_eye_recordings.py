@@ -89,10 +89,10 @@ REAL = ("handeye_open3dv:in-hand", "handeye_open3dv:to-hand")
 @cache
 def real(name: str) -> Made:
     """A real recording by its name, whose own result stands for the truth."""
-    from workbench import handeye
+    from workbench.jobs import hand_eye
 
     recording = datasets.read(name)
-    run = handeye.calibrate(recording, None, None, lambda text: None)
+    run = hand_eye.calibrate(recording, None, None, lambda text: None)
     home = Path(mkdtemp(prefix="workbench-test-"))
     atexit.register(shutil.rmtree, home, ignore_errors=True)
     (home / "camera.toml").write_text(camera_text(run.calibration.camera))

@@ -260,14 +260,14 @@ def detected(recording, progress=None):
 
 def outcome(wrong: Made, right: Made, words=()) -> Outcome:
     """What the workbench makes of a recording; `right` holds the true sensor pose."""
-    from workbench import handeye
+    from workbench.jobs import hand_eye
 
     try:
-        with patch.object(handeye, "detect_all", detected):
-            run = handeye.calibrate(wrong.recording, wrong.camera, wrong.kind, lambda text: None)
+        with patch.object(hand_eye, "detect_all", detected):
+            run = hand_eye.calibrate(wrong.recording, wrong.camera, wrong.kind, lambda text: None)
     except InputError as problem:
         return Outcome("refused", str(problem), _names(str(problem), words))
-    told = handeye.as_json(run)
+    told = hand_eye.as_json(run)
     said = " ".join(told["warnings"])
     if said:
         return Outcome("warned", said, _names(said, words))

@@ -8,9 +8,9 @@ import numpy as np
 from robot_model import load_robot
 from robot_model.system import geometry_free
 from scenes import model_of, scene
-from workbench.calibrate import Calibration, calibrate
+from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.core.solution import Stage
-from workbench.plans import FRAMES
+from workbench.fitting.plans import FRAMES
 
 SIGMA = 0.02
 XYZ = ("x_mm", "y_mm", "z_mm")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.core.adjustment_tests import (
+from workbench.core.least_squares.adjustment_tests import (
     fit_tail,
     neighbour_test,
     outlying,

@@ -6,10 +6,10 @@ import pytest
 from datasets.recording import Recording
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences, scene
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
 from workbench.core.model import Model
-from workbench.core.solve import solve
+from workbench.core.least_squares.solver import solve
 
 
 def surface(n=40, each=12, seed=0, sigma=0.0, spread=0.9):

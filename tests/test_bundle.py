@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from board_scenes import BOW, CAMERA, board_model, disturbed
 from sensors.camera.corners import PORTS, POSE, Corners, placements
 from sensors.camera.model import Camera
-from workbench.core.bundle import NOT_FINITE, OUT_OF_STEPS, solve_bundle
-from workbench.core.bundle_blocks import tiles_of
+from workbench.core.least_squares.bundle import NOT_FINITE, OUT_OF_STEPS, solve_bundle
+from workbench.core.least_squares.bundle_blocks import tiles_of
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
-from workbench.core.identifiability import identifiability
+from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
-from workbench.core.solve import solve
+from workbench.core.least_squares.solver import solve
 
 CAMERA_AND_BOW = ("camera.*", "*board-bow*")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scenes import model_of, observed, scene
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
 
 SIGMA = 0.02

@@ -11,17 +11,22 @@ import datasets
 from conftest import ROOT
 from datasets.trust import TRUST_DATA
 from erring_scenes import erring
-from workbench.calibrate import calibrate
-from workbench.checked_samples import check_samples
-from workbench.compare import compare
+from workbench.jobs.calibrate import calibrate
+from workbench.fitting.checked_samples import check_samples
+from workbench.jobs.compare import compare
 from workbench.core.errors import InputError
 from workbench.diagnosis.answer import diagnose
-from workbench.identify import identifiability
-from workbench.plans import geometry
-from workbench.poses import choose_poses
+from workbench.jobs.identify import identifiability
+from workbench.fitting.plans import geometry
+from workbench.jobs.poses import choose_poses
 
 # they take samples, but of a recording that was checked, or only its joint readings
-UNCHECKED = {"diagnosis/against.py", "diagnosis_verdict.py", "poses.py", "significance.py"}
+UNCHECKED = {
+    "diagnosis/against.py",
+    "fitting/verdicts/diagnosis_verdict.py",
+    "jobs/poses.py",
+    "jobs/significance.py",
+}
 COMMANDS = ("calibrate", "compare", "diagnose", "identifiability", "poses", "calibrate-large")
 
 
@@ -93,7 +98,7 @@ def test_no_module_takes_samples_without_the_check():
     for path in (ROOT / "workbench").rglob("*.py"):
         if re.search(r"\bsamples_of\(", path.read_text(encoding="utf-8")):
             found.add(path.relative_to(ROOT / "workbench").as_posix())
-    assert found == {*UNCHECKED, "checked_samples.py"}
+    assert found == {*UNCHECKED, "fitting/checked_samples.py"}
 
 
 def test_every_command_that_may_refuse_names_the_option(workbench):

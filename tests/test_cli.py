@@ -11,8 +11,9 @@ import pytest
 from rich.console import Console
 
 from conftest import ROOT
-from workbench import cli, runs
-from workbench.commands import answer, samples, tables
+from workbench import cli
+from workbench.files import runs
+from workbench.commands.shared import answer, samples, tables
 from workbench.core.errors import InputError
 
 HEAVY = ("torch", "open3d", "vtk", "vtkmodules", "scipy.optimize", "pyvista", "cv2", "kornia", "mujoco", "numpy")
@@ -275,7 +276,7 @@ def test_the_doctor_says_what_is_missing(workbench):
 
 
 def test_the_doctor_names_the_packages_to_install():
-    from workbench.doctor import Check, apt_command
+    from workbench.machine.doctor import Check, apt_command
 
     checks = [Check("libusb-1.0.so.0", False, "absent"), Check("libGL.so.1", True, "loads"),
               Check("libEGL.so.1", False, "absent")]

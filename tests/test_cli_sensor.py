@@ -51,7 +51,7 @@ def of_scanner(home: Path, folder: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def runs_elsewhere(tmp_path, monkeypatch):
-    from workbench import runs
+    from workbench.files import runs
 
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
 
@@ -73,7 +73,7 @@ def test_camera_finds_the_camera_that_was_rendered(answers):
 
 
 def test_camera_file_is_read_back(answers):
-    from workbench.camera import read
+    from workbench.jobs.camera import read
 
     found, _ = answers("camera")
     camera = read(Path(found["camera_file"]))
@@ -103,7 +103,7 @@ def test_scanner_finds_the_planes_that_were_rendered(answers):
 
 
 def test_scanner_file_is_read_back(answers):
-    from workbench.scanner import read
+    from workbench.jobs.scanner import read
 
     found, home = answers("scanner")
     scanner = read(home / "scanner.toml")
@@ -274,14 +274,14 @@ def test_a_rendered_scene_is_a_recording_with_its_truth(workbench, tmp_path):
 @pytest.mark.slow
 def test_pictures_become_a_calibrated_arm(here):
     import datasets
-    from workbench.commands.demo import scene
+    from workbench.commands.data.demo import scene
 
     assert run("render", scene(), "--out", "cell", "--truth", "truth.json") == 0
     assert run("calibrate", "cell", "--out", "whole", "--json", "whole.json") == 0
     found = json.loads(Path("whole.json").read_text())
     assert found["command"] == "calibrate" and found["measures"] == "ball-centre"
     assert found["held_out"]["rms_mm"] < 0.05 < found["nominal"]["rms_mm"] / 4
-    from workbench.truth import centre_errors
+    from workbench.imaging.ground_truth import centre_errors
 
     errors = centre_errors(found["sensor"]["scans"], json.loads(Path("truth.json").read_text()))
     assert errors["balls"] >= 25 and errors["rms_mm"] < 0.02

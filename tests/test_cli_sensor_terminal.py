@@ -82,7 +82,7 @@ def test_an_interrupted_command_says_so(monkeypatch, capsys):
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("workbench.commands.answer.check_target", stopped)
+    monkeypatch.setattr("workbench.commands.shared.answer.check_target", stopped)
     assert run("camera", "nothing") == 130
     assert capsys.readouterr().err.strip() == "Interrupted; nothing was written."
 
@@ -94,7 +94,7 @@ def test_tables_fit_80_columns_and_round_to_what_is_known(answers, command, caps
 
     from rich.console import Console
 
-    from workbench.commands import sensor_tables
+    from workbench.commands.shared import sensor_tables
 
     console = Console(file=io.StringIO(), width=80)
     getattr(sensor_tables, command)(console, answers(command)[0])
@@ -104,7 +104,7 @@ def test_tables_fit_80_columns_and_round_to_what_is_known(answers, command, caps
 
 
 def test_values_are_given_to_two_digits_of_their_sigma():
-    from workbench.commands.tables import measured
+    from workbench.commands.shared.tables import measured
 
     assert measured(533.4904, 0.40006) == ("533.49", "0.4")
     assert measured(-1133.2, 299.1) == ("-1133", "299")
@@ -128,7 +128,7 @@ def test_a_result_says_the_version_that_made_it():
     from types import SimpleNamespace
 
     from workbench._version import VERSION
-    from workbench.provenance import provenance
+    from workbench.files.provenance import provenance
 
     told = provenance(SimpleNamespace(sha256="", source="", licence="", name="x"))
     assert told["workbench"] == VERSION and told["numpy"] == np.__version__

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenes import scene
-from workbench.compare import CHOSEN, FEW, SAME, Comparison, compare, save
+from workbench.jobs.compare import CHOSEN, FEW, SAME, Comparison, compare, save
 from workbench.core.errors import InputError
 
 WAVE = """

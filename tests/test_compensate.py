@@ -12,14 +12,14 @@ from datasets.mujoco_arm import pose, reflector_points
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
-from workbench.calibrate import calibrate, save
-from workbench.compensate import actual_poses, compensate, nominal_poses
+from workbench.jobs.calibrate import calibrate, save
+from workbench.jobs.compensate import actual_poses, compensate, nominal_poses
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
-from workbench.correction_limits import checked
-from workbench.plans import geometry
-from workbench.programme import doubts, read_programme
-from workbench.solution_file import CalibratedArm, _trust, read_solution
+from workbench.jobs.correction_limits import checked
+from workbench.fitting.plans import geometry
+from workbench.files.targets import doubts, read_programme
+from workbench.files.solution_file import CalibratedArm, _trust, read_solution
 
 N = 200
 

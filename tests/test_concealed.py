@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench import concealed
+from workbench.proving import protocol
 from workbench.core.errors import InputError
 
 pytest.importorskip("mujoco")
@@ -17,9 +17,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def exam_of(folder, *names, truth='{"effects": []}\n'):
-    exam = concealed.Examination(folder)
+    exam = protocol.Examination(folder)
     for name in names:
-        concealed.conceal(exam, name, _written, lambda: truth)
+        protocol.conceal(exam, name, _written, lambda: truth)
     return exam
 
 
@@ -30,26 +30,26 @@ def _written(folder):
 
 def test_a_truth_that_was_changed_by_one_byte_fails(tmp_path):
     exam = exam_of(tmp_path, "a", "b")
-    seals = concealed.seal(exam)
-    concealed.check(exam, seals)
+    seals = protocol.seal(exam)
+    protocol.check(exam, seals)
     path = exam.truth("b")
     path.write_bytes(path.read_bytes().replace(b"[]", b"[ ", 1))
     with pytest.raises(InputError, match="changed after it was sealed"):
-        concealed.check(exam, seals)
+        protocol.check(exam, seals)
     with pytest.raises(InputError, match="changed after it was sealed"):
-        concealed.seal(exam)
+        protocol.seal(exam)
 
 
 def test_a_truth_is_sealed_before_its_answer_and_opened_after_it(tmp_path):
     exam = exam_of(tmp_path, "a")
     with pytest.raises(InputError, match="no seal or no answer"):
-        concealed.opened(exam, "a", concealed.seal(exam))
-    concealed.run(tmp_path, "a", lambda folder: {})
-    assert concealed.opened(exam, "a", concealed.published(exam)) == {"effects": []}
+        protocol.opened(exam, "a", protocol.seal(exam))
+    protocol.run(tmp_path, "a", lambda folder: {})
+    assert protocol.opened(exam, "a", protocol.published(exam)) == {"effects": []}
     exam_of(tmp_path, "b")
     exam.answer("b").write_text("{}")
     with pytest.raises(InputError, match="before its truth was sealed"):
-        concealed.seal(exam)
+        protocol.seal(exam)
 
 
 def test_a_case_is_concealed_once_and_whole(tmp_path):
@@ -63,7 +63,7 @@ def test_a_case_is_concealed_once_and_whole(tmp_path):
         raise OSError("disk full")
 
     with pytest.raises(OSError):
-        concealed.conceal(exam, "b", breaks, lambda: "{}")
+        protocol.conceal(exam, "b", breaks, lambda: "{}")
     assert exam.names() == ["a"] and not list((tmp_path / "cases" / "b").iterdir())
 
 
@@ -116,8 +116,8 @@ def test_an_error_and_a_refusal_are_answers_too(tmp_path):
     def refuses(folder):
         raise InputError("the file is wrong.")
 
-    assert concealed.run(tmp_path, "a", refuses)["refused"] == "the file is wrong."
-    assert concealed.run(tmp_path, "b", lambda folder: {}["x"])["failed"].startswith("KeyError")
+    assert protocol.run(tmp_path, "a", refuses)["refused"] == "the file is wrong."
+    assert protocol.run(tmp_path, "b", lambda folder: {}["x"])["failed"].startswith("KeyError")
 
 
 ALONE = """
@@ -242,6 +242,6 @@ def test_seals_are_the_checksums_of_the_files(tmp_path):
     import hashlib
 
     exam = exam_of(tmp_path, "a")
-    concealed.seal(exam)
+    protocol.seal(exam)
     told = json.loads(exam.seals.read_text())
     assert told == {"a": hashlib.sha256(exam.truth("a").read_bytes()).hexdigest()}

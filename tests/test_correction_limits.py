@@ -9,11 +9,11 @@ import pytest
 from robot_model import load_robot
 from robot_model.system import geometry_priors
 from scenes import ABB, scene
-from workbench.calibrate import calibrate, save
-from workbench.compensate import compensate, covariates_read
+from workbench.jobs.calibrate import calibrate, save
+from workbench.jobs.compensate import compensate, covariates_read
 from workbench.core.errors import InputError
-from workbench.correction_limits import Limits, checked, doubt_about, parameter_deviations
-from workbench.solution_file import read_solution
+from workbench.jobs.correction_limits import Limits, checked, doubt_about, parameter_deviations
+from workbench.files.solution_file import read_solution
 
 JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
 RANGE = {f"q{k}_deg": [-100.0, 100.0] for k in range(1, 7)}

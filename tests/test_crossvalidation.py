@@ -8,9 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenes import model_of, observed, scene
-from workbench.calibrate import calibrate
-from workbench.core.solve import solve
-from workbench.crossvalidation import HeldOut, blocks, cross_validate, error_summary, hold_out
+from workbench.jobs.calibrate import calibrate
+from workbench.core.least_squares.solver import solve
+from workbench.fitting.cross_validation import (
+    HeldOut,
+    blocks,
+    cross_validate,
+    error_summary,
+    hold_out,
+)
 
 poses = st.lists(st.integers(0, 12), min_size=1, max_size=60).map(np.array)
 

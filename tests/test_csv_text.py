@@ -13,8 +13,13 @@ from hypothesis import strategies as st
 from conftest import ROOT
 from datasets.formats.recording1_writer import write_csv
 from datasets.formats.table import read_table
-from workbench.core.csv_text import csv_text, protect_cell, protect_text_columns, unprotect_cell
-from workbench.programme import as_csv
+from workbench.core.text.csv_text import (
+    csv_text,
+    protect_cell,
+    protect_text_columns,
+    unprotect_cell,
+)
+from workbench.files.targets import as_csv
 
 # What a UTF-8 file can hold; NUL is refused by every reader of text files.
 CHARACTERS = st.characters(blacklist_categories=("Cs",), blacklist_characters="\0")
@@ -101,9 +106,9 @@ def written_by_hand(path: Path) -> list[int]:
 @pytest.mark.parametrize("package", ["workbench", "sensors", "robot_model", "datasets"])
 def test_every_table_of_the_product_goes_through_one_writer(package):
     """The makers of recordings write numbers only, and may not import the workbench."""
-    allowed = {ROOT / "workbench/core/csv_text.py"}
+    allowed = {ROOT / "workbench/core/text/csv_text.py"}
     paths = [path for path in (ROOT / package).rglob("*.py") if "makers" not in path.parts and path not in allowed]
     found = {str(path.relative_to(ROOT)): lines for path in paths if (lines := written_by_hand(path))}
     # Column names of our own and numbers, written by numpy for speed.
-    found.pop("workbench/results.py", None)
+    found.pop("workbench/files/results.py", None)
     assert found == {}

@@ -14,16 +14,16 @@ import pytest
 from degenerate_scenes import Case, draw, recording
 from robot_model import load_robot
 from robot_model.measurements import looks_of, samples_of
-from workbench import checked_samples
-from workbench.calibrate import calibrate
-from workbench.compare import compare
-from workbench.compensate import compensate
+from workbench.fitting import checked_samples
+from workbench.jobs.calibrate import calibrate
+from workbench.jobs.compare import compare
+from workbench.jobs.compensate import compensate
 from workbench.core.errors import InputError
 from workbench.diagnosis import diagnose
-from workbench.identify import identifiability
-from workbench.poses import CRITERIA, choose_poses
-from workbench.significance import significance
-from workbench.solution_file import read_solution, solution_keys
+from workbench.jobs.identify import identifiability
+from workbench.jobs.poses import CRITERIA, choose_poses
+from workbench.jobs.significance import significance
+from workbench.files.solution_file import read_solution, solution_keys
 
 FAST, SLOW, A_TEST = 30, 520, 20
 DIAGNOSED = 60

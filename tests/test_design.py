@@ -9,10 +9,10 @@ import pytest
 
 from robot_model.system import bind, geometry_free
 from scenes import model_of, scene
-from workbench.core.design import choose, observability
-from workbench.core.identifiability import identifiability, independent
+from workbench.core.least_squares.design import choose, observability
+from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.model import Model
-from workbench.core.solve import normal_matrix
+from workbench.core.least_squares.solver import normal_matrix
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5")
 

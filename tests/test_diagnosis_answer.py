@@ -16,7 +16,7 @@ from workbench.diagnosis.places import _orders
 from workbench.diagnosis.problem import Alternative, Finding
 from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.diagnosis.robot import bench_of
-from workbench.simulate import simulate
+from workbench.jobs.simulate import simulate
 
 SCENE = {"robot": "abb_irb120", "samples": 90, "seed": 4, "sigma_mm": 0.02, "reflectors": [[0.0, 30.0, 120.0]],
          "share_of_limits": 0.6, "approach": True, "payload_kg": [0.0, 0.5],

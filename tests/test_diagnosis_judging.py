@@ -11,7 +11,7 @@ from workbench.diagnosis.answer import _somewhere, diagnose
 from workbench.diagnosis.folds import SPACE, TIME, Scheme
 from workbench.diagnosis.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.result import UNEXPLAINED, Term, verdict_of
-from workbench.simulate import simulate
+from workbench.jobs.simulate import simulate
 
 SCENE = {
     "robot": "abb_irb120",

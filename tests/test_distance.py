@@ -13,14 +13,14 @@ from robot_model.effects import CATALOGUE
 from robot_model.measurements import measurement_of, samples_of
 from robot_model.system import bind
 from scenes import ABB, assert_rows, differences
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
-from workbench.crossvalidation import blocks
-from workbench.identify import identifiability
-from workbench.poses import choose_poses, write_poses
-from workbench.report.errors import errors_of, noise_sentence
+from workbench.fitting.cross_validation import blocks
+from workbench.jobs.identify import identifiability
+from workbench.jobs.poses import choose_poses, write_poses
+from workbench.report.calibration.errors import errors_of, noise_sentence
 
 REFLECTORS = {1: np.array([20.0, -15.0, 150.0]), 4: np.array([-60.0, 10.0, 80.0])}
 UNSEEN = {"joint-1.theta1", "joint-1.d1"}  # the whole arm turned or lifted

@@ -11,12 +11,12 @@ from datasets.duplicates import first_of_equal_rows
 from erring_scenes import erring
 from robot_model.measurements import samples_of
 from scenes import KINDS, scene
-from workbench.calibrate import calibrate
-from workbench.chunked import calibrate_chunks
-from workbench.compare import compare
+from workbench.jobs.calibrate import calibrate
+from workbench.jobs.calibrate_large import calibrate_chunks
+from workbench.jobs.compare import compare
 from workbench.diagnosis.answer import diagnose
-from workbench.identify import identifiability
-from workbench.plans import geometry
+from workbench.jobs.identify import identifiability
+from workbench.fitting.plans import geometry
 from workbench.study.resampling import by_poses
 
 

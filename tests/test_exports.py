@@ -12,11 +12,19 @@ from scenes import ABB, ARMS, CRAIG
 from sensors.camera.model import Camera
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
-from workbench.exports import CAMERA_FORMATS, camera_text, mdh_csv, mdh_json, read_camera_text, read_mdh, urdf
-from workbench.exports.camera import as_held
-from workbench.exports.hand_eye import read_hand_eye
-from workbench.exports.mdh import calibrated_geometry
-from workbench.solution_file import CalibratedArm
+from workbench.files.exports import (
+    CAMERA_FORMATS,
+    camera_text,
+    mdh_csv,
+    mdh_json,
+    read_camera_text,
+    read_mdh,
+    urdf,
+)
+from workbench.files.exports.camera import as_held
+from workbench.files.exports.hand_eye import read_hand_eye
+from workbench.files.exports.mdh import calibrated_geometry
+from workbench.files.solution_file import CalibratedArm
 
 BROWN = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.05), (1280, 1024))
 RADTAN = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.0), (1280, 1024))

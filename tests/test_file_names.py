@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from workbench import scan
-from workbench.core.file_names import LONGEST, differ_in_case_only, file_name, identifier_of
+from workbench.jobs import scan
+from workbench.core.text.file_names import LONGEST, differ_in_case_only, file_name, identifier_of
 
 AWKWARD = st.sampled_from(["left/1", "right/1", "left", "Left", "LEFT", "Шов", "球", "..", ".", "con", "CON", "con.x", "COM1",
                            "nul", "a b", "a%20b", "a+b", "-rf", "~", "%", "", "x.", "é", "é", "K", "K", "ſ", "s", "S"])  # fmt: skip

@@ -142,7 +142,7 @@ def test_derivatives_of_the_pose_fit_are_those_of_its_residual():
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    from workbench import runs
+    from workbench.files import runs
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")

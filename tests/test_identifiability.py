@@ -5,10 +5,10 @@ import pytest
 
 from robot_model.system import geometry_free
 from scenes import KINDS, model_of, observed, scene
-from workbench.core.identifiability import identifiability, independent
+from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.solution import Solution
-from workbench.core.solve import normal_matrix, solve
+from workbench.core.least_squares.solver import normal_matrix, solve
 
 TOOL = {"ball-centre": "sensor.*", "external-point": "tool.*", "external-pose": "tool.*", "partial-pose": "tool.*"}
 

@@ -11,13 +11,13 @@ from conftest import ROOT
 from erring_scenes import erring
 from scenes import CRAIG
 from test_recording_good import write_good
-from workbench import handeye
-from workbench.calibrate import calibrate
-from workbench.commands import flow
-from workbench.commands.handeye import command
+from workbench.jobs import hand_eye
+from workbench.jobs.calibrate import calibrate
+from workbench.commands.shared import flow
+from workbench.commands.sensor.handeye import command
 from workbench.core.errors import InputError
-from workbench.identify import identifiability
-from workbench.plans import geometry
+from workbench.jobs.identify import identifiability
+from workbench.fitting.plans import geometry
 
 FREE = (-1000.0, 1000.0)
 ARM = CRAIG | {"gravity": [0.0, 0.0, -1.0]}
@@ -90,9 +90,9 @@ def test_readings_far_beyond_the_limits_are_read(tmp_path):
 def test_handeye_repeats_what_reading_found(tmp_path, monkeypatch):
     """The warning stands before those of the calibration, which is replaced here."""
     folder = with_a_wild_cell(write_good(tmp_path / "cell-4", "ball-surface"))
-    monkeypatch.setattr(handeye, "calibrate", lambda *given: None)
-    monkeypatch.setattr(handeye, "save", lambda made, where: None)
-    monkeypatch.setattr(handeye, "as_json", lambda made, tolerances: {"warnings": ["own"]})
+    monkeypatch.setattr(hand_eye, "calibrate", lambda *given: None)
+    monkeypatch.setattr(hand_eye, "save", lambda made, where: None)
+    monkeypatch.setattr(hand_eye, "as_json", lambda made, tolerances: {"warnings": ["own"]})
     answers = []
 
     def run(command, subject, out, json, work, show):
@@ -106,5 +106,5 @@ def test_handeye_repeats_what_reading_found(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["camera", "handeye", "scan", "scanner"])
 def test_every_command_of_sensors_repeats_what_reading_found(name):
-    source = (ROOT / "workbench" / "commands" / f"{name}.py").read_text(encoding="utf-8")
+    source = (ROOT / "workbench" / "commands" / "sensor" / f"{name}.py").read_text(encoding="utf-8")
     assert "datasets.read(recording" in source and "with_reading_warnings(" in source

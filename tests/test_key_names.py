@@ -2,7 +2,7 @@
 
 import pytest
 
-from workbench.core.key_names import closest_key
+from workbench.core.text.key_names import closest_key
 
 JOINT = (
     "theta_deg",

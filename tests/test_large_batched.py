@@ -10,7 +10,7 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.poses import pose_values
 from robot_model.system import bind
-from workbench.core import batched
+from workbench.core.least_squares import batched
 from workbench.core.effect import make_effects
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix, transform

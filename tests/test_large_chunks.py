@@ -11,12 +11,13 @@ import datasets
 from benchmarks.large import SCENE, long_recording, plan
 from datasets.chunks import pose_labels, read_chunks
 from robot_model.system import bind
-from workbench import chunked, cli
-from workbench.calibrate import calibrate
+from workbench import cli
+from workbench.jobs import calibrate_large
+from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
 from workbench.core.model import Model
-from workbench.core.solve import solve
-from workbench.solution_file import read_solution
+from workbench.core.least_squares.solver import solve
+from workbench.files.solution_file import read_solution
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def test_chunks_are_the_recording(folder):
 def test_the_solve_gives_the_same_parameters_as_in_memory(folder):
     chunks, whole = read_chunks(folder), datasets.read(folder)
     thin = calibrate(chunks.thin.select(np.arange(400)), plan(), folds=2)
-    stream = chunked.stream_of(chunks, thin, lambda text: None)
+    stream = calibrate_large.stream_of(chunks, thin, lambda text: None)
     stream = replace(stream, extra=0 * stream.extra)
     model = Model(bind(stream.robot, whole, stream.start), stream.effects)
     start = model.parameters.only(stream.parameters.take_over(thin.solution.parameters).mask)
@@ -64,10 +65,10 @@ def test_the_solve_gives_the_same_parameters_as_in_memory(folder):
 def test_folds_by_one_step_are_folds_by_a_solve(folder, short):
     chunks = read_chunks(short)
     thin = calibrate(chunks.thin, plan(), folds=3)
-    stream = chunked.stream_of(chunks, thin, lambda text: None)
+    stream = calibrate_large.stream_of(chunks, thin, lambda text: None)
     fit = solve(stream, thin.solution.parameters)
-    fold = chunked._folds(chunks.pose, 3)
-    found = chunked._held_out(stream, fit, fold, 3)
+    fold = calibrate_large._folds(chunks.pose, 3)
+    found = calibrate_large._held_out(stream, fit, fold, 3)
     model = Model(bind(stream.robot, chunks.thin, stream.start), stream.effects)
     squares = 0.0
     for k in range(3):
@@ -78,10 +79,10 @@ def test_folds_by_one_step_are_folds_by_a_solve(folder, short):
 
 def test_the_whole_calibration_is_right_and_can_be_used(short, tmp_path):
     said = []
-    made = chunked.calibrate_chunks(short, plan(), folds=3, progress=said.append)
+    made = calibrate_large.calibrate_chunks(short, plan(), folds=3, progress=said.append)
     sigma = np.sqrt(3) * SCENE.sigma_mm
     assert made.solution.converged and sigma < made.held_out["rms_mm"] < 1.15 * sigma < made.nominal["rms_mm"]
-    chunked.save(made, tmp_path)
+    calibrate_large.save(made, tmp_path)
     arm = read_solution(tmp_path)
     assert arm.trusted and arm.held_out_mm == made.held_out["rms_mm"]
     for joint, value in ((2, 1e-4), (3, 2e-4)):
@@ -106,7 +107,7 @@ def test_repeats_of_a_pose_stand_in_one_fold(short):
     twice = recording.select(np.concatenate([np.arange(600), np.arange(600)]))
     label = pose_labels(twice)
     assert np.array_equal(label[:600], label[600:]) and len(np.unique(label)) == len(np.unique(recording.poses))
-    fold = chunked._folds(label, 5)
+    fold = calibrate_large._folds(label, 5)
     assert np.array_equal(fold[:600], fold[600:]) and np.bincount(fold).min() > 100
 
 

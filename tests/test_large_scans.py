@@ -10,10 +10,10 @@ import pytest
 
 import datasets
 from sensor_recordings import scanner_recording
-from workbench import centres, scan
+from workbench.jobs import ball_centres, scan
 from workbench.core.errors import InputError
-from workbench.pace import paced
-from workbench.spool import Spool
+from workbench.machine.progress import paced
+from workbench.files.spool import Spool
 
 
 def test_a_spool_is_the_sequence_that_went_in():
@@ -28,7 +28,7 @@ def test_a_spool_is_the_sequence_that_went_in():
 
 
 def test_a_full_disk_is_named_by_its_folder(monkeypatch, tmp_path):
-    monkeypatch.setattr("workbench.spool.tempfile.TemporaryFile", lambda prefix, dir: open("/dev/full", "w+b"))
+    monkeypatch.setattr("workbench.files.spool.tempfile.TemporaryFile", lambda prefix, dir: open("/dev/full", "w+b"))
     with pytest.raises(InputError, match=f"{tmp_path}.*No space left.*make room"):
         Spool(range(9), kept=2, folder=tmp_path)
 
@@ -56,7 +56,7 @@ def test_scans_are_the_same_from_the_spool_as_from_memory(tmp_path, monkeypatch)
     made = scan.scan(recording, None, tmp_path, said.append)
     monkeypatch.setattr(scan, "Spool", lambda things, folder: Spool(things, 0, folder))
     again = scan.scan(recording, None, _new(tmp_path / "again"), lambda text: None)
-    first, second = (centres.as_json(one, tmp_path) for one in (made, again))
+    first, second = (ball_centres.as_json(one, tmp_path) for one in (made, again))
     assert {**first, "scans": list(first["scans"])} == {**second, "scans": list(second["scans"])}
     assert all(one.row == other.row and np.array_equal(one.drawn, other.drawn) for one, other in zip(made.scans, again.scans))
     names = [field.name for field in fields(made.scans[0].balls[0])]

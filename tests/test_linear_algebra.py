@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from workbench.core import linear_algebra
+from workbench.core.least_squares import linear_algebra
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import (
+from workbench.core.least_squares.linear_algebra import (
     covariance_of,
     inverse_positive,
     least_squares,

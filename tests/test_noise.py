@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from scenes import model_of, observed, scene
-from workbench.core.identifiability import identifiability
-from workbench.core.solve import solve
+from workbench.core.least_squares.identifiability import identifiability
+from workbench.core.least_squares.solver import solve
 
 TRUE = 0.8
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from noise_scenes import SIGMA, XYZ, geometry_of, heavy, normal, recorded
-from workbench.calibration_verdict import calibration_verdict
+from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.core.errors import InputError
-from workbench.noise_report import ALARM, NONE, NOTICE
-from workbench.solution_file import solution_keys
+from workbench.fitting.verdicts.noise_report import ALARM, NONE, NOTICE
+from workbench.files.solution_file import solution_keys
 
 
 def with_columns(recording, **columns):

@@ -5,9 +5,9 @@ import pytest
 
 from datasets import read, write
 from scenes import BALLS, scene
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
-from workbench.poses import choose_poses
+from workbench.jobs.poses import choose_poses
 
 
 def folder(tmp_path, balls, artefact):

@@ -12,25 +12,25 @@ from scipy.spatial.transform import Rotation
 import datasets
 from robot_model.system import bind, geometry_free
 from scenes import model_of, scene
-from workbench.calibrate import calibrate, save
-from workbench.chunked import calibrate_chunks
-from workbench.commands import compare as compare_command
-from workbench.commands import diagnose as diagnose_command
-from workbench.compare import compare
-from workbench.compare import save as save_comparison
+from workbench.jobs.calibrate import calibrate, save
+from workbench.jobs.calibrate_large import calibrate_chunks
+from workbench.commands.robot import compare as compare_command
+from workbench.commands.robot import diagnose as diagnose_command
+from workbench.jobs.compare import compare
+from workbench.jobs.compare import save as save_comparison
 from workbench.core.errors import InputError
-from workbench.core.identifiability import identifiability, independent
+from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
-from workbench.core.solve import normal_matrix
-from workbench.crossvalidation import HeldOut, cross_validate, error_summary
+from workbench.core.least_squares.solver import normal_matrix
+from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.files import save as save_diagnosis
 from workbench.diagnosis.heldout import Errors
 from workbench.diagnosis.robot import bench_of
-from workbench.poses import choose_poses
-from workbench.report.diagnosis import page as diagnosis_page
-from workbench.simulate import simulate
+from workbench.jobs.poses import choose_poses
+from workbench.report.diagnosis.page import page as diagnosis_page
+from workbench.jobs.simulate import simulate
 
 ROTATION_KEYS = ("rotation_rms_deg", "rotation_mean_deg", "rotation_p95_deg", "rotation_max_deg")
 SIGMA_RAD = 2e-3

@@ -11,10 +11,10 @@ from datasets.makers import poses
 from datasets.makers.tx60 import geometries, tx60
 from robot_model import load_robot
 from robot_model.chain import forward
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
-from workbench.identify import identifiability
-from workbench.significance import robot_called, significance
+from workbench.jobs.identify import identifiability
+from workbench.jobs.significance import robot_called, significance
 
 PLAN = Path("mdh-partial-pose")
 OPEN = "joint 6's twist (alpha) has no effect at all on these measurements"

@@ -9,9 +9,9 @@ import pytest
 
 import datasets
 from conftest import ROOT
-from workbench.calibrate import calibrate
-from workbench.compare import compare
-from workbench.plans import read_plan
+from workbench.jobs.calibrate import calibrate
+from workbench.jobs.compare import compare
+from workbench.fitting.plans import read_plan
 
 sys.path.insert(0, str(ROOT / "tools"))
 

@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 
 from scenes import scene
-from workbench.calibrate import calibrate
-from workbench.commands import tables
-from workbench.report import parameters as page
+from workbench.jobs.calibrate import calibrate
+from workbench.commands.shared import tables
+from workbench.report.calibration import parameters as page
 
 
 @pytest.fixture(scope="module")

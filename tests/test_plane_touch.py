@@ -12,9 +12,9 @@ from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.model import Model
-from workbench.core.solve import solve
+from workbench.core.least_squares.solver import solve
 
 TIP = np.array([20.0, -15.0, 150.0])
 PLANES = {1: (Rotation.from_euler("xy", [3, -4], degrees=True), 250.0), 2: (Rotation.from_euler("xy", [60, 5], degrees=True), 180.0),

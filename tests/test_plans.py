@@ -7,11 +7,11 @@ import pytest
 from robot_model.effects import CATALOGUE
 from robot_model.system import bind, geometry_free
 from scenes import ABB, KINDS, SLIDING, scene
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
-from workbench.plans import default_plan, read_plan
+from workbench.fitting.plans import default_plan, read_plan
 
 GOOD = """
 [[stage]]

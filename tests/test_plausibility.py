@@ -15,8 +15,8 @@ from pose_scenes import random_arm
 from robot_model import load_robot
 from robot_model.measurements import samples_of
 from scenes import ARMS, BALLS, KINDS, scene
-from workbench.plausibility import check_plausibility
-from workbench.plausibility.corrections import observed_columns
+from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 QUATERNION = ("qw", "qx", "qy", "qz")

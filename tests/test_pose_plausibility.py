@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pose_scenes import SPREADS_DEG, pose_scene
-from workbench.checked_samples import check_samples
+from workbench.fitting.checked_samples import check_samples
 from workbench.core.errors import InputError
 
 RECORDINGS, LEAST_NAMED = 200, 0.98

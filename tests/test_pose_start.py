@@ -11,13 +11,13 @@ from pose_scenes import SPREADS_DEG, pose_scene
 from robot_model.measurements.external_pose import ExternalPose
 from robot_model.system import bind, geometry_free
 from scenes import BALLS, KINDS, scene
-from workbench.calibrate import calibrate
-from workbench.checked_samples import check_samples
+from workbench.jobs.calibrate import calibrate
+from workbench.fitting.checked_samples import check_samples
 from workbench.core.model import Model
 from workbench.core.solution import Stage
-from workbench.core.solve import Fit, solve
-from workbench.plans import frames_of
-from workbench.start_ambiguity import ambiguity_sentence
+from workbench.core.least_squares.solver import Fit, solve
+from workbench.fitting.plans import frames_of
+from workbench.fitting.start_ambiguity import ambiguity_sentence
 
 # what the geometry errors of the scenes leave, with base and tool fitted
 LARGEST_MM, LARGEST_DEG = 8.0, 1.2

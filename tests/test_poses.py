@@ -10,14 +10,14 @@ from robot_model import load_robot
 from robot_model.clearance import hidden_by_others, segment_distance, self_clearance
 from robot_model.system import bind, geometry_free
 from scenes import scene
-from workbench.calibrate import calibrate
-from workbench.core.design import choose
+from workbench.jobs.calibrate import calibrate
+from workbench.core.least_squares.design import choose
 from workbench.core.errors import InputError
-from workbench.core.identifiability import identifiability, independent
+from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.model import Model
-from workbench.core.solve import normal_matrix
-from workbench.plans import geometry
-from workbench.poses import choose_poses, write_poses
+from workbench.core.least_squares.solver import normal_matrix
+from workbench.fitting.plans import geometry
+from workbench.jobs.poses import choose_poses, write_poses
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from workbench import concealed, prove
+from workbench.proving import protocol, prove
 from workbench.core.errors import InputError
 from workbench.proving import board, figures, scoring, stages, tasks
 
@@ -181,7 +181,7 @@ def test_the_failed_cases_stand_first_and_every_case_is_in_the_files(tmp_path):
 
 
 def test_the_page_is_written_from_the_board_alone(tmp_path):
-    from workbench.report.scoreboard import write_scoreboard
+    from workbench.report.scoreboard.html_page import write_scoreboard
 
     rows = [row(case=f"c{k}", before_mm=0.05, after_mm=0.03, noise_mm=0.03, oracle_before_mm=0.05, oracle_after_mm=0.031,
                 beliefs=[(0.97, True)]) for k in range(3)] + [row("clean", "right", effects=[], concealed=[])]  # fmt: skip
@@ -219,7 +219,7 @@ def own_folder(tmp_path, truth='{"effects": []}'):
 
 def test_a_folder_of_ones_own_is_checked(tmp_path):
     own = own_folder(tmp_path)
-    exam = concealed.Examination(tmp_path / "exam")
+    exam = protocol.Examination(tmp_path / "exam")
     (own / "SHA256SUMS").write_text(f"{'0' * 64}  sealed/mine.json\n")
     with pytest.raises(InputError, match="changed after it was sealed"):
         prove.bring(exam, own)
@@ -231,7 +231,7 @@ def test_a_folder_of_ones_own_is_checked(tmp_path):
     (own / "sealed" / "other.json").unlink()
     (own / "sealed" / "mine.json").write_text('{"effects": [{"effect": "backlash"}]}')
     with pytest.raises(InputError, match='with "effect" and "where"'):
-        prove.bring(concealed.Examination(tmp_path / "again"), own)
+        prove.bring(protocol.Examination(tmp_path / "again"), own)
 
 
 def test_an_examination_is_not_mixed_with_another(tmp_path):

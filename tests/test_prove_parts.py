@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from test_prove import row
-from workbench import concealed, prove
+from workbench.proving import protocol, prove
 from workbench.core.errors import InputError
 from workbench.proving import board, checks, figures, oracle, planting, scoring, stages, tasks
 from workbench.proving.maps import Map
@@ -27,7 +27,7 @@ def test_parts_of_an_examination_add_up(tmp_path):
     pytest.importorskip("mujoco")
     folder = tmp_path / "exam"
     first = prove.prove(folder, ["clean=2"], seed=5, jobs=1, minutes=0)
-    assert not first.rows and first.planned == {"clean": 2} and len(concealed.Examination(folder).names()) == 2
+    assert not first.rows and first.planned == {"clean": 2} and len(protocol.Examination(folder).names()) == 2
     then = prove.prove(folder, ["library=1", "clean=1"], seed=5, jobs=1, minutes=0)
     assert then.planned == {"clean": 2, "library": 1}
     assert then.command == "workbench prove --suite clean=2 --suite library=1 --seed 5"
@@ -37,14 +37,14 @@ def test_parts_of_an_examination_add_up(tmp_path):
 
 
 def exam_of_one(folder, truth='{"effects": []}\n'):
-    exam = concealed.Examination(folder)
-    concealed.conceal(exam, "a", lambda place: place.mkdir(), lambda: truth)
-    return exam, concealed.seal(exam)
+    exam = protocol.Examination(folder)
+    protocol.conceal(exam, "a", lambda place: place.mkdir(), lambda: truth)
+    return exam, protocol.seal(exam)
 
 
 def test_an_answer_stays_as_it_was_when_its_case_was_opened(tmp_path):
     exam, seals = exam_of_one(tmp_path, '{"effects": [], "measures": "", "baseline": "geometry"}\n')
-    concealed.run(tmp_path, "a", lambda folder: {"verdict": "consistent", "effects": [], "located": []}, "p1")
+    protocol.run(tmp_path, "a", lambda folder: {"verdict": "consistent", "effects": [], "located": []}, "p1")
     oracle.weigh(tmp_path, "a")
     assert stages.row_of(exam, "a", seals)["outcome"] == "right" and stages.row_of(exam, "a", seals)["program"] == "p1"
     exam.answer("a").write_text(exam.answer("a").read_text().replace("consistent", "unexplained"))
@@ -54,13 +54,13 @@ def test_an_answer_stays_as_it_was_when_its_case_was_opened(tmp_path):
 
 def test_a_diagnosis_that_takes_too_long_is_no_answer(tmp_path, monkeypatch):
     exam_of_one(tmp_path)
-    monkeypatch.setattr(concealed, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(protocol, "PATIENCE_S", 0.05)
 
     def forever(folder):
         while True:
             np.linalg.inv(np.eye(20))
 
-    told = concealed.run(tmp_path, "a", forever)
+    told = protocol.run(tmp_path, "a", forever)
     assert told["answer"] is None and told["failed"].startswith("TimeoutError") and told["cpu_s"] < 5
 
 
@@ -68,15 +68,15 @@ def test_one_changed_byte_of_each_truth_is_tried_and_the_makers_are_read(tmp_pat
     exam, _ = exam_of_one(tmp_path)
     alone, sealed, closed = checks.checks(exam, [{"case": "a", "opened": ["/x"]}])
     assert alone.reached and alone.cases > 20 and sealed.reached and closed.reached is False
-    monkeypatch.setattr(concealed, "check", lambda *_: None)
+    monkeypatch.setattr(protocol, "check", lambda *_: None)
     assert checks.checks(exam, [{"case": "a"}])[1].reached is False
 
 
 def test_a_maker_that_takes_from_the_model_is_seen(tmp_path, monkeypatch):
     for text in ("import workbench.core", "def f():\n    from robot_model import chain", "from sensors.scan import x"):
         (tmp_path / "maker.py").write_text(text + "\n")
-        monkeypatch.setattr(concealed, "MAKERS", (tmp_path / "maker.py",))
-        assert checks.checks(concealed.Examination(tmp_path), [])[0].reached is False
+        monkeypatch.setattr(protocol, "MAKERS", (tmp_path / "maker.py",))
+        assert checks.checks(protocol.Examination(tmp_path), [])[0].reached is False
 
 
 def test_the_program_has_one_checksum_in_one_process():
@@ -118,23 +118,23 @@ def test_a_failed_case_gains_nothing():
 
 
 def test_the_page_of_markdown_lists_figures_failures_and_pictures(tmp_path, monkeypatch):
-    from workbench.report import scoreboard_page
+    from workbench.report.scoreboard import markdown_page
 
     drawn = Map("library 1: x", np.random.default_rng(1).normal(size=(3, 20)), np.ones(20), np.full(20, 0.5))
-    monkeypatch.setattr(scoreboard_page, "maps", lambda exam, rows: [drawn])
+    monkeypatch.setattr(markdown_page, "maps", lambda exam, rows: [drawn])
     rows = [row(case="good", beliefs=[(0.97, True)], before_mm=0.05, after_mm=0.03), row(case="bad", outcome="missed")]
     made = board.board(rows, {"sensor": "no pictures"}, 4, "workbench prove --seed 4", planned={"library": 5})
     (tmp_path / "exam").mkdir()
     board.save(made, tmp_path / "exam")
     board.publish_seals(tmp_path / "exam", {"good": "0", "bad": "1"})
-    text = scoreboard_page.write_page(made, tmp_path / "exam", tmp_path / "board.md").read_text()
+    text = markdown_page.write_page(made, tmp_path / "exam", tmp_path / "board.md").read_text()
     assert "workbench prove --seed 4" in text and "| library | confidently wrong | ≤ 1 % | 0.0% | 0 of 2 |" in text and "| library | 2 | 5 |" in text and "left out: no pictures" in text
     assert "| real-withheld | 0 | not held |" in text and "the same call goes on" in text
     assert "`bad`" in text and "`good`" not in text and "good" in (tmp_path / "board" / "results.csv").read_text()
     for name in ("figures.png", "seen.png", "gain.png", "effects.png", "places.png", "before-after.png", "maps.png"):
         assert f"board/{name}" in text and (tmp_path / "board" / name).stat().st_size > 1000
     with pytest.raises(InputError, match="ends in .md"):
-        scoreboard_page.write_page(made, tmp_path / "exam", tmp_path / "board.html")
+        markdown_page.write_page(made, tmp_path / "exam", tmp_path / "board.html")
 
 
 def test_a_planted_case_without_the_set_as_it_is_proves_nothing():

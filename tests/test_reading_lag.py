@@ -9,7 +9,7 @@ from workbench.core.covariates import last_moves
 from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.scatter import places, scattered
 from workbench.diagnosis.select import find
-from workbench.simulate import simulate
+from workbench.jobs.simulate import simulate
 
 STILL = np.array([1e-4, 1e-4])
 SCENE = {

@@ -14,11 +14,11 @@ from scipy.stats import norm
 
 from robot_model.system import geometry_free
 from scenes import model_of, observed, scene
-from workbench.core.identifiability import independent
+from workbench.core.least_squares.identifiability import independent
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution
-from workbench.core.solve import normal_matrix, solve
+from workbench.core.least_squares.solver import normal_matrix, solve
 
 SHARE = norm.cdf(1) - norm.cdf(-1)
 WAVES = tuple(("transmission-harmonic", f"joint-{k}", {"order": n}) for k in (1, 2, 4) for n in (1, 2))

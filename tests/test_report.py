@@ -10,8 +10,16 @@ import pytest
 
 from datasets.recording import Recording
 from robot_model import load_robot
-from workbench.report import errors as spread
-from workbench.report import history, parameters, picture, provenance, residuals, scene, stages, text, write_report
+from workbench.report.calibration import errors as spread
+from workbench.report import provenance, text, write_report
+from workbench.report.calibration import (
+    history,
+    parameters,
+    summary_image,
+    residuals,
+    scene,
+    stages,
+)
 
 SECTIONS = ("stages", "spread", "parameters", "residuals", "scene", "history", "provenance")
 
@@ -46,7 +54,7 @@ def summary(residual, **more):
 
 
 def fake(n=240, sigma=0.02, points=None, seed=5):
-    """What `workbench.calibrate` returns, with joint 3 still wrong by a sine and one row never held out."""
+    """What `workbench.jobs.calibrate` returns, with joint 3 still wrong by a sine and one row never held out."""
     random = np.random.default_rng(seed)
     q = random.uniform(-80, 80, (n, 6))
     residual = random.normal(0, 0.02, (3, n)) + np.outer([0.04, -0.02, 0], np.sin(np.deg2rad(4 * q[:, 2])))
@@ -239,7 +247,7 @@ def test_page_is_complete_where_the_picture_cannot_be_drawn(tmp_path, monkeypatc
     def no_library(*_):
         raise ImportError("No module named 'matplotlib'")
 
-    monkeypatch.setattr(picture, "picture", no_library)
+    monkeypatch.setattr(summary_image, "picture", no_library)
     with caplog.at_level(logging.WARNING):
         path = write_report(fake(), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name] and "was not drawn, because" in caplog.text

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.report.volume import volume, write_volume
+from workbench.report.calibration.volume import volume, write_volume
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from datasets.rows import Rows
-from workbench.commands import answer
-from workbench.spool import Made, Spool
+from workbench.commands.shared import answer
+from workbench.files.spool import Made, Spool
 
 TABLE = {
     "image": np.array(["b.png", "a.png", "c.png", "d.png"]), "role": np.array(["scan", "board", "scan", "scan"]),

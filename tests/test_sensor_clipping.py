@@ -14,9 +14,9 @@ from sensors.scanner.file import write_scanner
 from sensors.scanner.model import Scanner
 from sensors.stripe.clipping import Counts, clip_level
 from sensors.stripe.find import find_stripes
-from workbench.pictures import full_scale
-from workbench.scan import scan
-from workbench.scanner import board_stripes
+from workbench.imaging.images import full_scale
+from workbench.jobs.scan import scan
+from workbench.jobs.scanner import board_stripes
 
 SIDE = 256
 TRUTH = 60.37 + 0.3 * np.arange(SIDE)
@@ -123,9 +123,9 @@ def passed_on(monkeypatch, module) -> list:
 def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, full):
     import open3d
 
-    import workbench.scan
+    import workbench.jobs.scan
 
-    told = passed_on(monkeypatch, workbench.scan)
+    told = passed_on(monkeypatch, workbench.jobs.scan)
     pictures = twelve_bits(left)
     made = recorded(tmp_path, {f"{k}.png": picture for k, picture in enumerate(pictures)}, "scan", scan="1")
     camera = Camera(900.0, 900.0, 127.0, 127.0, (0.0,) * 5, (SIDE, SIDE))
@@ -139,9 +139,9 @@ def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, 
 
 @pytest.mark.parametrize(("left", "full"), [(False, 4095), (True, 65520)])
 def test_stripes_on_boards_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, full):
-    import workbench.scanner
+    import workbench.jobs.scanner
 
-    told = passed_on(monkeypatch, workbench.scanner)
+    told = passed_on(monkeypatch, workbench.jobs.scanner)
     pictures = {f"{k}.png": picture for k, picture in enumerate(twelve_bits(left))}
     made = recorded(tmp_path, pictures, "board-laser", placement="1")
     assert cv2.imwrite(str(tmp_path / "dark.png"), twelve_bits(left, peak=0.0, frames=1, seed=1)[0])

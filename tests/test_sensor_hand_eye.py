@@ -323,10 +323,10 @@ def test_spherescan_hand_eye(spherescan, which, radius, limit):
 def test_the_answer_of_profiles_says_scale_noise_and_free_radius(real):
     """As a person reads it: the profiler's scale and the radius, where they are fitted, each with its sigma."""
     import datasets
-    from workbench import handeye
+    from workbench.jobs import hand_eye
 
     real("spherescan_handeye_pan")
-    told = handeye.as_json(handeye.calibrate(datasets.read("spherescan_handeye_pan:r12"), None, None, lambda text: None))
+    told = hand_eye.as_json(hand_eye.calibrate(datasets.read("spherescan_handeye_pan:r12"), None, None, lambda text: None))
     assert told["radius_mm"] == 12.7 and told["radius_std_mm"] is None and told["noise"] == pytest.approx(0.1, abs=0.02)
     assert abs(told["free_radius_mm"] - 12.7) < 3 * told["free_radius_std_mm"] < 3
     assert abs(told["range_scale"]) < 3 * told["range_scale_std"] < 0.3

@@ -217,7 +217,7 @@ def test_a_pixel_that_is_no_number_is_named():
 @pytest.fixture(scope="module")
 def one_axis():
     """A run of the command's part on pictures with turns about one axis."""
-    from workbench.handeye import HandEyeRun
+    from workbench.jobs.hand_eye import HandEyeRun
 
     views, flange = pictures(9, turns=SPUN, spin=1e-5)
     views = [View("", "", v.index, v.pixels, CAMERA.size, np.ones(35)) for v in views]
@@ -229,13 +229,13 @@ def one_axis():
 def test_terminal_and_page_say_first_what_is_not_determined(one_axis, monkeypatch):
     from rich.console import Console
 
-    from workbench import handeye
-    from workbench.commands import answer, sensor_tables
+    from workbench.jobs import hand_eye
+    from workbench.commands.shared import answer, sensor_tables
     from workbench.report.sensor import handeye as report
 
-    monkeypatch.setattr(handeye, "provenance", lambda recording: {})
+    monkeypatch.setattr(hand_eye, "provenance", lambda recording: {})
     monkeypatch.setattr(report, "_provenance", lambda recording: [])
-    told = {"recording": "x", **handeye.as_json(one_axis)}
+    told = {"recording": "x", **hand_eye.as_json(one_axis)}
     console = Console(record=True, width=120, file=StringIO())
     sensor_tables.handeye(console, told)
     text = console.export_text()
@@ -249,9 +249,9 @@ def test_terminal_and_page_say_first_what_is_not_determined(one_axis, monkeypatc
 def test_the_file_says_what_is_not_determined(one_axis, tmp_path, monkeypatch):
     import tomllib
 
-    from workbench import handeye
+    from workbench.jobs import hand_eye
 
-    monkeypatch.setattr(handeye, "provenance", lambda recording: {})
-    handeye.save(one_axis, tmp_path)
+    monkeypatch.setattr(hand_eye, "provenance", lambda recording: {})
+    hand_eye.save(one_axis, tmp_path)
     told = tomllib.loads((tmp_path / "hand-eye.toml").read_text())
     assert "one axis" in told["undetermined"][0] and np.isinf(told["std_mm"]).all()

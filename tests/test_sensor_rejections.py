@@ -29,7 +29,7 @@ def run(*words) -> int:
 @pytest.fixture
 def spoilt(tmp_path, monkeypatch):
     """A copy of the small rendered recording."""
-    from workbench import runs
+    from workbench.files import runs
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")

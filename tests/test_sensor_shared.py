@@ -17,8 +17,8 @@ from sensors.scanner.adjustment import linearised, solve_once
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.file import read_scanner, write_scanner
 from sensors.scanner.shared import _effects, _left, shared_errors
-from workbench.core.bundle import solve_bundle
-from workbench.core.bundle_blocks import Family
+from workbench.core.least_squares.bundle import solve_bundle
+from workbench.core.least_squares.bundle_blocks import Family
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
 
@@ -261,7 +261,7 @@ def test_what_may_be_negative_is_counted_on_by_the_part_above_nought():
 
 def test_a_profiler_states_its_plane_in_the_cameras_frame():
     """One plane has no other to be apart from: in the frame that fits best nothing would be left to tell."""
-    from workbench.scanner import _apart
+    from workbench.jobs.scanner import _apart
 
     truth = twin(np.random.default_rng(9), 8, 1, 60)
     made = calibrated(truth)

@@ -9,8 +9,8 @@ import datasets
 from sensor_recordings import scanner_recording
 from sensors.boards.detection import detect_all
 from sensors.camera.calibration import calibrate_camera
-from workbench import sensor_verdict
-from workbench.scanner import as_json, calibrate
+from workbench.fitting.verdicts import sensor_verdict
+from workbench.jobs.scanner import as_json, calibrate
 
 
 def mispaired(recording):

@@ -19,12 +19,12 @@ from sensors.ball.fit import fit_ball
 from sensors.boards.detection import Rejected
 from sensors.camera.model import Camera
 from sensors.scanner.model import Scanner
-from workbench import centres, scan
-from workbench.commands import answer
-from workbench.commands import scan as scan_command
+from workbench.jobs import ball_centres, scan
+from workbench.commands.shared import answer
+from workbench.commands.sensor import scan as scan_command
 from workbench.report.sensor import picture
 from workbench.report.sensor.scan import page
-from workbench.spool import Parts, Spool
+from workbench.files.spool import Parts, Spool
 
 CAMERA = Camera(20.0, 20.0, 8.0, 6.0, (0.0,) * 5, (16, 12))
 SCANNER = Scanner(CAMERA, np.arange(2), np.array([[0.0, 0, 1, -130], [0.0, 0, 1, -131]]).T)
@@ -120,12 +120,12 @@ def new(folder):
 def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(few, found, tmp_path, monkeypatch):
     folder = session(few, tmp_path / "recording", 90)
     made = scan.scan(datasets.read(folder), Path("scanner.toml"), new(tmp_path / "run"), lambda text: None)
-    asked, told_of = [], centres._told
-    monkeypatch.setattr(centres, "_told", lambda *given: asked.append(1) or told_of(*given))
-    told = centres.as_json(made, tmp_path)
+    asked, told_of = [], ball_centres._told
+    monkeypatch.setattr(ball_centres, "_told", lambda *given: asked.append(1) or told_of(*given))
+    told = ball_centres.as_json(made, tmp_path)
     shown = page(made)
-    assert len(asked) == 90 and centres.characteristics(made) is centres.characteristics(made)
-    assert centres.centres_of(made) is centres.centres_of(made)
+    assert len(asked) == 90 and ball_centres.characteristics(made) is ball_centres.characteristics(made)
+    assert ball_centres.centres_of(made) is ball_centres.centres_of(made)
     assert ("scans", "90", "") in shown.numbers and ("balls found", "90", "") in shown.numbers
     assert "And 78 more, which the JSON holds." in str(shown)
     whole = json.loads(answer.as_text(told))

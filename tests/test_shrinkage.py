@@ -7,10 +7,10 @@ import pytest
 
 from robot_model.effects import CATALOGUE
 from scenes import model_of, observed, scene
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.effect import make_effects
-from workbench.core.solve import solve
-from workbench.shrinkage import rescaled, settled
+from workbench.core.least_squares.solver import solve
+from workbench.fitting.shrinkage import rescaled, settled
 
 WAVES = [("transmission-harmonic", f"joint-{k}", {"order": n}) for k in range(1, 7) for n in (1, 2)]
 SIGMA_MM = 0.05

@@ -6,11 +6,11 @@ import pytest
 from plain_frames import frames_of
 from robot_model import load_robot
 from scenes import scene
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
-from workbench.poses import choose_poses
-from workbench.sight import BELOW, OUTSIDE, TOO_FAR, Sight
-from workbench.simulate import simulate
+from workbench.jobs.poses import choose_poses
+from workbench.imaging.visibility import BELOW, OUTSIDE, TOO_FAR, Sight
+from workbench.jobs.simulate import simulate
 
 SCENE = """
 robot = "fanuc_lr_mate_200id"

@@ -14,8 +14,8 @@ from scenes import CRAIG, SLIDING
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
-from workbench.core.solve import solve
-from workbench.simulate import simulate
+from workbench.core.least_squares.solver import solve
+from workbench.jobs.simulate import simulate
 
 TRACKER = {
     "robot": "abb_irb120", "measures": "external-point", "samples": 150, "seed": 4, "payload_kg": [0.0, 3.0],

@@ -8,9 +8,18 @@ from scipy.spatial.transform import Rotation
 
 from robot_model.system import geometry_free
 from scenes import KINDS, model_of, observed, scene
-from workbench.core.identifiability import independent
+from workbench.core.least_squares.identifiability import independent
 from workbench.core.parameters import Parameters
-from workbench.core.solve import LOSSES, NOT_FINITE, OUT_OF_STEPS, cauchy, huber, normal_matrix, pose_scores, solve
+from workbench.core.least_squares.solver import (
+    LOSSES,
+    NOT_FINITE,
+    OUT_OF_STEPS,
+    cauchy,
+    huber,
+    normal_matrix,
+    pose_scores,
+    solve,
+)
 
 FRAMES = {"ball-centre": ("base.*", "sensor.*"), "external-point": ("base.*", "tool.*"), "external-pose": ("base.*", "tool.*"), "partial-pose": ("base.*", "tool.*")}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from workbench import doctor
+from workbench.machine import doctor
 
 
 def shell(line: str, folder: Path, **environment) -> subprocess.CompletedProcess:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import study_scenes as scenes
-from workbench import processes
+from workbench.machine import processes
 from workbench.study import resampling, robots, tables
 from workbench.study.engine import carry_out, given, parts_of
 from workbench.study.runs import row_of, seed_of
@@ -111,7 +111,7 @@ def test_more_poses_and_better_chosen_ones_leave_less_error():
 
 @pytest.mark.slow
 def test_a_known_scanner_errs_more_in_noise_and_its_page_is_made(tmp_path):
-    from workbench.report.study import page
+    from workbench.report.study.page import page
 
     study = read("sensor-field")[0]
     own = with_values(study, {"range_mm": 128.0, "blur_px": 0.8, "speckle": 0.0, "read_noise_e": 5.0})
@@ -129,7 +129,7 @@ def test_a_known_scanner_errs_more_in_noise_and_its_page_is_made(tmp_path):
 
 def test_pages_of_every_kind_have_their_sections(tmp_path):
     from workbench.report.page import write_sheet
-    from workbench.report.study import page
+    from workbench.report.study.page import page
 
     made = finished(read("compliance-joints")[0], tmp_path / "joints", 90)
     found = summary(made)

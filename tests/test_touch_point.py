@@ -12,10 +12,10 @@ from robot_model.chain import forward
 from robot_model.measurements.touch_point import TouchPoint
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences
-from workbench.calibrate import calibrate
-from workbench.core.identifiability import identifiability
+from workbench.jobs.calibrate import calibrate
+from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.model import Model
-from workbench.core.solve import normal_matrix, solve
+from workbench.core.least_squares.solver import normal_matrix, solve
 
 TIP = np.array([20.0, -15.0, 180.0])
 

@@ -7,7 +7,7 @@ import pytest
 from robot_model import load_robot
 from user_error_scenes import REAL, SIMULATED, simulated
 from user_errors import MISTAKES, is_absorbed, judged
-from workbench.plausibility import check_plausibility
+from workbench.fitting.plausibility import check_plausibility
 
 QUICK = (
     "readings rounded to whole degrees",

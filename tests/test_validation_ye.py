@@ -18,10 +18,10 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import YeCompliance
 from robot_model.system import bind
-from workbench.calibrate import calibrate
+from workbench.jobs.calibrate import calibrate
 from workbench.core.effect import make_effects, numeric_derivative
 from workbench.core.model import Model
-from workbench.plans import read_plan
+from workbench.fitting.plans import read_plan
 
 ye = pytest.importorskip("datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError)
 pytest.importorskip("mujoco")

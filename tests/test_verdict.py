@@ -3,7 +3,7 @@
 import pytest
 
 from workbench.core.errors import InputError
-from workbench.verdict import (
+from workbench.fitting.verdicts.verdict import (
     DIAGNOSE,
     REPLICATES,
     Noise,

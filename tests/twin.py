@@ -22,7 +22,7 @@ from sensors.light.planes import tilt_directions
 from sensors.rendering import Scene, make_recording, read_scene
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.errors import cut, laid_over
-from workbench import scan, scanner
+from workbench.jobs import scan, scanner
 from workbench.core.rigid import nearest_rotation
 
 SCENES = Path(__file__).resolve().parents[1] / "docs" / "scenes"

@@ -10,7 +10,7 @@ from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.system import bind
 from workbench.core.model import Model
-from workbench.plausibility.corrections import axis_columns, observed_columns
+from workbench.fitting.plausibility.hypotheses.corrections import axis_columns, observed_columns
 
 
 def changed(recording, **columns) -> Recording:

@@ -12,8 +12,8 @@ import numpy as np
 import user_error_changes as changes
 from datasets.recording import Recording
 from robot_model import load_robot
-from workbench.plausibility import check_plausibility
-from workbench.plausibility.fitting import fit_recording
+from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.fitting import fit_recording
 
 POINT_KINDS = ("external-point", "external-pose", "partial-pose", "ball-centre")
 EXTERNAL = ("external-point", "external-pose", "partial-pose")

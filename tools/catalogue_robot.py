@@ -15,7 +15,7 @@ from workbench.core.model import NOISE
 from workbench.diagnosis.experiment import Doubt, compared, told
 from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.words import measured
-from workbench.simulate import simulate
+from workbench.jobs.simulate import simulate
 
 _CAUSES = {"payload_kg": [0.0, 2.0], "approach": True, "speeds_deg_s": 20.0, "temperature_c": [20.0, 32.0]}
 TRACKER = {"robot": "abb_irb120", "measures": "external-point", "samples": 240, "seed": 1, "sigma_mm": 0.02,

@@ -23,12 +23,12 @@ sys.path.insert(0, str(ROOT))
 from datasets.makers import ye  # noqa: E402
 from datasets.mujoco_arm import pose, reflector_points  # noqa: E402
 from robot_model import load_robot  # noqa: E402
-from workbench.calibrate import calibrate, save  # noqa: E402
-from workbench.compensate import compensate, nominal_poses  # noqa: E402
+from workbench.jobs.calibrate import calibrate, save  # noqa: E402
+from workbench.jobs.compensate import compensate, nominal_poses  # noqa: E402
 from workbench.core.rigid import rotation_matrix  # noqa: E402
-from workbench.plans import geometry  # noqa: E402
-from workbench.poses import CRITERIA, Chosen, choose_poses  # noqa: E402
-from workbench.solution_file import read_solution  # noqa: E402
+from workbench.fitting.plans import geometry  # noqa: E402
+from workbench.jobs.poses import CRITERIA, Chosen, choose_poses  # noqa: E402
+from workbench.files.solution_file import read_solution  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery" / "poses-and-compensation.md"
 NOISE, CHOSEN, DRAWS, ARMS = 0.0205, 40, 200, range(41, 47)

@@ -13,11 +13,17 @@ _HOMES = {
     "InputError": "workbench.core.errors",
     "Model": "workbench.core.model",
     "Parameters": "workbench.core.parameters",
-    "Fit": "workbench.core.solve",
+    "Fit": "workbench.core.least_squares.solver",
     "Solution": "workbench.core.solution",
     "Stage": "workbench.core.solution",
 }
-_MODULES = ("calibrate", "core", "identify", "report", "simulate")
+_MODULES = {
+    "calibrate": "workbench.jobs.calibrate",
+    "core": "workbench.core",
+    "identify": "workbench.jobs.identify",
+    "report": "workbench.report",
+    "simulate": "workbench.jobs.simulate",
+}
 
 __all__ = ["__version__", *_HOMES, *_MODULES]
 
@@ -27,7 +33,7 @@ def __getattr__(name: str):
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     if name in _MODULES:
-        return import_module(f"workbench.{name}")
+        return import_module(_MODULES[name])
     raise AttributeError(f"module 'workbench' has no attribute {name!r}")
 
 

@@ -5,7 +5,7 @@ import sys
 
 def main() -> None:
     """Run the command line and leave with its exit status, whether or not anybody reads what it prints."""
-    from workbench.standard_streams import finish, make_tolerant
+    from workbench.machine.standard_streams import finish, make_tolerant
 
     make_tolerant()  # before the commands are loaded: they ask standard output whether it is a terminal
     from workbench.cli import run

@@ -17,30 +17,22 @@ from typing import Annotated
 import typer
 
 from workbench._version import VERSION
-from workbench.commands import (
+from workbench.commands.data import datasets, demo, doctor, prove, study
+from workbench.commands.robot import (
     calibrate,
     calibrate_large,
-    camera,
     compare,
     compensate,
-    datasets,
-    demo,
     diagnose,
-    doctor,
     export,
-    handeye,
     identifiability,
     poses,
-    prove,
-    render,
-    scan,
-    scanner,
     significance,
     simulate,
-    study,
 )
+from workbench.commands.sensor import camera, handeye, render, scan, scanner
 from workbench.core.errors import InputError, Stopped
-from workbench.doctor import missing_package
+from workbench.machine.doctor import missing_package
 
 BUG = 70
 INTERRUPTED = 130

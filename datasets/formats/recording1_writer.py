@@ -10,7 +10,7 @@ import numpy as np
 from datasets.columns import INTEGERS
 from datasets.errors import complaint
 from datasets.recording import Recording
-from workbench.core.csv_text import write_rows
+from workbench.core.text.csv_text import write_rows
 
 _AT_A_TIME = 5_000  # rows of a CSV file: a cell as text takes ten times the room of a number
 

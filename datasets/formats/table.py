@@ -12,7 +12,7 @@ import numpy as np
 
 from datasets.errors import InputError, complaint
 from datasets.files import check_file, read_text
-from workbench.core.csv_text import unprotect_cell
+from workbench.core.text.csv_text import unprotect_cell
 
 _AT_A_TIME = 5_000  # rows of a CSV file
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.linear_algebra import least_squares
+from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.rigid import nearest_rotation
 
 SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from workbench.core.linear_algebra import symmetric_eigenvalues
+from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.rigid import nearest_rotation, rotation_matrix
 
 TOOL_PRIOR_MM = 500.0

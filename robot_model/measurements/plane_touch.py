@@ -6,7 +6,7 @@ import numpy as np
 
 from robot_model.chain import Frames
 from robot_model.measurements.closure import Closure, flange_matrices, position_sigma
-from workbench.core.linear_algebra import least_squares
+from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.parameters import Parameter
 from workbench.core.rigid import left_jacobian, rotation_matrix
 

@@ -1,7 +1,7 @@
 """Touched points as Gubankov & Yukhimets solve them: Sensors 2022, 22, 3376, eq. 7-17.
 
 22 of 24 Denavit-Hartenberg parameters and the tip, from the distances between all pairs of touches of one
-point. Kept for comparison: the arm may shrink under it, see `workbench.gauge` for what does not.
+point. Kept for comparison: the arm may shrink under it, see `workbench.fitting.gauge` for what does not.
 """
 
 from dataclasses import dataclass

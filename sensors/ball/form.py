@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from workbench.core.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 
 UNLIKELY = 1e-3
 """Probability below which a form is not put down to chance."""

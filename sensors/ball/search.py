@@ -8,7 +8,7 @@ from scipy.stats import f as f_distribution
 
 from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.core.rigid import nearest_rotation
 
 # The search goes over a thinned cloud; its cells are this part of the smallest radius.

@@ -10,7 +10,7 @@ import numpy as np
 
 from sensors.ball.solve import Linear, Loss, Problem, Solved, linearise, memory, spread
 from sensors.components import components
-from workbench.core.linear_algebra import inverse_positive, solve_positive
+from workbench.core.least_squares.linear_algebra import inverse_positive, solve_positive
 
 # Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
 _STEPS, _SETTLE = 40, 8

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.linear_algebra import inverse_positive, solve_positive
+from workbench.core.least_squares.linear_algebra import inverse_positive, solve_positive
 
 # Tukey's and Huber's constants for 95 % efficiency on normal residuals.
 _TUKEY, _HUBER = 4.685, 1.345

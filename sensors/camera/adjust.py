@@ -23,7 +23,7 @@ from sensors.camera.start import (
     usual_focal,
 )
 from sensors.camera.turns import quarter_turned, tell_apart, turn
-from workbench.core.bundle import CHI_SQUARE_MEDIAN, BundleFit
+from workbench.core.least_squares.bundle import CHI_SQUARE_MEDIAN, BundleFit
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.model import Model

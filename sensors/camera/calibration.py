@@ -25,7 +25,7 @@ from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, placement_groups
 from sensors.effects import CATALOGUE
-from workbench.core.bundle import BundleFit
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters

@@ -7,9 +7,9 @@ import numpy as np
 
 from sensors.camera.corners import Corners, placements
 from sensors.camera.model import RATIONAL, Camera
-from workbench.core.bundle import BundleFit, solve_bundle
+from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import all_finite, least_squares, solve_positive
+from workbench.core.least_squares.linear_algebra import all_finite, least_squares, solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 

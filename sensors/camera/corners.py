@@ -14,7 +14,7 @@ import numpy as np
 from sensors.boards.circles import centre_shift
 from sensors.camera.model import NAMES, Camera
 from sensors.state import SensorState
-from workbench.core.bundle import Family
+from workbench.core.least_squares.bundle import Family
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.camera.corners import Corners
-from workbench.core.bundle import BundleFit
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
 from workbench.core.model import Model
 

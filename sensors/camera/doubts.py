@@ -12,7 +12,7 @@ import numpy as np
 
 from sensors.camera.corners import Corners
 from sensors.camera.start import spread
-from workbench.core.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.rigid import rotation_matrix
 
 if TYPE_CHECKING:

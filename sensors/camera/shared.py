@@ -11,9 +11,13 @@ import numpy as np
 
 from sensors.camera.checks import group_subset
 from sensors.camera.corners import Corners
-from workbench.core.bundle import BundleFit
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import inverse_positive, pseudo_inverse, solve_positive
+from workbench.core.least_squares.linear_algebra import (
+    inverse_positive,
+    pseudo_inverse,
+    solve_positive,
+)
 from workbench.core.model import Model
 
 UNLIKELY = 0.01

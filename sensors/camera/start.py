@@ -8,7 +8,7 @@ import numpy as np
 from sensors.camera.corners import Corners
 from sensors.camera.model import BROWN, RATIONAL, Camera
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.rigid import rotation_vector
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import numpy as np
 from sensors.boards.detection import relabelled
 from sensors.camera.corners import Corners
 from sensors.camera.start import corner_chain, placement_groups
-from workbench.core.bundle import BundleFit
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import solve_positive, symmetric_eigen
+from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix, rotation_vector
 

@@ -9,9 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workbench.core.bundle import Family, solve_bundle
-from workbench.core.bundle_blocks import tiles_of
-from workbench.core.linear_algebra import covariance_of, solve_positive, symmetric_eigen
+from workbench.core.least_squares.bundle import Family, solve_bundle
+from workbench.core.least_squares.bundle_blocks import tiles_of
+from workbench.core.least_squares.linear_algebra import (
+    covariance_of,
+    solve_positive,
+    symmetric_eigen,
+)
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 

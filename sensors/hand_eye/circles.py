@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive
 
 _TRIPLES = 1500  # at 40 % of points on the ball 6 % of triples are good: some 90 of them
 _STEPS = 30

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.camera.checks import motion_rows
-from workbench.core.linear_algebra import pseudo_inverse
+from workbench.core.least_squares.linear_algebra import pseudo_inverse
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.hand_eye.motion import Motion
-from workbench.core.identifiability import identifiability
-from workbench.core.linear_algebra import least_squares, solve_positive, thin_svd
+from workbench.core.least_squares.identifiability import identifiability
+from workbench.core.least_squares.linear_algebra import least_squares, solve_positive, thin_svd
 from workbench.core.rigid import left_jacobian
 
 _FAR = 1e4

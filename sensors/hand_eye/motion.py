@@ -8,7 +8,7 @@ import numpy as np
 from sensors.hand_eye.mistakes import pose_readings
 from sensors.hand_eye.profiles_start import find_start
 from sensors.hand_eye.start import STILL
-from workbench.core.linear_algebra import thin_svd
+from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.rigid import inverse, rotation_vector, transform
 
 _ERRORS = 6.0  # sigmas: errors alone, of hundreds of poses, make two of them differ by five

@@ -28,7 +28,7 @@ from sensors.hand_eye.review import Named, Review, review
 from sensors.hand_eye.scatter import held_least, held_scatter, least_scatter, scatter
 from sensors.hand_eye.start import board_poses, nearest_turns, start_from_boards
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
 __all__ = ["HandEye", "PoseRow", "hand_eye_from_views"]
 KINDS = ("in-hand", "to-hand")

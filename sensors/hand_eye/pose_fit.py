@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye.pose_data import Freedom, PoseData, PoseFit
 from sensors.hand_eye.start import align, start_from_boards
-from workbench.core.linear_algebra import least_squares, solve_positive
+from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector, transform
 
 _STEPS, _FEW_STEPS = 40, 6

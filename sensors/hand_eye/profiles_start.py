@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from workbench.core.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.rigid import left_jacobian, rotation_matrix, rotation_vector, skew
 
 _BEST = 24

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from sensors.camera.model import Camera
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import symmetric_eigen, thin_svd
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.rigid import inverse, nearest_rotation, rotation_vector, transform
 
 METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")

@@ -11,7 +11,7 @@ from sensors.light.planes import plane_variance
 from sensors.scanner.adjustment import Adjustment, fresh_start, solve_once
 from sensors.scanner.errors import field_points, laid_over
 from workbench.core.effect import Effect
-from workbench.core.identifiability import independent
+from workbench.core.least_squares.identifiability import independent
 
 FEWEST = 5
 """Steps: 15 numbers of free planes against the mirror's seven."""

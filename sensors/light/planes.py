@@ -3,8 +3,8 @@
 import numpy as np
 
 from sensors.state import stripe_direction
-from workbench.core.bundle import Family
-from workbench.core.linear_algebra import thin_svd
+from workbench.core.least_squares.bundle import Family
+from workbench.core.least_squares.linear_algebra import thin_svd
 
 TILTS = ("tilt_across", "tilt_along", "offset")
 UNITS = ("rad", "rad", "mm")

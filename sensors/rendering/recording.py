@@ -13,7 +13,7 @@ from sensors.rendering.ports import Moment
 from sensors.rendering.render import render_board, render_scan
 from sensors.rendering.scene import Scene
 from sensors.rendering.surfaces import BallSurface, BoardSurface, MeshSurface, Surface, true_balls
-from workbench.core.csv_text import write_rows
+from workbench.core.text.csv_text import write_rows
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector
 

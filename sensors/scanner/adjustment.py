@@ -11,9 +11,9 @@ from sensors.light.mirror import NAMES, MovedMirror
 from sensors.light.planes import in_tilts, moved, steps_family
 from sensors.light.sheets import Sheets
 from sensors.scanner.errors import Apart, apart_from_frame
-from workbench.core.bundle import BundleFit, solve_bundle
+from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 

@@ -7,7 +7,7 @@ import numpy as np
 from sensors.camera.model import Camera
 from sensors.light.planes import tilt_directions
 from sensors.state import stripe_direction
-from workbench.core.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.rigid import nearest_rotation
 
 _DEPTHS, _PLACES = 7, 15

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from workbench.core.linear_algebra import inverse_positive
+from workbench.core.least_squares.linear_algebra import inverse_positive
 
 PHASES = 8
 """Starts a pixel for which the fit is tabulated."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.core.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 

@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from workbench.core.identifiability import Identifiability, identifiability
+from workbench.core.least_squares.identifiability import Identifiability, identifiability
 from workbench.core.parameters import Parameters
-from workbench.core.solve import Fit
+from workbench.core.least_squares.solver import Fit
 
 _STATED = 20.0
 

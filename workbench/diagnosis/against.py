@@ -16,11 +16,11 @@ from robot_model.system import bind, geometry_free
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.core.solve import solve
-from workbench.crossvalidation import in_space
-from workbench.plans import frames_of
-from workbench.simulate import truth_of
-from workbench.solution_file import read_solution
+from workbench.core.least_squares.solver import solve
+from workbench.fitting.cross_validation import in_space
+from workbench.fitting.plans import frames_of
+from workbench.jobs.simulate import truth_of
+from workbench.files.solution_file import read_solution
 
 _LENGTH_MM, _TURN_RAD = 1.0, 0.01
 

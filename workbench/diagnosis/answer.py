@@ -18,7 +18,7 @@ from workbench.diagnosis.robot import RobotBench, bench_of
 from workbench.diagnosis.scatter import CLAIMED, scattered, unrecorded
 from workbench.diagnosis.select import LEVEL, find
 from workbench.diagnosis.visible import smallest
-from workbench.provenance import provenance
+from workbench.files.provenance import provenance
 
 PICTURES = ("board-images", "scan-images")
 NO_MASSES = ("The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "

@@ -14,7 +14,7 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import symmetric_eigen, thin_svd
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.heldout import name_of
 from workbench.diagnosis.problem import Bench

@@ -19,7 +19,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
-from workbench.core.linear_algebra import pseudo_inverse, solve_positive, symmetric_eigen
+from workbench.core.least_squares.linear_algebra import (
+    pseudo_inverse,
+    solve_positive,
+    symmetric_eigen,
+)
 from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.problem import Candidate, Problem
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
-from workbench.core.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.problem import Problem, Scan
 
 SIZES = np.geomspace(0.1, 100.0, 13)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_model.system import bind
-from workbench.core.design import choose
+from workbench.core.least_squares.design import choose
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.diagnosis.planned import Plan, plans
 from workbench.diagnosis.problem import Problem

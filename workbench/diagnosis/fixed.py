@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.covariates import clock
-from workbench.core.linear_algebra import inverse_positive
+from workbench.core.least_squares.linear_algebra import inverse_positive
 from workbench.core.rigid import rotation_matrix
-from workbench.core.solve import pose_scores
+from workbench.core.least_squares.solver import pose_scores
 from workbench.diagnosis.library import options
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.words import length, listed

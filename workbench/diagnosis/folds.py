@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.crossvalidation import blocks
+from workbench.fitting.cross_validation import blocks
 from workbench.diagnosis.problem import Problem
 
 TIME, SPACE, DEALT = "blocks of time", "blocks of the workspace", "placements and balls in turn"

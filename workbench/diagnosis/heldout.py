@@ -7,8 +7,8 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import symmetric_eigen, symmetric_eigenvalues
-from workbench.crossvalidation import hold_out
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.fitting.cross_validation import hold_out
 from workbench.diagnosis.folds import Scheme
 from workbench.diagnosis.problem import Problem
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.controls import of_order
 from workbench.diagnosis.folds import TIME, Scheme
 from workbench.diagnosis.problem import Problem

@@ -10,7 +10,7 @@ would make of first moments that the data sheet does not know.
 import numpy as np
 
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import thin_svd
+from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.parameters import Parameter
 
 _SHARE, _CENTRE_MM = 0.2, 20.0  # a data sheet's mass is good to a fifth, a centre to 20 mm

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from workbench.diagnosis.problem import Bench
-from workbench.processes import local, one_thread
+from workbench.machine.processes import local, one_thread
 
 Search = Callable[[Bench, np.ndarray], list]
 _held: dict = {}  # of a process that searches: the bench and the search, sent once

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import thin_svd
+from workbench.core.least_squares.linear_algebra import thin_svd
 
 _ROUNDING = 1e-9  # share of columns below which what a baseline leaves of them is only rounding
 

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import least_squares
+from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.controls import controls
 from workbench.diagnosis.folds import Scheme, schemes, thinned
 from workbench.diagnosis.heldout import Errors, left_out, paired, rms, sigma_of

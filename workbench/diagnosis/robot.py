@@ -8,22 +8,22 @@ import numpy as np
 
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
-from workbench.checked_samples import check_samples
+from workbench.fitting.checked_samples import check_samples
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
-from workbench.core.linear_algebra import covariance_of, root_between, thin_svd
+from workbench.core.least_squares.linear_algebra import covariance_of, root_between, thin_svd
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.core.parameters import Parameters
-from workbench.core.solve import Fit, solve
-from workbench.crossvalidation import cross_validate
+from workbench.core.least_squares.solver import Fit, solve
+from workbench.fitting.cross_validation import cross_validate
 from workbench.diagnosis import loose
 from workbench.diagnosis.library import Option, options
 from workbench.diagnosis.outliers import robust_weights
 from workbench.diagnosis.places import lengths, scans, sites
 from workbench.diagnosis.problem import Candidate, Problem, Site
 from workbench.diagnosis.rivals import Smooth
-from workbench.plans import geometry, stage_mask
+from workbench.fitting.plans import geometry, stage_mask
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 BASELINES = ("geometry", "joint-compliance")

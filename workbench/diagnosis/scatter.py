@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
-from workbench.core.linear_algebra import inverse_positive, symmetric_eigen
+from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.problem import Alternative, Finding, Located, Problem, Site
 
 CLAIMED = 1e-4

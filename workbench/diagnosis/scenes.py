@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.effects import CATALOGUE
-from workbench.core.linear_algebra import least_squares
+from workbench.core.least_squares.linear_algebra import least_squares
 
 _KINDS = ("external-point", "external-pose", "ball-centre")
 SCENE, ROBOT = "next-experiment.toml", "next-experiment.robot.toml"

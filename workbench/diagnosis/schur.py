@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from workbench.core.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from sensors.light.mirror import NAMES
-from workbench.core.bundle import BundleFit, solve_bundle
+from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters

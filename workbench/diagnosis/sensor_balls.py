@@ -18,7 +18,7 @@ from sensors.camera.model import Camera
 from sensors.light.mirror import mirror_parameters
 from sensors.light.sight import Sight
 from sensors.state import SensorState, stripe_direction
-from workbench.core.bundle import Family
+from workbench.core.least_squares.bundle import Family
 from workbench.core.parameters import Parameters
 
 _MM = ("mm",) * 3

@@ -22,11 +22,11 @@ from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.light.sheets import Sheets
 from sensors.scanner.calibration import calibrate_scanner
-from workbench import scanner as scanners
-from workbench.core.bundle import BundleFit
+from workbench.jobs import scanner as scanners
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.diagnosis.sensor_balls import Balls
-from workbench.pictures import by_role
+from workbench.imaging.images import by_role
 
 MOST_STRIPES = 6_000
 """Points of stripes on boards in all: some tens a stripe, which carry everything that is smooth along it."""

@@ -10,9 +10,9 @@ from sensors.camera.corners import placements
 from sensors.effects import CATALOGUE
 from sensors.light.planes import steps_family
 from sensors.scanner.adjustment import ON_BOTH
-from workbench.core.bundle import BundleFit, Family
+from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.effect import Effect
-from workbench.core.linear_algebra import symmetric_eigenvalues, thin_svd
+from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues, thin_svd
 from workbench.core.model import Model
 from workbench.diagnosis import sensor_data
 from workbench.diagnosis.outliers import robust_weights

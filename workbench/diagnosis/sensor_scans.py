@@ -14,10 +14,10 @@ from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
-from workbench.ball_names import named
+from workbench.imaging.ball_names import named
 from workbench.diagnosis.sensor_balls import Balls
-from workbench.pictures import by_role, full_scale, path_of
-from workbench.scan import COVARIATES, INCIDENCE_DEG, scans_of
+from workbench.imaging.images import by_role, full_scale, path_of
+from workbench.jobs.scan import COVARIATES, INCIDENCE_DEG, scans_of
 
 _FRAMES = 16
 _FEWEST = 40  # points on a ball that tell anything

@@ -12,7 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
-from workbench.core.linear_algebra import inverse_positive, solve_positive, symmetric_eigen
+from workbench.core.least_squares.linear_algebra import (
+    inverse_positive,
+    solve_positive,
+    symmetric_eigen,
+)
 from workbench.diagnosis.evidence import SIZES, Projected, log_evidence
 from workbench.diagnosis.hypotheses import Hypothesis
 from workbench.diagnosis.problem import Problem

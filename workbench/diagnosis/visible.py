@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.problem import Candidate, Problem
 
 POWER, FAMILY = 0.95, 0.01

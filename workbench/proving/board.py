@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from workbench.core.csv_text import protect_text_columns
+from workbench.core.text.csv_text import protect_text_columns
 from workbench.proving import figures
 from workbench.proving.tasks import COUNTS
-from workbench.runs import replace_file
+from workbench.files.runs import replace_file
 
 _ORDER = ("failed", "false alarm", "wrong", "missed", "abstained", "more", "part", "place", "group", "reference")
 _COLUMNS = ("case", "suite", "index", "outcome", "concealed", "survives_sigma", "verdict", "claims",

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from workbench import concealed
+from workbench.proving import protocol
 from workbench.core.errors import InputError
 from workbench.proving.figures import Figure, rate
 
@@ -24,15 +24,15 @@ def program() -> str:
     """
     every = hashlib.sha256()
     for place in _PROGRAM:
-        for path in sorted((concealed.PROJECT / place).rglob("*.py")):
+        for path in sorted((protocol.PROJECT / place).rglob("*.py")):
             if "makers" not in path.parts:
-                every.update(path.relative_to(concealed.PROJECT).as_posix().encode() + path.read_bytes())
+                every.update(path.relative_to(protocol.PROJECT).as_posix().encode() + path.read_bytes())
     return every.hexdigest()[:12]
 
 
-def checks(exam: concealed.Examination, rows: Sequence[Mapping]) -> list[Figure]:
+def checks(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Figure]:
     """The figures of independence and honesty, each counted anew from the files that are there."""
-    makers, seals = maker_files(), concealed.published(exam)
+    makers, seals = maker_files(), protocol.published(exam)
     names = [row["case"] for row in rows]
     return [
         rate("independence", "modules of the makers that import nothing of the model", makers,
@@ -46,7 +46,7 @@ def checks(exam: concealed.Examination, rows: Sequence[Mapping]) -> list[Figure]
 
 def maker_files() -> list[Path]:
     """Source files of the makers of concealed cases, and of all within `datasets` that they import."""
-    found = [path for place in concealed.MAKERS for path in ([place] if place.is_file() else place.glob("*.py"))]
+    found = [path for place in protocol.MAKERS for path in ([place] if place.is_file() else place.glob("*.py"))]
     for path in found:  # grows while it is gone through
         mine = (_file(name) for name in _imported(path) if name.startswith("datasets."))
         found += [other for other in mine if other is not None and other not in found]
@@ -64,7 +64,7 @@ def _imported(path: Path) -> Iterator[str]:
 
 
 def _file(name: str) -> Path | None:
-    path = concealed.PROJECT.joinpath(*name.split(".")).with_suffix(".py")
+    path = protocol.PROJECT.joinpath(*name.split(".")).with_suffix(".py")
     return path if path.is_file() else None
 
 
@@ -72,15 +72,15 @@ def _strangers(path: Path) -> list[str]:
     return [name for name in _imported(path) if name.split(".")[0] in _APART]
 
 
-def _refuser(exam: concealed.Examination, seals: Mapping[str, str]):
+def _refuser(exam: protocol.Examination, seals: Mapping[str, str]):
     """A function that tells of a case whether its truth, copied with one byte changed, is refused."""
 
     def refused(name: str) -> bool:
         with TemporaryDirectory() as place:
-            copy = concealed.Examination(Path(place))
+            copy = protocol.Examination(Path(place))
             copy.truth(name).parent.mkdir()
             shutil.copyfile(exam.truth(name), copy.truth(name))
-            concealed.check(copy, {name: seals[name]})
+            protocol.check(copy, {name: seals[name]})
             text = bytearray(copy.truth(name).read_bytes())
             text[len(text) // 2] ^= 1
             copy.truth(name).write_bytes(text)
@@ -91,7 +91,7 @@ def _refuser(exam: concealed.Examination, seals: Mapping[str, str]):
 
 def _fails(exam, name, seals) -> bool:
     try:
-        concealed.check(exam, {name: seals[name]})
+        protocol.check(exam, {name: seals[name]})
     except InputError:
         return True
     return False

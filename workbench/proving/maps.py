@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench import concealed
+from workbench.proving import protocol
 
 _SUITES = ("library", "swallowed", "pairs", "covariate-withheld")
 _LARGEST = 600  # samples: more take long, and a picture does not show them
@@ -21,7 +21,7 @@ class Map:
     after: np.ndarray
 
 
-def maps(exam: concealed.Examination, rows: Sequence[Mapping]) -> list[Map]:
+def maps(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Map]:
     """A map of one case of each suite of named effects: of those named right, the one of middle size.
 
     Only of points in an instrument's frame, for those of a sensor's lie all before the sensor.

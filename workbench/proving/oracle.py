@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench import concealed
-from workbench.runs import replace_file
+from workbench.proving import protocol
+from workbench.files.runs import replace_file
 
 _FOLDS = 5
 _UNMODELLED = {"unknown", "outliers", "noise-heteroscedastic", "unit-or-frame", "encoder-quantisation"}
@@ -19,14 +19,14 @@ _UNMODELLED = {"unknown", "outliers", "noise-heteroscedastic", "unit-or-frame", 
 
 def weigh(folder: Path, name: str) -> None:
     """Write the held-out errors of baseline and oracle on one opened case, and those on its part not fitted."""
-    exam = concealed.Examination(folder)
-    truth = concealed.opened(exam, name, concealed.published(exam))
+    exam = protocol.Examination(folder)
+    truth = protocol.opened(exam, name, protocol.published(exam))
     record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
     try:
         found = _weighed(exam.recording(name), truth, record["answer"])
     except Exception as error:  # an oracle that fails leaves its figures out, and says so
         found = {"oracle_note": f"{type(error).__name__}: {error}"}
-    found["answer_seal"] = concealed.checksum(exam.answer(name))  # the case is open now: its answer stays as it is
+    found["answer_seal"] = protocol.checksum(exam.answer(name))  # the case is open now: its answer stays as it is
     replace_file(exam.weighed(name), json.dumps(found, indent=1) + "\n")
 
 
@@ -66,7 +66,7 @@ class Bench:
         from robot_model.effects import CATALOGUE
         from workbench.core.effect import make_effects
         from workbench.core.model import Model
-        from workbench.plans import geometry, stage_mask
+        from workbench.fitting.plans import geometry, stage_mask
 
         own = [row for row in self.baseline if row[:2] not in {r[:2] for r in rows}]
         model = Model(self.chain, make_effects(CATALOGUE, [*own, *rows]))
@@ -79,15 +79,15 @@ class Bench:
         return self.predicted(rows).rms
 
     def predicted(self, rows: Sequence[tuple]):
-        """The `workbench.crossvalidation.HeldOut` of a fit with these effects."""
-        from workbench.crossvalidation import blocks, cross_validate
+        """The `workbench.fitting.cross_validation.HeldOut` of a fit with these effects."""
+        from workbench.fitting.cross_validation import blocks, cross_validate
 
         model, start = self.model(rows)
         return cross_validate(model, start, blocks(self.recording.poses, _FOLDS), "linear")
 
     def part(self, rows: Sequence[tuple], part: np.ndarray) -> float:
         """RMS of 3-D distances, mm, on the samples `part` (n,) bool of a fit of all others."""
-        from workbench.crossvalidation import hold_out
+        from workbench.fitting.cross_validation import hold_out
 
         model, start = self.model(rows)
         return hold_out(model, start, part, ~part, "linear").rms

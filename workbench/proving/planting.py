@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from workbench.core.linear_algebra import thin_svd
+from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.proving.oracle import Bench
 
 _SUPPORT = 0.9
@@ -82,7 +82,7 @@ def without(recording, name: str, terms):
 
 
 def _fitted(name: str, recording):
-    from workbench.core.solve import solve
+    from workbench.core.least_squares.solver import solve
 
     rows = [term.row for term in supported(recording, name)]
     model, start = Bench(recording, "geometry").model(rows)
@@ -193,7 +193,7 @@ class _Held:
 @lru_cache(maxsize=4)
 def _baseline(held: _Held):
     """Orthonormal basis of the geometry's derivative (unweighted), residual, model, start and fit."""
-    from workbench.core.solve import solve
+    from workbench.core.least_squares.solver import solve
 
     model, start = Bench(held.recording, "geometry").model(())
     fitted = solve(model, start, "huber").parameters

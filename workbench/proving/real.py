@@ -126,7 +126,7 @@ def _knocked_out(index: int, seed: int):
 
 def _planted(index: int, seed: int):
     """First every set as it is, then a copy of each with nothing planted, then effects planted into them in turn."""
-    from workbench.concealed import name_of
+    from workbench.proving.protocol import name_of
 
     here = present(PLANTED_SETS)
     which = index % len(here)

@@ -25,7 +25,7 @@ NAMED = ("exact", "group")
 
 
 def score(truth: Mapping, record: Mapping) -> dict:
-    """One row of the scoreboard. truth: as sealed; record: as `workbench.concealed.run` wrote it."""
+    """One row of the scoreboard. truth: as sealed; record: as `workbench.proving.protocol.run` wrote it."""
     answer = record["answer"]
     row = {
         "outcome": "failed", "verdict": answer["verdict"] if answer else None, "claims": claims(answer),

@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from workbench import concealed, processes
+from workbench.machine import processes
+from workbench.proving import protocol
 from workbench.core.errors import InputError
 from workbench.proving import checks, scoring, tasks
-from workbench.runs import replace_file
+from workbench.files.runs import replace_file
 
 Say = Callable[[str], None]
 QUESTIONS = "questions.json"
@@ -17,7 +18,7 @@ QUESTIONS = "questions.json"
 
 def conceal(folder: Path, plan: tasks.Plan, jobs: int, say: Say) -> None:
     """Make what is not there yet and publish all seals, and with them the question of each case: its baseline."""
-    exam = concealed.Examination(folder)
+    exam = protocol.Examination(folder)
     missing = [t for t in plan.tasks if not exam.truth(t.name).exists()]
     for done, _ in enumerate(_spread(tasks.conceal, [(folder, t) for t in missing], jobs), 1):
         say(f"concealing {done} of {len(missing)}")
@@ -26,8 +27,8 @@ def conceal(folder: Path, plan: tasks.Plan, jobs: int, say: Say) -> None:
 
 def publish(folder: Path) -> dict[str, str]:
     """Seals of all truths; and the questions, which hold nothing that the answer could use but the baseline."""
-    exam = concealed.Examination(folder)
-    seals = concealed.seal(exam)
+    exam = protocol.Examination(folder)
+    seals = protocol.seal(exam)
     truths = {name: json.loads(exam.truth(name).read_text(encoding="utf-8")) for name in seals}
     questions = {name: tasks.baseline(truth) for name, truth in truths.items()}
     replace_file(folder / QUESTIONS, json.dumps(questions, indent=1, sort_keys=True) + "\n")
@@ -41,22 +42,22 @@ def run(folder: Path, names: Iterable[str], jobs: int, say: Say, minutes: float 
     what the time allows is a fair sample of all suites.
     """
     until = float("inf") if minutes is None else time.time() + 60 * minutes
-    exam = concealed.Examination(folder)
-    seals = concealed.published(exam)
-    concealed.check(exam, seals)
+    exam = protocol.Examination(folder)
+    seals = protocol.published(exam)
+    protocol.check(exam, seals)
     questions = json.loads((folder / QUESTIONS).read_text(encoding="utf-8"))
     missing = [name for name in names if not exam.answer(name).exists()]
     work = [(folder, name, questions[name], until) for name in missing]
     for done, _ in enumerate(_spread(diagnose, work, jobs), 1):
         say(f"diagnosing {done} of {len(missing)}")
-    concealed.check(exam, seals)
+    protocol.check(exam, seals)
 
 
 def diagnose(folder: Path, name: str, baseline: str, until: float = float("inf")) -> None:
     """One case, in a process that has seen no truth; not when the time `until` has passed."""
     if time.time() < until:
         _warm()
-        concealed.run(folder, name, lambda recording: answer_of(recording, baseline), checks.program())
+        protocol.run(folder, name, lambda recording: answer_of(recording, baseline), checks.program())
 
 
 def answer_of(recording: Path, baseline: str) -> dict:
@@ -78,9 +79,9 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
     """Rows of the scoreboard: every case opened against its seal, scored, and weighed against the oracle."""
     from workbench.proving import oracle
 
-    exam = concealed.Examination(folder)
-    seals = concealed.published(exam)
-    concealed.check(exam, seals)
+    exam = protocol.Examination(folder)
+    seals = protocol.published(exam)
+    protocol.check(exam, seals)
     names = list(names)
     missing = [(folder, name) for name in names if not exam.weighed(name).exists()]
     for done, _ in enumerate(_spread(oracle.weigh, missing, jobs), 1):
@@ -88,9 +89,9 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
     return [row_of(exam, name, seals) for name in names]
 
 
-def row_of(exam: concealed.Examination, name: str, seals) -> dict:
+def row_of(exam: protocol.Examination, name: str, seals) -> dict:
     """One opened case: what was concealed, what was said, what it is worth."""
-    truth = concealed.opened(exam, name, seals)
+    truth = protocol.opened(exam, name, seals)
     record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
     known = {key: truth.get(key) for key in ("suite", "index", "robot", "measures", "samples", "sigma_mm", "noise")}
     sizes = [one.get("survives_sigma") for one in truth["effects"]]
@@ -99,7 +100,7 @@ def row_of(exam: concealed.Examination, name: str, seals) -> dict:
         "effects": truth["effects"], "survives_sigma": min((s for s in sizes if s is not None), default=None),
     }  # fmt: skip
     weighed = json.loads(exam.weighed(name).read_text(encoding="utf-8"))
-    if weighed.pop("answer_seal", None) not in (None, concealed.checksum(exam.answer(name))):
+    if weighed.pop("answer_seal", None) not in (None, protocol.checksum(exam.answer(name))):
         raise InputError(f"{exam.answer(name)} was changed after its case was opened, where an answer comes first; "
                          "this examination proves nothing, begin it again in a new folder.")  # fmt: skip
     scored = scoring.score(truth, record) if "rule" not in truth else _by_rule(exam, truth, record)

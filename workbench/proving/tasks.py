@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from workbench import concealed
+from workbench.proving import protocol
 from workbench.core.errors import InputError
 
 COUNTS = {
@@ -26,7 +26,7 @@ class Task:
 
     @property
     def name(self) -> str:
-        return concealed.name_of(self.suite, self.index, self.seed)
+        return protocol.name_of(self.suite, self.index, self.seed)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _pictures() -> tuple[int, str]:
 
 def conceal(folder: Path, task: Task) -> str:
     """Make one case and put it in its two places; its name. Runs in a process that diagnoses nothing."""
-    exam = concealed.Examination(folder)
+    exam = protocol.Examination(folder)
     if exam.truth(task.name).exists() and exam.recording(task.name).is_dir():
         return task.name
     if task.suite in REAL:
@@ -101,7 +101,7 @@ def conceal(folder: Path, task: Task) -> str:
         write, truth = real.made(task.suite, task.index, task.seed)
     else:
         write, truth = _made(task)
-    concealed.conceal(exam, task.name, write, truth)
+    protocol.conceal(exam, task.name, write, truth)
     return task.name
 
 

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from workbench.report import errors as spread
-from workbench.report import headline, history, parameters, provenance, residuals, scene, stages
-from workbench.report.picture import write_picture
+from workbench.report.calibration import errors as spread
+from workbench.report import provenance
+from workbench.report.calibration import headline, history, parameters, residuals, scene, stages
+from workbench.report.calibration.summary_image import write_picture
 from workbench.report.sections import Page, Section
-from workbench.runs import replace_file
+from workbench.files.runs import replace_file
 
 PAGE, PICTURE = "report.html", "summary.png"
 
@@ -15,7 +16,7 @@ PAGE, PICTURE = "report.html", "summary.png"
 def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Path:
     """Write `report.html`, and `summary.png` where it can be drawn, into an existing folder.
 
-    calibration: a `workbench.calibrate.Calibration`; more: further sections, before the provenance.
+    calibration: a `workbench.jobs.calibrate.Calibration`; more: further sections, before the provenance.
     Returns the path of the page. Raises InputError where the folder cannot be written.
     """
     path = Path(folder) / PAGE
@@ -40,7 +41,7 @@ def _rendered(template: str, **values) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
-    loader = PackageLoader("workbench", "report")
+    loader = PackageLoader("workbench", "report/templates")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 
 from workbench.core.errors import InputError
-from workbench.processes import one_thread
+from workbench.machine.processes import one_thread
 from workbench.study.robots import Row
 from workbench.study.spec import Study
 from workbench.study.tables import parts_done, write_part

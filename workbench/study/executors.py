@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager
 
-from workbench import processes
+from workbench.machine import processes
 from workbench.core.errors import InputError
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from workbench.core.errors import InputError
-from workbench.runs import RUNS, replace_file, slug
+from workbench.files.runs import RUNS, replace_file, slug
 from workbench.study.spec import Study
 from workbench.study.tables import PARTS, TABLE, parts_done
 

@@ -7,7 +7,7 @@ import numpy as np
 
 import datasets
 from datasets.recording import Recording
-from workbench.calibrate import Calibration, calibrate
+from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.core.errors import InputError
 from workbench.study.robots import plan_of
 from workbench.study.spec import Study

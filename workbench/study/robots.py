@@ -9,17 +9,17 @@ from datasets.recording import Recording
 from robot_model.effects import CATALOGUE
 from robot_model.state import sliding
 from robot_model.system import RobotChain, bind
-from workbench.calibrate import Calibration, calibrate
-from workbench.compensate import compensate
+from workbench.jobs.calibrate import Calibration, calibrate
+from workbench.jobs.compensate import compensate
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
-from workbench.core.solve import solve
-from workbench.plans import PLAN_FILES, default_plan, frames_of, geometry, plan_names
-from workbench.simulate import Truth, truth_from
-from workbench.solution_file import CalibratedArm
+from workbench.core.least_squares.solver import solve
+from workbench.fitting.plans import PLAN_FILES, default_plan, frames_of, geometry, plan_names
+from workbench.jobs.simulate import Truth, truth_from
+from workbench.files.solution_file import CalibratedArm
 from workbench.study.spec import Study, Tasks, validated
 
 MODELS = ("geometry", "joint-compliance", "default")
@@ -39,7 +39,7 @@ class World:
 
 def world(study: Study, seed: int) -> World:
     """The robot of a study's scene with these random numbers. Raises InputError."""
-    from workbench.scene import Scene
+    from workbench.files.scene import Scene
 
     keys = validated(Scene, study.scene | {"seed": seed}, "study, scene")
     wanted = study.test.samples
@@ -66,7 +66,7 @@ def _designed(study: Study, candidates: Recording, rng) -> np.ndarray:
     if design.choice in ("first", "random"):
         chosen = np.arange(candidates.n) if design.choice == "first" else rng.permutation(candidates.n)
         return np.sort(chosen[: design.count])
-    from workbench.poses import choose_poses
+    from workbench.jobs.poses import choose_poses
 
     chosen = choose_poses(candidates, design.count, design.choice, link_radius_mm=0.0, seed=int(rng.integers(2**31)))
     return np.flatnonzero(np.isin(candidates.sample_ids, chosen.samples))
@@ -168,7 +168,7 @@ def plan_of(name: str, recording: Recording) -> Path | tuple[Stage, ...] | None:
 
 def check_models(study: Study, folder: Path) -> Study:
     """The study with its plan files named from anywhere; InputError for a model that is neither known nor a file."""
-    from workbench.plans import read_plan
+    from workbench.fitting.plans import read_plan
 
     named = []
     for name in study.models:

@@ -12,7 +12,7 @@ from sensors.rendering.scene import Scene
 from sensors.scanner.file import write_scanner
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
-from workbench.scan import Ball, Scans, scan
+from workbench.jobs.scan import Ball, Scans, scan
 from workbench.study.robots import Row
 from workbench.study.spec import Study, validated
 

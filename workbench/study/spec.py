@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from workbench.core.errors import InputError
 
-STUDY_FILES = Path(__file__).parents[1] / "study_files"
+STUDY_FILES = Path(__file__).parent / "study_files"
 METHODS = ("grid", "random", "latin-hypercube", "sobol", "saltelli")
 ROOTS = ("scene", "test", "design", "resample")
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", max_length=60)]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from workbench import processes
+from workbench.machine import processes
 from workbench.core.errors import InputError, Stopped
-from workbench.pace import paced
+from workbench.machine.progress import paced
 from workbench.study import executors, folder, robots, tables
 from workbench.study.engine import Done, carry_out, given, parts_of
 from workbench.study.spec import Study, home_of, read_study
@@ -61,7 +61,7 @@ def _check_scene(study: Study, called: str) -> None:
 
             scene_of(study, 0)
         elif study.scene is not None:
-            from workbench.scene import Scene
+            from workbench.files.scene import Scene
             from workbench.study.spec import validated
 
             validated(Scene, study.scene, "scene")

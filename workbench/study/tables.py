@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.core.csv_text import protect_text_columns
+from workbench.core.text.csv_text import protect_text_columns
 from workbench.core.errors import InputError
 from workbench.study.robots import Row
 

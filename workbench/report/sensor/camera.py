@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.camera import CameraRun
+from workbench.jobs.camera import CameraRun
 from workbench.report import style
 from workbench.report.provenance import flat
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, thumbnails, words
@@ -253,7 +253,7 @@ def _with_sigma(value: float, std: float | None) -> str:
 
 def provenance(recording, made) -> Section:
     """Where the numbers come from."""
-    from workbench.provenance import provenance as of
+    from workbench.files.provenance import provenance as of
 
     images = [row["role"] for row in recording.images]
     roles = listed([f"{images.count(role)} {role}" for role in dict.fromkeys(images)]) if images else "–"

@@ -4,7 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.report import style
-from workbench.report.scene import arrow_step
+from workbench.report.calibration.scene import arrow_step
 from workbench.report.text import rounded
 
 _ARROW_SHARE = 0.04

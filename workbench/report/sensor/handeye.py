@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.handeye import TO_HAND, HandEyeRun
+from workbench.jobs.hand_eye import TO_HAND, HandEyeRun
 from workbench.report import style
 from workbench.report.provenance import flat
 from workbench.report.sections import Page, Section, facts, figure, note, table, thumbnails, words
@@ -203,7 +203,7 @@ def _transform(run):
         f"Place of the sensor in the frame of {name}; the turn is a rotation vector. σ is one standard deviation, from "
         "the noise of the sensor and of the flange poses together."
     )
-    from workbench.handeye import placed_json
+    from workbench.jobs.hand_eye import placed_json
 
     told = placed_json(made.sensor, made.covariance)
     rows = [(axis, *_valued(v, s), "mm") for axis, v, s in zip("xyz", told["xyz_mm"], told["std_mm"])]
@@ -246,6 +246,6 @@ def _valued(value, std):
 
 
 def _provenance(recording):
-    from workbench.provenance import provenance
+    from workbench.files.provenance import provenance
 
     return [line for line in flat(provenance(recording)) if line[0] != "recording"]

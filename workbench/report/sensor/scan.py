@@ -6,14 +6,14 @@ from itertools import islice
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.centres import camera_covariance, centres_of, characteristics
+from workbench.jobs.ball_centres import camera_covariance, centres_of, characteristics
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
 from workbench.report.sensor import camera as cameras
 from workbench.report.sensor import scanner as scanners
 from workbench.report.sensor import space
 from workbench.report.text import counted, rounded, sentence
-from workbench.scan import Ball, Scan, Scans
+from workbench.jobs.scan import Ball, Scan, Scans
 
 _CLOUDS = 6
 _MAPS = 4

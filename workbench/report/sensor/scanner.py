@@ -8,7 +8,7 @@ from workbench.report.sections import Page, Section, figure, note, pair, table, 
 from workbench.report.sensor import camera as cameras
 from workbench.report.sensor import field, space
 from workbench.report.text import counted, rounded, sentence
-from workbench.scanner import ScannerRun
+from workbench.jobs.scanner import ScannerRun
 
 _MOST_ROWS = 24
 

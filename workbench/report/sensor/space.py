@@ -4,7 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.report import style
-from workbench.report.scene import axes
+from workbench.report.calibration.scene import axes
 
 _MOST_PLANES = 16
 

@@ -1,0 +1,1 @@
+"""Commands about data and the installation: `datasets`, `demo`, `doctor`, `prove`, `study`."""

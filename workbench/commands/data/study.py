@@ -1,0 +1,95 @@
+"""`workbench study`: many runs of one thing with something varied, kept as a table that grows as they come."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer, tables
+
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML), or one that comes along by "
+                                                                 "name.")]
+Workers = Annotated[int | None, typer.Option("--workers", min=1, max=4096, help="Processes; every core if left out.")]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask cluster does the runs.")
+]
+Run = Annotated[int | None, typer.Option("--run", min=1, help="Make this run alone and say its row; writes nothing.")]
+
+
+def command(
+    study: StudyFile,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    run: Run = None,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Simulate or resample, calibrate, diagnose and compensate many times; a stopped study goes on where it was."""
+    answer.check_target(json)
+    if run is not None:
+        _alone(study, run, json)
+        return
+    with answer.progress(f"reading {study}") as say:
+        from workbench.study.study import carried_out
+
+        def close(made, place, tell):
+            _close(made, place, tell, no_report)
+
+        finished = carried_out(study, out, workers, scheduler, say, close)
+    _deliver(finished, json)
+
+
+def _close(made, place: Path, say, no_report: bool) -> None:
+    """Write answer.json and the page into the folder of a study whose table is there."""
+    from workbench.study.summary import summary
+
+    say("summing up")
+    found = summary(made)
+    runs.replace_file(made.path / "answer.json", answer.as_text({**found, "run": place}))
+    if not no_report:
+        from workbench.report.page import write_sheet
+        from workbench.report.study.page import page
+
+        say("writing the report")
+        write_sheet(page(made, found), made.path)
+
+
+def _deliver(finished, json: str | None) -> None:
+    import json as text
+
+    found = text.loads((finished.path / "answer.json").read_text(encoding="utf-8"))
+    answer.deliver(found, json)
+    console = answer.console(json)
+    if finished.done is None:
+        console.print("finished before; nothing was left to do", markup=False)
+    rows = [[row["column"], row["n"], row["mean"], row["std"], row["p5"], row["median"], row["p95"]]
+            for row in found["columns"][:_SHOWN]]  # fmt: skip
+    title = f"{found['title']}: {found['done']:,} of {found['runs']:,} runs done"
+    tables.grid(console, title, ["column", "runs", "mean", "std", "5 %", "median", "95 %"], rows)
+    for sentence in found["sentences"]:
+        console.print(sentence, markup=False)
+    answer.last_line(console, finished.path)
+
+
+_SHOWN = 24
+
+
+def _alone(study: Path, run: int, json: str | None) -> None:
+    """One run, by its number."""
+    with answer.progress(f"run {run} of {study}"):
+        from workbench.core.errors import InputError
+        from workbench.machine.processes import one_thread
+        from workbench.study.runs import row_of, seed_of
+        from workbench.study.study import read
+        from workbench.study.variation import count
+
+        one_thread()
+        found, _ = read(study)
+        if run > count(found):
+            raise InputError(f"--run {run}: expected one of the study's {count(found):,} runs, found none; lower it")
+        row = row_of(found, run)
+    answer.deliver({"command": "study", "study": study, "run": run, "seed": seed_of(found, run), "row": row}, json)
+    rows = [list(pair) for pair in row.items()]
+    tables.grid(answer.console(json), f"run {run} of {study}", ["column", "value"], rows)

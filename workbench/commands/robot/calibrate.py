@@ -1,0 +1,145 @@
+"""`workbench calibrate`: a recording in, parameters, held-out errors and a report page out."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer, samples, tables
+from workbench.core.errors import InputError
+from workbench.fitting.verdicts.verdict import Tolerance
+
+Plan = Annotated[
+    Path | None, typer.Option("--plan", metavar="FILE", help="Stages to solve (TOML).")
+]
+FitSamples = Annotated[
+    Path | None,
+    typer.Option("--fit-samples", metavar="FILE", help="Fit on these: a sample number a line."),
+]
+TestSamples = Annotated[
+    Path | None,
+    typer.Option("--test-samples", metavar="FILE", help="Hold out these: a sample number a line."),
+]
+Folds = Annotated[
+    int, typer.Option("--folds", min=2, help="Blocks of the cross-validation.")
+]
+
+
+def command(
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    plan: Plan = None,
+    fit_samples: FitSamples = None,
+    test_samples: TestSamples = None,
+    folds: Folds = 10,
+    scanner: answer.ScannerFile = None,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
+    no_report: answer.NoReport = False,
+    tolerance: answer.Tolerance = None,
+) -> None:
+    """Calibrate the robot of a recording and say how large the held-out errors are, in mm.
+
+    Of a recording with pictures of scans the scanner is calibrated first, where none is named, then
+    the clouds and the balls in them.
+    """
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        import datasets
+
+        found = datasets.read(recording, trust_data)
+        known = frozenset(found.sample_ids.tolist())
+        fit = samples.read_list(fit_samples, known, "--fit-samples")
+        test = samples.read_list(test_samples, known, "--test-samples")
+        samples.check_apart(fit, test, test_samples)
+        tolerances = answer.read_tolerances(tolerance, found.measures)
+        options = dict(plan=plan, fit_samples=fit, test_samples=test, folds=folds, trust_data=trust_data)
+        check_scanner(found, scanner)
+        result, run = solve(found, recording, options, say, out, not no_report, scanner, tolerances)
+    deliver(result, run, json)
+
+
+def check_scanner(found, scanner: Path | None) -> None:
+    """Raise InputError where a scanner is named for a recording without pictures of scans."""
+    if scanner is not None and found.measures != "scan-images":
+        raise InputError(f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
+                         "leave the option out.")
+
+
+def solve(
+    found,
+    name: str,
+    options: dict,
+    say,
+    out: Path | None,
+    report: bool,
+    scanner: Path | None = None,
+    tolerances: Sequence[Tolerance] = (),
+):
+    """Calibrate, save and report into a run folder; the answer and where it stands.
+
+    found: a `datasets.recording.Recording`; options: keyword arguments of `workbench.jobs.calibrate.calibrate`;
+    scanner: file for a recording of scans, None calibrates one. tolerances: of the verdict. Raises InputError.
+    """
+    with runs.opened("calibrate", name, out) as run:
+        result = solve_into(run.partial, run.path, found, name, options, say, report, scanner, tolerances)
+    return result, run
+
+
+def solve_into(folder: Path, path: Path, found, name: str, options: dict, say, report: bool,
+               scanner: Path | None = None, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The same into a folder that exists and will stand at `path`; the answer. Raises InputError."""
+    from workbench.jobs.calibrate import calibrate, save
+    from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
+
+    scans, told = None, {}
+    if found.measures == "scan-images":
+        scans, told, found, options = _centres(found, scanner, folder, path, options, say)
+    say(f"calibrating {name}")
+    calibration = calibrate(found, progress=say, **options)
+    verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
+    result = {**calibration.as_json(), **told, "verdict": verdict.as_json(), "run": path}
+    save(calibration, folder)
+    if report:
+        say("writing the report")
+        _report(calibration, scans, folder)
+    runs.replace_file(folder / "answer.json", answer.as_text(result))
+    return result
+
+
+def _centres(found, scanner, folder, path, options, say):
+    """From pictures to ball centres: the scans, their part of the answer, the recording of centres and its options."""
+    from workbench.jobs import ball_centres, scan
+
+    ball_centres.check_arm(found)
+    scans = scan.scan(found, scanner, folder, say)
+    ball_centres.save(scans, folder)
+    made = ball_centres.required(scans)
+    told = {"sensor": ball_centres.as_json(scans, path)}
+    if scans.calibration is not None:
+        from workbench.jobs.scanner import as_json
+
+        told["sensor"]["calibration"] = as_json(scans.calibration)
+    lists = {key: ball_centres.renumbered(scans, made, options.get(key)) for key in ("fit_samples", "test_samples")}
+    return scans, told, made, {**options, **lists}
+
+
+def deliver(result: dict, run: runs.Run, json: str | None) -> None:
+    """Show the answer to a person, write the JSON, name the folder last, and fail where a tolerance is not met."""
+    answer.deliver(result, json)
+    console = answer.console(json)
+    tables.calibration(console, result)
+    answer.conclude(console, result, run.path)
+
+
+def _report(calibration, scans, folder: Path) -> None:
+    from workbench.report import write_report
+
+    more = ()
+    if scans is not None:
+        from workbench.report.sensor.scan import chain
+
+        more = chain(scans)
+    write_report(calibration, folder, more)

@@ -1,0 +1,41 @@
+"""`workbench calibrate-large`: a recording that is too long for memory, calibrated in chunks of its samples."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer, tables
+from workbench.commands.robot.calibrate import Folds
+
+Plan = Annotated[Path | None, typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file.")]
+
+
+def command(
+    recording: Annotated[Path, typer.Argument(help="Folder of a recording whose samples are a samples.parquet.")],
+    plan: Plan = None,
+    folds: Folds = 10,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    tolerance: answer.Tolerance = None,
+    trust_data: answer.TrustData = False,
+) -> None:
+    """Calibrate from millions of samples: stages are chosen on some of them, all are solved, in little memory."""
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        from datasets.formats.recording1 import read_head
+        from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
+        from workbench.jobs.calibrate_large import calibrate_chunks, save
+
+        tolerances = answer.read_tolerances(tolerance, read_head(recording)[0].measures)
+        with runs.opened("calibrate-large", recording, out) as run:
+            made = calibrate_chunks(recording, plan, folds, say, trust_data)
+            save(made, run.partial)
+            verdict = calibration_verdict(made.held_out, made.noise, tolerances)
+            result = {**made.as_json(), "verdict": verdict.as_json(), "run": run.path}
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    console = answer.console(json)
+    tables.calibration(console, result)
+    answer.conclude(console, result, run.path)

@@ -1,0 +1,65 @@
+"""`workbench compare`: several plans on one recording, and which of them predicts best."""
+
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer, samples, tables
+from workbench.commands.robot.calibrate import FitSamples, Folds, TestSamples
+
+Plans = Annotated[
+    list[str], typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file; 'default'. Once for each.")
+]
+
+
+def command(
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    plan: Plans,
+    fit_samples: FitSamples = None,
+    test_samples: TestSamples = None,
+    folds: Folds = 10,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    tolerance: answer.Tolerance = None,
+    trust_data: answer.TrustData = False,
+) -> None:
+    """Calibrate by several plans on the same splits; the others are compared with the first."""
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        import datasets
+        from workbench.jobs.compare import compare, save
+
+        found = datasets.read(recording, trust_data)
+        known = frozenset(found.sample_ids.tolist())
+        fit = samples.read_list(fit_samples, known, "--fit-samples")
+        test = samples.read_list(test_samples, known, "--test-samples")
+        samples.check_apart(fit, test, test_samples)
+        tolerances = answer.read_tolerances(tolerance, found.measures)
+        with runs.opened("compare", recording, out) as run:
+            comparison = compare(found, plan, fit, test, folds, say, trust_data)
+            save(comparison, run.partial)
+            result = {**comparison.as_json(tolerances), "run": run.path}
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    console = answer.console(json)
+    _show(console, result)
+    answer.conclude(console, result, run.path)
+
+
+def _show(console, result) -> None:
+    tables.warnings(console, result)
+    title = f"{result['recording']}: {result['held_out_samples']} samples held out by {result['held_out_by']}"
+    for unit, prefix in (("mm", ""), ("deg", "rotation_")):
+        if f"fit_{prefix}rms_{unit}" not in result["plans"][0]:
+            continue
+        head = ["plan", "free", "known", f"fit RMS {unit}", "held out", "mean", "max", "ratio", "p"]
+        errors = [f"{name}_{unit}" for name in ("rms", "mean", "max")]
+        keys = [f"fit_{prefix}{errors[0]}", *(f"held_out_{prefix}{name}" for name in errors)]
+        keys = ["free", "identifiable", *keys, f"{prefix}ratio", f"{prefix}p"]
+        rows = [[row["plan"], *(row[key] for key in keys)] for row in result["plans"]]
+        tables.grid(console, title, head, rows)
+        title = "Orientation"
+    for row in result["plans"]:
+        if row["p"] is None and row["test"].startswith("not printed"):
+            console.print(f"p of {row['plan']} {row['test']}", markup=False)

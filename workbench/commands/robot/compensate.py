@@ -1,0 +1,169 @@
+"""`workbench compensate`: targets in, corrected targets out, with what error is left."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer, tables
+
+Solution = Annotated[Path, typer.Argument(help="Run folder of `workbench calibrate`, or its solution.json.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Use a calibration, and corrections, that are refused as implausible, too.")
+]
+MaxPosition = Annotated[
+    float, typer.Option("--max-correction-mm", metavar="MM", help="Refuse larger corrections of the flange's position.")
+]
+MaxRotation = Annotated[
+    float, typer.Option("--max-correction-deg", metavar="DEG", help="Refuse larger corrections of its orientation.")
+]
+MaxSigma = Annotated[
+    float | None,
+    typer.Option(
+        "--max-sigma-mm",
+        metavar="MM",
+        help="Refuse targets with a larger standard uncertainty; else three times the held-out error.",
+    ),
+]
+_NAMED = 12
+
+
+def command(
+    solution: Solution,
+    targets: Annotated[Path, typer.Argument(help="Joint readings or flange poses, a row a target (CSV).")],
+    force: Force = False,
+    max_correction_mm: MaxPosition = 10.0,
+    max_correction_deg: MaxRotation = 1.0,
+    max_sigma_mm: MaxSigma = None,
+    tolerance: answer.Tolerance = None,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Correct targets by inverting the calibrated model: where the nominal arm was sent, the real one goes.
+
+    A target that is out of reach or limits, or whose correction is not plausible, keeps no joint readings in
+    corrected.csv, and the exit status is then 1: such a programme is incomplete and must not be run.
+    """
+    answer.check_target(json)
+    with answer.progress(f"reading {solution}") as say:
+        from workbench.jobs.compensate import compensate
+        from workbench.jobs.correction_limits import (
+            Limits,
+            checked,
+            covariates_of,
+            judge_targets,
+        )
+        from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
+        from workbench.files.solution_file import read_solution
+        from workbench.fitting.verdicts.verdict import parse_tolerances
+
+        tolerances = parse_tolerances(tolerance)
+        limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm)
+        arm = checked(read_solution(solution), solution, force, limits)
+        programme = read_programme(targets, arm.robot)
+        covariates = covariates_of(arm, programme)
+        say("inverting the model")
+        found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
+        judged = judge_targets(arm, programme, found, limits)
+        refused, forced = ({}, judged.refused) if force else (judged.refused, {})
+        with runs.opened("compensate", targets.stem, out) as run:
+            result = {
+                **_summary(arm, found, refused), "warnings": [
+                    *doubts(programme, arm.robot), *judged.warnings, *_forced(forced)],
+                "verdict": _verdict(arm, found, refused, tolerances).as_json(), "targets": targets,
+                "solution": solution, "run": run.path, "corrected": run.path / "corrected.csv",
+            }  # fmt: skip
+            columns = corrected_columns(programme, arm.robot, found, refused)
+            runs.replace_file(run.partial / "corrected.csv", as_csv(columns))
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    _show(answer.console(json), result)
+    if result["unreached_rows"] or result["refused"] or result["verdict"]["pass"] is False:
+        raise typer.Exit(1)
+
+
+def _forced(reasons: Mapping[int, list[str]]) -> list[str]:
+    """What --force lets pass, said all the same."""
+    if not reasons:
+        return []
+    row = min(reasons)
+    return [
+        f"--force: {len(reasons)} targets are corrected that would be refused; target {row + 1}: "
+        f"{'; '.join(reasons[row])}."
+    ]
+
+
+def _summary(arm, found, refused) -> dict:
+    """The main figures; errors are 3-D, of the flange, in mm."""
+    reached = found.reached
+    kept = reached.copy()
+    kept[list(refused)] = False
+    return {
+        "command": "compensate", "count": len(reached), "reached": int(reached.sum()),
+        "corrected_count": int(kept.sum()),
+        "unreached_rows": [int(k) + 1 for k in (~reached).nonzero()[0]],
+        "refused": [{"row": k + 1, "why": "; ".join(why)} for k, why in sorted(refused.items())],
+        "largest_correction_mm": _largest(found.position_mm[reached]),
+        "largest_correction_deg": _largest(found.rotation_deg[reached]),
+        "correction_rms_mm": _rms(found.correction_mm[kept]), "left_rms_mm": _rms(found.left_mm[kept]),
+        "sigma_rms_mm": _rms(found.sigma_mm[kept]), "expected_error_mm": arm.held_out_mm,
+        "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
+        "why_expected": "held-out RMS of the calibration: what the model does not explain comes back at every target",
+    }  # fmt: skip
+
+
+def _verdict(arm, found, refused, tolerances):
+    """The verdict on the largest error to expect: the held-out error and a target's own uncertainty together."""
+    from workbench.fitting.verdicts.verdict import Noise, Residual, judge, no_verdict
+
+    kept = found.reached.copy()
+    kept[list(refused)] = False
+    if not kept.any():
+        return no_verdict("No target is corrected, so there is no error to judge.")
+    largest = math.hypot(arm.held_out_mm, float(found.sigma_mm[kept].max()))
+    stated = arm.keys.get("noise_rms_mm")
+    noise = None if stated is None else Noise(stated)
+    return judge(Residual(largest, "mm", "largest expected position error"), noise, tolerances)
+
+
+def _rms(values) -> float | None:
+    return float((values**2).mean() ** 0.5) if len(values) else None
+
+
+def _largest(values) -> float | None:
+    return float(values.max()) if len(values) else None
+
+
+def _show(console, result) -> None:
+    head = ["", "RMS mm"]
+    rows = [["error of the nominal arm, held out", result["nominal_error_mm"]],
+            ["error to expect now, held out", result["expected_error_mm"]],
+            ["standard uncertainty at these targets", result["sigma_rms_mm"]],
+            ["the corrections, at the flange", result["correction_rms_mm"]],
+            ["inverse-kinematics residual", result["left_rms_mm"]]]  # fmt: skip
+    tables.grid(console, f"{result['corrected_count']} of {result['count']} targets corrected", head, rows)
+    if result["largest_correction_mm"] is not None:
+        console.print(f"Largest correction: {result['largest_correction_mm']:.3g} mm, "
+                      f"{result['largest_correction_deg']:.3g} deg.", markup=False)  # fmt: skip
+    for sentence in result["warnings"]:
+        console.print(sentence, markup=False)
+    if result["unreached_rows"]:
+        console.print("Out of reach or limits, with no readings in corrected.csv: target "
+                      f"{', '.join(map(str, result['unreached_rows'][:_NAMED]))}.")  # fmt: skip
+    _show_refused(console, result["refused"])
+    answer.show_verdict(console, result["verdict"])
+    console.print(str(result["run"]), soft_wrap=True, markup=False)
+
+
+def _show_refused(console, refused) -> None:
+    for one in refused[:_NAMED]:
+        why = f"Target {one['row']} is refused and has no readings in corrected.csv: {one['why']}."
+        console.print(why, markup=False)
+    if len(refused) > _NAMED:
+        console.print(f"{len(refused) - _NAMED} more targets are refused; the JSON answer names them.", markup=False)
+    if refused:
+        console.print("Check these targets and the calibration; --max-correction-mm, --max-correction-deg and "
+                      "--max-sigma-mm set other limits, --force ignores them.", markup=False)  # fmt: skip

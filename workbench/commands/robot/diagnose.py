@@ -1,0 +1,112 @@
+"""`workbench diagnose`: where recording and model differ, which physics was left out, and the proof."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer, tables
+from workbench.core.errors import InputError
+from workbench.fitting.verdicts.verdict import parse_tolerances
+
+Simulation = Annotated[
+    Path | None, typer.Option("--simulation", metavar="SCENE", help="Compare with this scene (TOML).")
+]
+Solution = Annotated[
+    Path | None, typer.Option("--solution", metavar="FILE", help="Compare with an earlier calibration (solution.json).")
+]
+Baseline = Annotated[
+    Literal["geometry", "joint-compliance"], typer.Option("--baseline", help="What is already in the model.")
+]
+
+
+def command(
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    simulation: Simulation = None,
+    solution: Solution = None,
+    baseline: Baseline = "geometry",
+    scanner: answer.ScannerFile = None,
+    jobs: answer.Jobs = None,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
+    no_report: answer.NoReport = False,
+    tolerance: answer.Tolerance = None,
+) -> None:
+    """Say what the model of a recording leaves out: where, what, how sure, and how much better it predicts with it."""
+    answer.check_target(json)
+    with answer.progress(f"reading {recording}") as say:
+        from workbench.machine.processes import cores, one_thread
+
+        one_thread()  # its matrices are small: threads would only push one another
+        import datasets
+        from workbench.diagnosis.answer import diagnose
+        from workbench.diagnosis.files import save
+        from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
+
+        if simulation is not None and solution is not None:
+            raise InputError("--simulation and --solution: expected one of them, found both; leave one out.")
+        found = datasets.read(recording, trust_data)
+        _check_scanner(found, scanner)
+        tolerances = parse_tolerances(tolerance, _units(found))
+        with runs.opened("diagnose", recording, out) as run:
+            made = diagnose(found, baseline=baseline, simulation=simulation, solution=solution, scanner=scanner,
+                            progress=say, jobs=jobs or cores(), trust_data=trust_data)  # fmt: skip
+            told = made.as_json()
+            result = {**told, **check_diagnosis(made, found, tolerances).keys(told), "run": run.path}
+            save(made, run.partial)
+            if not no_report:
+                say("writing the report")
+                _report(made, run.partial)
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    console = answer.console(json)
+    show(console, result)
+    answer.conclude(console, result, run.path)
+
+
+def _units(recording) -> tuple[str, ...]:
+    """Residuals of calibration images are in pixels, all others in millimetres."""
+    from workbench.diagnosis.answer import PICTURES
+
+    return ("px",) if recording.measures in PICTURES else ("mm",)
+
+
+def _check_scanner(found, scanner: Path | None) -> None:
+    if scanner is not None and found.measures != "scan-images":
+        raise InputError(f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
+                         "leave the option out.")
+
+
+def _report(made, folder: Path) -> None:
+    from workbench.report.diagnosis.page import page
+    from workbench.report.diagnosis.summary_image import write_picture
+    from workbench.report.page import write_sheet
+
+    write_sheet(page(made), folder)
+    write_picture(made, folder / "summary.png")
+
+
+def show(console, result) -> None:
+    """The answer of `diagnose --json`, for a person."""
+    unit, held_out = result["unit"], result["held_out"]
+    console.print(f"{result['recording']}: {result['verdict']}", style="bold", markup=False)
+    tables.warnings(console, result)
+    console.print()
+    for found in result["effects"]:
+        console.print(f"- {found['statement']}", markup=False)
+    for found in result["refused"]:
+        console.print(f"- not kept: {found['statement']}", markup=False, style="dim")
+    console.print()
+    told = {"before": "baseline", "after": "with what was found", "noise": "noise"}
+    units = [unit, "deg"] if "after_deg" in held_out else [unit]
+    rows = [[name, *(held_out.get(f"{key}_{one}") for one in units)] for key, name in told.items()]
+    scheme = f" ({held_out['scheme']})" if held_out["scheme"] else ""
+    title = f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
+    tables.grid(console, title, ["error", *units], rows)
+    if (shares := result["against"]) is not None:
+        names = ("parameters", "noise", "structure")
+        tables.grid(console, f"Difference from {shares['reference']}", ["", "mm²"],
+                    [[name, shares[f"{name}_mm2"]] for name in names])  # fmt: skip
+    console.print(f"Next: {result['next_experiment']}", markup=False)

@@ -1,0 +1,171 @@
+"""`workbench export`: what was calibrated in another program's format, read back before it is kept."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer
+from workbench.commands.robot.compensate import Force
+from workbench.core.errors import InputError
+from workbench.files.runs import replace_file
+
+ARM, CAMERA, HAND_EYE = "calibrated arm", "calibrated camera", "hand-eye transform"
+FORMATS = {
+    ARM: ("urdf", "mdh-json", "mdh-csv"),
+    CAMERA: ("ros", "opencv", "kalibr"),
+    HAND_EYE: ("ros",),
+}
+ALL_FORMATS = tuple(dict.fromkeys(name for names in FORMATS.values() for name in names))
+# Files of a run folder and what they hold; of a camera the scanner's file comes first, since it is the later one.
+_FILES = (("solution.json", ARM), ("hand-eye.toml", HAND_EYE), ("scanner.toml", CAMERA), ("camera.toml", CAMERA))
+
+ParentFrame = Annotated[
+    str | None,
+    typer.Option("--parent-frame", metavar="NAME", help="ROS frame of flange or base, of a hand-eye transform."),
+]
+ChildFrame = Annotated[
+    str | None, typer.Option("--child-frame", metavar="NAME", help="ROS frame of the sensor, of a hand-eye transform.")
+]
+
+
+@dataclass(frozen=True)
+class _Frames:
+    """Names of the ROS frames that the user wants; None for the usual ones."""
+
+    parent: str | None
+    child: str | None
+
+
+def command(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Run folder, solution.json, camera.toml, scanner.toml or hand-eye.toml."),
+    ],
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help=", ".join(ALL_FORMATS))],
+    file: Annotated[Path, typer.Option("--out", metavar="FILE", help="Write this file.")],
+    force: Force = False,
+    parent_frame: ParentFrame = None,
+    child_frame: ChildFrame = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Write what was calibrated for another program; it is read back and compared before it is kept.
+
+    A calibrated arm goes to urdf, mdh-json and mdh-csv; a camera or the camera of a scanner to ros, opencv and kalibr;
+    a hand-eye transform to ros: a static transform and, beside it, a launch file that publishes it.
+    """
+    answer.check_target(json)
+    if to not in ALL_FORMATS:
+        raise InputError(f"--to {to}: expected one of {', '.join(ALL_FORMATS)}, found another; name one of them")
+    if not file.parent.is_dir() or file.is_dir():
+        raise InputError(f"--out {file} expects a file in a folder that exists; make {file.parent} or name another")
+    kind, path = _choose(source, to)
+    if kind != HAND_EYE and (parent_frame or child_frame):
+        raise InputError(
+            f"--parent-frame, --child-frame: expected with a hand-eye transform only, found a {kind} in {source}; "
+            "leave them out"
+        )
+    if kind == HAND_EYE:
+        texts, left_out = _hand_eye(path, file, _Frames(parent_frame, child_frame), force)
+    else:
+        text, left_out = _camera(path, to) if kind == CAMERA else _arm(path, to, force)
+        texts = {file: text}
+    for target, text in texts.items():
+        replace_file(target, text)
+    more = [target for target in texts if target != file]
+    result = {"command": "export", "source": source, "format": to, "file": file, "left_out": left_out}
+    answer.deliver(result | ({"launch_file": more[0]} if more else {}), json)
+    console = answer.console(json)
+    if left_out:
+        console.print(f"Not in this file, since its format cannot say it: {', '.join(left_out)}.", markup=False)
+    for target in (*more, file):
+        console.print(str(target), soft_wrap=True, markup=False)
+
+
+def _choose(source: Path, to: str) -> tuple[str, Path]:
+    """What of the source goes to the format, and its file. InputError says which formats the source has."""
+    found = _contents(source)
+    for kind, path in found.items():
+        if to in FORMATS[kind]:
+            return kind, path
+    if found:
+        offered = "; ".join(f"of its {kind} {', '.join(FORMATS[kind])}" for kind in found)
+        raise InputError(f"{source}: expected something that can be written as {to}, found none; it gives {offered}")
+    raise InputError(
+        f"{source}: expected a run folder of `workbench calibrate`, `camera`, `scanner` or `handeye`, or one of "
+        f"{', '.join(name for name, _ in _FILES)}, found none of them; name another"
+    )
+
+
+def _contents(source: Path) -> Mapping[str, Path]:
+    """Kinds that a run folder holds, or that a file is, with their files."""
+    if source.is_dir():
+        found: dict[str, Path] = {}
+        for name, kind in _FILES:
+            if (source / name).is_file():
+                found.setdefault(kind, source / name)
+        return found
+    if source.suffix.lower() == ".json" or not source.exists():
+        return {ARM: source} if source.suffix.lower() == ".json" else _by_name(source)
+    return {HAND_EYE if _is_hand_eye(source) else CAMERA: source}
+
+
+def _by_name(source: Path) -> Mapping[str, Path]:
+    """The kind of a file that is not there, so that the sentence names the file and not its kind."""
+    return {kind: source for name, kind in _FILES if name == source.name}
+
+
+def _is_hand_eye(source: Path) -> bool:
+    import tomllib
+
+    from workbench.files.exports.hand_eye import FORMAT
+
+    try:
+        return tomllib.loads(source.read_text(encoding="utf-8")).get("format") == FORMAT
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
+
+
+def _arm(path, to, force) -> tuple[str, list[str]]:
+    from workbench.jobs.correction_limits import checked
+    from workbench.files.exports import mdh_csv, mdh_json, urdf
+    from workbench.files.exports.check import check_mdh, check_urdf
+    from workbench.files.exports.mdh import left_out
+    from workbench.files.solution_file import read_solution
+
+    arm = checked(read_solution(path), path, force)
+    text = {"urdf": urdf, "mdh-json": mdh_json, "mdh-csv": mdh_csv}[to](arm)
+    (check_urdf if to == "urdf" else check_mdh)(arm, text)
+    return text, left_out(arm)
+
+
+def _camera(path, to) -> tuple[str, list[str]]:
+    from workbench.files.exports import camera_text
+    from workbench.files.exports.camera import as_held
+    from workbench.files.exports.check import check_camera, read_calibrated_camera
+
+    camera, off = as_held(read_calibrated_camera(path), to)
+    text = camera_text(camera, to)
+    check_camera(camera, text, to)
+    left_out = [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {off:.2g} px"] if off else []
+    return text, left_out + (["light planes and mirror of the scanner"] if path.name == "scanner.toml" else [])
+
+
+def _hand_eye(path: Path, file: Path, frames: _Frames, force: bool) -> tuple[dict[Path, str], list[str]]:
+    from workbench.files.exports.check import check_static_transform
+    from workbench.files.exports.hand_eye import (
+        CHILD,
+        StaticTransform,
+        checked_hand_eye,
+        launch_yaml,
+        read_hand_eye,
+        transform_yaml,
+    )
+
+    found = checked_hand_eye(read_hand_eye(path), path, force)
+    made = StaticTransform(found.matrix, frames.parent or found.parent, frames.child or CHILD)
+    texts = {file: transform_yaml(made), file.with_name(f"{file.stem}.launch.yaml"): launch_yaml(made)}
+    check_static_transform(made, *texts.values())
+    return texts, ["the uncertainty of the transform"]

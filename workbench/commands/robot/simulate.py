@@ -1,0 +1,41 @@
+"""`workbench simulate`: a scene in, a recording on disk out."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer
+from workbench.fitting.verdicts.verdict import no_verdict
+
+_NO_RESIDUAL = "A simulation is compared with nothing, so that it has no residual to judge."
+
+
+def command(
+    scene: Annotated[Path, typer.Argument(help="Scene file (TOML).")],
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Simulate a recording from a scene and write it as a folder that every command reads."""
+    answer.check_target(json)
+    with answer.progress(f"simulating {scene}") as say:
+        import datasets
+        from workbench.jobs.simulate import simulate
+
+        recording = simulate(scene)
+        with runs.opened("simulate", scene.stem, out) as run:
+            say("writing the recording")
+            datasets.write(recording, run.partial)
+    deliver(scene, recording, run, json)
+
+
+def deliver(scene: Path, recording, run: runs.Run, json: str | None) -> None:
+    """Say what was simulated and where it lies; the folder comes last."""
+    answer.deliver({"command": "simulate", "scene": scene, "recording": run.path,
+                    "measures": recording.measures, "samples": recording.n,
+                    "sigma_mm": recording.sigma_mm, "verdict": no_verdict(_NO_RESIDUAL).as_json(),
+                    "run": run.path}, json)
+    console = answer.console(json)
+    console.print(f"{recording.n} samples, {recording.measures}", markup=False)
+    console.print(str(run.path), soft_wrap=True, markup=False)

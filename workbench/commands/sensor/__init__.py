@@ -1,0 +1,1 @@
+"""Commands about the sensor: camera, scanner, scan, handeye and render."""

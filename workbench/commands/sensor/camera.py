@@ -1,0 +1,60 @@
+"""`workbench camera`: pictures of a board in, a calibrated camera with its uncertainty and a report page out."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer, flow, sensor_tables
+
+
+class Lens(StrEnum):
+    """Which distortion is fitted."""
+
+    BROWN = "brown"
+    RATIONAL = "rational"
+
+
+Recording = Annotated[str, typer.Argument(help="Folder of a recording with pictures of a board, or a known name.")]
+Model = Annotated[
+    Lens, typer.Option("--model", help="Distortion: brown has k1 k2 p1 p2 k3, rational k4 k5 k6 besides.")
+]
+
+
+def command(
+    recording: Recording,
+    model: Model = Lens.BROWN,
+    out: answer.OutFolder = None,
+    tolerance: answer.Tolerance = None,
+    json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Calibrate the camera of a recording from its pictures of a board, and say how sure each number is."""
+    from workbench.fitting.verdicts import sensor_verdict, verdict
+
+    tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.CAMERA_UNITS)
+
+    def work(run, say) -> dict:
+        import datasets
+        from workbench.jobs import camera
+
+        read = datasets.read(recording)
+        made = camera.calibrate(read, model.value, say)
+        camera.save(made, run.partial)
+        if not no_report:
+            say("writing the report")
+            _report(made, run.partial)
+        result = {"recording": recording, **camera.as_json(made, tolerances), "camera_file": run.path / camera.FILE}
+        return flow.with_reading_warnings(result, read)
+
+    flow.run("camera", recording, out, json, work, sensor_tables.camera)
+
+
+def _report(made, folder) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.sensor import picture
+    from workbench.report.sensor.camera import page
+
+    sheet = page(made)
+    write_sheet(sheet, folder)
+    picture.write_summary(sheet, picture.camera(made), folder)

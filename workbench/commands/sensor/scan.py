@@ -1,0 +1,49 @@
+"""`workbench scan`: pictures of scans in; clouds, ball centres with their uncertainty and acceptance figures out."""
+
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer, flow, sensor_tables
+
+Recording = Annotated[str, typer.Argument(help="Folder of a recording with pictures of scans, or a known name.")]
+
+
+def command(
+    recording: Recording,
+    scanner: answer.ScannerFile = None,
+    out: answer.OutFolder = None,
+    tolerance: answer.Tolerance = None,
+    json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Turn the scans of a recording into clouds and ball centres; without --scanner it is calibrated first."""
+    from workbench.fitting.verdicts import sensor_verdict, verdict
+
+    tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCAN_UNITS)
+
+    def work(run, say) -> dict:
+        import datasets
+        from workbench.jobs import ball_centres, scan
+
+        read = datasets.read(recording)
+        made = scan.scan(read, scanner, run.partial, say)
+        say("writing the ball centres")
+        ball_centres.save(made, run.partial)
+        if not no_report:
+            say("writing the report")
+            _report(made, run.partial)
+        result = {"recording": recording, **ball_centres.as_json(made, run.path, tolerances)}
+        return flow.with_reading_warnings(result, read)
+
+    flow.run("scan", recording, out, json, work, sensor_tables.scan)
+
+
+def _report(made, folder) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.sensor import picture
+    from workbench.report.sensor.scan import page
+
+    sheet = page(made)
+    write_sheet(sheet, folder)
+    picture.write_summary(sheet, picture.scan(made), folder)

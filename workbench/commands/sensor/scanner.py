@@ -1,0 +1,62 @@
+"""`workbench scanner`: pictures of a board, without and with the laser, in; a calibrated scanner out."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+from workbench.commands.shared import answer, flow, sensor_tables
+from workbench.commands.sensor.camera import Lens, Model
+
+Recording = Annotated[
+    str, typer.Argument(help="Folder of a recording with pictures of a board under the laser, or a known name.")
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FILE", help="Write the scanner here too; --scanner FILE reads it everywhere."),
+]
+
+
+def command(
+    recording: Recording,
+    out: Out = None,
+    model: Model = Lens.BROWN,
+    tolerance: answer.Tolerance = None,
+    json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Calibrate camera, light planes and mirror of a recording in one adjustment."""
+    answer.check_target(None if out is None else str(out), "--out")
+
+    from workbench.fitting.verdicts import sensor_verdict, verdict
+
+    tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCANNER_UNITS)
+
+    def work(run, say) -> dict:
+        import datasets
+        from workbench.jobs import scanner
+
+        read = datasets.read(recording)
+        made = scanner.calibrate(read, model.value, say)
+        scanner.save(made, run.partial)
+        if not no_report:
+            say("writing the report")
+            _report(made, run.partial)
+        if out is not None:
+            runs.replace_file(out, (run.partial / scanner.FILE).read_text(encoding="utf-8"))
+        place = out.resolve() if out else run.path / scanner.FILE
+        result = {"recording": recording, **scanner.as_json(made, tolerances), "scanner_file": place}
+        return flow.with_reading_warnings(result, read)
+
+    flow.run("scanner", recording, None, json, work, sensor_tables.scanner)
+
+
+def _report(made, folder) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.sensor import picture
+    from workbench.report.sensor.scanner import page
+
+    sheet = page(made)
+    write_sheet(sheet, folder)
+    picture.write_summary(sheet, picture.scanner(made), folder)

@@ -1,0 +1,204 @@
+"""Which poses to measure: the subset of candidates that tells most, by exchange.
+
+Every pose brings a block of whitened rows of the Jacobian; a set's normal matrix is the sum over its
+blocks. Fedorov, Theory of Optimal Experiments (1972); Mitchell's exchange, Technometrics 16 (1974) 203.
+What no set can reach, however one searches, is told by parts of poses instead of whole ones.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from workbench.core.least_squares.linear_algebra import (
+    inverse_positive,
+    solve_positive,
+    symmetric_eigenvalues,
+)
+
+_SWEEPS = 12
+# of the largest eigenvalue: added where nothing else is known, so that a set with too few poses has a volume at all
+_RIDGE = 1e-9
+# of the same, beside what is known: for rounding alone, since more would be taken for knowledge
+_ROUNDING = 1e-13
+_SHARES = 400
+
+
+@dataclass(frozen=True)
+class Design:
+    """`chosen` (n,) candidates in order; `value` of the criterion and `random` (draws,) of random sets as large.
+
+    For the criterion "task", where asked for, `twice` (draws,) of random sets of twice the size (none where there
+    are not that many candidates), `everything` the value of all candidates, and `bound`: below it is no set of n.
+    """
+
+    chosen: np.ndarray
+    value: float
+    random: np.ndarray
+    larger_is_better: bool
+    twice: np.ndarray = field(default_factory=lambda: np.empty(0))
+    everything: float | None = None
+    bound: float | None = None
+
+    @property
+    def gain(self) -> float:
+        """How many times better than the median random set; above 1 is better."""
+        usual = float(np.median(self.random))
+        if not usual or not self.value:  # nothing is determined: no ratio says anything
+            return 1.0 if usual == self.value else float("nan")
+        return self.value / usual if self.larger_is_better else usual / self.value
+
+
+def choose(rows: np.ndarray, n: int, criterion: str = "D", tasks: np.ndarray | None = None, seed: int = 0,
+           draws: int = 200, known: np.ndarray | None = None, repeats: int = 1, bounded: bool = False) -> Design:
+    """The n of N candidates with the best criterion.
+
+    rows (N, m, F): whitened rows of each candidate, columns scaled to like sizes. criterion: "D"
+    (det^(1/F) of the normal matrix), "O1" ... "O5" (see `Identifiability.observability`), or
+    "task": the least mean variance of the rows `tasks` (T, m, F). known (F, F): normal matrix of what
+    is known already. repeats: how often one candidate may be taken. bounded: with "task", also what
+    the larger sets and the bound are, and a second search from there. Deterministic for a seed.
+    """
+    rng = np.random.default_rng(seed)
+    grams = np.swapaxes(rows, 1, 2) @ rows
+    largest = symmetric_eigenvalues(grams.sum(0))[-1] * np.eye(rows.shape[2])
+    ridge = _RIDGE * largest if known is None else known + _ROUNDING * largest
+    weight = None if tasks is None else np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
+    score, swap = _criterion(criterion, n, weight)
+
+    def worth(some):
+        return score(grams[some].sum(0) + ridge)
+
+    search, downwards = _Search(rows, grams, ridge, swap, repeats), criterion == "task"
+    several = [rng.choice(len(rows), n, replace=False) for _ in range(draws)]
+    random = np.array([worth(some) for some in several])
+    chosen, told = search.exchange(search.grow(n)), {}
+    if downwards and bounded:
+        shares, bound = least_error(grams, n, weight, ridge, repeats)
+        chosen = min(chosen, search.exchange(_whole(shares, n, repeats)), key=worth)
+        pairs = [rng.choice(len(rows), 2 * n, replace=False) for _ in range(draws)] if 2 * n <= len(rows) else []
+        told = {"twice": np.array([worth(some) for some in pairs]), "everything": score(grams.sum(0) + ridge),
+                "bound": bound}  # fmt: skip
+    if not downwards and random.max() > worth(chosen):  # an exchange may end in a hole: once more from there
+        chosen = search.exchange(several[int(random.argmax())])
+    return Design(np.sort(chosen), worth(chosen), random, not downwards, **told)
+
+
+def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndarray, float]:
+    """Shares (N,) of the candidates, in sum n, none above `repeats`, with the least "task" value; and a bound.
+
+    grams (N, F, F), weight and ridge (F, F). No n whole candidates are below the bound: the value is convex in
+    the shares, and so nowhere lies below its tangent plane, whose least value is taken over all shares there may
+    be (Kiefer, Annals of Statistics 2 (1974) 849). Shares by the multiplicative algorithm (Silvey, Titterington &
+    Torsney, Communications in Statistics A 7 (1978) 1379), held below their limit
+    (Wynn, Statistical Decision Theory and Related Topics III, 1982).
+    """
+    flat, shares, bound = grams.reshape(len(grams), -1), np.full(len(grams), n / len(grams)), 0.0
+    for _ in range(_SHARES):
+        inverse = inverse_positive((shares @ flat).reshape(ridge.shape) + ridge)
+        value, slope = float((inverse * weight).sum()), flat @ (inverse @ weight @ inverse).ravel()
+        whole, part = divmod(n, repeats)
+        best = np.sort(slope)[::-1]
+        most = repeats * best[:whole].sum() + (part * best[whole] if part else 0.0)
+        bound = max(bound, value - (most - slope @ shares))
+        if bound > value * (1 - 1e-3):
+            break
+        shares = _filled(shares * np.sqrt(np.maximum(slope, 0)), n, repeats)
+    return shares, float(bound)
+
+
+def _filled(shares, n, most):
+    """The shares times the one number with which they add up to n, where those above `most` are held there."""
+    order = np.argsort(-shares)
+    falling = shares[order]
+    rest = np.cumsum(falling[::-1])[::-1]
+    factor = (n - most * np.arange(len(shares))) / np.maximum(rest, 1e-300)
+    first = int(np.argmax(factor * falling <= most * (1 + 1e-12)))
+    return np.minimum(shares * factor[first], most)
+
+
+def _whole(shares, n, most):
+    """n candidates (n,) whose numbers, up to `most` of each, are nearest to the shares (N,)."""
+    counts = np.floor(shares).astype(int)
+    counts[np.argsort(np.where(counts < most, counts - shares, 1.0))[: n - counts.sum()]] += 1
+    return np.repeat(np.arange(len(shares)), counts)
+
+
+def _criterion(name, n, weight) -> tuple[Callable, Callable]:
+    """The score of a normal matrix, and what adding each candidate to one makes of it (larger is better)."""
+    if name == "D":
+        return _volume, _volumes_with
+    if name == "task":
+        return (lambda normal: float(np.trace(inverse_positive(normal) @ weight))), \
+               (lambda normal, rows, grams: -_variances_with(normal, rows, weight))  # fmt: skip
+    index = int(name[1:]) - 1
+
+    def score(normals):
+        s = np.sqrt(np.maximum(symmetric_eigenvalues(normals), 1e-300))
+        return observability(s, n)[index]
+
+    return (lambda normal: float(score(normal))), (lambda normal, rows, grams: score(normal + grams))
+
+
+def observability(s: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
+    """O1 ... O5 (...,) of singular values s (..., F), ascending, of n poses; Sun & Hollerbach, ICRA 2008."""
+    low, high = s[..., 0], s[..., -1]
+    return (np.exp(np.log(s).mean(-1)) / np.sqrt(n), low / high, low, low**2 / high, 1 / (1 / s).sum(-1))
+
+
+def _volume(normal):
+    sign, log = np.linalg.slogdet(normal)
+    return float(np.exp(log / len(normal))) if sign > 0 else 0.0
+
+
+def _volumes_with(normal, rows, grams):
+    """log det with each candidate, less log det without: Sylvester's identity on its few rows."""
+    inner = rows @ inverse_positive(normal) @ np.swapaxes(rows, 1, 2)
+    return np.linalg.slogdet(np.eye(rows.shape[1]) + inner)[1]
+
+
+def _variances_with(normal, rows, weight):
+    """Trace of weight times the covariance with each candidate: Woodbury's identity."""
+    inverse = inverse_positive(normal)
+    half = rows @ inverse
+    inner = np.eye(rows.shape[1]) + half @ np.swapaxes(rows, 1, 2)
+    gain = solve_positive(inner, half @ weight @ np.swapaxes(half, 1, 2))
+    return np.trace(inverse @ weight) - np.trace(gain, axis1=1, axis2=2)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """For the best set: rows (N, m, F), grams (N, F, F), what is known, what a candidate adds, how often it may."""
+
+    rows: np.ndarray
+    grams: np.ndarray
+    ridge: np.ndarray
+    swap: Callable
+    repeats: int
+
+    def worth(self, others) -> np.ndarray:
+        """(N,) what each candidate would add to the others; -inf for those that may not come again."""
+        value = self.swap(self.grams[others].sum(0) + self.ridge, self.rows, self.grams)
+        value[np.bincount(others, minlength=len(value)) >= self.repeats] = -np.inf
+        return value
+
+    def grow(self, n) -> list[int]:
+        """Candidates one by one, each time the one that helps most."""
+        chosen: list[int] = []
+        for _ in range(n):
+            chosen.append(int(np.argmax(self.worth(np.array(chosen, int)))))
+        return chosen
+
+    def exchange(self, start) -> list[int]:
+        """Every chosen candidate against all others, until nothing gets better."""
+        chosen = [int(k) for k in start]
+        for _ in range(_SWEEPS):
+            changed = False
+            for k, now in enumerate(chosen):
+                value = self.worth(np.array(chosen[:k] + chosen[k + 1 :], int))
+                best = int(np.argmax(value))
+                if value[best] > value[now] + 1e-9 * abs(value[now]):
+                    chosen[k], changed = best, True
+            if not changed:
+                break
+        return chosen

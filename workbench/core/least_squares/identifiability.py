@@ -1,0 +1,219 @@
+"""What data can and cannot determine: rank, null space in words, observability, covariance.
+
+All of it works on the whitened normal matrix with every column scaled by its parameter's typical
+size. A singular value s of a direction then reads: the data know it 1/s typical sizes well. Where
+s < 1 they know less than one knew before measuring, and the direction is called undetermined.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from workbench.core.least_squares.linear_algebra import (
+    covariance_of,
+    least_squares,
+    symmetric_eigen,
+    thin_svd,
+)
+from workbench.core.parameters import Parameters
+
+_PART, _NAMED = 0.05, 6
+_SAME = 1e-12  # squared: what rounding leaves of a column, in its own length, that others make exactly
+_NO_EFFECT = 1e-6  # sigmas: what rounding makes of a column of zeros
+_ROUNDING = 1e-13  # of the largest column: what is left of a column of zeros where the sigma is tiny
+_LEAST_SCALE = 1e-9  # residuals of exactly zero make no data infinitely good
+_FAINT = 1e-4  # knows a parameter to a hundred typical sizes
+_TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """F free parameters: `singular` (F,) ascending, `directions` (F, F) their unit directions in
+    columns (typical sizes), `rank`: all from the data alone, without priors; `covariance` (F, F) in
+    the parameters' own units, with the priors, and a hundred typical sizes where nothing is known;
+    `weight` (F,) what one typical size of each does to all measurements, in sigmas; `exact` (E, F)
+    directions in which nothing changes at all, whatever the sigmas and typical sizes.
+    """
+
+    keys: tuple[str, ...]
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    typical: np.ndarray
+    singular: np.ndarray
+    directions: np.ndarray
+    rank: int
+    covariance: np.ndarray
+    weight: np.ndarray
+    exact: np.ndarray
+
+    @property
+    def null(self) -> np.ndarray:
+        """(F, F - rank) undetermined directions."""
+        return self.directions[:, : len(self.keys) - self.rank]
+
+    @property
+    def determined(self) -> np.ndarray:
+        """(F,) True where a parameter takes no part in an undetermined direction."""
+        tied = {key for group in self.groups() for key in group}
+        return np.array([key not in tied for key in self.keys], bool)
+
+    def tied(self) -> dict[str, list[str]]:
+        """For every undetermined parameter the others that it cannot be told from."""
+        found: dict[str, list[str]] = {key: [] for key, known in zip(self.keys, self.determined) if not known}
+        for group in self.groups():
+            for key in group:
+                found.setdefault(key, []).extend(other for other in group if other != key)
+        return {key: sorted(set(others)) for key, others in found.items()}
+
+    def groups(self) -> list[list[str]]:
+        """Keys of each undetermined direction, after the directions were made as short as possible."""
+        return [[self.keys[k] for k in self._members(row)] for row in self._short()]
+
+    def _members(self, row):
+        """Who takes part in a direction, by what each would do to the measurements alone."""
+        part = np.abs(row) * self.weight
+        if part.max() < 1:  # nothing in it moves a measurement: it is the parameter itself
+            return [int(np.argmax(np.abs(row)))]
+        part = (part / part.max()).round(6)  # of equals the first comes first, whatever rounding left of them
+        return [int(k) for k in np.argsort(-part, kind="stable") if part[k] > _PART]
+
+    def _short(self):
+        """(F - rank, F) rows that span the null space, each with one parameter of its own.
+
+        What is exactly the same comes first and by itself: it is not to be mixed with what these
+        few samples only hardly tell apart.
+        """
+        exact, pivots = _echelon(self.exact)
+        rest = self.null.T - self.null.T[:, pivots] @ exact
+        basis = thin_svd(rest)[2][: max(len(rest) - len(exact), 0)]
+        return np.concatenate([exact, _echelon(basis)[0]])
+
+    def sentences(self) -> list[str]:
+        """The null space in words, one sentence an undetermined direction."""
+        label = dict(zip(self.keys, self.labels))
+        return [
+            self._alone(group[0]) if len(group) == 1 else _sentence([label[k] for k in group])
+            for group in self.groups()
+        ]
+
+    def _alone(self, key):
+        """What is said of a parameter that no other can stand in for and that still is not known."""
+        k = self.keys.index(key)
+        if self.weight[k] < _NO_EFFECT:
+            return f"{self.labels[k]} has no effect at all on these measurements"
+        least = f"{self.typical[k] / self.weight[k]:.2g} {self.units[k]}"
+        return f"{self.labels[k]} has too little effect here: below about {least} it cannot be seen"
+
+    def observability(self, samples: int) -> dict[str, float]:
+        """O1-O5 of the determined directions, columns scaled by their typical sizes.
+
+        O1 (Borm & Menq 1991) (prod s)^(1/r) / sqrt(n), O2 (Driels & Pathre 1990) s_min / s_max,
+        O3 (Nahvi et al. 1994) s_min, O4 (Nahvi & Hollerbach 1996) s_min^2 / s_max, O5 (Sun &
+        Hollerbach 2008) 1 / sum(1/s), as collected by Sun & Hollerbach, ICRA 2008.
+        """
+        s = self.singular[len(self.keys) - self.rank :]
+        if not s.size:
+            return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+        low, high = float(s[0]), float(s[-1])
+        mean = float(np.exp(np.log(s).mean()) / np.sqrt(samples))
+        return {"O1": mean, "O2": low / high, "O3": low, "O4": low**2 / high, "O5": float(1 / (1 / s).sum())}
+
+
+def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1.0) -> Identifiability:
+    """From the whitened normal matrix (F, F) of the data and the free parameters, in their own units.
+
+    scale: by how much the residuals exceed their stated sigmas; the data know that much less.
+    """
+    mask = parameters.mask
+    typical = parameters.typical[mask]
+    scaled = normal * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
+    values, vectors = symmetric_eigen((scaled + scaled.T) / 2)
+    rounding = 1e-14 * len(values) * max(values[-1], 0) if len(values) else 0
+    singular = np.sqrt(np.maximum(np.where(values < rounding, 0, values), 0))
+    rank = int((singular >= 1).sum())
+    weight = np.sqrt(np.maximum(np.diag(scaled), 0))
+    prior = parameters.precision[mask] * typical**2 + _FAINT
+    covariance = covariance_of(scaled, prior) * np.outer(typical, typical)
+    table = [p for p, free in zip(parameters.table, mask) if free]
+    names = tuple(p.key for p in table), tuple(p.label or p.key for p in table), tuple(p.unit for p in table)
+    return Identifiability(*names, typical, singular, vectors, rank, covariance, weight, _exact(scaled, weight))
+
+
+def _exact(scaled, weight):
+    """(E, F) null directions of the matrix with columns of unit length, back in typical sizes."""
+    # what rounding leaves of a column of zeros is not to be blown up
+    seen = weight > max(_NO_EFFECT, _ROUNDING * weight.max(initial=0.0))
+    length = np.where(seen, weight, 1)
+    values, vectors = symmetric_eigen(scaled * np.outer(seen, seen) / np.outer(length, length))
+    return (vectors[:, values < _SAME] / length[:, None]).T
+
+
+def _echelon(rows):
+    """The same row space with one column of its own for each row, largest entry 1; and those columns."""
+    if not len(rows):
+        return rows, []
+    weight = 1 + 1e-3 * np.arange(rows.shape[1])  # of equals the later one gives its name
+    pivots = qr(rows * weight, pivoting=True, mode="r")[1][: len(rows)]
+    return least_squares(rows[:, pivots], rows), pivots
+
+
+def independent(
+    normal: np.ndarray, parameters: Parameters, scale: float = 1.0, redundant: Collection[str] = ()
+) -> tuple[Parameters, dict[str, list[str]]]:
+    """Parameters with only an independent set free, and for each one left out what it is tied to.
+
+    Goes through the free ones, those without a prior (base, tool) first and then in order, and
+    leaves out each whose column is a linear combination of earlier ones: parameters about which nothing
+    was known carry what is not identifiable. Keys in `redundant` come last. They are parameters that
+    the convention replaces by others (beta between axes that are not parallel): an independent set
+    that holds one instead of a length represents millimetres by large angles on short levers.
+    """
+    free = np.flatnonzero(parameters.mask)
+    has_prior = parameters.precision[free] > 0
+    comes_last = np.isin(np.array(parameters.keys)[free], list(redundant))
+    free = free[np.lexsort((has_prior, comes_last))]
+    typical = parameters.typical[free]
+    place = np.searchsorted(np.flatnonzero(parameters.mask), free)
+    scaled = normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
+    kept, left_out = _greedy(scaled)
+    mask = np.zeros(len(parameters), bool)
+    mask[free[kept]] = True
+    keys = [parameters.keys[k] for k in free]
+    weight = np.sqrt(np.maximum(np.diag(scaled), 0))
+    tied = {keys[k]: _partners(mix * weight[kept[: len(mix)]], keys, kept) for k, mix in left_out.items()}
+    return parameters.only(mask), tied
+
+
+def _partners(part, keys, kept):
+    """Keys of the kept parameters that make a left-out one, the main ones first."""
+    part = np.abs(part)
+    return [keys[kept[j]] for j in np.argsort(-part, kind="stable") if part[j] > max(_PART * part.max(), 1e-9)]
+
+
+def _greedy(scaled):
+    """Indices kept, and for each one left out its mix of the kept (Cholesky, column by column)."""
+    kept, left_out, lower = [], {}, np.zeros_like(scaled)
+    for k in range(len(scaled)):
+        row = np.zeros(len(scaled))
+        for j, other in enumerate(kept):
+            row[j] = (scaled[k, other] - row[:j] @ lower[j, :j]) / lower[j, j]
+        rest = scaled[k, k] - row @ row
+        if rest > max(_TWIN, 1e-12 * scaled[k, k]):
+            row[len(kept)] = np.sqrt(rest)
+            lower[len(kept)] = row
+            kept.append(k)
+        else:
+            size = len(kept)
+            left_out[k] = solve_triangular(lower[:size, :size], row[:size], trans=1, lower=True) if size else row[:0]
+    return kept, left_out
+
+
+def _sentence(labels):
+    if len(labels) == 2:
+        return f"{labels[0]} and {labels[1]} are one and the same here: only their combination is determined"
+    if len(labels) > _NAMED + 1:
+        labels = [*labels[:_NAMED], f"{len(labels) - _NAMED} more"]
+    rest = ", ".join(labels[1:-1]) + f" and {labels[-1]}"
+    return f"{labels[0]} cannot be told from a combination of {rest}"

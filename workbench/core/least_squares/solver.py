@@ -1,0 +1,299 @@
+"""Whitened, damped least squares: from a model and its free parameters to a fit."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from workbench.core.least_squares.linear_algebra import all_finite, covariance_of, solve_positive
+from workbench.core.model import Model
+from workbench.core.noise import fit_noise, information, noise_mask
+from workbench.core.parameters import Parameters
+
+CONVERGED = "converged: another step would move nothing by more than a hundredth of its sigma"
+SETTLED = "converged: the last step lowered chi-square by less than 0.02, or a hundred-thousandth of it"
+STALLED = "converged to rounding: no step lowers the cost any further"
+OUT_OF_STEPS = (
+    "did not converge: the cost was still falling at the last step; allow more steps, check units "
+    "and the nominal robot, or fix parameters that are undetermined"
+)
+NOT_FINITE = (
+    "did not converge: the model or its derivative is not finite; check the recording for impossible "
+    "joint angles and the robot's geometry"
+)
+# A step is damped by at least this much per squared typical size: it keeps null directions still,
+# and slows only directions that the data know a hundred times less than one knew before measuring.
+_FLOOR = 1e-4
+# Squared sigmas that a step moves: below the first it need not be taken, and after one below the
+# second the next would be far below the first, since the steps shrink quadratically.
+_DONE, _NEARLY = 1e-4, 1e-2
+_NOISE_ROUNDS = 3
+# Times the stated sigma: a residual of this size is rounding, and its square may be zero in floating point.
+_NO_RESIDUAL = 1e-100
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a solve returns.
+
+    `residual` (m, n) in the units of the measurement; `weights` (n,) of the robust loss, 1 where
+    none; `normal` (F, F) the whitened normal matrix of the data in the free parameters' own units;
+    `sigma_scale` by which the stated sigmas have to be multiplied to agree with the residuals;
+    `history` the cost after each step; `outcome` a sentence; `degrees` of freedom that are left.
+    """
+
+    parameters: Parameters
+    residual: np.ndarray
+    weights: np.ndarray
+    normal: np.ndarray
+    sigma_scale: float
+    history: tuple[float, ...] = field(default_factory=tuple)
+    outcome: str = CONVERGED
+    degrees: float = 1.0
+
+    @property
+    def converged(self) -> bool:
+        return self.outcome in (CONVERGED, SETTLED, STALLED)
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Whitened normal matrix (F, F) and gradient (F,) of the free parameters, in their own units.
+
+    A model that never holds all rows of its derivative at once hands these on from `linearise` instead (no robust
+    loss then, whose weights need all residuals first).
+    """
+
+    normal: np.ndarray
+    gradient: np.ndarray
+
+
+def _equations(rows, residual, root) -> Equations:
+    """Of rows (F, m, n), which are whitened in place by `root` (m, n)."""
+    rows *= root
+    flat = rows.reshape(len(rows), residual.size)
+    return Equations(flat @ flat.T, flat @ (residual * root).ravel())
+
+
+def huber(z: np.ndarray, limit: float) -> np.ndarray:
+    """Weights of squared whitened distances z (n,): 1 inside `limit`, limit / distance outside.
+
+    Huber, Ann. Math. Stat. 35 (1964).
+    """
+    return np.minimum(1, limit / np.sqrt(np.maximum(z, 1e-300)))
+
+
+def cauchy(z: np.ndarray, limit: float) -> np.ndarray:
+    """Weights 1 / (1 + z / limit^2) of squared whitened distances z (n,)."""
+    return 1 / (1 + z / limit**2)
+
+
+LOSSES = {"linear": None, "huber": huber, "cauchy": cauchy}
+# distances of a 3-D residual that 5 % of clean samples exceed (chi with 3 degrees of freedom)
+_LIMIT = 2.8
+
+
+def solve(model: Model, parameters: Parameters, loss: str = "linear", steps: int = 50) -> Fit:
+    """Fit the free parameters of `parameters` to the samples of `model`.
+
+    Levenberg-Marquardt on residuals whitened by their own sigma, columns scaled by the
+    parameters' typical sizes (Nocedal & Wright, Numerical Optimization, 2nd ed., ch. 10);
+    a robust loss reweights samples, with the noise's scale from their median. Effects on the noise
+    that are free are fitted between solves of the mean.
+    """
+    spread = noise_mask(model, parameters)
+    fit = _solve_mean(model, parameters.only(parameters.mask & ~spread), loss, steps)
+    if not spread.any():
+        return fit
+    for _ in range(_NOISE_ROUNDS):
+        found = fit_noise(model, fit.parameters.only(parameters.mask), fit.residual, fit.weights)
+        fit = _solve_mean(model, found.only(parameters.mask & ~spread), loss, steps)
+    return _with_noise(model, fit, parameters.mask, spread)
+
+
+def _solve_mean(model, parameters, loss, steps) -> Fit:
+    problem = _Problem(model, parameters, LOSSES[loss])
+    problem.start()
+    for _ in range(steps):
+        if problem.outcome:
+            break
+        problem.step()
+    return problem.finish()
+
+
+def _with_noise(model, fit: Fit, mask, spread) -> Fit:
+    """The fit with the noise parameters free again and their information in the normal matrix."""
+    parameters = fit.parameters.only(mask)
+    normal = np.zeros((mask.sum(),) * 2)
+    mean = ~spread[mask]
+    normal[np.ix_(mean, mean)] = fit.normal
+    # information is free of the scale of sigma, by which `normal` is divided later
+    normal[np.ix_(~mean, ~mean)] = information(model, parameters, fit.weights) * fit.sigma_scale**2
+    return replace(fit, parameters=parameters, normal=normal)
+
+
+class _Problem:
+    """A solve under way: present parameters, residual, normal equations and damping."""
+
+    def __init__(self, model, parameters, weigh):
+        self.model, self.parameters, self.weigh = model, parameters, weigh
+        self.scale = parameters.typical[parameters.mask]
+        self.precision = parameters.precision[parameters.mask]
+        self.nulls = parameters.nulls[parameters.mask]
+        self.damping, self.outcome, self.history = 0.0, "", []
+
+    def start(self):
+        self.inverse_sigma = 1 / self.model.sigma(self.parameters)
+        self.take(self.parameters, *self.linearise(self.parameters))
+        self.check()
+
+    def linearise(self, parameters):
+        """Residual, weights and cost at `parameters`, and the rows of the derivative."""
+        residual, rows = self.model.linearise(parameters)
+        weights = self.robust_weights(residual * self.inverse_sigma)
+        return residual, rows, weights
+
+    def take(self, parameters, residual, rows, weights):
+        """Make this the present point: normal equations and gradient, whitened and scaled."""
+        self.parameters, self.residual, self.weights = parameters, residual, weights
+        root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
+        made = rows if isinstance(rows, Equations) else _equations(rows, residual, root)
+        self.normal = made.normal * np.outer(self.scale, self.scale)
+        self.gradient = made.gradient * self.scale
+        self.trust = self.trust_in_priors(residual)
+        self.prior = self.trust * self.scale**2
+        self.data_normal = self.normal
+        self.normal = self.normal + np.diag(self.prior)
+        self.gradient += self.trust * self.scale * (parameters.pack() - self.nulls)
+        self.cost = self.cost_of(parameters, residual)
+        self.history.append(self.cost)
+
+    def check(self) -> bool:
+        """Whether cost and equations are finite; otherwise the solve ends, and its data determine nothing."""
+        if all_finite(self.cost, self.normal, self.gradient):
+            return True
+        self.outcome = NOT_FINITE
+        size = len(self.scale)
+        self.trust, self.gradient = self.precision, np.zeros(size)
+        self.prior, self.data_normal = self.trust * self.scale**2, np.zeros((size, size))
+        return False
+
+    def trust_in_priors(self, residual):
+        """Precision of the priors beside residuals that are larger than their stated sigma.
+
+        What the model does not explain makes every sample worth less than its sigma says; the
+        priors must not drown in it.
+        """
+        square = float((self.weights * (residual * self.inverse_sigma) ** 2).sum())
+        return self.precision * max(1.0, square / residual.size)
+
+    def robust_weights(self, white):
+        if self.weigh is None or not white.size:
+            return np.ones(white.shape[1])
+        z = (white**2).sum(0) * 3 / len(white)
+        spread = np.median(z) / 2.366  # the median of chi-square with 3 degrees of freedom
+        return self.weigh(z / max(spread, 1e-300), _LIMIT)
+
+    def cost_of(self, parameters, residual):
+        """Weighted sum of squares of whitened residuals and of priors."""
+        prior = self.trust @ (parameters.pack() - self.nulls) ** 2
+        return float((self.weights * (residual * self.inverse_sigma) ** 2).sum() + prior)
+
+    def step(self):
+        """One step; the damping grows until the cost falls."""
+        if not self.check():
+            return
+        before = self.cost
+        size = len(self.gradient)
+        for trial in range(20):
+            damped = self.normal + (_FLOOR + self.damping) * np.eye(size)
+            move = _newton(damped, self.gradient)
+            decrement = -float(self.gradient @ move)
+            unit = max(1.0, self.cost / max(self.residual.size, 1))
+            if self.damping == 0 and decrement <= _NEARLY * unit and self.finished(move, decrement, unit):
+                return
+            if self.accept(move, trial > 0):
+                if abs(before - self.cost) < max(1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)):
+                    self.outcome = SETTLED
+                return
+            self.damping = max(4 * self.damping, 1e-9 * self.normal.max())
+        self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+
+    def finished(self, move, decrement, unit):
+        """Whether this is the end; a last step that moves hardly anything needs no new derivative."""
+        if decrement > _DONE * unit:
+            candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
+            residual = self.model.residual(candidate)
+            cost = self.cost_of(candidate, residual)
+            if not cost < self.cost:
+                return False
+            self.parameters, self.residual, self.cost = candidate, residual, cost
+            self.history.append(cost)
+        self.outcome = CONVERGED
+        return True
+
+    def accept(self, move, again):
+        """Go there if the cost, under the present weights, is lower there.
+
+        again: a move of this step was refused before, so that the derivative is only made once the cost is known.
+        """
+        candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
+        if again and not self.cost_of(candidate, self.model.residual(candidate)) < self.cost:
+            return False
+        there = self.linearise(candidate)
+        if not self.cost_of(candidate, there[0]) < self.cost:
+            return False
+        self.damping = self.damping / 8 if self.damping > 1e-10 * self.normal.max() else 0.0
+        self.take(candidate, *there)
+        return True
+
+    def degrees(self):
+        """Residuals less the parameters that the data, and not the priors, have spent on them."""
+        size = len(self.scale)
+        if not size:
+            return float(self.residual.size)
+        prior = self.prior + _FLOOR
+        held = float(np.diag(covariance_of(self.data_normal, prior)) @ prior)
+        return max(self.residual.size - size + held, 1.0)
+
+    def finish(self):
+        degrees = self.degrees()
+        data = float((self.weights * (self.residual * self.inverse_sigma) ** 2).sum())
+        return Fit(
+            self.parameters, self.residual, self.weights,
+            self.data_normal / np.outer(self.scale, self.scale),
+            float(np.sqrt(data / degrees)),
+            tuple(self.history), self.outcome or OUT_OF_STEPS, degrees,
+        )  # fmt: skip
+
+
+def _newton(matrix, gradient):
+    """-matrix^-1 gradient; of least norm where rounding has left the matrix indefinite."""
+    try:
+        return cho_solve(cho_factor(matrix, check_finite=False), -gradient, check_finite=False)
+    except LinAlgError:
+        return -solve_positive(matrix, gradient)
+
+
+def normal_matrix(model: Model, parameters: Parameters) -> np.ndarray:
+    """(F, F) whitened normal matrix of the data in the free parameters' own units."""
+    residual, rows = model.linearise(parameters)
+    flat = (rows / model.sigma(parameters)).reshape(len(rows), residual.size)
+    return flat @ flat.T
+
+
+def pose_scores(model: Model, fit: Fit, poses: np.ndarray) -> np.ndarray | None:
+    """(F, F) sum over poses of the outer product of their whitened gradients; poses (n,) labels.
+
+    None where every pose has one sample, or where no residual is left. In units of the residuals' real size,
+    `fit.sigma_scale`.
+    """
+    _, group = np.unique(poses, return_inverse=True)
+    if len(group) == group.max() + 1 or fit.sigma_scale < _NO_RESIDUAL:
+        return None
+    residual, rows = model.linearise(fit.parameters)
+    white = 1 / (model.sigma(fit.parameters) * fit.sigma_scale) ** 2
+    gradient = (rows * (residual * white * fit.weights)).sum(1)
+    sums = np.zeros((len(rows), group.max() + 1))
+    np.add.at(sums.T, group, gradient.T)
+    return sums @ sums.T

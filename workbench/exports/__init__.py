@@ -1,7 +1,0 @@
-"""One file each kind of export: a calibrated arm or camera in the formats of other programs, and read back."""
-
-from workbench.exports.camera import CAMERA_FORMATS, camera_text, read_camera_text
-from workbench.exports.mdh import mdh_csv, mdh_json, read_mdh
-from workbench.exports.urdf import urdf
-
-__all__ = ["CAMERA_FORMATS", "camera_text", "mdh_csv", "mdh_json", "read_camera_text", "read_mdh", "urdf"]

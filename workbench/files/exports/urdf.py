@@ -1,0 +1,103 @@
+"""The calibrated geometry as a URDF with corrected origins: kinematics only, a link a joint, no meshes."""
+
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robot_model.chain import ALPHA, BETA, THETA, A, D
+from workbench.files.exports.mdh import calibrated_geometry, left_out
+from workbench.files.solution_file import CalibratedArm
+
+
+def urdf(arm: CalibratedArm) -> str:
+    """URDF text: lengths in m, angles in rad; joints joint_1 ..., links base_link, link_1 ..., flange.
+
+    A URDF's joint turns about its own axis after a fixed origin: what stands between two joint
+    axes becomes the origin of the second. Where the controller couples joints, which a URDF cannot
+    say, its joints are the angles between the links, and a comment gives them from the readings.
+    """
+    signs = _signs(arm.robot)
+    origins = _origins(arm)
+    root = ET.Element("robot", name=arm.robot.name)
+    root.append(ET.Comment(_note(arm)))
+    links = ["base_link", *(f"link_{k + 1}" for k in range(arm.robot.joints)), "flange"]
+    for link in links:
+        ET.SubElement(root, "link", name=link)
+    for k, (origin, sign) in enumerate(zip(origins, signs)):
+        _joint(root, arm.robot, k, (links[k], links[k + 1]), origin, sign)
+    fixed = ET.SubElement(root, "joint", name="flange_joint", type="fixed")
+    _between(fixed, links[-2], links[-1], origins[-1])
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _note(arm):
+    out = left_out(arm)
+    more = f" Not in here, since a URDF cannot say it: {', '.join(out)}." if out else ""
+    sums = f" In the controller's readings: {_sums(arm.robot)}." if _coupled(arm.robot) else ""
+    return f" Geometry as calibrated, held-out RMS {arm.held_out_mm:.4g} mm.{more}{sums} ".replace("--", "-")
+
+
+def _signs(robot):
+    """(J,) 1 or -1 by which a reading turns its joint; 1 where joints are coupled."""
+    own = np.diag(robot.mixing)
+    return np.ones(robot.joints) if _coupled(robot) else own
+
+
+def _coupled(robot) -> bool:
+    own = np.diag(np.diag(robot.mixing)) if robot.mixing.shape[0] == robot.mixing.shape[1] else None
+    return own is None or not np.array_equal(own, robot.mixing) or not (np.abs(np.diag(own)) == 1).all()
+
+
+def _sums(robot) -> str:
+    """joint_3 = q3 + q2 of each joint that is not its own reading."""
+    return "; ".join(f"joint_{k} = " + " + ".join(f"{row[c]:g} q{c + 1}" for c in np.flatnonzero(row))
+                     for k, row in enumerate(robot.mixing, 1))  # fmt: skip
+
+
+def _origins(arm) -> list[np.ndarray]:
+    """J + 1 fixed transforms (4, 4) mm: before each joint, and from the last to the flange."""
+    before, after = [], []
+    for theta, d, a, alpha, beta in calibrated_geometry(arm)[:, [THETA, D, A, ALPHA, BETA]]:
+        screw, twist = _place("z", theta, (0, 0, d)), _place("xy", [alpha, beta])
+        along = _place("x", 0.0, (a, 0, 0))
+        if arm.robot.convention == "distal":
+            before.append(np.eye(4))
+            after.append(screw @ along @ twist)
+        else:  # Craig: Ry(beta) Rx(alpha) Tx(a) stand before the joint
+            before.append(_place("YX", [beta, alpha]) @ along)
+            after.append(screw)
+    starts = [arm.robot.base, *after]
+    ends = [*before, arm.robot.flange]
+    return [start @ end for start, end in zip(starts, ends)]
+
+
+def _place(axes, angles, shift=(0, 0, 0)):
+    made = np.eye(4)
+    made[:3, :3] = Rotation.from_euler(axes.upper(), angles).as_matrix()
+    made[:3, 3] = shift
+    return made
+
+
+def _joint(root, robot, k, links, origin, sign):
+    slides = robot.prismatic[k]
+    low, high = robot.limits[k]
+    bounded = np.isfinite([low, high]).all()
+    kind = "prismatic" if slides else "revolute" if bounded else "continuous"
+    joint = ET.SubElement(root, "joint", name=f"joint_{k + 1}", type=kind)
+    _between(joint, *links, origin)
+    ET.SubElement(joint, "axis", xyz=f"0 0 {int(sign)}")
+    unit = 1e-3 if slides else 1.0
+    low, high = (low, high) if bounded else (-1e6, 1e6)
+    if kind != "continuous":
+        limits = {"lower": repr(float(low * unit)), "upper": repr(float(high * unit))}
+        ET.SubElement(joint, "limit", **limits, effort="0", velocity="0")
+
+
+def _between(joint, parent, child, origin):
+    place = (" ".join(repr(float(v)) for v in origin[:3, 3] * 1e-3))
+    turn = " ".join(repr(float(v)) for v in Rotation.from_matrix(origin[:3, :3]).as_euler("xyz"))
+    ET.SubElement(joint, "origin", xyz=place, rpy=turn)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)

@@ -1,0 +1,169 @@
+"""What a calibration answers and leaves on disk: the JSON contract, tables and files."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """Errors of one stage; `earned` False: it did not lower the held-out error and was left out.
+
+    The rotation errors are None where the recording measures no orientation.
+    """
+
+    name: str
+    why: str
+    free: int
+    identifiable: int
+    rms_mm: float
+    held_out_rms_mm: float
+    earned: bool
+    sentence: str
+    outcome: str
+    history: tuple[float, ...]
+    rotation_rms_deg: float | None = None
+    held_out_rotation_rms_deg: float | None = None
+
+
+ESTIMATED, NOT_IDENTIFIABLE, HELD = "estimated", "not identifiable", "held"
+"""What a parameter can be: its `status` in the JSON."""
+_WITHOUT_NOMINAL = ("base", "tool", "sensor", "artefact")
+
+
+def parameter_rows(solution) -> list[dict]:
+    """One row a parameter of the JSON contract.
+
+    `status`: "estimated" with a standard deviation; "not identifiable" where the data do not determine
+    the parameter, which is then free and confounded with others, or held at nominal because others
+    carry it; "held" where the plan holds it at nominal. `deviation` from nominal in the parameter's
+    unit, None for poses and points of which nothing is known before the calibration. A parameter that
+    is identifiable only together with others has no `std` but `std_given_tied`: its standard deviation
+    if those others are exactly at the values that they are held at.
+    """
+    parameters, known = solution.parameters, solution.all_known
+    determined = dict(zip(known.keys, known.determined.tolist()))
+    tied = known.tied()
+    std = solution.std if solution.redundancy > 0 else {}
+    return [
+        _row(p, value, free, std.get(p.key), determined.get(p.key, False), tied.get(p.key, []))
+        for p, value, free in zip(parameters.table, parameters.values.tolist(), parameters.mask.tolist())
+    ]
+
+
+def _row(parameter, value, free, std, determined, others):
+    where, _, name = parameter.key.partition(".")
+    sure = bool(free and determined and std is not None)
+    return {
+        "name": name, "where": where, "value": value, "unit": parameter.unit,
+        "std": std if sure else None, "nominal": parameter.null, "identifiable": sure,
+        "tied_to": others, "free": bool(free), "label": parameter.label,
+        "std_given_tied": None if sure else std, "why": _why(free, sure, std, others, determined),
+        "status": _status(free, sure, others), "deviation": _deviation(where, name, value, parameter.null),
+    }  # fmt: skip
+
+
+def _status(free: bool, sure: bool, others: list[str]) -> str:
+    if sure:
+        return ESTIMATED
+    return NOT_IDENTIFIABLE if free or others else HELD
+
+
+def _deviation(where: str, name: str, value: float, nominal: float) -> float | None:
+    """From nominal; effects (whose names hold a point) have the nominal value zero wherever they act."""
+    has_nominal = where not in _WITHOUT_NOMINAL or "." in name
+    return value - nominal if has_nominal else None
+
+
+def _why(free, sure, std, others, determined):
+    if sure:
+        return ""
+    if free and std is None:
+        return "no redundancy: as many parameters as measured numbers"
+    if free:
+        if others:
+            return "not identifiable: confounded with " + ", ".join(others)
+        return "not identifiable: too small an effect on these measurements"
+    if others:
+        return "not identifiable, held at nominal: confounded with " + ", ".join(others)
+    if determined is False:
+        return "held at its nominal value by the plan"
+    return "held at nominal: too small an effect on these measurements"
+
+
+def calibration_json(calibration) -> dict:
+    """The answer of `workbench calibrate`, keys as the contract fixes them, more added."""
+    solution = calibration.solution
+    known = solution.known
+    return {
+        "command": "calibrate",
+        "recording": calibration.recording.name,
+        "measures": calibration.recording.measures,
+        "samples": calibration.recording.n,
+        "group_names": dict(calibration.recording.group_names),
+        "stages": [_stage_row(stage) for stage in calibration.stages],
+        "parameters": [dict(row) for row in calibration.parameters],
+        "fit": calibration.fit,
+        "held_out": calibration.held_out,
+        "nominal": calibration.nominal,
+        "converged": solution.converged,
+        "outcome": solution.outcome,
+        "undetermined": list(solution.null_sentences),
+        "observability": known.observability(calibration.recording.n),
+        "suspect_samples": list(calibration.suspects),
+        "warnings": [*calibration.warnings, *calibration.noise.warnings],
+        "noise": calibration.noise.as_json(),
+        "selection": "stages were chosen on folds of the fit samples; without named test samples these give held_out",
+        "provenance": calibration.provenance,
+    }
+
+
+_STAGE_KEYS = (
+    "name", "free", "identifiable", "rms_mm", "held_out_rms_mm", "earned", "sentence", "why", "outcome",
+)  # fmt: skip
+
+
+def _stage_row(stage: StageResult) -> dict:
+    row = {key: getattr(stage, key) for key in _STAGE_KEYS}
+    if stage.held_out_rotation_rms_deg is not None:
+        row["rotation_rms_deg"] = stage.rotation_rms_deg
+        row["held_out_rotation_rms_deg"] = stage.held_out_rotation_rms_deg
+    return row
+
+
+def save_calibration(calibration, folder: Path) -> None:
+    """Write parameters.toml, residuals.csv, calibration.json and solution.json."""
+    from workbench.files.solution_file import NAME, solution_keys
+
+    (folder / NAME).write_text(json.dumps(solution_keys(calibration), indent=1), encoding="utf-8")
+    (folder / "parameters.toml").write_text(calibration.solution.parameters.to_toml(), encoding="utf-8")
+    text = json.dumps(calibration.as_json(), indent=1, allow_nan=True)
+    (folder / "calibration.json").write_text(text, encoding="utf-8")
+    columns = _residual_columns(calibration)
+    table = np.stack([np.asarray(c, float) for c in columns.values()], 1)
+    np.savetxt(folder / "residuals.csv", table, fmt="%.6g", delimiter=",", header=",".join(columns), comments="")
+
+
+def _residual_columns(calibration):
+    """Column name -> (n,): position residuals in mm, then rotation residuals in degrees where there are any."""
+    columns = {"sample": calibration.recording.sample_ids, "fold": calibration.fold}
+    for name in ("fit", "held_out", "nominal"):
+        rows = getattr(calibration, f"{name}_residual")
+        columns |= {f"{name}_{axis}_mm": row for axis, row in zip("xyz", rows)}
+    for name, residual in calibration.rotation.items():
+        columns |= {f"{name}_{axis}_deg": row for axis, row in rotation_columns(residual).items()}
+    return columns
+
+
+def rotation_columns(residual: np.ndarray) -> dict[str, np.ndarray]:
+    """What a table shows of rotation residuals (k, n) in rad: name -> (n,) deg.
+
+    "rx", "ry", "rz" of the rotation vector; "axis", the angle, where one axis is measured (k = 2): its
+    two components are in a frame that differs from sample to sample, so only their length has a meaning.
+    """
+    degrees = np.rad2deg(residual)
+    if len(residual) == 2:
+        return {"axis": np.sqrt((degrees**2).sum(0))}
+    return dict(zip(("rx", "ry", "rz"), degrees))

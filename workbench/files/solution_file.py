@@ -1,0 +1,178 @@
+"""`solution.json`: a calibrated arm on disk, with all that a program needs to use it later."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.columns import BOOKKEEPING, MEASURED, OTHER, joint_columns
+from robot_model import load_robot
+from robot_model.effects import CATALOGUE
+from robot_model.robot import Robot
+from workbench.core.effect import Effect, make_effects
+from workbench.core.errors import InputError
+
+FORMAT, NAME = "solution/1", "solution.json"
+# What acts on the arm. The instrument's own errors, its drift relative to the base and the moment of reading move no
+# flange.
+_ARM_PORTS = ("joint", "geometry", "frame", "gravity", "mass")
+
+
+@dataclass(frozen=True)
+class CalibratedArm:
+    """An arm as a calibration left it.
+
+    `values` of its parameters by key (base, geometry, tool, effects; mm, rad); `free` the F keys
+    that were solved for and `covariance` (F, F) of them; `load_centre` (3,) mm on the flange;
+    `held_out_mm` RMS of the 3-D error on samples that the solve did not see; `trusted` False where
+    it did not converge, the recording was in doubt or the held-out error is no better than the nominal
+    arm's, and `why` says so. `fitted_range`: lowest and highest value of every joint reading and covariate that was
+    recorded, by column name in file units; None where an older version wrote the file.
+    """
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+    values: dict[str, float]
+    free: tuple[str, ...]
+    covariance: np.ndarray
+    load_centre: np.ndarray
+    held_out_mm: float
+    trusted: bool
+    why: str
+    keys: dict
+    fitted_range: Mapping[str, tuple[float, float]] | None = None
+
+    @property
+    def acting_effects(self) -> tuple[Effect, ...]:
+        """Those of the effects that move the flange."""
+        return tuple(
+            effect
+            for effect in self.effects
+            if effect.port in _ARM_PORTS and effect.effect != "base-drift" and effect.where != "time"
+        )
+
+
+def solution_keys(calibration, noise=None) -> dict:
+    """What `read_solution` reads back, of a `workbench.jobs.calibrate.Calibration`.
+
+    noise: its `workbench.fitting.verdicts.noise_report.NoiseReport`, where it is not that of the calibration's own samples.
+    """
+    noise = calibration.noise if noise is None else noise
+    solution, recording = calibration.solution, calibration.recording
+    parameters = solution.parameters
+    return {
+        "format": FORMAT,
+        "recording": recording.name,
+        "measures": recording.measures,
+        "robot": _robot_keys(recording),
+        "effects": [{"effect": _name_of(e), "where": e.where, **e.options} for e in calibration.model.effects],
+        "values": dict(zip(parameters.keys, parameters.values.tolist())),
+        "free": [key for key, free in zip(parameters.keys, parameters.mask) if free],
+        "covariance": solution.covariance.tolist(),
+        "load_centre_mm": np.asarray(calibration.model.chain.state.load_centre).tolist(),
+        "held_out": calibration.held_out,
+        "nominal": calibration.nominal,
+        "converged": solution.converged,
+        "noise_rms_mm": noise.stated_rms,
+        "warnings": [*calibration.doubts, *noise.alarms],
+        "outcome": solution.outcome,
+        "undetermined": list(solution.null_sentences),
+        "provenance": dict(calibration.provenance),
+        "priors": {p.key: p.prior for p in calibration.model.parameters.table if p.prior is not None},
+        "fitted_range": _fitted_range(calibration),
+    }
+
+
+def _fitted_range(calibration) -> dict[str, list[float]]:
+    """Lowest and highest value of joint readings and covariates, without the samples that were left out."""
+    recording = calibration.recording
+    kept = ~np.isin(recording.sample_ids, calibration.suspects)
+    names = [*joint_columns(recording.columns), *recording.covariates]
+    found: dict[str, list[float]] = {}
+    for name in names:
+        values = recording.columns[name][kept]
+        plain = name.removeprefix(OTHER)  # the second end of a length is a pose of the arm like the first
+        low, high = found.get(plain, (math.inf, -math.inf))
+        if values.size and plain not in BOOKKEEPING | MEASURED:
+            found[plain] = [min(low, float(values.min())), max(high, float(values.max()))]
+    return found
+
+
+def _robot_keys(recording) -> dict:
+    """The robot of a recording, a path made whole so that the solution may be read from anywhere."""
+    keys = dict(recording.robot)
+    if "urdf" in keys:
+        keys["urdf"] = str(Path(recording.folder or ".", keys["urdf"]).resolve())
+    return keys
+
+
+def _name_of(effect) -> str:
+    return next(name for name, kind in CATALOGUE.items() if kind is type(effect))
+
+
+def read_solution(path: Path) -> CalibratedArm:
+    """The arm of a solution.json, or of the run folder that holds one.
+
+    Raises InputError with the file, the key and what to do.
+    """
+    path = Path(path)
+    path = path / NAME if path.is_dir() else path
+    keys = _read(path)
+    try:
+        effects = make_effects(CATALOGUE, [(row.pop("effect"), row.pop("where"), row) for row in keys["effects"]])
+        trusted, why = _trust(keys)
+        ranges = keys.get("fitted_range")
+        if ranges is not None:
+            ranges = {str(name): (float(low), float(high)) for name, (low, high) in ranges.items()}
+        arm = CalibratedArm(
+            load_robot(keys["robot"], f"{path}, key robot"), effects,
+            {str(key): float(value) for key, value in keys["values"].items()}, tuple(keys["free"]),
+            np.array(keys["covariance"], float).reshape(len(keys["free"]), len(keys["free"])),
+            np.array(keys["load_centre_mm"], float), float(keys["held_out"]["rms_mm"]), trusted, why, keys,
+            ranges,
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError, AttributeError) as problem:
+        if isinstance(problem, InputError):
+            raise
+        raise InputError(f"{path}: expected a whole {FORMAT} file, found that {problem} is missing or not usable; "
+                         "calibrate again") from None
+    if missing := sorted({*arm.free, *_geometry_keys(arm.robot)} - set(arm.values)):
+        raise InputError(f"{path}, key values: expected a value of {missing[0]}, found none; calibrate again")
+    if not np.isfinite([*arm.values.values(), arm.held_out_mm]).all():
+        raise InputError(f"{path}, key values: expected finite numbers, found others; calibrate again")
+    return arm
+
+
+def _geometry_keys(robot: Robot) -> list[str]:
+    names = ("theta", "d", "a", "alpha", "beta")
+    return [f"joint-{k}.{name}{k}" for k in range(1, robot.joints + 1) for name in names]
+
+
+def _read(path: Path) -> dict:
+    try:
+        keys = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise InputError(f"{path}: expected a solution.json or the run folder of `workbench calibrate`, found that it "
+                         f"cannot be read ({problem.strerror}); name another") from None
+    except ValueError:
+        raise InputError(f"{path}: expected JSON as `workbench calibrate` writes it, found another kind of file; "
+                         "name its solution.json") from None
+    if not isinstance(keys, dict) or keys.get("format") != FORMAT:
+        raise InputError(f"{path}, key format: expected '{FORMAT}', found something else; "
+                         "name the solution.json of a run of `workbench calibrate`")
+    return keys
+
+
+def _trust(keys) -> tuple[bool, str]:
+    """Whether a calibration may be used without being forced, and the sentence if not."""
+    held_out, nominal = keys["held_out"]["rms_mm"], keys["nominal"]["rms_mm"]
+    if not keys["converged"]:
+        return False, f"the solve {keys['outcome']}"
+    if held_out is None or not held_out < nominal:
+        return False, f"its held-out error ({held_out} mm) is not below that of the nominal arm ({nominal} mm)"
+    if keys.get("warnings"):  # base and tool alone were so far off that something else than the arm is wrong
+        return False, f"its recording is in doubt ({keys['warnings'][0]})"
+    return True, ""

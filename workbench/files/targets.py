@@ -1,0 +1,145 @@
+"""Robot programmes as tables: targets of `workbench compensate` read from CSV, and corrected ones written."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.checks import physical_bounds
+from datasets.columns import POINT, QUATERNION, joint_columns
+from datasets.errors import complaint
+from datasets.formats.table import Table, read_table
+from robot_model.robot import Robot
+from robot_model.state import sliding
+from workbench.core.text.csv_text import csv_text
+from workbench.core.rigid import transform
+
+LIMIT_SLACK = 1e-6
+
+
+@dataclass(frozen=True)
+class Programme:
+    """n targets: `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange mm, None where joints are the target;
+    `anywhere`: poses alone, so that any posture will do.
+    """
+
+    table: Table
+    readings: np.ndarray
+    poses: np.ndarray | None
+    covariates: Mapping[str, np.ndarray]
+    anywhere: bool = False
+
+
+def read_programme(path: Path, robot: Robot) -> Programme:
+    """Targets of a CSV or Parquet file.
+
+    Either joint readings (q1_deg ... as in samples.csv), or flange poses in the robot's root frame
+    (x_mm y_mm z_mm qw qx qy qz), or both: then the pose is the target and the readings are where to
+    start looking, which chooses the posture. Other numeric columns (payload_kg, ...) are covariates.
+    Raises InputError with file, row and column.
+    """
+    path = Path(path)
+    table = read_table(path, path.name, ("note",))
+    joints, wants = joint_columns(table.columns), set(POINT + QUATERNION) & set(table.columns)
+    if wants and len(wants) < 7:
+        missing = sorted(set(POINT + QUATERNION) - wants)[0]
+        raise complaint(f"{path.name}, column {missing}", "all of x_mm y_mm z_mm qw qx qy qz for a pose",
+                        "no such column", "add it, or give joint readings alone")
+    if not joints and not wants:
+        raise complaint(path.name, "joint columns q1_deg ... or pose columns x_mm y_mm z_mm qw qx qy qz",
+                        ", ".join(list(table.columns)[:6]), "add them")
+    readings = _readings(table, joints, robot) if joints else np.tile(_home(robot), (len(table.rows), 1))
+    known = {"sample", *joints, *POINT, *QUATERNION}
+    covariates = {k: v for k, v in table.columns.items() if k not in known and v.dtype.kind == "f"}
+    _check_covariates(table, covariates)
+    return Programme(table, readings, _poses(table) if wants else None, covariates, anywhere=not joints)
+
+
+def _check_covariates(table, covariates) -> None:
+    """InputError for the first cell that is no finite number, or that no load or temperature can be."""
+    for name, values in covariates.items():
+        for row in np.flatnonzero(~np.isfinite(values)):
+            raise complaint(table.where(row, name), "a finite number", f"{values[row]}", "correct it")
+    physical_bounds(table)
+
+
+def _readings(table, joints, robot):
+    if len(joints) != robot.mixing.shape[1]:
+        raise complaint(table.called, f"{robot.mixing.shape[1]} joint columns as {robot.name} has", f"{len(joints)}",
+                        "add or remove columns")
+    factors = np.where(sliding(robot), 1.0, np.pi / 180)
+    readings = np.stack([table.columns[name] for name in joints], 1) * factors
+    low, high = robot.limits.T
+    for row, column in np.argwhere(~np.isfinite(readings)):
+        raise complaint(table.where(row, joints[column]), "a finite number", f"{readings[row, column]}", "correct it")
+    for row, column in np.argwhere((readings < low - LIMIT_SLACK) | (readings > high + LIMIT_SLACK)):
+        allowed = f"{low[column] / factors[column]:g} to {high[column] / factors[column]:g}"
+        raise complaint(table.where(row, joints[column]), f"{allowed}, the joint's limits",
+                        f"{readings[row, column] / factors[column]:g}", "correct the target")
+    return readings
+
+
+def doubts(programme: Programme, robot: Robot) -> list[str]:
+    """What looks wrong with targets that are not impossible: joint readings that may be radians, poses in metres."""
+    turning = np.rad2deg(programme.readings[:, ~sliding(robot)])
+    if programme.poses is None and turning.size and np.abs(turning).max() <= 2 * np.pi and np.ptp(turning) > 0:
+        return [f"{programme.table.called}: no joint reading is beyond {np.abs(turning).max():.3g} deg; if these are "
+                "radians, multiply them by 57.29578."]
+    if programme.poses is not None and np.abs(programme.poses[:, :3, 3]).max(initial=0) < 10:
+        return [f"{programme.table.called}: every place is within 10 mm of the robot's root; if these are metres, "
+                "multiply them by 1000."]
+    return []
+
+
+def _home(robot):
+    """(R,) the middle of every joint's limits, 0 where unknown: where the search for a posture starts."""
+    return np.nan_to_num(robot.limits.mean(1))
+
+
+def _poses(table):
+    place = np.stack([table.columns[name] for name in POINT], 1)
+    turn = np.stack([table.columns[name] for name in QUATERNION], 1)
+    size = np.linalg.norm(turn, axis=1)
+    for row, column in np.argwhere(~np.isfinite(np.column_stack([place, turn]))):
+        where = table.where(row, (POINT + QUATERNION)[column])
+        raise complaint(where, "a finite number", "another", "correct the pose")
+    for row in np.flatnonzero(~(np.abs(size - 1) < 1e-2)):
+        raise complaint(table.where(row, "qw"), "a quaternion of length 1", f"length {size[row]:g}", "correct the pose")
+    from scipy.spatial.transform import Rotation
+
+    return transform(Rotation.from_quat(turn, scalar_first=True).as_matrix(), place)
+
+
+def corrected_columns(
+    programme: Programme, robot: Robot, found, refused: Collection[int] = ()
+) -> dict[str, np.ndarray]:
+    """Columns of the corrected programme: the file's own, its readings replaced, and what is left of the error.
+
+    refused: indices of targets that keep no readings, like those that are not reached.
+    """
+    is_refused = np.isin(np.arange(len(found.readings)), list(refused))
+    readings = np.where(is_refused[:, None], np.nan, found.readings)
+    joints = {}
+    for k, (slides, column) in enumerate(zip(sliding(robot), readings.T), 1):
+        joints[f"q{k}_{'mm' if slides else 'deg'}"] = column if slides else np.rad2deg(column)
+    added = {
+        "correction_mm": found.correction_mm,
+        "left_mm": found.left_mm,
+        "sigma_mm": found.sigma_mm,
+        "reached": found.reached.astype(float),
+        "refused": is_refused.astype(float),
+    }
+    return {**programme.table.columns, **joints, **added}
+
+
+def as_csv(columns: Mapping[str, np.ndarray]) -> str:
+    """Columns as CSV text, numbers with ten digits, an empty cell for nan, texts quoted and protected."""
+    cells = [[_cell(value) for value in column] for column in columns.values()]
+    return csv_text(columns, zip(*cells))
+
+
+def _cell(value) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if np.isnan(value) else f"{value:.10g}"

@@ -1,0 +1,79 @@
+"""The one way by which a command takes samples of a robot: loaded, without copies, and checked for plausibility.
+
+Every command that fits a robot starts here, so that none accepts a recording that another one refuses.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.recording import Recording
+from datasets.trust import accepted_by_option, naming_option
+from robot_model import load_robot
+from robot_model.measurements import samples_of
+from robot_model.robot import Robot
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.start_ambiguity import ambiguity_sentence
+
+# Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
+# wrong statement of the noise changes uncertainties, not the fit.
+_HARMLESS_TO_THE_FIT = ("blunders", "sigma")
+
+
+@dataclass(frozen=True)
+class CheckedSamples:
+    """A robot and the moving rows of a recording, n samples.
+
+    `doubts`: sentences on what may be wrong with the recording as a whole, for which a solution is not used
+    without --force. `warnings`: these, after what reading the recording, leaving out copies and faulty single
+    rows had to say.
+    """
+
+    robot: Robot
+    recording: Recording
+    doubts: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return (*self.recording.warnings, *self.doubts)
+
+
+def check_samples(
+    recording: Recording,
+    trust_data: bool = False,
+    fit_samples: Sequence[int] | None = None,
+    test_samples: Sequence[int] | None = None,
+) -> CheckedSamples:
+    """The samples of a recording and its nominal robot, after the plausibility check of the rows to be fitted.
+
+    trust_data: what would be refused is a warning instead. fit_samples, test_samples: sample numbers, as of
+    `workbench.jobs.calibrate.calibrate`. Raises InputError where the recorded data cannot be right.
+    """
+    samples = samples_of(recording)
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    ambiguity = ambiguity_sentence(robot, samples)
+    if ambiguity is not None:
+        samples = replace(samples, warnings=(*samples.warnings, ambiguity))
+    fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
+    doubts = []
+    for suspicion in check_plausibility(robot, fitted):
+        if suspicion.certain and not trust_data:
+            raise InputError(naming_option(suspicion.sentence))
+        if suspicion.cause in _HARMLESS_TO_THE_FIT:
+            samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
+        else:
+            doubts.append(accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence)
+    return CheckedSamples(robot, samples, tuple(doubts))
+
+
+def rows_to_fit(
+    samples: Recording, fit_samples: Sequence[int] | None = None, test_samples: Sequence[int] | None = None
+) -> np.ndarray:
+    """(n,) True for rows that are fitted: those named for it, else all that are not named for testing."""
+    if fit_samples is not None:
+        return np.isin(samples.sample_ids, fit_samples)
+    if test_samples is not None:
+        return ~np.isin(samples.sample_ids, test_samples)
+    return np.ones(samples.n, bool)

@@ -1,0 +1,11 @@
+"""Is a recording plausible? Mistakes in columns, rows, labels, units and robot file, named where possible.
+
+Order of the work: stated values that cannot be right (`stated_values`), one robust fit with plausible geometry
+errors (`fitting`), structure in its residuals (outlying rows, change points, rounding), and where the fit is bad,
+a search over corrections of the data and of the robot file (`search`).
+"""
+
+from workbench.fitting.plausibility.check import check_plausibility
+from workbench.fitting.plausibility.suspicion import Suspicion
+
+__all__ = ["Suspicion", "check_plausibility"]

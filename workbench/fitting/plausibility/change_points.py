@@ -1,0 +1,212 @@
+"""A sudden shift midway through a recording: the base, the instrument, the artefact or the tool has moved.
+
+For every row k the six parameters of a rigid motion from row k on are added to the linearised fit. The reduction of
+the sum of squares is the score statistic of a change point (Csorgo & Horvath, Limit Theorems in Change-Point
+Analysis, 1997, ch. 3). Parameters of the fit are projected out, so that what the geometry absorbs is no evidence.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.core.least_squares.linear_algebra import pseudo_inverse
+from workbench.fitting.plausibility.fitting import (
+    POSITION,
+    fit_recording,
+    geometry_prior,
+    lever_of,
+    model_at,
+    row_mismatch,
+    tool_patterns,
+)
+
+_LEAST_ROWS = 6
+_LEAST_GAIN = 2.0
+"""Factor by which the RMS has to fall: smaller steps are a matter of the diagnosis, not of plausibility."""
+_EXTREME = 12.0
+_MOST_ROWS = 3000
+_WORDS = {
+    "base": {
+        "ball-centre": "the artefact or the robot's base",
+        "ball-surface": "the artefact or the robot's base",
+        "": "the instrument or the robot's base",
+    },
+    "tool": {
+        "ball-centre": "the sensor on the flange",
+        "ball-surface": "the sensor on the flange",
+        "": "the target on the flange",
+    },
+}
+
+
+@dataclass(frozen=True)
+class ChangePoint:
+    """`what` moved between samples `before` and `after`; `gain`: factor by which that lowers the RMS to `scale` mm;
+    `shift_mm`: RMS displacement of the measured points by the motion."""
+
+    what: str
+    before: int
+    after: int
+    gain: float
+    scale: float
+    shift_mm: float
+
+
+def find_change_point(robot, recording, fit) -> ChangePoint | None:
+    """The most likely instant at which base or tool moved, or None where no motion explains most of the misfit.
+
+    fit: the reference fit, whose parameters are the point of linearisation.
+    """
+    order = time_order(recording)
+    if recording.n > _MOST_ROWS:
+        order = order[np.linspace(0, recording.n - 1, _MOST_ROWS).astype(int)]
+    if len(order) < 4 * _LEAST_ROWS:
+        return None
+    ordered = recording.select(order)
+    system = _System(robot, ordered, fit)
+    places = [place for place in ("base", "tool") if system.columns(place).any()]
+    scans = {place: _scan(system, place) for place in places}
+    place = max(scans, key=lambda name: scans[name][1])
+    k, explained = scans[place]
+    left = max(system.squares - explained, 1e-12)
+    gain = float(np.sqrt(system.squares / left))
+    if gain < _LEAST_GAIN:
+        return None
+    words = _WORDS[place]
+    what = words.get(recording.measures, words[""])
+    ids = ordered.sample_ids
+    scale = np.sqrt(left / ordered.n)
+    return ChangePoint(what, int(ids[k - 1]), int(ids[k]), gain, scale, system.shift(place, k))
+
+
+def time_order(recording) -> np.ndarray:
+    """(n,) row numbers in order of time, or as they stand where no time is recorded."""
+    time = recording.columns.get("time_s")
+    return np.arange(recording.n) if time is None else np.argsort(time, kind="stable")
+
+
+class _System:
+    """Residual (n m,) and derivative of the linearised fit, both in mm, with the baseline projected out."""
+
+    def __init__(self, robot, recording, fit):
+        model, parameters = model_at(robot, recording, fit.parameters.values)
+        parameters = parameters.only(fit.parameters.mask)
+        lever, prior = lever_of(robot, recording), geometry_prior(robot, recording, parameters)
+        residual, rows = model.linearise(parameters)
+        residual[POSITION:] *= lever
+        rows[:, POSITION:] *= lever
+        mismatch = np.sqrt((residual**2).sum(0))
+        # rows far beyond all others are blunders, which are looked for elsewhere
+        kept = mismatch <= _EXTREME * max(np.quantile(mismatch, 0.75), 1e-9)
+        self.keys = np.array(parameters.keys)[parameters.mask]
+        self.rows = np.where(kept, rows, 0.0)
+        self.residual = np.where(kept, residual, 0.0)
+        noise = max(float(np.median(mismatch)) ** 2 / len(residual), 1e-6)
+        precision = noise / prior[parameters.mask] ** 2
+        flat = self.rows.reshape(len(rows), self.residual.size)
+        matrix = flat @ flat.T + np.diag(precision)
+        size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+        scaled = matrix * np.outer(size, size) + 1e-9 * np.eye(len(size))
+        self.inverse = pseudo_inverse(scaled, 1e-9) * np.outer(size, size)
+        gradient = flat @ self.residual.ravel()
+        self.projected = self.residual - np.tensordot(self.inverse @ gradient, self.rows, 1)
+        self.squares = float((self.projected**2).sum())
+        self.n = residual.shape[1]
+
+    def columns(self, place):
+        """(F,) True for the pose parameters at a place: "base", or "tool" for tool and sensor."""
+        wanted = ("base.",) if place == "base" else ("tool.", "sensor.")
+        return np.array([key.startswith(wanted) for key in self.keys], bool)
+
+    def reductions(self, place, splits):
+        """(K, P) motions from each of K splits on, and the reductions (K,) of the sum of squares by them."""
+        own = self.rows[self.columns(place)]
+        later = {
+            "own": np.einsum("amn,bmn->nab", own, own),
+            "cross": np.einsum("amn,fmn->naf", own, self.rows),
+            "gradient": np.einsum("amn,mn->na", own, self.projected),
+        }
+        sums = {name: np.cumsum(part[::-1], axis=0)[::-1][splits] for name, part in later.items()}
+        matrix = sums["own"] - sums["cross"] @ self.inverse @ sums["cross"].transpose(0, 2, 1)
+        size = np.sqrt(np.maximum(np.einsum("kaa->ka", sums["own"]), 1e-12))
+        matrix = matrix / (size[:, :, None] * size[:, None, :]) + 1e-7 * np.eye(len(own))
+        gradient = sums["gradient"] / size
+        motion = np.linalg.solve(matrix, gradient[..., None])[..., 0]
+        return motion / size, (motion * gradient).sum(1)
+
+    def shift(self, place, k):
+        """RMS displacement in mm of the points of the rows from k on."""
+        motion, _ = self.reductions(place, [k])
+        moved = np.tensordot(motion[0], self.rows[self.columns(place)][:, :POSITION, k:], 1)
+        return float(np.sqrt((moved**2).sum(0).mean()))
+
+
+def _scan(system, place):
+    """The split with the largest reduction of the sum of squares, and that reduction."""
+    splits = np.arange(_LEAST_ROWS, system.n - _LEAST_ROWS + 1)
+    _, reductions = system.reductions(place, splits)
+    reductions = np.where(np.isfinite(reductions), reductions, 0.0)
+    best = int(np.argmax(reductions))
+    return int(splits[best]), float(reductions[best])
+
+
+def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
+    """A move too large for a linearised fit: the first and the last rows fit separately, but not together.
+
+    good: scale in mm of a good fit.
+    """
+    order = time_order(recording)
+    quarter = max(recording.n // 4, 12)
+    if recording.n < 3 * quarter:
+        return None
+    ordered = recording.select(order)
+    first = _fit_of(robot, ordered, slice(0, quarter))
+    last = _fit_of(robot, ordered, slice(-quarter, None))
+    if first is None or last is None or max(first.core, last.core) > good:
+        return None
+    try:
+        early, late = (row_mismatch(robot, ordered, fit) for fit in (first, last))
+    except np.linalg.LinAlgError:  # a target was measured in one part only
+        return None
+    limit = _EXTREME * max(good, first.core, last.core)
+    costs = [np.cumsum(np.minimum(part, limit) ** 2) for part in (early, late)]
+    split = int(np.argmin(costs[0] + costs[1][-1] - costs[1]))
+    before, after = (
+        np.median(early[: split + 1]),
+        np.median(late[split + 1 :]) if split + 1 < ordered.n else np.inf,
+    )
+    if not max(before, after) < 3 * good or split + 1 > ordered.n - 4:
+        return None
+    place, shift = _what_moved(robot, ordered, (first, last), split + 1)
+    words, ids = _WORDS[place], ordered.sample_ids
+    scale = float(max(before, after))
+    what = words.get(recording.measures, words[""])
+    return ChangePoint(
+        what, int(ids[split]), int(ids[split + 1]), shift / max(scale, 1e-9), scale, shift
+    )
+
+
+def _fit_of(robot, recording, rows):
+    try:
+        fit = fit_recording(robot, recording.select(np.arange(recording.n)[rows]))
+    except (np.linalg.LinAlgError, InputError):
+        return None
+    return fit if np.isfinite(fit.scale) else None
+
+
+def _what_moved(robot, recording, fits, split):
+    """ "base" or "tool", whichever explains the later rows better when only it differs from the earlier fit, and how
+    far it moves the measured points (RMS, mm)."""
+    first, _ = fits
+    later = recording.select(np.arange(split, recording.n))
+    left = {}
+    for place, patterns in (("base", ("base.*",)), ("tool", tool_patterns(later))):
+        try:
+            start = fit_recording(robot, later).parameters
+            values = np.where(start.matching(*patterns), start.values, first.parameters.values)
+            left[place] = fit_recording(robot, later, values, free=patterns, steps=30).scale
+        except (np.linalg.LinAlgError, InputError):
+            left[place] = np.inf
+    moved = row_mismatch(robot, later, first)
+    return min(left, key=left.get), float(np.sqrt((moved**2).mean()))

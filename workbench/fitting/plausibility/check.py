@@ -1,0 +1,190 @@
+"""All plausibility checks of one recording, in order."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from robot_model.chain import forward
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility.change_points import (
+    find_change_point,
+    find_new_setup,
+    time_order,
+)
+from workbench.fitting.plausibility.fitting import Fit, fit_recording, reach_of, row_mismatch
+from workbench.fitting.plausibility.misfit import (
+    doubtful_columns,
+    explained_suspicions,
+    misfit_suspicions,
+)
+from workbench.fitting.plausibility.outliers import find_outliers, named_samples, outlier_reason
+from workbench.fitting.plausibility.rounding import explains, joint_rounding
+from workbench.fitting.plausibility.sampling import even_rows
+from workbench.fitting.plausibility.stated_values import stated_value_suspicions
+from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.fitting.plausibility.wording import change_point_sentence, deviation_sentence, listed
+
+_ROWS, _MANY_STEPS = 240, 60
+_GOOD_MM, _GOOD_REACH, _GOOD_SPREAD = 0.5, 0.001, 0.006
+_DEVIATION = 6.0
+_SIGMA_RATIO = 4.0
+_LEAST_DEGREES = 30
+_LEAST_POSES = 4
+_EFFECT = 3.0
+_MAJORITY = 0.6
+
+
+def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
+    """Possible mistakes of a recording, the most serious first; empty where nothing looks wrong.
+
+    robot: the nominal arm. recording: its moving rows, one a sample (`robot_model.measurements.samples_of`).
+    A recording that fits is checked in well under a second; the search for a mistake takes several seconds.
+    """
+    found = [*stated_value_suspicions(robot, recording)]
+    if len(np.unique(recording.poses)) < _LEAST_POSES:
+        return tuple(found)
+    try:
+        fit = fit_recording(robot, recording.select(even_rows(recording, _ROWS)))
+        if np.isfinite(fit.scale):
+            found += _fit_suspicions(robot, recording, fit, good_scale(robot, recording))
+    except (np.linalg.LinAlgError, InputError):
+        pass  # too little data for any fit: the calibration says which parameters are undetermined
+    return tuple(sorted(found, key=lambda suspicion: not suspicion.certain))
+
+
+def _fit_suspicions(robot, recording, fit: Fit, good) -> list[Suspicion]:
+    if fit.core > good:
+        fit = _converged(robot, recording, fit)
+    if fit.core > good:
+        return list(_badly_fitting(robot, recording, fit, good))
+    if np.abs(fit.deviations).max(initial=0.0) > _DEVIATION:
+        # the data fit, but only with a geometry that no arm has: another explanation may need none of it
+        found = explained_suspicions(robot, recording, fit, good)
+        if found:
+            return found
+    return list(_well_fitting(robot, recording, fit, good))
+
+
+def _converged(robot, recording, fit: Fit) -> Fit:
+    """The fit after many more steps: before data are called wrong, the reference has to be at its minimum."""
+    chosen = recording.select(even_rows(recording, _ROWS))
+    return fit_recording(robot, chosen, fit.parameters.values, steps=_MANY_STEPS)
+
+
+def good_scale(robot, recording) -> float:
+    """mm of misfit that noise and the unmodelled effects of a sound arm leave at most.
+
+    Compliance, transmission errors and drift grow with the arm and with the range over which it moves. Five real
+    arms leave at most 0.05 % of their reach, and 0.4 % of the RMS distance of their flange from its mean place.
+    """
+    places = forward(robot, robot.mixing @ recording.joints.T).end_origin
+    spread = np.sqrt(((places - places.mean(1, keepdims=True)) ** 2).sum(0).mean())
+    return max(
+        _GOOD_MM, min(_GOOD_REACH * reach_of(robot, recording), _GOOD_SPREAD * float(spread))
+    )
+
+
+def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
+    """Structure in the residuals of a recording most of whose rows fit."""
+    named = f"samples.csv of recording '{recording.name}'"
+    # unmodelled effects of a sound arm reach a few times the usual scale at single poses
+    outliers = find_outliers(robot, recording, fit, floor=_EFFECT * good)
+    reason = None if outliers is None else outlier_reason(robot, recording, fit, outliers)
+    change = find_change_point(robot, recording, fit)
+    if reason is not None and reason.is_specific:
+        yield _outlying(recording, outliers, reason, named)
+    elif change is not None:
+        yield from _moved_or_explained(robot, recording, fit, good, change)
+    elif reason is not None:
+        # where all rows of one target are off, the order of rows or the labels may be wrong instead
+        found = (
+            explained_suspicions(robot, recording, fit, good)
+            if reason.cause == "wrong-target"
+            else []
+        )
+        yield from found or [_outlying(recording, outliers, reason, named)]
+    yield from _rounded(robot, recording, fit, named)
+    yield from _sigma_too_large(recording, fit)
+    if (sentence := deviation_sentence(recording, fit, _DEVIATION)) is not None:
+        yield Suspicion(sentence, False, "geometry")
+        yield from doubtful_columns(recording, fit, good)
+
+
+def _badly_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
+    """The mistake that explains a recording that does not fit, or a warning that nothing does."""
+    named = f"samples.csv of recording '{recording.name}'"
+    change = find_change_point(robot, recording, fit)
+    if change is None or change.scale > good:
+        change = find_new_setup(robot, recording, good)
+    if change is not None:
+        yield from _moved_or_explained(robot, recording, fit, good, change)
+        return
+    rounded = list(_rounded(robot, recording, fit, named))
+    if rounded:
+        yield from rounded
+        return
+    majority = _majority_fit(robot, recording, good)
+    if majority is not None:
+        yield from _well_fitting(robot, recording, majority, good)
+        return
+    yield from misfit_suspicions(robot, recording, fit, good)
+
+
+def _moved_or_explained(robot, recording, fit, good, change) -> list[Suspicion]:
+    """A change point, unless one correction of the data explains them better still."""
+    found = explained_suspicions(robot, recording, fit, min(good, change.scale / 2))
+    sentence = change_point_sentence(f"samples.csv of recording '{recording.name}'", change)
+    return found or [Suspicion(sentence, False, "moved")]
+
+
+def _majority_fit(robot, recording, good) -> Fit | None:
+    """A fit of half of the rows that most rows agree with: the other rows had led the robust fit astray."""
+    order = time_order(recording)
+    for rows in np.array_split(order, 2):
+        try:
+            fit = fit_recording(
+                robot, recording.select(rows[even_rows(recording.select(rows), _ROWS)])
+            )
+            own = row_mismatch(robot, recording, fit)
+        except (np.linalg.LinAlgError, InputError, ValueError):
+            continue
+        plausible = np.abs(fit.deviations).max(initial=0.0) < _DEVIATION
+        if plausible and np.isfinite(fit.scale) and (own < 3 * good).mean() > _MAJORITY:
+            return fit
+    return None
+
+
+def _outlying(recording, outliers, reason, named) -> Suspicion:
+    off = outliers.mismatch[outliers.rows]
+    sentence = (
+        f"{named}: {len(outliers.rows)} of {recording.n} rows are off by {off.min():.3g} to {off.max():.3g} mm, where "
+        f"the median is {outliers.median:.2g} mm ({named_samples(recording, outliers.rows)}); {reason.sentence}; "
+        "correct or remove these rows."
+    )
+    return Suspicion(sentence, False, reason.cause)
+
+
+def _rounded(robot, recording, fit, named):
+    columns, step, predicted = joint_rounding(robot, recording, fit)
+    if columns and explains(predicted, fit.scale):
+        yield Suspicion(
+            f"{named}: all readings of column{'s' * (len(columns) > 1)} {listed(columns)} are multiples of {step:g}; "
+            f"rounding to such a step explains position errors of {predicted:.2g} mm RMS, and {fit.scale:.2g} mm are "
+            "found; export the readings with all digits.",
+            False,
+            "rounding",
+        )
+
+
+def _sigma_too_large(recording, fit):
+    if recording.sigma is None or fit.degrees < _LEAST_DEGREES or not fit.scale > 0:
+        return
+    stated = float(np.median(recording.sigma)) * np.sqrt(3)
+    if stated > _SIGMA_RATIO * fit.scale:
+        yield Suspicion(
+            f"recording '{recording.name}', sigma_mm: the stated {np.median(recording.sigma):.3g} mm a coordinate is "
+            f"{stated / fit.scale:.3g} times the scatter of the residuals ({fit.scale / np.sqrt(3):.2g} mm); all "
+            "uncertainties would be too large by this factor; correct it, or leave it out if it is unknown.",
+            False,
+            "sigma",
+        )

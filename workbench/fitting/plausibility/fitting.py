@@ -1,0 +1,258 @@
+"""Robust fit of base, tool and plausible geometry errors: the yardstick of every plausibility check.
+
+The geometry of the robot file has a normal prior of data-sheet size, so that "what plausible geometry errors
+explain" is a statement of probability. The noise scale is estimated with the fit (iteratively reweighted least
+squares with Cauchy weights; Huber & Ronchetti, Robust Statistics, 2nd ed., ch. 7): while the misfit is large the
+prior holds the geometry, and once the misfit is small the data decide.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from robot_model.chain import forward
+from robot_model.measurements import measurement_of
+from robot_model.measurements.multistart import MODEL_ERROR_MM
+from robot_model.robot import Robot
+from robot_model.system import bind, geometry_free
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+from workbench.fitting.plans import frames_of
+
+POSITION = 3
+"""Components of a residual that are lengths in mm; further ones are rotations in rad."""
+_CAUCHY = 2.5
+_LEAST_SCALE = 0.005  # mm: below it nothing depends on the ratio of prior to data any more
+_KEPT = 0.9
+_MEDIAN_CHI2 = {m: float(chi2.median(m)) for m in range(1, 7)}
+_LEAST_SPARE = 6.0
+_LENGTH_ERROR = 0.001  # of the reach
+_LEAST_LENGTH_ERROR, _ZERO_OFFSET, _TWIST = 1.0, np.deg2rad(1.0), np.deg2rad(0.4)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Base, tool and geometry of one recording under one hypothesis, n samples, m residual components.
+
+    `mismatch` (n,) mm: length of a sample's residual, rotations times `lever` mm. `scale` mm: RMS of the best 90 %
+    of `mismatch`, corrected for the degrees of freedom; inf where too few are left. `core` mm: the same from the
+    median, so that up to half of the rows may be wrong. `position_mm`, `rotation_deg`: RMS of the same best rows,
+    `rotation_deg` nan where orientation is not measured. `deviations` (F,): free parameters less their prior mean,
+    in prior standard deviations, 0 where there is no prior. `degrees`: of freedom that are left.
+    """
+
+    model: Model
+    parameters: Parameters
+    residual: np.ndarray
+    mismatch: np.ndarray
+    scale: float
+    core: float
+    position_mm: float
+    rotation_deg: float
+    deviations: np.ndarray
+    degrees: float
+
+    @property
+    def improbability(self) -> float:
+        """Negative log posterior up to a constant, the noise scale at its estimate."""
+        return self.degrees * np.log(max(self.scale, _LEAST_SCALE)) + (self.deviations**2).sum() / 2
+
+
+def reach_of(robot: Robot, recording) -> float:
+    """Sum of the nominal lengths and offsets, with the longest travel of sliding joints, mm."""
+    travel = np.abs(robot.mixing @ recording.joints.T).max(1)[robot.prismatic]
+    return float(np.abs(robot.geometry[:, 1:3]).sum() + travel.sum())
+
+
+def lever_of(robot: Robot, recording) -> float:
+    """Length by which a rotation (rad) is made comparable with a position error, mm: a quarter of the reach."""
+    return max(reach_of(robot, recording) / 4, 50.0)
+
+
+def geometry_prior(robot: Robot, recording, parameters: Parameters) -> np.ndarray:
+    """(P,) prior standard deviation of the geometry parameters, mm or rad; inf for all others."""
+    length = max(_LEAST_LENGTH_ERROR, _LENGTH_ERROR * reach_of(robot, recording))
+    sizes = np.full(len(parameters), np.inf)
+    for k, p in enumerate(parameters.table):
+        if p.key.startswith("joint-"):
+            angle = _ZERO_OFFSET if ".theta" in p.key else _TWIST
+            sizes[k] = angle if p.unit == "rad" else length
+    return sizes
+
+
+def fit_recording(robot, recording, start=None, free=None, widen=(), steps=14) -> Fit:
+    """The robust fit of a recording.
+
+    start: values (P,) of all parameters, for example of another fit; None: in closed form. free: shell
+    patterns of the parameters to estimate; None: base, tool and geometry. widen: patterns of geometry
+    parameters that are estimated without a prior.
+    Raises numpy.linalg.LinAlgError where a start cannot be computed.
+    """
+    model, parameters = model_at(robot, recording, start)
+    patterns = (*frames_of(parameters), *geometry_free(robot)) if free is None else free
+    mask = parameters.matching(*patterns, *widen)
+    prior = geometry_prior(robot, recording, parameters)
+    if widen:
+        prior = np.where(parameters.matching(*widen), np.inf, prior)
+    problem = _Problem(
+        model, parameters.only(mask), 1 / prior[mask] ** 2, lever_of(robot, recording)
+    )
+    return problem.solve(steps)
+
+
+def model_at(robot, recording, values=None) -> tuple[Model, Parameters]:
+    """The model of a recording and its parameters, with `values` (P,) where given.
+
+    Raises numpy.linalg.LinAlgError where the values belong to a recording with other targets.
+    """
+    if values is None:
+        model = Model(bind(robot, recording))
+        return model, model.parameters
+    measurement = measurement_of(recording)
+    base = 0 if measurement.grounded else 6
+    if len(values) != base + 5 * robot.joints + len(measurement.parameters()):
+        raise np.linalg.LinAlgError("values of a recording with other reflectors or balls")
+    model = Model(
+        bind(robot, recording, np.concatenate([values[:base], values[base + 5 * robot.joints :]]))
+    )
+    return model, replace(model.parameters, values=np.array(values, float))
+
+
+def nominal_scale(robot, recording) -> float:
+    """RMS mm of the best 90 % of the samples with base and tool fitted at the nominal geometry; inf for too few.
+
+    Rotations count by the lever of `robot_model.measurements.multistart`. Fast: one linear system, few starts.
+    """
+    measurement = measurement_of(recording)
+    if not hasattr(measurement, "system"):
+        return fit_recording(robot, recording, free=base_and_tool(recording), steps=3).scale
+    frames = forward(robot, robot.mixing @ recording.joints.T)
+    system = measurement.system(frames)
+    samples, rows, _ = system.rotation_rows.shape
+    spare = samples * rows - 3 * system.count - len(system.prior)
+    if spare < _LEAST_SPARE:
+        return np.inf
+    distances = np.sort(system.quick_distances())[: int(np.ceil(_KEPT * samples))]
+    return float(np.sqrt((distances**2).mean() * samples * rows / spare)) * MODEL_ERROR_MM
+
+
+def row_residual(robot, recording, fit: Fit) -> np.ndarray:
+    """(m, n) mm of all rows of a recording under the values of a fit of some rows; rotations times the lever."""
+    model, parameters = model_at(robot, recording, fit.parameters.values)
+    residual = model.residual(parameters)
+    residual[POSITION:] *= lever_of(robot, recording)
+    return residual
+
+
+def row_mismatch(robot, recording, fit: Fit) -> np.ndarray:
+    """(n,) mm: lengths of `row_residual`."""
+    return np.sqrt((row_residual(robot, recording, fit) ** 2).sum(0))
+
+
+def tool_patterns(recording) -> tuple[str, ...]:
+    """Shell patterns of the measurement's own parameters: tool or sensor, and points that nobody measured."""
+    return tuple(
+        sorted({f"{p.key.partition('.')[0]}.*" for p in measurement_of(recording).parameters()})
+    )
+
+
+def base_and_tool(recording) -> tuple[str, ...]:
+    """Shell patterns of everything but the geometry."""
+    return (*(() if measurement_of(recording).grounded else ("base.*",)), *tool_patterns(recording))
+
+
+class _Problem:
+    """Levenberg-Marquardt under Cauchy weights; the noise scale is the robust scale of the present residual."""
+
+    def __init__(self, model, parameters, precision, lever):
+        self.model, self.parameters, self.precision, self.lever = (
+            model,
+            parameters,
+            precision,
+            lever,
+        )
+        self.nulls = parameters.nulls[parameters.mask]
+
+    def solve(self, steps) -> Fit:
+        damping = 1e-6
+        self.take(self.parameters)
+        for _ in range(steps):
+            before = self.cost(self.residual, self.parameters)
+            for _ in range(6):
+                candidate = self.moved(damping)
+                residual = self.whiten(self.model.residual(candidate))
+                after = self.cost(residual, candidate)
+                if after < before:
+                    break
+                damping *= 30
+            else:
+                break
+            damping = max(damping / 10, 1e-9)
+            self.take(candidate)
+            if before - after < 1e-3 + 1e-4 * before:
+                break
+        return self.finish()
+
+    def whiten(self, residual):
+        """(m, n) mm: rotations times the lever."""
+        return np.concatenate([residual[:POSITION], residual[POSITION:] * self.lever])
+
+    def take(self, parameters):
+        residual, rows = self.model.linearise(parameters)
+        self.parameters, self.residual = parameters, self.whiten(residual)
+        rows[:, POSITION:] *= self.lever
+        squares = (self.residual**2).sum(0)
+        self.size = max(float(np.median(squares)) / _MEDIAN_CHI2[len(residual)], _LEAST_SCALE**2)
+        self.weights = 1 / (1 + squares / (len(residual) * self.size * _CAUCHY**2))
+        root = np.sqrt(self.weights / self.size)
+        flat = (rows * root).reshape(len(rows), residual.size)
+        self.data = flat @ flat.T
+        deviation = parameters.pack() - self.nulls
+        self.gradient = flat @ (self.residual * root).ravel() + self.precision * deviation
+
+    def cost(self, residual, parameters):
+        """Cauchy cost of the present noise scale, and the prior."""
+        limit = len(residual) * _CAUCHY**2
+        data = limit * np.log1p((residual**2).sum(0) / (limit * self.size)).sum()
+        return float(data + self.precision @ (parameters.pack() - self.nulls) ** 2)
+
+    def moved(self, damping):
+        matrix = self.data + np.diag(self.precision)
+        scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+        scaled = matrix * np.outer(scale, scale) + damping * np.eye(len(scale))
+        move = np.linalg.lstsq(scaled, -self.gradient * scale, rcond=1e-12)[0] * scale
+        return self.parameters.unpack(self.parameters.pack() + move)
+
+    def finish(self) -> Fit:
+        m, n = self.residual.shape
+        matrix = self.data + np.diag(self.precision)
+        scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+        spent = np.trace(
+            np.linalg.lstsq(
+                matrix * np.outer(scale, scale), self.data * np.outer(scale, scale), rcond=1e-10
+            )[0]
+        )
+        degrees = m * n - float(spent)
+        mismatch = np.sqrt((self.residual**2).sum(0))
+        kept = np.argsort(mismatch)[: max(int(np.ceil(_KEPT * n)), 1)]
+        lost = np.sqrt(m * n / degrees) if degrees >= _LEAST_SPARE else np.inf
+        position = float(np.sqrt((self.residual[:POSITION, kept] ** 2).sum(0).mean()))
+        turns = self.residual[POSITION:, kept] / self.lever
+        rotation = float(np.rad2deg(np.sqrt((turns**2).sum(0).mean()))) if len(turns) else np.nan
+        core = float(np.median(mismatch) / np.sqrt(_MEDIAN_CHI2[m] / m))
+        deviations = (self.parameters.pack() - self.nulls) * np.sqrt(self.precision)
+        residual = np.concatenate([self.residual[:POSITION], self.residual[POSITION:] / self.lever])
+        whole = float(np.sqrt((mismatch[kept] ** 2).mean())) * lost
+        return Fit(
+            self.model,
+            self.parameters,
+            residual,
+            mismatch,
+            whole,
+            core * lost,
+            position,
+            rotation,
+            deviations,
+            degrees,
+        )

@@ -1,0 +1,140 @@
+"""Mistakes in joint columns: signs, units, offsets and order."""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from datasets.columns import joint_columns, joint_number
+from workbench.fitting.plausibility.hypotheses.corrections import (
+    Correction,
+    column_correction,
+    listed,
+    named_columns,
+    revolute_columns,
+)
+
+_MOST_SIGNS = 8
+ANGLE_UNITS = {"radians": 180 / np.pi, "gon": 0.9, "turns": 360.0, "tenths of a degree": 0.1}
+_LENGTH_UNITS = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
+_OFFSETS = (90.0, -90.0, 180.0)
+_WIDEST_DEG = 800.0
+
+
+def joint_corrections(recording) -> Iterator[Correction]:
+    """Every single mistake of one joint column, of two, or of all."""
+    joints = joint_columns(recording.columns)
+    yield from (sign_correction((name,)) for name in joints)
+    yield from _units(recording, joints)
+    # an offset of the first joint is absorbed by the base, one of the last joint by the tool
+    yield from _offsets([name for name in joints[1:-1] if name.endswith("_deg")])
+    yield from _orders(joints)
+
+
+def sign_vectors(recording) -> Iterator[Correction]:
+    """Every combination of two or more joint columns with the opposite sign."""
+    joints = [
+        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
+    ]
+    if len(joints) > _MOST_SIGNS:
+        joints = joints[:_MOST_SIGNS]
+    for count in range(2, len(joints) + 1):
+        yield from (sign_correction(names) for names in combinations(joints, count))
+
+
+def unit_vectors(recording) -> Iterator[Correction]:
+    """Every combination of two or more joint columns in radians."""
+    small = [
+        name for name in revolute_columns(recording) if _could_hold(recording, name, 180 / np.pi)
+    ]
+    for count in range(2, len(small) + 1):
+        yield from (_unit(names, "radians", 180 / np.pi) for names in combinations(small, count))
+
+
+def sign_correction(names) -> Correction:
+    """Joint columns with the opposite sign."""
+    verb, pronoun = ("has", "it") if len(names) == 1 else ("have", "them")
+    numbers = listed([joint_number(name) for name in names])
+    return column_correction(
+        "joint-sign",
+        named_columns(names),
+        f"{verb} the opposite sign",
+        f"negate {pronoun}, or write sign = -1 for joint {numbers} of the robot file",
+        lambda columns: {name: -columns[name] for name in names},
+        names,
+        parts=len(names),
+    )
+
+
+def _units(recording, joints):
+    turning = revolute_columns(recording)
+    for unit, factor in ANGLE_UNITS.items():
+        fitting = [name for name in turning if _could_hold(recording, name, factor)]
+        yield from (_unit((name,), unit, factor) for name in fitting)
+        if len(turning) > 1 and (len(fitting) == len(turning)):
+            yield _unit(tuple(turning), unit, factor, parts=1)
+    for unit, factor in _LENGTH_UNITS.items():
+        yield from (_unit((name,), unit, factor) for name in joints if name.endswith("_mm"))
+
+
+def _could_hold(recording, name, factor) -> bool:
+    """Whether the readings stay within plausible angles once converted."""
+    values = recording.columns[name]
+    return np.ptp(values) > 0 and np.abs(values).max() * factor < _WIDEST_DEG
+
+
+def _unit(names, unit, factor, parts=None) -> Correction:
+    return column_correction(
+        "joint-unit",
+        named_columns(names),
+        f"{'holds' if len(names) == 1 else 'hold'} {unit}",
+        f"convert to {'mm' if names[0].endswith('_mm') else 'degrees'}: multiply by {factor:.7g}",
+        lambda columns: {name: factor * columns[name] for name in names},
+        names,
+        parts=parts or len(names),
+    )
+
+
+def _offsets(turning):
+    for name in turning:
+        for offset in _OFFSETS:
+            yield column_correction(
+                "joint-offset",
+                f"column {name}",
+                f"is {'short of' if offset > 0 else 'beyond'} the zero of the robot file by {abs(offset):g} degrees",
+                f"add {offset:g} to it, or to theta_deg of joint {joint_number(name)} of the robot file",
+                lambda columns, name=name, offset=offset: {name: columns[name] + offset},
+                (name,),
+            )
+
+
+def _orders(joints):
+    """Two columns swapped, all in reverse order, or moved on by one place."""
+    for a, b in combinations(joints, 2):
+        if a[-3:] == b[-3:]:
+            yield _order((a, b), (b, a), "are swapped", "swap them back")
+    if len(joints) > 2 and len({name[-3:] for name in joints}) == 1:
+        backwards, first, last = joints[::-1], joints[1:] + joints[:1], joints[-1:] + joints[:-1]
+        yield _order(
+            joints,
+            backwards,
+            "are in reverse order",
+            "name them in the order of the kinematic chain",
+        )
+        yield _order(
+            joints, first, "are moved on by one place", f"name the first of them {joints[-1]}"
+        )
+        yield _order(
+            joints, last, "are moved back by one place", f"name the last of them {joints[0]}"
+        )
+
+
+def _order(names, sources, statement, remedy) -> Correction:
+    return column_correction(
+        "joint-order",
+        named_columns(names),
+        statement,
+        remedy,
+        lambda columns: {name: columns[source] for name, source in zip(names, sources)},
+        names,
+    )

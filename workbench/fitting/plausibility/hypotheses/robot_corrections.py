@@ -1,0 +1,80 @@
+"""Mistakes in the robot file: another arm, another convention, one wrong length or twist."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from robot_model.loading import builtin_robots, load_robot
+from workbench.fitting.plausibility.hypotheses.corrections import Correction, listed
+
+ROBOT = "robot"
+_FEW_NUMBERS = 4
+
+
+def robot_corrections(robot) -> Iterator[Correction]:
+    """Every arm of the library with the same joints, and the other Denavit-Hartenberg convention."""
+    other = "craig" if robot.convention == "distal" else "distal"
+    yield Correction(
+        "convention",
+        f"robot file of '{robot.name}', key convention,",
+        f"is '{robot.convention}' instead of '{other}'",
+        f'write convention = "{other}"',
+        frozenset({ROBOT}),
+        _with_convention(other),
+    )
+    for name in builtin_robots():
+        known = _known_robot(name)
+        same_joints = (
+            np.array_equal(known.prismatic, robot.prismatic)
+            and known.mixing.shape == robot.mixing.shape
+        )
+        if same_joints and not _same_geometry(known, robot):
+            yield Correction(
+                "robot-file",
+                f"robot file of '{robot.name}'",
+                _difference(robot, known),
+                f"use the robot '{name}' of the library, or correct the file",
+                frozenset({ROBOT}),
+                _with_robot(known),
+            )
+
+
+@cache
+def _known_robot(name):
+    return load_robot({"builtin": name})
+
+
+def _same_geometry(one, other) -> bool:
+    same = one.convention == other.convention and np.allclose(one.mixing, other.mixing)
+    return bool(same and np.allclose(one.geometry, other.geometry, atol=1e-3))
+
+
+def _difference(robot, known) -> str:
+    """'does not describe this arm, which is …', or the few numbers that differ from the library's file."""
+    names = ("theta", "d", "a", "alpha", "beta")
+    units = (180 / np.pi, 1.0, 1.0, 180 / np.pi, 180 / np.pi)
+    different = np.argwhere(~np.isclose(robot.geometry, known.geometry, atol=1e-3))
+    if len(different) > _FEW_NUMBERS or robot.convention != known.convention:
+        return f"does not describe this arm, which is a {known.name}"
+    numbers = [
+        f"{names[c]}{k + 1} is {robot.geometry[k, c] * units[c]:.5g} instead of {known.geometry[k, c] * units[c]:.5g}"
+        for k, c in different
+    ]
+    return f"differs from the data of a {known.name}: {listed(numbers)}"
+
+
+def _with_convention(convention):
+    """The numbers as they stand, read in the other convention; which axes are parallel is asked again."""
+
+    def apply(robot, recording):
+        parallel = np.abs(np.sin(robot.geometry[:, 3])) < np.sin(np.deg2rad(1))
+        parallel[-1 if convention == "distal" else 0] = False
+        return replace(robot, convention=convention, hayati=parallel), recording
+
+    return apply
+
+
+def _with_robot(known):
+    return lambda robot, recording: (known, recording)

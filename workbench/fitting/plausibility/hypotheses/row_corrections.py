@@ -1,0 +1,73 @@
+"""Mistakes in the order of rows: measurements shifted by one row, or in reverse order, against joint readings."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from datasets.columns import MEASURED
+from workbench.fitting.plausibility.hypotheses.corrections import (
+    LABELS,
+    Correction,
+    observed_columns,
+)
+
+ROWS = "rows"
+
+
+def row_corrections(recording) -> Iterator[Correction]:
+    """Measured columns shifted or reversed, with and without the labels of what was measured."""
+    if recording.measures == "distance" or not any(c in MEASURED for c in recording.columns):
+        return
+    labelled = [c for c in LABELS if c in recording.columns and np.ptp(recording.columns[c]) > 0]
+    names = observed_columns(recording)
+    bare = [c for c in names if c not in LABELS]
+    step = _rows_a_pose(recording)
+    for rows in dict.fromkeys((1, -1, step, -step)):
+        yield _shifted(names, rows)
+        if labelled:
+            yield _shifted(bare, rows)
+    yield _reversed(names)
+
+
+def _rows_a_pose(recording) -> int:
+    """The usual number of consecutive rows with equal joint readings."""
+    if recording.n < 2:
+        return 1
+    new = np.flatnonzero(np.any(np.diff(recording.joints, axis=0) != 0, axis=1))
+    return int(np.median(np.diff(new))) if len(new) > 1 else 1
+
+
+def _shifted(names, step) -> Correction:
+    """Measurements `step` rows late (or early, where negative); rows without a partner are left out."""
+
+    def apply(robot, recording):
+        n = recording.n
+        mine = np.arange(max(0, -step), n - max(0, step))
+        columns = {c: v[mine + step if c in names else mine] for c, v in recording.columns.items()}
+        return robot, replace(recording, columns=columns)
+
+    count = "the row" if abs(step) == 1 else f"the {abs(step)}th row"
+    return Correction(
+        "rows-shifted",
+        "rows",
+        f"hold the measurement of {count} {'after' if step < 0 else 'before'}",
+        f"move the measured columns {'up' if step > 0 else 'down'} by {abs(step)} row{'s' * (abs(step) > 1)}",
+        frozenset({ROWS}),
+        apply,
+    )
+
+
+def _reversed(names) -> Correction:
+    def apply(robot, recording):
+        columns = {c: v[::-1] if c in names else v for c, v in recording.columns.items()}
+        return robot, replace(recording, columns=columns)
+
+    return Correction(
+        "rows-reversed",
+        "rows",
+        "hold the measurements in reverse order",
+        "reverse the measured columns",
+        frozenset({ROWS}),
+        apply,
+    )

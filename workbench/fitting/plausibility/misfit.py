@@ -1,0 +1,260 @@
+"""A recording that does not fit: which correction explains it, or what to look at where none does."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from robot_model.system import geometry_free
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility.columns_at_rest import (
+    constant_columns,
+    equal_columns,
+    longest_run,
+)
+from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
+from workbench.fitting.plausibility.fitting import Fit, base_and_tool, fit_recording, reach_of
+from workbench.fitting.plausibility.sampling import even_rows
+from workbench.fitting.plausibility.search import CLOSE, Explanation, search_further, search_singles
+from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.fitting.plausibility.wording import (
+    correction_sentence,
+    deviation_sentence,
+    fit_words,
+    listed,
+)
+
+_FALLS = 3.0
+"""Factor by which a correction has to lower the misfit."""
+_EVIDENCE = 30.0
+"""Difference of the negative log posteriors: odds of 10^13."""
+_LEAST_DEGREES = 12
+_PLAUSIBLE = 5.0
+_FAR = 3.0
+"""Times a good fit: below it, unmodelled effects are as likely as a mistake."""
+_ROWS = 200
+_PERMUTATIONS = 3
+_MOST_RELEASED, _RELEASE_STEPS = 2, 40
+
+
+def misfit_suspicions(robot, recording, recorded: Fit, good: float) -> Iterator[Suspicion]:
+    """The best explanation of a misfit, or warnings on what else could be wrong.
+
+    recorded: fit of the data as they are. good: scale in mm of a good fit.
+    """
+    search = search_singles(robot, recording)
+    found = _accepted(search.explanations, recorded, good)
+    if not found:
+        wrong_geometry = _wrong_geometry(robot, recording, recorded, good)
+        if wrong_geometry is not None:
+            yield wrong_geometry
+            yield from doubtful_columns(recording, recorded, good)
+            return
+        search = search_further(robot, recording, search, good)
+        found = _accepted(search.explanations, recorded, good)
+    if found:
+        yield _explained(robot, recording, recorded, found, good)
+    else:
+        yield from _unexplained(robot, recording, recorded, good)
+
+
+def _accepted(explanations, recorded: Fit, good) -> list[Explanation]:
+    """Explanations that fit well with plausible geometry where the recorded data do not, the plainest first."""
+    plausible = [e for e in explanations if _is_accepted(e, recorded, good)]
+    if not plausible:
+        return []
+    best = min(e.fit.scale for e in plausible)
+    close = [e for e in plausible if e.fit.scale <= max(CLOSE * best, best + 0.05)]
+    return sorted(close, key=lambda e: (e.correction.parts, _rank(e), e.fit.scale))
+
+
+_COMMON = ("joint-sign", "joint-unit", "length-unit", "joint-order", "quaternion-order")
+
+
+def _rank(explanation):
+    """Common mistakes before rare ones, where both explain the data equally well."""
+    cause = explanation.correction.cause
+    return _COMMON.index(cause) if cause in _COMMON else len(_COMMON)
+
+
+def _is_accepted(explanation, recorded, good):
+    """Whether a correction leaves a good fit with plausible geometry, and the data as recorded do not.
+
+    The worse the corrected fit, the more the correction has to lower the misfit.
+    """
+    fit = explanation.fit
+    if _worst(fit) > _PLAUSIBLE:
+        return False
+    falls = _FALLS * max(1.0, fit.scale / good) ** 2
+    gain = recorded.improbability - fit.improbability
+    needless = fit.scale <= good and _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
+    return needless or falls * explanation.correction.comparable(fit.scale) < recorded.scale
+
+
+def _worst(fit):
+    """Largest deviation of a geometry parameter in prior standard deviations."""
+    return np.abs(fit.deviations).max(initial=0.0)
+
+
+def explained_suspicions(robot, recording, recorded: Fit, good: float) -> list[Suspicion]:
+    """The best single correction that explains the data better than the recorded data do, or nothing."""
+    found = _accepted(search_singles(robot, recording).explanations, recorded, good)
+    return [_explained(robot, recording, recorded, found, good)] if found else []
+
+
+def _explained(robot, recording, recorded, found, good) -> Suspicion:
+    best = found[0]
+    others = [e.correction for e in found[1:] if e.correction.parts == best.correction.parts]
+    recorded = _best_recorded(robot, recording, recorded, best)
+    degrees = min(recorded.degrees, best.fit.degrees)
+    gain = recorded.improbability - best.fit.improbability
+    certain = gain > _EVIDENCE and degrees >= _LEAST_DEGREES and _is_accepted(best, recorded, good)
+    return Suspicion(
+        correction_sentence(recording, recorded, best, others), certain, best.correction.cause
+    )
+
+
+def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
+    """The best fit of the data as recorded, also from base and tool of the explanation, and with wide geometry.
+
+    Advice to change data must not rest on a fit that stopped in a local minimum.
+    """
+    chosen = recording.select(even_rows(recording, _ROWS))
+    fits = [recorded]
+    values = explanation.fit.parameters.values
+    starts = [values] if len(values) == len(recorded.parameters) else []
+    for start in starts:
+        try:
+            near = fit_recording(robot, chosen, start, free=base_and_tool(chosen), steps=20)
+            fits.append(fit_recording(robot, chosen, near.parameters.values, steps=20))
+        except (np.linalg.LinAlgError, InputError):
+            continue
+    return min(fits, key=lambda fit: fit.improbability / max(fit.degrees, 1))
+
+
+def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
+    """One or two numbers of the robot file that are far off: freeing them makes the recording fit.
+
+    Forward selection: the number whose release lowers the misfit most, then a second one beside it.
+    """
+    chosen = recording.select(even_rows(recording, _ROWS))
+    keys = [key for key in geometry_free(robot) if ".alpha" not in key and ".beta" not in key]
+    released = ()
+    for _ in range(_MOST_RELEASED):
+        fits = {
+            key: _released(robot, chosen, recorded, (*released, key))
+            for key in keys
+            if key not in released
+        }
+        best = min(fits, key=lambda key: fits[key].scale)
+        released = (*released, best)
+        if fits[best].scale <= good and _FALLS * fits[best].scale < recorded.scale:
+            fit = fit_recording(
+                robot, chosen, fits[best].parameters.values, steps=0
+            )  # deviations from all priors
+            sentence = deviation_sentence(recording, fit, _PLAUSIBLE)
+            return None if sentence is None else Suspicion(sentence, False, "geometry")
+    return None
+
+
+def _released(robot, recording, recorded, keys) -> Fit:
+    """The fit without a prior on `keys`; the recorded fit where that cannot be computed.
+
+    First with all other geometry held: together they would creep along a narrow valley.
+    """
+    try:
+        first = fit_recording(
+            robot, recording, free=base_and_tool(recording), widen=keys, steps=_RELEASE_STEPS
+        )
+        return fit_recording(robot, recording, first.parameters.values, widen=keys)
+    except (np.linalg.LinAlgError, InputError):
+        return recorded
+
+
+def _in_no_order(robot, recording, recorded) -> bool:
+    """Whether the measurements fit the joint readings no better than in random order (permutation test)."""
+    names = observed_columns(recording)
+    rows = even_rows(recording, _ROWS)
+    rng = np.random.default_rng(0)
+    scales = []
+    for _ in range(_PERMUTATIONS):
+        order = rng.permutation(recording.n)
+        columns = {c: v[order] if c in names else v for c, v in recording.columns.items()}
+        permuted = replace(recording, columns=columns).select(rows)
+        try:
+            scales.append(fit_recording(robot, permuted).scale)
+        except (np.linalg.LinAlgError, InputError):
+            return False
+    return bool(names) and recorded.scale > 0.8 * float(np.median(scales))
+
+
+def _named(recording) -> str:
+    return f"samples.csv of recording '{recording.name}'"
+
+
+def _fits(recorded, good) -> str:
+    return (
+        f"base, tool and plausible geometry errors fit the measurements to {fit_words(recorded)} only, where at most "
+        f"about {good:.2g} mm are expected"
+    )
+
+
+def doubtful_columns(recording, recorded, good) -> Iterator[Suspicion]:
+    """A warning for each joint column that does not move as the others do."""
+    for part, cause in _columns_to_doubt(recording):
+        yield Suspicion(f"{_named(recording)}, {part}; {_fits(recorded, good)}.", False, cause)
+
+
+def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
+    named, fits = _named(recording), _fits(recorded, good)
+    doubts = (
+        list(doubtful_columns(recording, recorded, good)) if recorded.scale > _FAR * good else []
+    )
+    yield from doubts
+    if _in_no_order(robot, recording, recorded):
+        yield Suspicion(
+            f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "
+            "of joint readings do not belong together, or the robot file describes another arm; check how the two "
+            "were joined, and the robot file.",
+            False,
+            "rows-shuffled",
+        )
+    elif not doubts and recorded.scale > _FAR * good:
+        yield from _unknown_cause(robot, recording, recorded, named, fits)
+
+
+def _unknown_cause(robot, recording, recorded, named, fits) -> Iterator[Suspicion]:
+    reach = reach_of(robot, recording)
+    share = f" ({100 * recorded.scale / reach:.2g} % of the arm's reach)" if reach > 0 else ""
+    yield Suspicion(
+        f"{named}: {fits}{share}, and no single mistake that is searched for explains it; "
+        "check that the robot file describes this arm with its zero offsets, the units and signs of the columns, and "
+        "that each row holds joints and measurement of one moment.",
+        False,
+        "unexplained",
+    )
+
+
+def _columns_to_doubt(recording) -> Iterator[tuple[str, str]]:
+    constant = constant_columns(recording)
+    if constant:
+        verb = "is" if len(constant) == 1 else "are"
+        yield (
+            f"column{'s' * (len(constant) > 1)} {listed(constant)}: {verb} constant while other joints move, as of "
+            "a stuck encoder; check the export of this joint",
+            "stuck-encoder",
+        )
+    for a, b in equal_columns(recording):
+        yield (
+            f"columns {a} and {b}: hold the same values; one was copied over the other",
+            "copied-column",
+        )
+    run = longest_run(recording)
+    if run is not None:
+        name, first, last = run
+        ids = recording.sample_ids
+        yield (
+            f"column {name}: stays at {recording.columns[name][first]:.5g} from sample {ids[first]} to {ids[last]} "
+            "while the other joints move, as of a stuck encoder",
+            "stuck-encoder",
+        )

@@ -1,0 +1,159 @@
+"""Search for the correction, or the few corrections, that bring a recording near its robot.
+
+Screening: base and tool are fitted at the nominal geometry under every single correction and under every
+combination of signs and of columns in radians. Beam search joins the best single corrections with every other one.
+The most promising candidates are fitted again with plausible geometry errors, and that fit decides.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility.hypotheses.artefact_corrections import artefact_corrections
+from workbench.fitting.plausibility.hypotheses.corrections import Correction, join
+from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_scale
+from workbench.fitting.plausibility.hypotheses.joint_corrections import (
+    joint_corrections,
+    sign_vectors,
+    unit_vectors,
+)
+from workbench.fitting.plausibility.hypotheses.point_corrections import point_corrections
+from workbench.fitting.plausibility.hypotheses.robot_corrections import robot_corrections
+from workbench.fitting.plausibility.hypotheses.row_corrections import row_corrections
+from workbench.fitting.plausibility.sampling import even_rows
+
+_SCREEN_ROWS, _JUDGE_ROWS = 50, 200
+_JUDGED, _PROMISING = 8, 4.0
+_BEAM = 5
+_DEEPEST = 3
+SIGN = "joint-sign"
+_PROGRESS = 0.8
+CLOSE = 1.5
+"""Candidates within this factor of the smallest scale explain the data about equally well."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A correction and the scale (mm) that it leaves in the screening fit, in terms of the data as recorded."""
+
+    correction: Correction
+    scale: float
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A correction and the fit with plausible geometry errors under it."""
+
+    correction: Correction
+    fit: Fit
+
+
+def single_corrections(robot, recording) -> list[Correction]:
+    """Every single mistake that is searched for."""
+    return [
+        *joint_corrections(recording),
+        *point_corrections(recording),
+        *row_corrections(recording),
+        *artefact_corrections(recording),
+        *robot_corrections(robot),
+    ]
+
+
+@dataclass(frozen=True)
+class Search:
+    """What was found so far: explanations, the best first, and the screened candidates to continue from."""
+
+    explanations: tuple[Explanation, ...]
+    beam: tuple[Candidate, ...]
+    singles: tuple[Correction, ...]
+
+
+def search_singles(robot, recording) -> Search:
+    """Every single correction, and every combination of signs and of columns in radians."""
+    singles = single_corrections(robot, recording)
+    vectors = [*sign_vectors(recording), *unit_vectors(recording)]
+    screened = screen(robot, recording, [*singles, *vectors])
+    return Search(tuple(judge(robot, recording, screened)), tuple(screened), tuple(singles))
+
+
+def search_further(robot, recording, search: Search, enough: float) -> Search:
+    """Beam search: the best candidates with every single correction of other columns, until one fits.
+
+    enough: scale in mm at which a fit is good and no further mistake is searched for.
+    """
+    before = search.beam[0].scale if search.beam else np.inf
+    for _ in range(_DEEPEST - 1):
+        joined = _joined(_seeds(search.beam), search.singles)
+        beam = screen(robot, recording, joined)
+        found = _best([*search.explanations, *judge(robot, recording, beam)])
+        search = Search(tuple(found), tuple(beam), search.singles)
+        if (
+            (found and found[0].fit.scale <= enough)
+            or not beam
+            or beam[0].scale > _PROGRESS * before
+        ):
+            break
+        before = beam[0].scale
+    return search
+
+
+def screen(robot, recording, corrections: Iterable[Correction]) -> list[Candidate]:
+    """Candidates by the scale that they leave at the nominal geometry, the smallest first."""
+    rows = even_rows(recording, _SCREEN_ROWS)
+    candidates = [Candidate(c, _screened_scale(robot, recording, c, rows)) for c in corrections]
+    finite = [candidate for candidate in candidates if np.isfinite(candidate.scale)]
+    return sorted(finite, key=lambda c: (c.scale, c.correction.parts))
+
+
+def _screened_scale(robot, recording, correction, rows):
+    try:
+        arm, corrected = correction.apply(robot, recording)
+        return correction.comparable(nominal_scale(arm, corrected.select(rows[rows < corrected.n])))
+    except (np.linalg.LinAlgError, InputError, ValueError):
+        return np.inf
+
+
+def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
+    """The candidates fitted with plausible geometry errors, the best first."""
+    rows = even_rows(recording, _JUDGE_ROWS)
+    found = []
+    for candidate in _promising(candidates):
+        arm, corrected = candidate.correction.apply(robot, recording)
+        try:
+            fit = fit_recording(arm, corrected.select(rows[rows < corrected.n]))
+        except (np.linalg.LinAlgError, InputError, ValueError):
+            continue
+        if np.isfinite(fit.scale):
+            found.append(Explanation(candidate.correction, fit))
+    return _best(found)
+
+
+def _promising(candidates: list[Candidate]) -> list[Candidate]:
+    """The first few candidates whose scale is not far above the smallest."""
+    return [c for c in candidates[:_JUDGED] if c.scale <= _PROMISING * candidates[0].scale]
+
+
+def _best(found):
+    return sorted(found, key=lambda e: e.correction.comparable(e.fit.scale))
+
+
+def _seeds(beam) -> list[Candidate]:
+    """The best candidates, and every single sign: a wrong sign is common, and hides behind a second mistake."""
+    signs = [c for c in beam[_BEAM:] if c.correction.cause == SIGN and c.correction.parts == 1]
+    return [*beam[:_BEAM], *signs]
+
+
+def _joined(beam: list[Candidate], singles: list[Correction]) -> list[Correction]:
+    """Each of the beam with each single correction of other columns, every pair once."""
+    made = {}
+    for candidate in beam:
+        for single in singles:
+            both_signs = (
+                single.cause == candidate.correction.cause == SIGN
+            )  # screened as sign vectors
+            if not both_signs and not candidate.correction.touches & single.touches:
+                pair = join([candidate.correction, single])
+                made.setdefault(frozenset([candidate.correction.claim, single.claim]), pair)
+    return list(made.values())

@@ -1,0 +1,125 @@
+"""The verdict of `workbench diagnose`: what its final model leaves, against the noise and against a tolerance.
+
+The word `verdict` of a diagnosis says whether structure was found and explained. It says nothing about the size of
+what is left: `consistent` also holds where the noise is stated three times too small, or where an effect is too
+irregular for any test. This module says it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_model import load_robot
+from robot_model.measurements import samples_of
+from workbench.core.least_squares.adjustment_tests import robust_sigma, variance_test
+from workbench.fitting.verdicts.fit_quality import reach_of
+from workbench.fitting.verdicts.noise_report import Findings, NoiseReport, Replicates, report
+from workbench.fitting.verdicts.residual_structure import JOINTS, Structure
+from workbench.fitting.verdicts.verdict import (
+    REPLICATES,
+    STATED,
+    Noise,
+    Residual,
+    Tolerance,
+    Verdict,
+    judge,
+)
+
+_SOURCES = {"from replicates": REPLICATES, "as the recording states": STATED}
+_STATED_NOISE = "stated-noise"  # the finding of a diagnosis that the noise is stated wrongly
+_WITHOUT_STRUCTURE = ("consistent", "explained")
+
+
+@dataclass(frozen=True)
+class DiagnosisCheck:
+    """The verdict on the size of what is left, and the comparison of noise estimates; None for a sensor."""
+
+    verdict: Verdict
+    noise: NoiseReport | None
+
+    def keys(self, answer: Mapping) -> dict:
+        """What joins the JSON `answer` of the diagnosis: verdict_details, noise and more warnings."""
+        more = self.noise.warnings if self.noise else ()
+        if any(effect["effect"] == _STATED_NOISE for effect in answer["effects"]):
+            more = self.noise.alarms if self.noise else ()  # the finding says the rest
+        noise = {"noise": self.noise.as_json()} if self.noise else {}
+        warnings = [*answer["warnings"], *more]
+        return {"verdict_details": self.verdict.as_json(), **noise, "warnings": warnings}
+
+
+def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> DiagnosisCheck:
+    """Judge what a `workbench.diagnosis.result.Diagnosis` of a recording leaves."""
+    unit, held_out = made.unit, made.as_json()["held_out"]
+    noise = noise_of(made, recording, held_out) if unit == "mm" and made.views is not None else None
+    above = None if noise is None else noise.is_above
+    expected = _expected(noise, held_out, unit)
+    error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
+    return DiagnosisCheck(judge(error, expected, tolerances, _advice(made, noise)), noise)
+
+
+def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise | None:
+    """The stated noise where there is one, since the test is against it; else that of replicates."""
+    if noise is not None and noise.stated_rms is not None:
+        return Noise(noise.stated_rms, STATED)
+    source = _SOURCES.get(held_out["noise_from"])
+    return None if source is None else Noise(held_out[f"noise_{unit}"], source)
+
+
+def noise_of(made, recording, held_out: Mapping) -> NoiseReport | None:
+    """The final model's residual against the stated noise and replicates; outliers are left out.
+
+    The degrees of freedom that the parameters have spent are not counted, so that the factor is never overstated.
+    """
+    moving = samples_of(recording)
+    residual = made.views.after[:3]
+    usual = ~np.isin(moving.sample_ids, made.outliers) & np.isfinite(residual).all(0)
+    if residual.shape[1] != moving.n or not usual.any():
+        return None
+    left, components = residual[:, usual], len(residual)
+    squares = (left**2).sum(0)
+    sigma = None if moving.sigma is None else moving.sigma[usual]
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    return report(
+        Findings(
+            stated=None if sigma is None else float(f"{np.sqrt((sigma**2).mean()):.12g}"),
+            test=None if sigma is None else variance_test(left / sigma, left.size),
+            replicates=_replicates(held_out, components),
+            residual=robust_sigma(squares, components),
+            residual_rms=float(np.sqrt(squares.mean() / components)),
+            degrees=float(left.size),
+            structure=_structure(made),
+            rms=float(np.sqrt(squares.mean())),
+            reach=reach_of(robot, robot.mixing @ moving.joints.T),
+            samples=moving.n,
+            components=components,
+            outlying=tuple(made.outliers),
+        )
+    )
+
+
+def _replicates(held_out: Mapping, components: int) -> Replicates | None:
+    lack = held_out.get("lack_of_fit")
+    if not lack or held_out["noise_from"] != "from replicates":
+        return None
+    return Replicates(held_out["noise_mm"] / np.sqrt(components), float(lack["after"]["degrees"][1]))
+
+
+def _structure(made) -> Structure:
+    """What the diagnosis itself says of structure in the residual: it searched more than the global test does."""
+    if made.verdict in _WITHOUT_STRUCTURE:
+        return Structure(1.0, 0.0, ())
+    names = [name for one in (*made.located, *made.rest) for name in one.depends_on]
+    return Structure(float(made.found.p_rest), 0.0, tuple(dict.fromkeys(names))[:3] or (JOINTS,))
+
+
+def _advice(made, noise: NoiseReport | None) -> str:
+    if noise is not None and noise.alarms:
+        return noise.advice
+    if made.verdict in _WITHOUT_STRUCTURE:
+        return (
+            "no structure is found in it, so that noise stated too small is more likely than an unmodelled effect; "
+            "check sigma_mm, or measure some poses repeatedly"
+        )
+    return "part of it is structure that stays unexplained; see the next experiment"
+

@@ -1,0 +1,158 @@
+"""The global test of a calibration: its residual against the stated noise, replicates and its own structure."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.core.least_squares.adjustment_tests import (
+    outlying,
+    redundancy,
+    robust_sigma,
+    standardised_squares,
+    variance_test,
+)
+from workbench.core.least_squares.identifiability import identifiability
+from workbench.core.model import Model
+from workbench.core.least_squares.solver import Fit, solve
+from workbench.fitting.verdicts.noise_report import (
+    Findings,
+    NoiseReport,
+    Replicates,
+    RotationNoise,
+    is_above,
+    replicate_noise,
+    report,
+)
+from workbench.fitting.verdicts.residual_structure import Samples, structure
+
+_OUTLIER_LEVEL = 0.002
+_ROUNDS = 6
+_MOST_OUTLYING = 0.25  # a larger share is no group of faulty samples but a model that fits nothing
+_CONDITIONS = ("payload_kg", "approach")
+
+
+def noise_report(calibration) -> NoiseReport:
+    """The comparison of noise estimates for a `workbench.jobs.calibrate.Calibration`."""
+    everyone = np.ones(calibration.recording.n, bool)
+    fitted = everyone if calibration.fitted is None else calibration.fitted
+    recording = calibration.recording.select(fitted)
+    model, fit = calibration.model.at(fitted), calibration.solution.fit
+    position = fit.residual[:3]
+    degrees = fit.degrees * position.size / fit.residual.size
+    stated = None if model.chain.sigma_unknown else model.chain.stated_sigma[:3]
+    test = None if stated is None else variance_test(position / stated, degrees)
+    wrong = _outlying(model, fit, stated, test is None or is_above(test))
+    corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
+    found = Findings(
+        stated=None if stated is None else float(f"{np.sqrt((stated**2).mean()):.12g}"),
+        test=test,
+        replicates=_replicates(recording, model, position, wrong),
+        residual=robust_sigma(corrected, len(position)),
+        residual_rms=float(np.sqrt(corrected.mean() / len(position))),
+        degrees=degrees,
+        structure=structure(model, fit.parameters, fit.residual, _samples(recording)),
+        rms=calibration.fit["rms_mm"],
+        reach=reach_of(model.chain.robot, model.chain.variables),
+        samples=recording.n,
+        components=len(position),
+        outlying=tuple(int(k) for k in recording.sample_ids[wrong]),
+        left_out=calibration.suspects,
+        rotation=_rotation(recording, model, fit),
+    )
+    return report(found)
+
+
+def _rotation(recording, model: Model, fit: Fit) -> RotationNoise | None:
+    """Orientations against their own stated noise; None where the recording states none (column sigma_deg)."""
+    if "sigma_deg" not in recording.columns or len(fit.residual) <= 3:
+        return None
+    stated = model.chain.stated_sigma[3:]
+    rotation = fit.residual[3:]
+    degrees = fit.degrees * rotation.size / fit.residual.size
+    expected = float(np.rad2deg(np.sqrt((stated**2).sum(0).mean())))
+    return RotationNoise(expected, variance_test(rotation / stated, degrees))
+
+
+def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) -> np.ndarray:
+    """(n,) True for samples that do not agree with the others (iterated data snooping).
+
+    Least squares spreads faulty samples over all residuals (masking). The set of faulty samples therefore starts from
+    a robust solve; then all samples are tested against least squares without that set until it does not change.
+    """
+    nobody = np.zeros(fit.residual.shape[1], bool)
+    wrong = _tested(model, fit, stated, nobody)
+    if not wrong.any() and not above:
+        return nobody
+    robust = solve(_with_scale(model, 0.0), fit.parameters, "cauchy")
+    white = robust.residual[:3] / model.chain.sigma[:3]
+    wrong = outlying(standardised_squares(white), len(white), _least_scale(model, stated), _OUTLIER_LEVEL)
+    for _ in range(_ROUNDS):
+        if wrong.mean() > _MOST_OUTLYING:
+            return nobody
+        scale = robust_sigma((white[:, ~wrong] ** 2).sum(0), len(white))
+        rest = solve(_with_scale(model, scale).at(~wrong), robust.parameters)
+        before, wrong = wrong, _tested(_with_scale(model, scale), rest, stated, wrong)
+        if np.array_equal(before, wrong):
+            break
+    return wrong if wrong.mean() <= _MOST_OUTLYING else nobody
+
+
+def _with_scale(model: Model, scale: float) -> Model:
+    """The model with sigmas of `scale` times those of the fit, but never below the stated ones.
+
+    A calibration widens sigma until it explains faulty samples too; priors would then outweigh the good ones.
+    """
+    chain = model.chain
+    scaled = np.maximum(max(scale, 1e-3) * chain.sigma, 0 if chain.sigma_unknown else chain.stated_sigma)
+    return replace(model, chain=replace(chain, sigma=scaled), _bases={})
+
+
+def _least_scale(model: Model, stated: np.ndarray | None) -> float:
+    return 0.0 if stated is None else float(np.median(stated / model.chain.sigma[:3]))
+
+
+def _tested(model: Model, fit: Fit, stated: np.ndarray | None, left_out: np.ndarray) -> np.ndarray:
+    """(n,) True for samples that a fit without the samples `left_out` (n,) finds outlying."""
+    squares = _squares(model, fit, left_out)
+    components = min(3, len(fit.residual))
+    return outlying(squares, components, _least_scale(model, stated), _OUTLIER_LEVEL, ~left_out)
+
+
+def _squares(model: Model, fit: Fit, left_out: np.ndarray) -> np.ndarray:
+    """(n,) squared position residuals over their covariance; left_out (n,): samples that `fit` did not see."""
+    residual, rows = model.linearise(fit.parameters)
+    sigma = model.sigma(fit.parameters)
+    covariance = identifiability(fit.normal, fit.parameters).covariance
+    reduced = redundancy((rows / sigma)[:, :3], covariance)
+    predicted = 2 * np.eye(reduced.shape[1]) - reduced  # I + H instead of I - H: the fit adds its own uncertainty
+    reduced[left_out] = predicted[left_out]
+    return standardised_squares((residual / sigma)[:3], reduced)
+
+
+def _replicates(recording, model: Model, residual: np.ndarray, wrong: np.ndarray) -> Replicates | None:
+    """Noise from rows of one pose, target and load; rows that are copies of one another are counted once."""
+    kept = np.flatnonzero(~wrong)
+    kept = kept[_first_of_copies(residual[:, kept])]
+    keys = [recording.poses, model.chain.measurement.numbers[: recording.n]]
+    keys += [np.round(v, 3) for k, v in recording.covariates.items() if k.startswith(_CONDITIONS)]
+    _, group = np.unique(np.stack(keys)[:, kept], axis=1, return_inverse=True)
+    return replicate_noise(group.ravel(), residual[:, kept])
+
+
+def _first_of_copies(residual: np.ndarray) -> np.ndarray:
+    """Indices of columns that no earlier column repeats exactly."""
+    return np.sort(np.unique(residual, axis=1, return_index=True)[1])
+
+
+def _samples(recording) -> Samples:
+    order = np.arange(recording.n, dtype=float)
+    return Samples(recording.poses, recording.columns.get("time_s", order))
+
+
+def reach_of(robot, variables: np.ndarray) -> float:
+    """Sum of the nominal lengths and offsets, and of the travel of slides, mm; joint variables (J, n) in rad or mm."""
+    travel = np.abs(variables).max(1)[robot.prismatic]
+    return float(np.abs(robot.geometry[:, 1:3]).sum() + travel.sum())
+
+
+__all__ = ["noise_report", "reach_of"]

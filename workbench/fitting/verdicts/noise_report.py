@@ -1,0 +1,338 @@
+"""Three estimates of the noise compared: as stated, from replicates, from the residuals; and what they say of a fit."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as fisher
+
+from workbench.core.least_squares.adjustment_tests import VarianceTest, effective_degrees, p_text
+from workbench.fitting.verdicts.residual_structure import ORDER, Structure
+
+NONE, NOTICE, ALARM = "none", "notice", "alarm"
+_LEVEL = 0.001
+# Ratios of standard deviations between these are not reported: noise is hardly ever known to better than a tenth, and
+# an instrument that is somewhat better than stated harms nothing.
+_RELEVANT, _TOO_LARGE = 1.1, 1 / 1.5
+_ROBUST_AGREES = 1.3  # of the robust sigma, which is less certain
+_STILL_LARGE = 1.5
+_LEAST_REPEATS = 6  # degrees of freedom per component below which replicates say little
+# Industrial arms that were never calibrated are accurate to 0.05 to 0.3 % of their reach (ISO 9283 tests), calibrated
+# ones to 0.01 to 0.05 %. A fit that leaves more than this is no calibration, whatever the noise.
+IMPLAUSIBLE_SHARE = 0.002
+_NAMED = 12
+DIAGNOSE = "run `workbench diagnose`"
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """Noise from repeated measurements: `sigma` of one coordinate (mm) with `degrees` of freedom."""
+
+    sigma: float
+    degrees: float
+
+
+@dataclass(frozen=True)
+class RotationNoise:
+    """Stated noise of an orientation: RMS (deg) of its angle, and the test of the variance factor against it."""
+
+    stated_rms_deg: float
+    test: VarianceTest
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What is known of a fit's residual; lengths in mm, sigmas of one coordinate.
+
+    `stated` None where the recording does not say; `test` of the variance factor then None too. `residual`: sigma from
+    the residuals, robust; `residual_rms` the same from their mean square, with `degrees` of freedom. `rms`: of the 3-D
+    distances. `reach` of the arm (mm). `outlying`: sample numbers that do not agree with the others, of `samples`.
+    `components`: coordinates of one measured position (1 where lengths are measured).
+    `left_out`: sample numbers that the fit leaves out as blunders. `rotation`: where the noise of orientations is
+    stated.
+    """
+
+    stated: float | None
+    test: VarianceTest | None
+    replicates: Replicates | None
+    residual: float
+    residual_rms: float
+    degrees: float
+    structure: Structure | None
+    rms: float
+    reach: float
+    samples: int
+    components: int = 3
+    outlying: tuple[int, ...] = ()
+    left_out: tuple[int, ...] = ()
+    rotation: RotationNoise | None = None
+
+
+@dataclass(frozen=True)
+class NoiseReport:
+    """The comparison in words. `level`: `NONE`, `NOTICE` (usual for a real arm) or `ALARM` (the result is not usable).
+
+    `sentence` sums it up; `warnings` are the findings that a user has to know of, `alarms` those of them that put the
+    whole result in doubt.
+    """
+
+    findings: Findings
+    level: str
+    sentence: str
+    warnings: tuple[str, ...] = ()
+    alarms: tuple[str, ...] = field(default=())
+
+    @property
+    def is_above(self) -> bool | None:
+        """Whether the residual exceeds the stated noise, else that of replicates; None where neither is known."""
+        found = self.findings
+        if found.test is not None:
+            return is_above(found.test)
+        return None if found.replicates is None else _exceeds_replicates(found)
+
+    @property
+    def stated_rms(self) -> float | None:
+        """What the stated noise makes of the RMS distance, mm; None where none is stated."""
+        found = self.findings
+        return None if found.stated is None else float(np.sqrt(found.components) * found.stated)
+
+    @property
+    def advice(self) -> str:
+        """What a residual above the noise most likely means and what to do, as a part of a sentence."""
+        found = self.findings
+        if self.alarms and not found.outlying:
+            return "recording and model probably do not belong together; see the warnings"
+        agrees = found.stated is not None and found.residual < _ROBUST_AGREES * found.stated
+        if found.outlying and (agrees or self.alarms):
+            return f"{_counted(found.outlying)} do not agree with the others; see the warnings"
+        known_cause = found.replicates is None or _exceeds_replicates(found)
+        if known_cause and (found.replicates is not None or (found.structure is not None and found.structure.found)):
+            return f"unmodelled effects remain, as in most real arms; {DIAGNOSE}"
+        return f"noise stated too small is more likely than an unmodelled effect; check sigma_mm, or {DIAGNOSE}"
+
+    def as_json(self) -> dict:
+        """The object `noise` of the answer; sigmas of one coordinate, mm."""
+        found = self.findings
+        test = found.test
+        return {
+            "stated_mm": found.stated,
+            "from_repeats_mm": found.replicates.sigma if found.replicates else None,
+            "from_residuals_mm": found.residual,
+            "at_most_mm": _bound(found),
+            "factor": test.factor if test else None,
+            "degrees": test.degrees if test else None,
+            "p_value": test.p_above if test else None,
+            "p_structure": found.structure.p_value if found.structure else None,
+            "residual_depends_on": list(found.structure.depends_on) if found.structure else [],
+            "outlying_samples": list(found.outlying),
+            "level": self.level,
+            "findings": [text for text in self.warnings if text not in self.alarms],
+            "sentence": self.sentence,
+        }
+
+
+def replicate_noise(group: np.ndarray, residual: np.ndarray) -> Replicates | None:
+    """Noise from the scatter of residuals (m, n) within groups (n,) of repeated measurements; None without enough."""
+    counts = np.bincount(group)
+    free = len(residual) * int((np.maximum(counts, 1) - 1).sum())
+    if free < _LEAST_REPEATS * len(residual):
+        return None
+    means = np.stack([np.bincount(group, row) for row in residual]) / np.maximum(counts, 1)
+    squares = ((residual - means[:, group]) ** 2).sum(0)
+    repeated = counts[group] > 1
+    sigma = float(np.sqrt(squares.sum() / free))
+    size = len(residual) * int(repeated.sum())
+    return Replicates(sigma, effective_degrees(squares[repeated], free, size)) if sigma > 0 else None
+
+
+def report(found: Findings) -> NoiseReport:
+    """Compare the estimates of the noise and put the result into words."""
+    alarms = _implausible(found)
+    above = found.test is not None and is_above(found.test)
+    cause = _cause(found) if above else _agreement(found)
+    first = [_factor(found), cause] if above else [cause]
+    sentence = " ".join(part for part in first if part)
+    statement = _replicates_disagree(found)
+    notices = [sentence] if above or _is_below(found) else []
+    notices += [text for text in (statement, _rotation(found), _outliers(found), _left_out(found)) if text]
+    level = ALARM if alarms else NOTICE if notices else NONE
+    whole = " ".join(part for part in (sentence, statement) if part)
+    return NoiseReport(found, level, whole, (*alarms, *notices), alarms)
+
+
+def is_above(test: VarianceTest) -> bool:
+    """Whether a variance factor is larger than 1 significantly and by more than noise is ever known."""
+    return test.factor > _RELEVANT and test.p_above < _LEVEL
+
+
+def _is_below(found: Findings) -> bool:
+    test = found.test
+    return test is not None and test.factor < _TOO_LARGE and test.p_below < _LEVEL
+
+
+def _bound(found: Findings) -> float:
+    """What can be noise at most: the residual less what is certainly structure."""
+    share = found.structure.share if found.structure else 0.0
+    return float(found.residual_rms * np.sqrt(max(1 - share, 0.0)))
+
+
+def _implausible(found: Findings) -> tuple[str, ...]:
+    if not found.reach > 0 or _above_noise(found) <= IMPLAUSIBLE_SHARE * found.reach:
+        return ()
+    share = 100 * found.rms / found.reach
+    cause = (
+        "The samples named below are probably faulty, so the parameters are not to be trusted; correct these samples, "
+        "or leave them out with --fit-samples."
+        if found.outlying
+        else "Recording and model probably do not belong together, so the parameters are not to be trusted; check "
+        "units, signs and order of the columns, the robot file, and whether instrument and base stood still."
+    )
+    return (
+        f"The calibrated model fits to only {found.rms:.3g} mm RMS, which is {share:.2g} % of the arm's reach; "
+        f"calibrated arms fit to 0.01 to 0.05 %. {cause}",
+    )
+
+
+def _above_noise(found: Findings) -> float:
+    """What the 3-D RMS (mm) holds beyond the stated noise, else beyond that of replicates: noise is no fault."""
+    noise = found.stated or (found.replicates.sigma if found.replicates else 0.0)
+    return float(np.sqrt(max(found.rms**2 - found.components * noise**2, 0.0)))
+
+
+def _factor(found: Findings) -> str:
+    test = found.test
+    return (
+        f"The fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma), {test.factor:.3g} times the stated "
+        f"noise of {found.stated:.3g} mm (chi-square test of the variance, {test.degrees:.0f} degrees of freedom, "
+        f"{p_text(test.p_above)})."
+    )
+
+
+def _cause(found: Findings) -> str:
+    """Which is more likely: faulty observations, noise stated too small, or an unmodelled effect; and what to do."""
+    if found.outlying and found.residual < _ROBUST_AGREES * found.stated:
+        return "Without the outlying samples it agrees with the stated noise."
+    if _implausible(found):
+        return ""
+    if found.replicates is not None:
+        return _cause_by_replicates(found)
+    if found.structure is not None and found.structure.found:
+        return _cause_by_structure(found)
+    return (
+        "No dependence of the residual on the joint angles or on the order of the samples is found. A noise that is "
+        "stated too small is therefore more likely than an unmodelled effect (the arm's repeatability counts as "
+        f"noise); check it, measure some poses repeatedly, or state sigma_mm = {found.residual_rms:.2g}."
+    )
+
+
+def _cause_by_structure(found: Findings) -> str:
+    names = found.structure.depends_on
+    moved = " or an instrument, sensor or base that moved" if ORDER in names else ""
+    limit = _bound(found)
+    ratio = limit / found.stated
+    check = f", which is still {ratio:.3g} times the stated noise: check that too" if ratio > _STILL_LARGE else ""
+    return (
+        f"The residual depends on {' and '.join(names)}, which noise does not: unmodelled effects{moved}. At most "
+        f"{limit:.3g} mm of it can be noise{check}. Run `workbench diagnose`."
+    )
+
+
+def _cause_by_replicates(found: Findings) -> str:
+    again = found.replicates
+    if _exceeds_replicates(found):
+        return (
+            f"Repeated measurements of one pose scatter by {again.sigma:.3g} mm only, so that the rest comes from "
+            "unmodelled effects; run `workbench diagnose`."
+        )
+    return f"Repeated measurements of one pose scatter by as much ({again.sigma:.3g} mm)."
+
+
+def _exceeds_replicates(found: Findings) -> bool:
+    """F-test of the residual's variance against that of replicates (lack of fit)."""
+    again = found.replicates
+    ratio = found.residual_rms / again.sigma
+    degrees = found.degrees if found.test is None else found.test.degrees
+    return bool(ratio > _RELEVANT and fisher.sf(ratio**2, degrees, again.degrees) < _LEVEL)
+
+
+def _agreement(found: Findings) -> str:
+    if found.stated is None:
+        return _without_statement(found)
+    if _is_below(found):
+        return (
+            f"The fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma), only {found.test.factor:.2g} times "
+            f"the stated noise of {found.stated:.3g} mm; the noise is stated too large, or samples are copies of one "
+            "another; correct sigma_mm."
+        )
+    agrees = "less than" if found.test.p_below < _LEVEL else "in agreement with"
+    return (
+        f"The fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma), {agrees} the stated noise of "
+        f"{found.stated:.3g} mm."
+    )
+
+
+def _without_statement(found: Findings) -> str:
+    left = f"The recording states no noise; the fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma)"
+    if found.replicates is None:
+        return f"{left}. Write sigma_mm into recording.toml, or measure some poses repeatedly, to have it compared."
+    ratio = found.residual_rms / found.replicates.sigma
+    return f"{left}, {ratio:.3g} times the {found.replicates.sigma:.3g} mm by which repeated measurements scatter."
+
+
+def _replicates_disagree(found: Findings) -> str:
+    """Stated noise against that of replicates, two-sided."""
+    if found.stated is None or found.replicates is None:
+        return ""
+    again, ratio = found.replicates, found.replicates.sigma / found.stated
+    statistic = again.degrees * ratio**2
+    if ratio > _RELEVANT and chi2.sf(statistic, again.degrees) < _LEVEL:
+        return (
+            f"Repeated measurements of one pose scatter by {again.sigma:.3g} mm per coordinate, {ratio:.3g} times the "
+            f"stated noise of {found.stated:.3g} mm; the statement leaves out the repeatability of the arm or is too "
+            f"small. State sigma_mm = {again.sigma:.2g}."
+        )
+    if ratio < _TOO_LARGE and chi2.cdf(statistic, again.degrees) < _LEVEL:
+        return (
+            f"Repeated measurements of one pose scatter by only {again.sigma:.3g} mm per coordinate, {ratio:.2g} times "
+            f"the stated noise of {found.stated:.3g} mm; they are no independent measurements, or the noise is stated "
+            "too large."
+        )
+    return ""
+
+
+def _rotation(found: Findings) -> str:
+    if found.rotation is None or not is_above(found.rotation.test):
+        return ""
+    test = found.rotation.test
+    return (
+        f"Orientations: the fit leaves {test.factor:.3g} times the stated noise of {found.rotation.stated_rms_deg:.3g} "
+        f"deg ({p_text(test.p_above)}); unmodelled effects remain, or sigma_deg is stated too small."
+    )
+
+
+def _outliers(found: Findings) -> str:
+    if not found.outlying:
+        return ""
+    return (
+        f"{_counted(found.outlying)} of {found.samples} do not agree with the others (test of each observation, "
+        f"family-wise level 0.2 %): {_listed(found.outlying)}. Look into them, or leave them out with --fit-samples."
+    )
+
+
+def _left_out(found: Findings) -> str:
+    if not found.left_out:
+        return ""
+    was = "was" if len(found.left_out) == 1 else "were"
+    return (
+        f"{_counted(found.left_out)} lay so far off that {'it' if was == 'was' else 'they'} {was} left out of the "
+        f"fit as faulty: {_listed(found.left_out)}. Look into why."
+    )
+
+
+def _counted(numbers) -> str:
+    return f"{len(numbers)} sample{'s' if len(numbers) != 1 else ''}"
+
+
+def _listed(numbers) -> str:
+    more = f" and {len(numbers) - _NAMED} more" if len(numbers) > _NAMED else ""
+    return f"number {', '.join(map(str, numbers[:_NAMED]))}{more}"

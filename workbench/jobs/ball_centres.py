@@ -1,0 +1,269 @@
+"""What comes out of scans: the JSON contract, acceptance figures, and the recording of ball centres for `calibrate`."""
+
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+
+import datasets
+from datasets.recording import Recording
+from sensors.acceptance import Characteristic, acceptance
+from sensors.ball.fit import BallFit
+from sensors.scanner.model import Scanner
+from workbench.core.errors import InputError
+from workbench.imaging.flange import rows_of_samples
+from workbench.files.provenance import provenance
+from workbench.jobs.scan import Ball, Scan, Scans
+from workbench.fitting.verdicts.sensor_verdict import scan_verdict, scan_warnings
+from workbench.files.spool import Made, Parts, Spool
+from workbench.fitting.verdicts.verdict import Tolerance
+
+FOLDER = "ball-centres"
+
+
+def as_json(made: Scans, folder: Path, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The answer of `workbench scan`; folder: where the run will stand; tolerances: what its verdict is judged by."""
+    centres = centres_of(made)
+    return {
+        "scans": Made(made.scans, lambda one: scan_json(one, folder, made.scanner)),
+        "uncertainty": uncertainty(made.scanner),
+        "scanner": None if made.calibration is None else str(folder / "scanner.toml"),
+        "ball_centres": None if centres is None else {"folder": str(folder / FOLDER), "samples": centres.n},
+        "acceptance": [characteristic_json(one) for one in characteristics(made)],
+        "warnings": scan_warnings(made),
+        "verdict": scan_verdict(made, tolerances).as_json(),
+        "provenance": provenance(made.recording),
+    }
+
+
+def uncertainty(scanner: Scanner) -> str:
+    """What the sigmas of ball centres are measured from."""
+    best = (
+        "std_in_best_frame_mm: 1 sigma in the frame that fits the scanner's points best, for distances between balls, "
+        "hand-eye and robot calibration"
+    )
+    if scanner.frame is None:
+        return f"std_mm is the same, since the frame's own uncertainty is not in the scanner's file; {best}"
+    return (
+        "std_mm: 1 sigma of x, y and z in the camera's frame, with the uncertainty of that frame, which all points of "
+        f"a scan share; {best}"
+    )
+
+
+def scan_json(one: Scan, folder: Path, scanner: Scanner) -> dict:
+    """One scan of the contract."""
+    return {
+        "scan": one.name,
+        "sample": one.row.get("sample"),
+        "points": one.points,
+        "cloud": str(folder / one.cloud) if one.points else None,
+        "dropped": dict(one.dropped),
+        "rejected": [{"image": unseen.image, "why": unseen.why} for unseen in one.rejected],
+        "balls": [ball_json(ball, scanner) for ball in one.balls],
+        "outcome": one.outcome,
+    }
+
+
+def camera_covariance(scanner: Scanner, fit: BallFit) -> np.ndarray:
+    """(3, 3) mm^2 of a ball's centre in the camera's frame: of the fit, and of the frame in which the fit states it."""
+    return fit.covariance[:3, :3] + scanner.frame_covariance(fit.centre[:, None])[..., 0]
+
+
+def ball_json(ball: Ball, scanner: Scanner) -> dict:
+    """A ball of the contract, sensor frame: `radius_mm` is that of the fit, certified where it is known; `std_mm` holds
+    in the camera's frame, see `uncertainty`."""
+    fit, free = ball.fit, ball.free
+    whole = camera_covariance(scanner, fit)
+    return {
+        "ball": ball.number,
+        **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
+        "radius_mm": fit.radius,
+        "radius_known": ball.radius is not None,
+        "rms_mm": fit.rms,
+        "std_mm": np.sqrt(np.diag(whole)).tolist(),
+        "covariance_mm2": whole.tolist(),
+        "std_in_best_frame_mm": fit.std[:3].tolist(),
+        "covariance_in_best_frame_mm2": fit.covariance[:3, :3].tolist(),
+        "free_radius_mm": free.radius,
+        "free_radius_std_mm": float(free.std[-1]),
+        "d95_mm": fit.d95,
+        "peak_to_valley_mm": fit.peak_to_valley,
+        "used": int(fit.inliers.sum()),
+        "rejected": fit.rejected,
+        "cap_deg": float(np.rad2deg(fit.cap)),
+        "cut_by_field": bool(fit.cut),
+        "beyond_calibrated_depths": ball.beyond,
+        "radius_gap_sigma": _number(fit.radius_gap),
+        "centre_moves_with_free_radius_mm": _number(fit.centre_moves),
+        "warnings": list(fit.warnings),
+        "outcome": fit.outcome,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def characteristics(made: Scans) -> tuple[Characteristic, ...]:
+    """Acceptance figures over all scans: the largest of all scans is the result.
+
+    Balls that are cut by the field, hidden in part or beyond the calibrated depths do not count. Worked out once."""
+    if "characteristics" not in made.told:
+        made.told["characteristics"] = _characteristics(made)
+    return made.told["characteristics"]
+
+
+def _characteristics(made: Scans) -> tuple[Characteristic, ...]:
+    every = tuple(map(_Combined, acceptance()))
+    single = ([whole.add(one.name, own) for whole, own in zip(every, one.accepted)] for one in made.scans)
+    spool = Spool(single, folder=made.folder)  # single results of a long session are read when they are written
+    return tuple(whole.characteristic(Parts(Made(spool, itemgetter(k)))) for k, whole in enumerate(every))
+
+
+class _Combined:
+    """One characteristic of all scans, as they come: the largest of those determined; of shares and temperatures the
+    mean. `undetermined` stands where there is no scan."""
+
+    def __init__(self, undetermined: Characteristic):
+        self._kept, self._scans, self._n, self._sum = undetermined, 0, 0, 0.0
+
+    def add(self, name: str, one: Characteristic) -> dict[str, float]:
+        """That of the next scan; gives back its single results by their names among those of all scans."""
+        self._scans += 1
+        if self._scans == 1 or one.determined and not abs(one.value) <= abs(self._kept.value):  # nan: none so far
+            self._kept = one
+        if not one.determined:
+            return {}
+        self._n, self._sum = self._n + one.n, self._sum + one.n * one.value
+        return {f"scan {name}, {part}": value for part, value in one.parts.items()}
+
+    def characteristic(self, parts: Mapping[str, float]) -> Characteristic:
+        """That of all scans so far, with their single results."""
+        if not self._kept.determined:
+            return self._kept
+        mean = self._kept.name in ("rejected", "temperature")
+        value = float(self._sum / self._n) if mean else self._kept.value
+        return replace(self._kept, value=value, n=self._n, parts=parts)
+
+
+def characteristic_json(one: Characteristic) -> dict:
+    """A line of the acceptance report."""
+    return {"name": one.name, "symbol": one.symbol, "vdi": one.vdi, "value": one.value if one.determined else None,
+            "unit": one.unit, "std": one.std, "n": one.n, "why": one.why, "parts": one.parts,
+            "definition": one.definition, "verdict": one.verdict}  # fmt: skip
+
+
+def centres_of(made: Scans) -> Recording | None:
+    """The recording of kind ball-centre that these scans make; None where no ball is named or no sample is told.
+
+    One row a ball and scan, with all columns of the sample that the scan belongs to, sigmas of each
+    coordinate from the covariance of the fit, and where in the sensor's field the ball was seen. The sigmas are in the
+    frame that fits best: what the camera's own frame is off, the calibration of the arm takes up. Worked out once.
+    """
+    if "centres" not in made.told:
+        made.told["centres"] = _centres_of(made)
+    return made.told["centres"]
+
+
+def _centres_of(made: Scans) -> Recording | None:
+    recording = made.recording
+    told = _columns(made) if recording.robot and recording.columns else {}
+    if not told:
+        return None
+    place = rows_of_samples(recording, told.pop("sample"))
+    columns = {name: values[place] for name, values in recording.columns.items()}
+    if len(set(place.tolist())) < len(place):
+        columns["pose"] = columns.get("pose", columns["sample"])
+        columns["sample"] = np.arange(1.0, len(place) + 1)
+    return Recording(
+        "ball-centre", columns | told, recording.robot, title=recording.title, balls=recording.balls,
+        guess=recording.guess, name=recording.name, source=recording.source, licence=recording.licence,
+        sha256=recording.sha256,
+    )  # fmt: skip
+
+
+def check_arm(recording: Recording) -> None:
+    """Raise InputError, before anything is scanned, where a recording knows no arm."""
+    if not recording.columns or not recording.robot:
+        raise InputError(
+            f"{recording.name}/recording.toml: expected [robot] and [samples] to calibrate an arm from scans, found "
+            "none; add them, or use `workbench scan` for the balls alone"
+        )
+
+
+def required(made: Scans) -> Recording:
+    """The recording of ball centres; InputError where these scans make none."""
+    found = centres_of(made)
+    if found is not None:
+        return found
+    check_arm(made.recording)
+    name, fitted = made.recording.name, sum(bool(ball.fit) for one in made.scans for ball in one.balls)
+    if not any("sample" in one.row for one in made.scans):
+        raise InputError(
+            f"{name}, images.csv, column sample: expected the row of samples.csv that each scan belongs to, found "
+            "none; add the column"
+        )
+    why = next((one.outcome for one in made.scans if one.outcome), "no ball was found")
+    raise InputError(
+        f"{name}: expected balls that are known by their number in artefact.csv, found {fitted} balls and none "
+        f"of them named ({why}); add a column ball to samples.csv"
+    )
+
+
+def renumbered(made: Scans, centres: Recording, samples: Sequence[int] | None) -> tuple[int, ...] | None:
+    """Samples of `centres` that come from these samples of the pictures' recording; None for None."""
+    if samples is None:
+        return None
+    wanted = np.isin([int(row["sample"]) for row, _ in _rows(made)], list(samples))
+    return tuple(int(number) for number in centres.sample_ids[wanted])
+
+
+def _rows(made: Scans) -> Iterator[tuple[dict, Ball]]:
+    """Row of images.csv and ball, of every named ball in a scan of a sample, at depths that are calibrated."""
+    for one in made.scans:
+        for ball in one.balls:
+            if ball.number is not None and ball.fit and not ball.beyond and "sample" in one.row:
+                yield one.row, ball
+
+
+def _columns(made: Scans) -> dict[str, np.ndarray]:
+    """Columns (k,) of `_told` of every row of `_rows`, and its sample; numbers alone are kept of a ball."""
+    columns: dict[str, array] = {}
+    for row, ball in _rows(made):
+        for name, value in {"sample": row["sample"], **_told(made, ball)}.items():
+            columns.setdefault(name, array("d")).append(value)
+    return {name: np.array(values) for name, values in columns.items()}
+
+
+def _told(made: Scans, ball: Ball) -> dict[str, float]:
+    """Columns of one ball centre, in file units."""
+    fit = ball.fit
+    std = fit.std[:3]
+    away = ball.points[:, fit.inliers] - fit.centre[:, None]
+    back = -ball.points[:, fit.inliers]
+    cosine = (away * back).sum(0) / (np.linalg.norm(away, axis=0) * np.linalg.norm(back, axis=0))
+    u, v = made.scanner.camera.project(fit.centre[:, None])[:, 0]
+    return {
+        "ball": ball.number,
+        **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
+        "sigma_mm": float(np.sqrt((std**2).mean())),
+        **dict(zip(("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"), std.tolist())),
+        "range_mm": float(np.linalg.norm(fit.centre)),
+        "u_px": float(u),
+        "v_px": float(v),
+        "incidence_deg": float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1)).mean())),
+    }
+
+
+def save(made: Scans, folder: Path) -> None:
+    """Write the recording of ball centres, and the scanner where it was calibrated here, into `folder`."""
+    if made.calibration is not None:
+        from workbench.jobs import scanner
+
+        scanner.save(made.calibration, folder)
+    centres = centres_of(made)
+    if centres is not None:
+        datasets.write(centres, folder / FOLDER)

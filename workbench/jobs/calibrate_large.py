@@ -1,0 +1,271 @@
+"""Calibration of a recording that is too long for memory: normal equations added up over chunks of its samples.
+
+Which stages earn their place is found on some thousand samples spread over the recording, by `calibrate`; what they
+free is then solved on all samples, and held-out errors are of all samples too.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from datasets.chunks import Chunks, read_chunks
+from robot_model.system import bind, redundant_geometry
+from workbench.jobs.calibrate import Calibration, Stage, calibrate
+from workbench.core.least_squares.adjustment_tests import robust_sigma, variance_test
+from workbench.core.effect import Effect
+from workbench.core.errors import InputError
+from workbench.core.least_squares.identifiability import identifiability, independent
+from workbench.core.least_squares.linear_algebra import solve_positive
+from workbench.core.model import NOISE, Model
+from workbench.core.parameters import Parameters
+from workbench.core.solution import Solution
+from workbench.core.least_squares.solver import CONVERGED, Equations, Fit, solve
+from workbench.fitting.cross_validation import error_summary
+from workbench.fitting.verdicts.noise_report import NoiseReport, report
+from workbench.machine.progress import paced
+from workbench.fitting.plans import frames_of
+from workbench.files.results import parameter_rows
+from workbench.files.solution_file import NAME, solution_keys
+
+_FLOOR = 1e-4
+
+
+@dataclass(frozen=True)
+class Stream:
+    """All samples of a recording under one model, made chunk by chunk: what `solve` wants of a model.
+
+    `extra` (m,) variance (mm^2, rad^2) added to each component's stated one, for what the model does not explain;
+    `tick` is called with samples done and in all.
+    """
+
+    chunks: Chunks
+    robot: object
+    start: np.ndarray
+    effects: tuple[Effect, ...]
+    extra: np.ndarray
+    tick: Callable[[int, int], None] = lambda done, total: None
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        return self._small.parameters
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        return self._small.spans
+
+    @property
+    def chain(self):
+        """Of one sample of every target: the same parameters, places and slots as that of all samples."""
+        return self._small.chain
+
+    @cached_property
+    def _small(self) -> Model:
+        return Model(bind(self.robot, self.chunks.each, self.start), self.effects)
+
+    def models(self) -> Iterator[tuple[slice, Model]]:
+        """Which samples, and the model of them; the rows of every target stand before each chunk while it is bound, so
+        that all chunks number their targets alike."""
+        first, known = 0, self.chunks.each
+        for part in self.chunks:
+            names = part.columns
+            both = {name: np.concatenate([known.columns[name], part.columns[name]]) for name in names}
+            chain = bind(self.robot, replace(part, columns=both), self.start)
+            chain = chain.at(np.arange(known.n, known.n + part.n))
+            own = slice(first, first + part.n)
+            yield own, Model(replace(chain, sigma=self._widened(chain)), self.effects)
+            first = own.stop
+            self.tick(first, self.chunks.n)
+
+    def _widened(self, chain):
+        stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
+        wide = np.sqrt(stated**2 + self.extra[: len(stated), None])
+        return np.where(wide > 0, wide, chain.sigma)
+
+    def sigma(self, parameters: Parameters) -> np.ndarray:
+        """(m, n) 1 sigma of every component of every sample."""
+        return self._sigma
+
+    @cached_property
+    def _sigma(self) -> np.ndarray:
+        return np.concatenate([model.chain.sigma for _, model in self.models()], 1)
+
+    @property
+    def stated_sigma(self) -> np.ndarray | None:
+        """(m, n) 1 sigma as the recording states it; None where it does not."""
+        if self.chain.sigma_unknown:
+            return None
+        return np.concatenate([model.chain.stated_sigma for _, model in self.models()], 1)
+
+    def residual(self, parameters: Parameters) -> np.ndarray:
+        """(m, n) predicted minus measured."""
+        return np.concatenate([model.residual(parameters) for _, model in self.models()], 1)
+
+    def linearise(self, parameters: Parameters) -> tuple[np.ndarray, Equations]:
+        """Residual (m, n), and the normal equations added up over the chunks."""
+        residual, (normal, gradient) = self.by_fold(parameters, np.zeros(self.chunks.n, int), 1)
+        return residual, Equations(normal[0], gradient[0])
+
+    def by_fold(self, parameters: Parameters, fold: np.ndarray, folds: int):
+        """Residual (m, n), and (folds, F, F), (folds, F) normal matrices and gradients of the samples of each fold."""
+        size = int(parameters.mask.sum())
+        normal, gradient, parts = np.zeros((folds, size, size)), np.zeros((folds, size)), []
+        for own, model in self.models():
+            residual, rows = model.linearise(parameters)
+            rows /= model.chain.sigma
+            white = residual / model.chain.sigma
+            for k in range(folds):
+                mine = slice(None) if folds == 1 else np.flatnonzero(fold[own] == k)
+                flat = rows[:, :, mine].reshape(size, -1)
+                normal[k] += flat @ flat.T
+                gradient[k] += flat @ white[:, mine].ravel()
+            parts.append(residual)
+        return np.concatenate(parts, 1), (normal, gradient)
+
+
+@dataclass(frozen=True)
+class ChunkedCalibration:
+    """A calibrated robot from all samples of a long recording.
+
+    `thin` is the calibration of the samples that were spread over it, which chose the stages; `solution`, `fit` and
+    `held_out` are of all n samples; `residual` (m, n) of the fit, mm and rad.
+    """
+
+    chunks: Chunks
+    thin: Calibration
+    stream: Stream
+    solution: Solution
+    fit: dict
+    held_out: dict
+    nominal: dict
+    residual: np.ndarray
+
+    @cached_property
+    def noise(self) -> NoiseReport:
+        """The residual of all samples against the stated noise; its structure is that of the thinned samples."""
+        thin = self.thin.noise.findings
+        position = self.residual[:3]
+        degrees = self.solution.fit.degrees * position.size / self.residual.size
+        corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
+        stated = self.stream.stated_sigma
+        return report(
+            replace(
+                thin,
+                test=None if stated is None else variance_test(position / stated[:3], degrees),
+                residual=robust_sigma(corrected, len(position)),
+                residual_rms=float(np.sqrt(corrected.mean() / len(position))),
+                degrees=degrees,
+                rms=self.fit["rms_mm"],
+            )
+        )
+
+    def as_json(self) -> dict:
+        """The object of `calibrate --json`, of all samples; `stages` are as the thinned samples chose them."""
+        said = self.thin.as_json()
+        known = self.solution.known
+        return said | {
+            "command": "calibrate-large", "recording": self.chunks.head.name, "samples": self.chunks.n,
+            "samples_for_stages": self.chunks.thin.n, "parameters": parameter_rows(self.solution), "fit": self.fit,
+            "held_out": self.held_out, "nominal": self.nominal, "converged": self.solution.converged,
+            "outcome": self.solution.outcome, "undetermined": list(self.solution.null_sentences),
+            "observability": known.observability(self.chunks.n), "noise": self.noise.as_json(),
+            "warnings": [*self.thin.warnings, *self.noise.warnings],
+        }  # fmt: skip
+
+
+def calibrate_chunks(
+    folder: Path,
+    plan: Path | tuple[Stage, ...] | None = None,
+    folds: int = 10,
+    progress: Callable[[str], None] = lambda text: None,
+    trust_data: bool = False,
+) -> ChunkedCalibration:
+    """Calibrate the robot of a recording folder whose samples are too many for memory.
+
+    plan, folds, progress, trust_data: as of `workbench.jobs.calibrate.calibrate`. Held-out errors: a fold's parameters are
+    those of all samples less one Newton step of its own normal equations (the infinitesimal jackknife's next order:
+    Cook & Weisberg, Residuals and Influence in Regression, 1982, sec. 3.4), which is exact where the model is linear
+    over it. Raises InputError.
+    """
+    progress("reading and checking the samples")
+    chunks = read_chunks(folder, trust_data)
+    progress(f"stages on {chunks.thin.n:,} of {chunks.n:,} samples")
+    thin = calibrate(chunks.thin, plan, folds=folds, progress=progress, trust_data=trust_data)
+    stream = stream_of(chunks, thin, progress)
+    wanted = _wanted(thin, stream)
+    free, _ = independent(stream.linearise(wanted)[1].normal, wanted, redundant=redundant_geometry(thin.robot))
+    fit = solve(stream, free)
+    held_out = _held_out(stream, fit, _folds(chunks.pose, folds), folds)
+    everything = wanted.take_over(fit.parameters).only(wanted.mask)
+    known = identifiability(stream.linearise(everything)[1].normal, everything)
+    provenance = dict(thin.provenance) | {"samples": str(chunks.n)}
+    solution = Solution(fit.parameters, fit, known, provenance)
+    nominal = error_summary(_nominal(stream))
+    return ChunkedCalibration(chunks, thin, stream, solution, error_summary(fit.residual), held_out, nominal,
+                              fit.residual)  # fmt: skip
+
+
+def stream_of(chunks: Chunks, thin: Calibration, progress: Callable[[str], None]) -> Stream:
+    """All samples under the model that the thinned ones chose, with the sigma that they honestly have."""
+    if any(effect.port == NOISE for effect in thin.model.effects):
+        raise InputError("plan: expected no effect on the noise for a calibration in chunks, found one; take it out")
+    if any(effect.by_moves for effect in thin.model.effects):
+        raise InputError("plan: expected no effect of the last moves (reading-lag) for a calibration in chunks, which "
+                         "sees no sample's predecessor; take it out")
+    chain = thin.model.chain
+    stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
+    extra = np.median(chain.sigma**2 - stated**2, axis=1)
+    return Stream(chunks, thin.robot, chain.start, thin.model.effects, extra, paced(progress, "sample"))
+
+
+def _wanted(thin: Calibration, stream: Stream) -> Parameters:
+    """All that the kept stages freed, also what the thinned samples tied to others, at their solution."""
+    keys = set(thin.solution.all_known.keys)
+    start = stream.parameters.take_over(thin.solution.parameters)
+    return start.only(np.array([key in keys for key in start.keys]))
+
+
+def _folds(pose: np.ndarray, folds: int) -> np.ndarray:
+    """(n,) fold of each sample by its pose, whose repeats so stay together."""
+    return np.unique(pose, return_inverse=True)[1].ravel() % folds
+
+
+def _held_out(stream: Stream, fit: Fit, fold: np.ndarray, folds: int) -> dict:
+    """Error summary of every sample predicted without its fold."""
+    parameters = fit.parameters
+    _, (normal, gradient) = stream.by_fold(parameters, fold, folds)
+    scale = parameters.typical[parameters.mask]
+    prior = parameters.precision[parameters.mask] * max(fit.sigma_scale, 1.0) ** 2
+    pull = prior * (parameters.pack() - parameters.nulls[parameters.mask])
+    moved = []
+    for k in range(folds):
+        rest = (normal.sum(0) - normal[k] + np.diag(prior)) * np.outer(scale, scale) + _FLOOR * np.eye(len(scale))
+        step = solve_positive(rest, (gradient.sum(0) - gradient[k] + pull) * scale) * scale
+        moved.append(parameters.unpack(parameters.pack() - step))
+    parts = []
+    for own, model in stream.models():
+        mine = fold[own]
+        rows = [np.flatnonzero(mine == k) for k in range(folds)]
+        parts += [model.at(some).residual(moved[k]) for k, some in enumerate(rows) if some.size]
+    return error_summary(np.concatenate(parts, 1)) | {"folds": folds, "samples": stream.chunks.n}
+
+
+def _nominal(stream: Stream) -> np.ndarray:
+    """Residual of the nominal geometry with base and tool fitted."""
+    bare = replace(stream, effects=())
+    free = bare.parameters.free(*frames_of(bare.parameters))
+    return solve(bare, free).residual
+
+
+def save(made: ChunkedCalibration, folder: Path) -> None:
+    """Write parameters.toml, calibration.json and solution.json, which `compensate` and `export` read."""
+    whole = replace(made.thin, solution=made.solution, fit=made.fit, held_out=made.held_out, nominal=made.nominal)
+    (folder / NAME).write_text(json.dumps(solution_keys(whole, made.noise), indent=1), encoding="utf-8")
+    (folder / "parameters.toml").write_text(made.solution.parameters.to_toml(), encoding="utf-8")
+    (folder / "calibration.json").write_text(json.dumps(made.as_json(), indent=1), encoding="utf-8")
+
+
+__all__ = ["CONVERGED", "ChunkedCalibration", "Stream", "calibrate_chunks", "save", "stream_of"]

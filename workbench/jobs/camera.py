@@ -1,0 +1,179 @@
+"""From pictures of a board to a camera: the recording's part, the JSON contract and the file."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.boards.detection import Rejected, detect_all
+from sensors.camera.calibration import CameraCalibration, calibrate_camera
+from sensors.camera.model import Camera, camera_from_keys, camera_keys
+from workbench.core.errors import InputError
+from workbench.machine.progress import paced
+from workbench.imaging.images import by_role
+from workbench.files.provenance import provenance
+from workbench.fitting.verdicts.sensor_verdict import camera_verdict, camera_warnings
+from workbench.fitting.verdicts.verdict import Tolerance
+
+FILE = "camera.toml"
+
+
+@dataclass(frozen=True)
+class CameraRun:
+    """A recording's camera: `calibration`, and `rejected` pictures, those without a board and those that do not fit."""
+
+    recording: Recording
+    model: str
+    calibration: CameraCalibration
+    rejected: tuple[Rejected, ...]
+
+
+def calibrate(recording: Recording, model: str, progress: Callable[[str], None]) -> CameraRun:
+    """The camera of a recording with pictures of a board; `model` is "brown" or "rational".
+
+    progress: called with one line a step. Raises InputError.
+    """
+    by_role(recording, "board")
+    tick = paced(progress, "board in picture")
+    found = detect_all(recording, lambda done, total, name: tick(done, total))
+    try:
+        calibration = calibrate_camera(found.views, found.board, found.size, model, progress=progress)
+    except InputError as problem:
+        raise _with_reason(problem, found) from None
+    return CameraRun(recording, model, calibration, (*found.rejected, *calibration.rejected))
+
+
+def _with_reason(problem: InputError, found) -> InputError:
+    """The same sentence, and why pictures were left out, which may be what is wrong."""
+    if not found.rejected:
+        return problem
+    first, of = found.rejected[0], len(found.views) + len(found.rejected)
+    return InputError(f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} pictures left out; {first.image}: "
+                      f"{first.why})")  # fmt: skip
+
+
+def as_json(made: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The camera's part of the JSON contract; tolerances: what its verdict is judged by."""
+    calibration = made.calibration
+    return {
+        **camera_json(calibration.camera, calibration.std),
+        "model": made.model,
+        "rms_px": calibration.rms_px,
+        "rms_coordinate_px": calibration.rms_coordinate_px,
+        "rms_means": "rms_px counts 2-D distances, as OpenCV does; rms_coordinate_px is of one coordinate",
+        "views": len(calibration.views),
+        "placements": len(calibration.poses),
+        "corners": int(calibration.view.size),
+        "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
+        "images": images_json(calibration),
+        "bow": bow_json(calibration),
+        "held_out": held_out_json(calibration.held_out),
+        "halves": halves_json(calibration.halves),
+        "uncertainty": uncertainty_json(calibration.uncertainty),
+        "undetermined": list(calibration.undetermined),
+        "warnings": camera_warnings(calibration),
+        "verdict": camera_verdict(calibration, tolerances).as_json(),
+        "provenance": provenance(made.recording),
+    }
+
+
+def camera_json(camera: Camera, std: Mapping[str, float]) -> dict:
+    """Values in px with their 1 sigma under `std`, in the same order; std: by the keys of the solve."""
+    known = {f"{name}_px": std.get(f"camera.{name}") for name in ("fx", "fy", "cx", "cy")}
+    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")[: len(camera.distortion)]
+    lens = [std.get(f"camera.{name}") for name in names]
+    keys = camera_keys(camera)
+    return {
+        **{key: keys[key] for key in known},
+        "distortion": keys["distortion"],
+        "width_px": camera.size[0],
+        "height_px": camera.size[1],
+        "std": {**known, "distortion": lens, **dict(zip(names, lens))},
+    }
+
+
+def images_json(calibration: CameraCalibration) -> list[dict]:
+    """One row a picture used."""
+    count = np.bincount(calibration.view, minlength=len(calibration.views))
+    return [
+        {"image": view.image, "placement": view.placement, "corners": int(k), "rms_px": float(rms), "note": view.note}
+        for view, k, rms in zip(calibration.views, count, calibration.view_rms_px)
+    ]
+
+
+def bow_json(calibration: CameraCalibration) -> dict | None:
+    """The board's warp in mm, None where it was not fitted."""
+    bow = calibration.bow
+    if bow is None:
+        return None
+    return {
+        "height_mm": bow.height_mm,
+        "height_std_mm": bow.height_std_mm,
+        "parameters": [
+            {"name": name, "value": value, "std": bow.std[name], "unit": "mm"} for name, value in bow.parameters.items()
+        ],
+    }
+
+
+def held_out_json(held) -> dict | None:
+    """Errors on pictures left out, beside OpenCV's; None where there are too few."""
+    if held is None:
+        return None
+    names = ("folds", "rms_px", "halved_rms_px", "opencv_rms_px", "opencv_halved_rms_px", "sentence")
+    return {name: getattr(held, name) for name in names}
+
+
+def halves_json(halves) -> dict | None:
+    """How far two cameras from half of the pictures each project apart."""
+    if halves is None:
+        return None
+    return {
+        "median_px": float(np.nanmedian(halves.difference.value)),
+        "max_px": float(np.nanmax(halves.difference.value)),
+        "over_sigma": halves.ratio,
+        "sentence": halves.sentence,
+    }
+
+
+def uncertainty_json(field) -> dict:
+    """1 sigma of projection over the picture."""
+    return {
+        "median_px": float(np.nanmedian(field.value)),
+        "max_px": float(np.nanmax(field.value)),
+        "distance_mm": field.distance_mm,
+    }
+
+
+def save(made: CameraRun, folder: Path) -> None:
+    """Write camera.toml into `folder`: what `read` takes, with sigmas and where it comes from."""
+    import tomli_w
+
+    calibration = made.calibration
+    std = {
+        key.removeprefix("camera."): float(value) for key, value in calibration.std.items() if key.startswith("camera.")
+    }
+    text = {
+        "format": "camera/1",
+        **camera_keys(calibration.camera),
+        "rms_coordinate_px": calibration.rms_coordinate_px,
+        "std": std,
+        "provenance": {key: value for key, value in provenance(made.recording).items() if value},
+    }
+    (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")
+
+
+def read(path: Path) -> Camera:
+    """The camera of a camera.toml, or of a scanner.toml. Raises InputError."""
+    import tomllib
+
+    try:
+        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise InputError(
+            f"{path}: expected a calibrated camera (TOML), found none to read ({problem}); name the "
+            "camera.toml that `workbench camera` writes"
+        ) from None
+    inner = keys.get("camera", keys)
+    return camera_from_keys(inner if isinstance(inner, Mapping) else keys, str(path))

@@ -1,0 +1,277 @@
+"""Several plans on one recording, same splits: what each costs in parameters and reaches on unseen samples."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import t as student
+
+from workbench.jobs.calibrate import Calibration, calibrate
+from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
+from workbench.core.text.csv_text import csv_text
+from workbench.core.errors import InputError
+from workbench.fitting.cross_validation import blocks, error_summary
+from workbench.fitting.plans import read_plan
+from workbench.fitting.verdicts.verdict import Tolerance, Verdict
+
+DEFAULT = "default"
+_BLOCKS, _LEAST_BLOCKS = 10, 5
+CHOSEN = "not printed: a plan chose its stages on these very folds; name --test-samples"
+SAME_FIRST = "the plan that the others are compared with"
+FEW = f"not printed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
+SAME = "not printed: both predict the same"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """`names` of the plans and their calibrations, first the one that the others are compared with.
+
+    `block` (n,) is the fold, or with test samples the block of consecutive test poses, of each moving
+    row that every plan predicted without having fitted it; -1 elsewhere. All held-out figures are of these rows.
+    `choosing` says which plans leave out stages by what the folds of the fit samples say.
+    """
+
+    recording: object
+    names: tuple[str, ...]
+    calibrations: tuple[Calibration, ...]
+    block: np.ndarray
+    tested_apart: bool
+    choosing: tuple[bool, ...]
+
+    @property
+    def distances(self) -> np.ndarray:
+        """(plans, held out) mm, 3-D distances of the held-out rows."""
+        return np.stack([_lengths(c.held_out_residual[:, self.block >= 0]) for c in self.calibrations])
+
+    @property
+    def angles(self) -> np.ndarray | None:
+        """(plans, held out) deg, rotation angles of the held-out rows; None where no orientation is measured."""
+        if not self.measures_orientation:
+            return None
+        angles = [_lengths(c.rotation["held_out"][:, self.block >= 0]) for c in self.calibrations]
+        return np.rad2deg(np.stack(angles))
+
+    @property
+    def measures_orientation(self) -> bool:
+        return "rotation_rms_deg" in self.calibrations[0].held_out
+
+    def rows(self) -> list[dict]:
+        """One row a plan: parameters, errors in mm and deg, the ratio to the first plan and the paired tests.
+
+        `ratio` and `p` are of the position, `rotation_ratio` and `rotation_p` of the orientation.
+        """
+        held_out = [error_summary(self._held_out(c)) for c in self.calibrations]
+        return [
+            {
+                "plan": name, **_parameters(calibration),
+                "stages": [stage.name for stage in calibration.stages if stage.earned],
+                **_fit_rms(calibration), **{f"held_out_{k}": v for k, v in own.items()},
+                "ratio": own["rms_mm"] / held_out[0]["rms_mm"], **self._paired(k, self.distances),
+                **self._rotation_columns(k, own, held_out[0]),
+                "converged": calibration.solution.converged, "noise": calibration.noise.as_json(),
+                "verdict": self.verdict(k).as_json(),
+            }
+            for k, (name, calibration, own) in enumerate(zip(self.names, self.calibrations, held_out))
+        ]  # fmt: skip
+
+    def _held_out(self, calibration) -> np.ndarray:
+        """(m, held out) residual of the held-out rows, mm and then rad."""
+        rows = [calibration.held_out_residual, calibration.rotation["held_out"]]
+        return np.concatenate(rows)[:, self.block >= 0]
+
+    def _rotation_columns(self, k: int, own: dict, first: dict) -> dict:
+        if not self.measures_orientation:
+            return {}
+        ratio = own["rotation_rms_deg"] / first["rotation_rms_deg"]
+        return {"rotation_ratio": ratio, "rotation_p": self._paired(k, self.angles)["p"]}
+
+    def _paired(self, k: int, errors: np.ndarray | None = None) -> dict:
+        """`p` that plan k and the first err alike, two-sided, over folds or blocks; and why there is none.
+
+        errors (plans, held out): as of `falls`.
+        Differences of the mean square are compared with their scatter (Student's t). Folds share most of
+        what they were fitted on, so their variance is enlarged by 1 + J/(J-1) (Nadeau & Bengio, Machine
+        Learning 52, 2003); blocks of test samples, predicted by one fit, are not, and the test is then of
+        these two fits on poses like these.
+        """
+        if k == 0:
+            return {"p": None, "test": SAME_FIRST}
+        falls = self.falls(k, errors)
+        if len(falls) < _LEAST_BLOCKS:
+            return {"p": None, "test": FEW}
+        if not self.tested_apart and (self.choosing[0] or self.choosing[k]):
+            return {"p": None, "test": CHOSEN}
+        if not falls.any():
+            return {"p": None, "test": SAME}
+        over = "blocks of test poses" if self.tested_apart else "folds"
+        return {"p": self._p(falls), "test": f"valid over {len(falls)} {over}"}
+
+    def _p(self, falls) -> float:
+        count = len(falls)
+        enlarged = 1 / count + (0 if self.tested_apart else 1 / (count - 1))
+        t = falls.mean() / max(falls.std(ddof=1) * np.sqrt(enlarged), 1e-300)
+        return float(2 * student.sf(abs(t), count - 1))
+
+    def falls(self, k: int, errors: np.ndarray | None = None) -> np.ndarray:
+        """(blocks,) by which the mean square of plan k lies below that of the first.
+
+        errors (plans, held out): `distances` (the default; then mm^2) or `angles` (deg^2).
+        """
+        squares = (self.distances if errors is None else errors) ** 2
+        block = self.block[self.block >= 0]
+        return np.array([(squares[0] - squares[k])[block == b].mean() for b in np.unique(block)])
+
+    def verdict(self, k: int, tolerances: Sequence[Tolerance] = ()) -> Verdict:
+        """The held-out error of plan k, on the rows that all plans predict, against noise and tolerances."""
+        own = self.calibrations[k]
+        held_out = own.held_out | error_summary(own.held_out_residual[:, self.block >= 0])
+        return calibration_verdict(held_out, own.noise, tolerances)
+
+    def best_verdict(self, tolerances: Sequence[Tolerance] = ()) -> Verdict:
+        """The verdict on the plan with the smallest held-out error."""
+        squares = (self.distances**2).mean(1)
+        best = int(squares.argmin())
+        verdict = self.verdict(best, tolerances)
+        return replace(verdict, sentence=f"Best plan, {self.names[best]}: {verdict.sentence}")
+
+    def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
+        """The answer of `workbench compare`; the verdict is that of the best plan."""
+        first = self.calibrations[0]
+        return {
+            "command": "compare", "recording": self.recording.name, "measures": self.recording.measures,
+            "samples": first.recording.n, "held_out_samples": int((self.block >= 0).sum()),
+            "held_out_by": "test samples" if self.tested_apart else "folds of the fit samples",
+            "blocks": len(np.unique(self.block[self.block >= 0])), "nominal": first.nominal, "plans": self.rows(),
+            "verdict": self.best_verdict(tolerances).as_json(),
+            "warnings": list(first.warnings),
+        }  # fmt: skip
+
+
+def compare(
+    recording,
+    plans: Sequence[str],
+    fit_samples: Sequence[int] | None = None,
+    test_samples: Sequence[int] | None = None,
+    folds: int = 10,
+    progress: Callable[[str], None] = lambda text: None,
+    trust_data: bool = False,
+) -> Comparison:
+    """Calibrate a recording by each of several plans, all on the same splits.
+
+    plans: names or files of plans, "default" for the default one, each once. The rest as of
+    `workbench.jobs.calibrate.calibrate`. Raises InputError.
+    """
+    _check(plans)
+    found = []
+    for name in plans:
+        progress(f"plan {name}")
+        plan = None if name == DEFAULT else Path(name)
+        found.append(calibrate(recording, plan, fit_samples, test_samples, folds, progress, trust_data))
+    block = np.where(np.all([c.fold >= 0 for c in found], 0), found[0].fold, -1)
+    apart = bool(len(np.unique(block[block >= 0])) == 1 and not (test_samples is None and fit_samples is None))
+    if apart:
+        block[block >= 0] = blocks(found[0].recording.poses[block >= 0], _BLOCKS)
+    names, choosing = tuple(Path(name).stem for name in plans), tuple(_chooses(name) for name in plans)
+    return Comparison(recording, names, tuple(found), block, apart, choosing)
+
+
+def _check(plans):
+    if not plans:
+        raise InputError("--plan names no plan, where at least one is expected; name several, or 'default'.")
+    twice = sorted({name for name in plans if list(plans).count(name) > 1})
+    if twice:
+        raise InputError(f"--plan names {twice[0]} twice, where each plan is expected once; take one of them out.")
+
+
+def _lengths(residual: np.ndarray) -> np.ndarray:
+    """(n,) lengths of the columns of a residual (k, n)."""
+    return np.sqrt((residual**2).sum(0))
+
+
+def _fit_rms(calibration) -> dict:
+    names = ("rms_mm", "rotation_rms_deg")
+    return {f"fit_{name}": calibration.fit[name] for name in names if name in calibration.fit}
+
+
+def _parameters(calibration) -> dict:
+    """What a plan frees, and how much of it these data determine, of the stages that stayed."""
+    kept = [stage for stage in calibration.stages if stage.earned] or list(calibration.stages)
+    return {"free": kept[-1].free, "identifiable": calibration.solution.known.rank}
+
+
+def _chooses(name: str) -> bool:
+    """Whether a plan leaves the choice of its stages to the folds, as the default one does."""
+    return name == DEFAULT or any(stage.earn for stage in read_plan(Path(name)))
+
+
+def save(comparison: Comparison, folder: Path) -> None:
+    """Write table.csv, held-out.csv and comparison.png.
+
+    held-out.csv has one column of distances (mm) a plan and, where orientation is measured, one of
+    angles, called `<plan>_rotation_deg`.
+    """
+    rows = [{k: "; ".join(v) if isinstance(v, list) else v for k, v in row.items()} for row in comparison.rows()]
+    (folder / "table.csv").write_text(csv_text(list(rows[0]), [row.values() for row in rows]), encoding="utf-8")
+    ids = comparison.calibrations[0].recording.sample_ids[comparison.block >= 0]
+    errors, head = comparison.distances, [*comparison.names]
+    if comparison.measures_orientation:
+        errors = np.concatenate([errors, comparison.angles])
+        head += [f"{name}_rotation_deg" for name in comparison.names]
+    lines = [[int(i), *(f"{error:.6g}" for error in row)] for i, row in zip(ids, errors.T)]
+    (folder / "held-out.csv").write_text(csv_text(["sample", *head], lines), encoding="utf-8")
+    picture(comparison).savefig(folder / "comparison.png", dpi=130)
+
+
+def picture(comparison: Comparison):
+    """A matplotlib figure: fitted and held-out RMS of every plan, and the share of samples that err by less.
+
+    A second row shows the same of the orientation, where it is measured.
+    """
+    from matplotlib.figure import Figure
+
+    kinds = [(comparison.distances, "3-D distance", "mm", "")]
+    if comparison.measures_orientation:
+        kinds.append((comparison.angles, "rotation angle", "deg", "rotation_"))
+    made = Figure(figsize=(11, 4.2 * len(kinds)), facecolor="white", layout="constrained")
+    panels = made.subplots(len(kinds), 2, width_ratios=(1, 1.15), squeeze=False)
+    colours = [_COLOURS[k % len(_COLOURS)] for k in range(len(comparison.names))]
+    for (bars, shares), (errors, what, unit, prefix) in zip(panels, kinds):
+        _bars(bars, comparison, colours, (what, unit, prefix))
+        _shares(shares, zip(comparison.names, errors, colours), f"{what}, held out ({unit})")
+    for axes in panels.ravel():
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(alpha=0.25)
+        axes.title.set_size(10.5)
+    made.suptitle(comparison.recording.title or comparison.recording.name, size=11.5)
+    return made
+
+
+def _shares(axes, lines, label: str):
+    """Cumulative share of samples over their error; lines: (plan, errors (n,), colour)."""
+    for name, errors, colour in lines:
+        axes.ecdf(errors, label=name, color=colour, lw=1.8)
+    axes.set(xlabel=label, title="share of samples that err by less", xlim=(0, None))
+    axes.yaxis.set_major_formatter("{x:.0%}")
+    axes.legend(frameon=False, loc="lower right")
+
+
+_COLOURS = ("#8c8c8c", "#1f83c4", "#12957a", "#b8649f", "#d9730d", "#5b5bd6", "#806000")
+
+
+def _bars(axes, comparison, colours, kind):
+    """Held-out RMS of every plan; kind: (what in words, unit, prefix of the keys) of the errors."""
+    what, unit, prefix = kind
+    rows, place = comparison.rows(), np.arange(len(comparison.names))
+    values = [row[f"held_out_{prefix}rms_{unit}"] for row in rows]
+    axes.barh(place, values, color=colours, height=0.62)
+    fitted = [row[f"fit_{prefix}rms_{unit}"] for row in rows]
+    axes.scatter(fitted, place, marker="|", s=220, color="#222222", label="fitted", zorder=3)
+    for row, value, at in zip(rows, values, place):
+        text = f"{value:.4f}  ({row[f'{prefix}ratio']:.2f})"
+        axes.annotate(text, (value, at), (5, 0), textcoords="offset points", va="center", size=9)
+    names = [f"{row['plan']}\n{row['identifiable']} identifiable" for row in rows]
+    axes.set(yticks=place, yticklabels=names, xlim=(0, 1.3 * max(values)))
+    axes.set(xlabel=f"RMS of the {what} ({unit})", title="held out, and its ratio to the first plan's")
+    axes.invert_yaxis()
+    axes.legend(frameon=False, loc="lower right")

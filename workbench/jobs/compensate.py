@@ -1,0 +1,275 @@
+"""Using a calibration: joint readings that bring the real arm where the nominal one was sent.
+
+The full non-linear model is inverted, for all targets at once: geometry, transmission, compliance
+under the load that each target carries, and whatever else was calibrated.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_model.chain import forward
+from robot_model.measurements.closure import flange_matrices
+from robot_model.measurements.external_pose import ExternalPose
+from robot_model.robot import Robot
+from robot_model.state import State, sliding
+from robot_model.system import RobotChain
+from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
+from workbench.core.model import Model
+from workbench.core.rigid import transform
+from workbench.files.solution_file import CalibratedArm
+
+_STEPS, _LEVER_MM = 40, 200.0
+# starts of the search for a posture, and where a joint without limits may start
+_TRIES, _OPEN = 20, (-np.pi, np.pi)
+# a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
+_REACHED_MM = 1e-5
+_ROOT = ("joint-1.theta1", "joint-1.d1")
+# a joint that stood still in the recording has an unknown axis: of a redundant arm the others are moved instead
+_STILL_RAD, _STILL_MM, _STILL_WEIGHT = 1e-3, 0.1, 1e-3
+
+
+@dataclass(frozen=True)
+class Compensated:
+    """Corrected targets.
+
+    `readings` (n, R) rad, mm, nan where not `reached`; `poses` (n, 4, 4) T_root_flange that were asked
+    for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings, the larger of its
+    position and of its orientation at a lever of 200 mm; `position_mm` and `rotation_deg` (n,) the two by themselves;
+    `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
+    uncertainty makes; `reached` (n,) False where no reading within limits gets there.
+    """
+
+    readings: np.ndarray
+    poses: np.ndarray
+    correction_mm: np.ndarray
+    position_mm: np.ndarray
+    rotation_deg: np.ndarray
+    left_mm: np.ndarray
+    sigma_mm: np.ndarray
+    reached: np.ndarray
+
+
+def compensate(
+    arm: CalibratedArm, readings: np.ndarray, poses: np.ndarray | None = None, covariates=None, anywhere: bool = False
+) -> Compensated:
+    """Readings with which the calibrated arm puts its flange where the nominal arm would have put it.
+
+    readings (n, R): rad, mm, as programmed, or where to start looking when `poses` (n, 4, 4),
+    T_root_flange in mm, are the targets; anywhere: in any posture. covariates: name -> (n,) in file units, `payload_kg`
+    among them; what an effect needs and is not given raises InputError.
+    """
+    nominal = nominal_poses(arm.robot, readings)
+    wanted = nominal if poses is None else np.asarray(poses, float)
+    found = np.array(readings, float)
+    if poses is not None:
+        found = _nominal_readings(arm.robot, found, wanted, anywhere)
+    deviation, before = _off(_model(arm, found, wanted, covariates), arm)
+    position, rotation = np.linalg.norm(deviation[:3], axis=0), np.rad2deg(np.linalg.norm(deviation[3:], axis=0))
+    for _ in range(_STEPS):
+        model = _model(arm, found, wanted, covariates)
+        residual, distance = _off(model, arm)
+        step = _step(model, arm, residual)
+        if distance.max(initial=0) < _REACHED_MM:
+            break
+        found = found - least_squares(arm.robot.mixing, step).T
+    model = _model(arm, found, wanted, covariates)
+    left = _off(model, arm)[1]
+    reached = (left < 1e-3) & _within(arm.robot, found)
+    sigma = _sigma(model, arm)
+    # what an inversion that failed ends with is no place to send an arm to
+    readings = np.where(reached[:, None], found, np.nan)
+    return Compensated(readings, wanted, before, position, rotation, left, sigma, reached)
+
+
+def nominal_poses(robot: Robot, readings: np.ndarray) -> np.ndarray:
+    """(n, 4, 4) T_root_flange of the nominal arm at readings (n, R)."""
+    frames = forward(robot, robot.mixing @ np.asarray(readings, float).T)
+    return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+def actual_poses(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
+    """(n, 4, 4) T_root_flange where the calibrated arm really is at readings (n, R)."""
+    model = _model(arm, readings, nominal_poses(arm.robot, readings), covariates)
+    frames = model.evaluate(_parameters(model, arm)).frames
+    return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+def covariates_read(arm: CalibratedArm) -> frozenset[str]:
+    """The recorded columns that the correction depends on, apart from joint readings and load."""
+    if arm.fitted_range is None:
+        return frozenset()
+    middle = {name: np.array([(low + high) / 2]) for name, (low, high) in arm.fitted_range.items()}
+    model = _model(arm, np.zeros((1, arm.robot.mixing.shape[1])), np.eye(4)[None], middle)
+    columns = _Recorder(model.chain.state.covariates)
+    state = replace(model.chain.state, covariates=columns)
+    watched = replace(model, chain=replace(model.chain, state=state), _bases={})
+    watched.residual(_parameters(watched, arm))
+    return frozenset(columns.read & set(middle))
+
+
+class _Recorder(dict):
+    """Covariates that note which of them are read."""
+
+    def __init__(self, columns):
+        super().__init__(columns)
+        self.read: set[str] = set()
+
+    def __contains__(self, name):
+        found = super().__contains__(name)
+        self.read.update([name] if found else [])
+        return found
+
+    def __getitem__(self, name):
+        self.read.add(name)
+        return super().__getitem__(name)
+
+    def get(self, name, default=None):
+        """The column, noted; `default` where there is none."""
+        return self[name] if name in self else default
+
+
+def _model(arm, readings, wanted, covariates) -> Model:
+    """The calibrated arm at readings, measured from its own root against the wanted poses."""
+    variables = arm.robot.mixing @ np.asarray(readings, float).T
+    n = variables.shape[1]
+    covariates = {name: np.broadcast_to(np.asarray(v, float), (n,)) for name, v in (covariates or {}).items()}
+    covariates.setdefault("row", np.zeros(n))
+    payload = arm.robot.payload_mass + covariates.get("payload_kg", np.zeros(n))
+    measurement = ExternalPose(wanted[:, :3, 3].T.copy(), wanted[:, :3, :3])
+    blank = np.zeros((3, n))
+    state = State(arm.robot, variables, covariates, arm.robot.gravity, payload, arm.load_centre, blank,
+                  np.ones(n, int), blank)  # fmt: skip
+    ones = np.ones((6, n))
+    return Model(RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones), arm.acting_effects)
+
+
+def _parameters(model: Model, arm: CalibratedArm):
+    """The calibrated geometry and effects; base and tool are left out, since the flange is asked for in the root."""
+    keys = [k for k in model.parameters.keys if k in arm.values and not _is_frame(k)]
+    return model.parameters.update({key: arm.values[key] for key in keys})
+
+
+def _is_frame(key: str) -> bool:
+    place, _, name = key.partition(".")
+    return place in ("base", "tool", "sensor") and "." not in name
+
+
+def _off(model, arm):
+    """(6, n) actual minus wanted pose, and (n,) mm: its largest of place and of turn at a lever's length."""
+    residual = model.residual(_parameters(model, arm))
+    place, turn = np.linalg.norm(residual[:3], axis=0), np.linalg.norm(residual[3:], axis=0)
+    return residual, np.maximum(place, _LEVER_MM * turn)
+
+
+def _step(model, arm, residual):
+    """(J, n) change of the joint variables that undoes the residual; effects hardly change over it."""
+    rows = model.evaluate(_parameters(model, arm)).rows("joint", np.arange(arm.robot.joints))
+    scale = np.array([1.0, 1, 1, _LEVER_MM, _LEVER_MM, _LEVER_MM])[:, None]
+    weight = _joint_weights(arm)
+    jacobian = np.transpose(rows * scale, (2, 1, 0)) * weight
+    right = (residual * scale).T[..., None]
+    # damped: near a singular posture a plain inverse would leap
+    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * _LEVER_MM**2 * 1e-3 * np.eye(arm.robot.joints)
+    return (solve_positive(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0] * weight).T
+
+
+def _joint_weights(arm) -> np.ndarray:
+    """(J,) how readily a joint variable takes part in a correction: little where it stood still in the recording."""
+    if arm.fitted_range is None:
+        return np.ones(arm.robot.joints)
+    moved = np.ones(arm.robot.mixing.shape[1], bool)
+    for k, slides in enumerate(sliding(arm.robot)):
+        low, high = arm.fitted_range.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (-np.inf, np.inf))
+        moved[k] = high - low > (_STILL_MM if slides else np.rad2deg(_STILL_RAD))
+    has_moved = (np.abs(arm.robot.mixing) @ moved) > 0
+    return np.where(has_moved, 1.0, _STILL_WEIGHT)
+
+
+def _nominal_readings(robot, start, wanted, anywhere):
+    """Readings (n, R) of the nominal arm at the wanted poses, from `start`; where that leads beyond limits and any
+    posture will do, from other places within them."""
+    found, good = _searched(robot, start, wanted)
+    rng, (low, high) = np.random.default_rng(0), np.where(np.isnan(robot.limits), _OPEN, robot.limits).T
+    for _ in range(_TRIES if anywhere else 0):
+        rows = np.flatnonzero(~good)
+        if not rows.size:
+            break
+        found[rows], good[rows] = _searched(robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows])
+    return found
+
+
+def _searched(robot, start, wanted):
+    """Readings (n, R) of the nominal arm nearest to the wanted poses, and (n,) whether it may and does get there."""
+    bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
+    found = start
+    for _ in range(3 * _STEPS):
+        model = _model(bare, found, wanted, None)
+        residual, distance = _off(model, bare)
+        if distance.max(initial=0) < 1e-3:
+            break
+        step = np.clip(_step(model, bare, residual), -0.3 * _reach(robot), 0.3 * _reach(robot))
+        found = found - least_squares(robot.mixing, step).T
+    found = _turned_back(robot, found)
+    return found, (_off(_model(bare, found, wanted, None), bare)[1] < 1e-2) & _within(robot, found)
+
+
+def _turned_back(robot, readings):
+    """The readings (n, R) less whole turns where that brings a joint within its limits."""
+    low, high = robot.limits.T
+    turns = np.round((readings - np.nan_to_num((low + high) / 2)) / (2 * np.pi))
+    outside = ~sliding(robot) & ((readings < low) | (readings > high))
+    return np.where(outside, readings - 2 * np.pi * turns, readings)
+
+
+def _reach(robot):
+    """(J, 1) what a step of one is: a radian, or a hundred mm where the joint slides."""
+    return np.where(robot.prismatic, 100.0, 1.0)[:, None]
+
+
+def _within(robot, readings):
+    low, high = robot.limits.T
+    return (
+        (readings >= np.where(np.isnan(low), -np.inf, low)) & (readings <= np.where(np.isnan(high), np.inf, high))
+    ).all(1)
+
+
+def _sigma(model, arm) -> np.ndarray:
+    """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
+
+    Base and tool are in it: they were found together with the arm, and what they share with it cancels.
+    A beam is known across itself and not along, so that there the flange's own place is taken.
+    """
+    of_a_beam = arm.keys.get("measures") == "laser-spot"
+    known = {_called(key): key for key in arm.free if _called(key) in model.parameters.index
+             and not (of_a_beam and key.startswith("tool."))}  # fmt: skip
+    parameters = model.parameters.update({k: arm.values[key] for key in arm.values if (k := _called(key)) in
+                                          model.parameters.index})  # fmt: skip
+    parameters = parameters.only(np.isin(parameters.keys, list(known)))
+    if not known:
+        return np.zeros(model.chain.n)
+    order = [arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free]
+    rows = model.linearise(parameters)[1][:, :3]
+    covariance = _beside_the_frame(arm)[np.ix_(order, order)]
+    return np.sqrt(np.maximum(np.einsum("fmn,fg,gmn->n", rows, covariance, rows), 0))
+
+
+def _beside_the_frame(arm) -> np.ndarray:
+    """(F, F) covariance; with the root's turn and height taken as known where nothing but the arm says where it is.
+
+    Touches, beams and lengths tell nothing of theta1 and d1: they say which frame targets are in, and are no
+    error of the arm in it.
+    """
+    frame = [k for k, key in enumerate(arm.free) if key in _ROOT]
+    if not frame or any(key.startswith("base.") and "-" not in key for key in arm.values):
+        return arm.covariance
+    shared = arm.covariance[:, frame]
+    return arm.covariance - shared @ solve_positive(shared[frame], shared.T)
+
+
+def _called(key: str) -> str:
+    """What a parameter of a calibration is called in the model of a flange and one point on it."""
+    place, _, name = key.partition(".")
+    if (place in ("tool", "sensor")) and name[-1:] in "xyz" and name[:-1] in ("", "reflector1_", "tip_"):
+        return f"tool.{name[-1]}"
+    return key

@@ -1,0 +1,269 @@
+"""From pictures of a board, or profiles of a ball, at flange poses to the hand-eye transform: contract and file."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.boards.board import Board
+from sensors.boards.detection import Rejected, View, detect_all
+from sensors.camera.calibration import CameraCalibration, calibrate_camera
+from sensors.camera.model import Camera, camera_from_keys
+from sensors.hand_eye.result import HandEye
+from sensors.hand_eye.review import Review
+from workbench.jobs import camera as cameras
+from workbench.core.errors import InputError
+from workbench.core.rigid import rotation_vector
+from workbench.imaging.flange import flange_poses, rows_of_samples
+from workbench.fitting.verdicts.hand_eye_verdict import handeye_verdict, handeye_warnings
+from workbench.machine.progress import paced
+from workbench.imaging.images import by_role, check_size
+from workbench.files.provenance import provenance
+from workbench.fitting.verdicts.verdict import Tolerance
+
+FILE = "hand-eye.toml"
+IN_HAND, TO_HAND = "in-hand", "to-hand"
+FEWEST = 3
+"""Images that a hand-eye transform needs."""
+HELD = "the recording's own guess, held"
+
+
+@dataclass(frozen=True)
+class HandEyeRun:
+    """A recording's hand-eye: `made`, and `flange` (P, 4, 4) T_base_flange of its poses, called `names` (P).
+
+    Of pictures: the `board`, its `views`, those `rejected`, and the `camera` calibration where it was made here. Of
+    profiles of a ball whose radius is certified: `free`, the same with a radius that the profiles tell themselves.
+    `review`: whether flange poses and images fit each other.
+    """
+
+    recording: Recording
+    made: HandEye
+    flange: np.ndarray
+    names: tuple[str, ...]
+    camera: Camera | None = None
+    calibration: CameraCalibration | None = None
+    board: Board | None = None
+    views: tuple[View, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
+    source: str = ""
+    free: HandEye | None = None
+    review: Review | None = None
+
+
+def calibrate(
+    recording: Recording,
+    sensor: Path | None,
+    kind: str | None,
+    progress: Callable[[str], None],
+    trust_data: bool = False,
+) -> HandEyeRun:
+    """The hand-eye of a recording with flange poses or joint readings.
+
+    sensor: a camera.toml or scanner.toml, None calibrates the camera from the same pictures; kind:
+    "in-hand" or "to-hand", None as the recording's [board] says. trust_data: a mistake in the data that explains what
+    the data cannot is reported and does not refuse the recording. Raises InputError.
+    """
+    if recording.measures == "ball-surface":
+        return _from_profiles(recording, kind, progress)
+    by_role(recording, "board")
+    kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
+    flange = flange_poses(recording)
+    tick = paced(progress, "board in picture")
+    found = detect_all(recording, lambda done, total, name: tick(done, total))
+    views = tuple(view for view in found.views if "sample" in view.row)
+    if not views:
+        raise InputError(
+            f"{recording.name}, images.csv, column sample: expected the row of samples.csv that each board "
+            "picture was taken at, found none; add the column"
+        )
+    _check_enough(recording, views, found)
+    camera, source = _camera(recording, sensor, found, progress)
+    progress(f"hand-eye from {len(views)} pictures")
+    from sensors.hand_eye.pictures import hand_eye_from_views
+    from workbench.fitting.verdicts.hand_eye_review import Observed, refuse, review_recording
+
+    rows = rows_of_samples(recording, [view.row["sample"] for view in views])
+    poses = flange[rows]
+    held = source == HELD or sensor is not None
+    review = review_recording(Observed(recording, found, views, camera, not held, poses, rows, kind), progress)
+    if not trust_data:
+        refuse(recording, review)
+    made = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
+    calibration = camera if isinstance(camera, CameraCalibration) else None
+    return HandEyeRun(
+        recording,
+        made,
+        poses,
+        tuple(view.image for view in views),
+        made.camera,
+        calibration,
+        found.board,
+        views,
+        found.rejected,
+        source,
+        review=review,
+    )
+
+
+def _check_enough(recording, views, found) -> None:
+    """InputError where the board was found in too few images, with the reason of the first that was rejected."""
+    if len(views) >= FEWEST or not found.rejected:
+        return
+    raise InputError(
+        f"{recording.name}/recording.toml, [board]: expected the {found.board.title} in at least {FEWEST} images that "
+        f"name a sample, found it in {len(views)} of {len(views) + len(found.rejected)} ({found.rejected[0]}); correct "
+        "kind, columns and rows, or take the images again"
+    )
+
+
+def _camera(recording, sensor, found, progress):
+    """The camera, and where it comes from: the file named, the recording's own guess, or the same pictures."""
+    if sensor is not None:
+        camera = cameras.read(sensor)
+        check_size(camera, found.size, recording.name, str(sensor))
+        return camera, f"read from {sensor}"
+    guess = recording.guess.get("camera")
+    try:
+        return (
+            calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress),
+            "calibrated from the same pictures",
+        )
+    except InputError:
+        if guess is None:
+            raise
+    keys = {"width_px": found.size[0], "height_px": found.size[1], **guess}
+    return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD
+
+
+def _from_profiles(recording, kind, progress) -> HandEyeRun:
+    from sensors.hand_eye.profiles import hand_eye_from_profiles
+
+    if kind == TO_HAND:
+        raise InputError(
+            f"{recording.name}: expected a profiler on the flange for profiles of a ball, found --kind to-hand; "
+            "leave the option out"
+        )
+    balls = np.unique(recording.ball)
+    if len(balls) > 1:
+        raise InputError(
+            f"{recording.name}, samples.csv, column ball: expected profiles of one ball, found {len(balls)}; "
+            "split the recording, one ball each"
+        )
+    labels, first, pose = np.unique(recording.poses, return_index=True, return_inverse=True)
+    progress(f"hand-eye from {len(labels)} profiles of a ball")
+    ball = recording.balls.get(int(balls[0]))
+    flange = flange_poses(recording)[first]
+    made = hand_eye_from_profiles(recording.points.T, pose, flange, None if ball is None else ball[3])
+    free = None
+    if ball is not None:
+        progress("the same with a radius of its own")
+        free = hand_eye_from_profiles(recording.points.T, pose, flange, None)
+    named = recording.columns.get("pose", labels)
+    names = tuple(f"pose {named[row]:g}" for row in first)
+    return HandEyeRun(recording, made, flange, names, free=free)
+
+
+def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The answer of `workbench handeye`; tolerances: what its verdict is judged by."""
+    made = run.made
+    return {
+        "kind": made.kind,
+        "transform": "T_base_sensor" if made.kind == TO_HAND else "T_flange_sensor",
+        "poses": len(run.flange),
+        "hand_eye": placed_json(made.sensor, made.covariance),
+        "target": target_json(made),
+        "noise": made.noise,
+        "noise_unit": made.unit,
+        "robot_sigma": dict(made.robot_sigma),
+        "fit": dict(made.fit),
+        "held_out": dict(made.held_out),
+        "errors": [
+            {
+                "name": name,
+                "residual": row.residual,
+                "held_out": row.held_out,
+                "unit": made.unit,
+                "moved_mm": row.moved_mm,
+                "turned_deg": row.turned_deg,
+                "outlier": row.outlier,
+                "why": row.why,
+            }
+            for name, row in zip(run.names, made.poses)
+        ],
+        "radius_mm": made.radius,
+        "radius_std_mm": made.std.get("target.radius"),
+        **profiler_json(run),
+        "camera": None if run.camera is None else {**cameras.camera_json(run.camera, made.std), "source": run.source},
+        "rejected": [{"image": one.image, "why": one.why} for one in run.rejected],
+        "undetermined": list(made.undetermined),
+        "suspicions": list(made.suspicions),
+        "warnings": handeye_warnings(run),
+        "verdict": handeye_verdict(run, tolerances).as_json(),
+        "notes": list(made.notes),
+        "outcome": made.outcome,
+        "converged": made.converged,
+        "provenance": provenance(run.recording),
+    }
+
+
+def profiler_json(run: HandEyeRun) -> dict:
+    """Of profiles: the scale of the profiler's z, as one plus it, and the ball's radius where it is fitted; sigmas None
+    where a number is held."""
+    made, free = run.made, run.made if run.free is None else run.free
+    if made.radius is None:
+        return {}
+    return {
+        "range_scale": made.range_scale,
+        "range_scale_std": made.std.get("sensor.range_scale"),
+        "free_radius_mm": free.radius,
+        "free_radius_std_mm": free.std.get("target.radius"),
+        "free_radius_range_scale": free.range_scale,
+        "free_radius_range_scale_std": free.std.get("sensor.range_scale"),
+        "free_radius_rms_mm": free.fit["rms_mm"],
+    }
+
+
+def placed_json(matrix: np.ndarray, covariance: np.ndarray) -> dict:
+    """A transform as place and rotation vector with 1 sigma each (inf: not determined), and as a matrix."""
+    std = np.sqrt(np.diag(covariance))
+    return {
+        "xyz_mm": matrix[:3, 3].tolist(),
+        "rotvec_deg": np.rad2deg(rotation_vector(matrix[:3, :3])).tolist(),
+        "std_mm": std[:3].tolist(),
+        "std_deg": np.rad2deg(std[3:]).tolist(),
+        "matrix": matrix.tolist(),
+    }
+
+
+def target_json(made: HandEye) -> dict:
+    """Where the board or the ball stands."""
+    if made.radius is None:
+        return {
+            "transform": "T_flange_board" if made.kind == TO_HAND else "T_base_board",
+            **placed_json(made.target, made.target_covariance),
+        }
+    return {
+        "transform": "centre of the ball in the base",
+        "xyz_mm": made.centre.tolist(),
+        "std_mm": np.sqrt(np.diag(made.target_covariance)).tolist(),
+    }
+
+
+def save(run: HandEyeRun, folder: Path) -> None:
+    """Write hand-eye.toml into `folder`: the transform with its sigma, and where it comes from."""
+    import tomli_w
+
+    told = as_json(run)
+    text = {
+        "format": "hand-eye/1",
+        "kind": told["kind"],
+        "transform": told["transform"],
+        **told["hand_eye"],
+        "undetermined": told["undetermined"],
+        "suspicions": told["suspicions"],
+        "provenance": {key: value for key, value in told["provenance"].items() if value},
+    }
+    (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")

@@ -1,0 +1,69 @@
+"""What a recording can determine, before anything is trusted: `workbench identifiability`."""
+
+from pathlib import Path
+
+import numpy as np
+
+from robot_model.effects import CATALOGUE
+from robot_model.system import bind, geometry_free, held_by_convention
+from workbench.fitting.checked_samples import check_samples
+from workbench.core.effect import make_effects
+from workbench.core.least_squares.identifiability import identifiability as look
+from workbench.core.model import Model
+from workbench.core.least_squares.solver import normal_matrix
+from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
+
+_NOMINAL_SIGMA_MM = 0.05
+
+
+def identifiability(recording, plan: Path | None = None, trust_data: bool = False) -> dict:
+    """Rank, null space in words and observability indices of the geometry and of each stage.
+
+    Judged at the nominal geometry with effects at a third of their typical size; a recording
+    without sigma is taken to have 0.05 mm. plan: a plan file or its name; each of its stages is then
+    judged with all before it. Keys as the command prints them. trust_data: judge also a recording that cannot be
+    right. Raises InputError.
+    """
+    checked = check_samples(recording, trust_data)
+    moving, robot = checked.recording, checked.robot
+    chain = bind(robot, moving)
+    scale = _NOMINAL_SIGMA_MM if recording.sigma is None else 1.0
+    if plan is None:
+        stages = [_stage(chain, robot, stage, scale) for stage in default_plan(chain)]
+    else:
+        rows = read_plan(plan)
+        stages = [_stage_of_plan(chain, rows[:k], rows, scale) for k in range(1, len(rows) + 1)]
+    return {
+        "measures": recording.measures, "samples": moving.n, "poses": len(np.unique(moving.poses)),
+        "sigma_assumed_mm": scale if recording.sigma is None else None, "stages": stages,
+        "warnings": list(checked.warnings),
+    }  # fmt: skip
+
+
+def _stage(chain, robot, stage, scale) -> dict:
+    model = Model(chain, make_effects(CATALOGUE, stage.effects))
+    parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
+    own = [p.key for effect in model.effects for p in effect.parameters(chain)]
+    return _judged(stage, model, (parameters.free(*own) if own else parameters).nudged(), scale, robot)
+
+
+def _stage_of_plan(chain, upto, plan, scale) -> dict:
+    """The last of the stages `upto` with all before it, and with what the whole plan holds."""
+    model = Model(chain, make_effects(CATALOGUE, [row for stage in upto for row in stage.effects]))
+    start = held(model.parameters, plan)
+    mask = start.matching(*frames_of(start))
+    for stage in upto:
+        mask |= stage_mask(start, stage, make_effects(CATALOGUE, stage.effects), chain)
+    return _judged(upto[-1], model, start.only(mask & start.mask).nudged(), scale)
+
+
+def _judged(stage, model, parameters, scale, robot=None) -> dict:
+    """robot: whose Hayati rows are asked about too, in words."""
+    known = whole = look(normal_matrix(model, parameters), parameters, scale)
+    if robot is not None and (more := held_by_convention(robot)):
+        everything = parameters.free(*more)
+        whole = look(normal_matrix(model, everything), everything, scale)
+    return {
+        "name": stage.name, "free": len(known.keys), "identifiable": known.rank,
+        "undetermined": whole.sentences(), **known.observability(model.chain.sigma.shape[1]),
+    }  # fmt: skip

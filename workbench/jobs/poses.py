@@ -1,0 +1,244 @@
+"""Which poses to measure: reachable, visible, not in the arm's own way, and telling the most."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from datasets.columns import joint_columns
+from robot_model.clearance import self_clearance
+from robot_model.effects import CATALOGUE
+from robot_model.measurements import looks_of, measurement_of, samples_of
+from robot_model.system import bind, geometry_free, held_by_convention
+from workbench.fitting.checked_samples import check_samples
+from workbench.core.text.csv_text import csv_text
+from workbench.core.least_squares.design import Design, choose
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.core.least_squares.identifiability import identifiability, independent
+from workbench.core.least_squares.linear_algebra import covariance_of
+from workbench.core.model import Model
+from workbench.core.least_squares.solver import normal_matrix
+from workbench.fitting.plans import default_plan, frames_of
+from workbench.imaging.visibility import EVERYTHING, Sight, unseen
+
+CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5", "task")
+_NOMINAL_SIGMA_MM = 0.05
+# knows a parameter to a hundred typical sizes: what a calibration's own covariance has where nothing is known
+_FAINT = 1e-4
+LINK_RADIUS_MM = 50.0
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """`samples` numbers of the rows at the chosen poses; `design` how good they are; `undetermined` what stays open.
+
+    `candidates` poses to choose from, `left_out` (reason -> how many) of those that were no candidates. A pose
+    that is taken several times has its samples as often. `rotation`: predicted orientation error at the tasks,
+    deg RMS, of the chosen poses and of all candidates; empty where the tasks measure no orientation.
+    """
+
+    recording: object
+    samples: tuple[int, ...]
+    design: Design
+    criterion: str
+    undetermined: tuple[str, ...]
+    candidates: int
+    left_out: dict[str, int]
+    parameters: int
+    rotation: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def predicted(self) -> dict | None:
+        """Error at the tasks, mm RMS, of the set and, median, of random ones; None for other criteria.
+
+        `bound_mm`: no set of as many of the candidates is predicted below it; `share_of_twice_beaten` of the random
+        sets of twice the size, None where there are not that many candidates.
+        """
+        found = self.design
+        if found.bound is None:
+            return None
+        twice = found.twice if len(found.twice) else None
+        squares = {"chosen_mm": found.value, "random_mm": np.median(found.random),
+                   "random_twice_mm": None if twice is None else np.median(twice),
+                   "all_mm": found.everything, "bound_mm": max(found.bound, 0.0)}  # fmt: skip
+        told = {key: None if square is None else float(np.sqrt(square)) for key, square in squares.items()}
+        share = None if twice is None else float((twice > found.value).mean())
+        return told | {"share_of_twice_beaten": share} | dict(self.rotation)
+
+    def as_json(self) -> dict:
+        """The answer of `workbench poses`."""
+        return {
+            "command": "poses", "recording": self.recording.name, "criterion": self.criterion,
+            "poses": len(self.design.chosen), "candidates": self.candidates, "left_out": self.left_out,
+            "parameters": self.parameters, "value": self.design.value,
+            "random_median": float(np.median(self.design.random)), "gain_over_random": self.design.gain,
+            "predicted": self.predicted(), "samples": list(self.samples), "undetermined": list(self.undetermined),
+            "warnings": list(self.warnings),
+        }  # fmt: skip
+
+
+def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: bool = False,
+                 link_radius_mm: float = LINK_RADIUS_MM, seed: int = 0,
+                 sight: Sight = EVERYTHING, repeats: int = 1, trust_data: bool = False) -> Chosen:  # fmt: skip
+    """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
+
+    recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
+    robot and kind, whose predicted error is to be small. link_radius_mm: half the thickness of the
+    arm's links, for the check that it is not in its own way; 0 leaves the check out. sight: what the
+    sensor on the arm can see. repeats: how often one pose may be measured.
+    The predicted error at the tasks is that of the calibration's own covariance: with the priors of its parameters
+    and the stated noise (0.05 mm a coordinate where none is). The criterion is of the positions; where poses are
+    measured, the predicted error of the orientation is reported with it.
+    trust_data: choose also from a recording that cannot be right.
+    Raises InputError where there are too few candidates or the criterion is not known.
+    """
+    if criterion not in CRITERIA:
+        raise InputError(f"--criterion {criterion}: expected one of {', '.join(CRITERIA)}, found none of them; "
+                         "correct it")
+    if (criterion == "task") != (tasks is not None):
+        raise InputError(f"--criterion {criterion}: expected --tasks RECORDING with the criterion task and with no "
+                         f"other, found {'none' if tasks is None else 'one'}; correct the call")
+    checked = check_samples(recording, trust_data)
+    moving, robot = checked.recording, checked.robot
+    good, left_out = _usable(robot, moving, link_radius_mm, sight.checked(recording.measures))
+    moving = moving.select(good)
+    poses = np.unique(moving.poses, return_inverse=True)[1]
+    count = poses.max(initial=-1) + 1
+    if count < 2:
+        raise InputError(f"{recording.name}: expected at least 2 poses that can be used, found {count} "
+                         f"({_told(left_out)}); bring other candidates, or ask for less of the sensor and the arm")
+    if repeats < 1:
+        raise InputError(f"--repeats {repeats}: expected how often one pose may be measured, at least 1; correct it")
+    if not 2 <= n <= count:
+        raise InputError(f"--count {n}: expected 2 to {count}, the poses of {recording.name} that can be used "
+                         f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates")
+    model, free, everything = _model(robot, moving, effects)
+    if not free.mask.any():
+        raise InputError(f"{recording.name}: expected candidate poses that determine at least one parameter of the "
+                         "arm, found none that changes a measurement by more than its sigma; bring poses that differ "
+                         "more, or check sigma_mm")
+    rows = _by_pose(_whitened(model, free), poses)
+    wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
+    known = None if tasks is None else _known(free)
+    positions = None if wanted is None else wanted[:, :3]
+    design = choose(rows, n, criterion, positions, seed, known=known, repeats=repeats, bounded=True)
+    rotation = {} if wanted is None else _rotation_errors(rows, wanted[:, 3:], known, design.chosen)
+    picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
+    everything = everything.free(*held_by_convention(robot))
+    judged = identifiability(normal_matrix(model.at(picked), everything), everything)
+    samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
+    return Chosen(recording, samples, design, criterion, tuple(judged.sentences()), int(count), left_out,
+                  int(free.mask.sum()), rotation, checked.warnings)  # fmt: skip
+
+
+def _known(free) -> np.ndarray:
+    """(F, F) what is known of the free parameters beside the data, in typical sizes."""
+    return np.diag(free.precision[free.mask] * free.typical[free.mask] ** 2 + _FAINT)
+
+
+def _in_rounds(counts) -> np.ndarray:
+    """Rows (k,) as often as counted (n,): all once, then again those that come twice, and so on."""
+    return np.concatenate([np.flatnonzero(counts > done) for done in range(max(counts.max(initial=1), 1))])
+
+
+def _told(left_out) -> str:
+    return ", ".join(f"{count} {why}" for why, count in left_out.items() if count) or "none left out"
+
+
+def _model(robot, recording, effects):
+    """The model of the candidates, what they determine of it, and all that is free."""
+    if recording.sigma is None:
+        recording = replace(recording, sigma_mm=_NOMINAL_SIGMA_MM)
+    chain = bind(robot, recording)
+    rows = [row for stage in default_plan(chain) for row in stage.effects] if effects else []
+    model = Model(chain, make_effects(CATALOGUE, rows))
+    everything = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
+    own = [p.key for effect in model.effects for p in effect.parameters(chain)]
+    everything = everything.free(*own) if own else everything
+    return model, independent(normal_matrix(model, everything), everything)[0], everything
+
+
+def _whitened(model, free) -> np.ndarray:
+    """(n, m, F) rows, whitened and in typical sizes."""
+    rows = model.linearise(free)[1] / model.sigma(free) * free.typical[free.mask][:, None, None]
+    return rows.transpose(2, 1, 0)
+
+
+def _by_pose(rows, poses) -> np.ndarray:
+    """(N, m', F): rows of one pose side by side, zeros where a pose has fewer samples than another."""
+    order = np.argsort(poses, kind="stable")
+    counts = np.bincount(poses)
+    place = np.arange(len(poses)) - np.repeat(np.cumsum(counts) - counts, counts)
+    made = np.zeros((len(counts), counts.max(), *rows.shape[1:]))
+    made[poses[order], place] = rows[order]
+    return made.reshape(len(counts), -1, rows.shape[2])
+
+
+def _task_rows(robot, model, tasks, free):
+    """(T, m, F) rows of the tasks, mm and rad, with the candidates' base and tool; InputError where these differ."""
+    tasks = samples_of(tasks)
+    own = measurement_of(tasks).parameters()
+    placed = [p.key for p in model.chain.parameters.table if not p.key.startswith(("base.", "joint-"))]
+    if [p.key for p in own] != placed or tasks.joints.shape[1] != robot.mixing.shape[1]:
+        raise InputError(f"--tasks {tasks.name}: expected poses of the candidates' robot, tool and targets, measured "
+                         "as they are, found others; make them as the candidates were made")
+    chain = bind(robot, replace(tasks, sigma_mm=1.0), start=model.chain.start)
+    seen = Model(chain, model.effects)
+    rows = seen.linearise(seen.parameters.take_over(free).only(free.mask))[1]
+    return (rows * free.typical[free.mask][:, None, None]).transpose(2, 1, 0)
+
+
+def _rotation_errors(rows, tasks, known, chosen) -> dict[str, float]:
+    """Predicted RMS rotation error (deg) at tasks (T, k, F) with the chosen poses and with all; {} for k = 0.
+
+    rows (N, m, F) of the candidates, whitened; known (F, F) normal matrix of the priors.
+    """
+    if not tasks.shape[1]:
+        return {}
+    return {"chosen_deg": _rotation_error(rows[chosen], tasks, known), "all_deg": _rotation_error(rows, tasks, known)}
+
+
+def _rotation_error(rows, tasks, known) -> float:
+    flat = rows.reshape(-1, rows.shape[2])
+    covariance = covariance_of(flat.T @ flat, np.diag(known))
+    variance = np.einsum("tkf,fg,tkg->t", tasks, covariance, tasks)
+    return float(np.rad2deg(np.sqrt(variance.mean())))
+
+
+def _usable(robot, recording, link_radius, sight):
+    """(n,) which rows may be driven to and show what they should, and how many may not, by the first reason."""
+    left, taken = {}, np.zeros(recording.n, bool)
+    for look in looks_of(recording):
+        variables = robot.mixing @ look.joints.T
+        reasons = {"beyond a joint's limit": _beyond(robot, look.joints)}
+        reasons["in the arm's own way"] = (self_clearance(robot, variables, link_radius) < 2 * link_radius
+                                           if link_radius > 0 else np.zeros(recording.n, bool))  # fmt: skip
+        for why, rows in (reasons | unseen(robot, recording, link_radius, sight)).items():
+            left[why] = left.get(why, 0) + int((rows & ~taken).sum())
+            taken |= rows
+    return ~taken, left
+
+
+def _beyond(robot, joints):
+    """(n,) True where a reading (n, R) passes a limit that the robot states."""
+    low, high = robot.limits.T
+    return ((joints < np.where(np.isnan(low), -np.inf, low - 1e-9))
+            | (joints > np.where(np.isnan(high), np.inf, high + 1e-9))).any(1)  # fmt: skip
+
+
+def write_poses(chosen: Chosen, folder: Path) -> Path:
+    """`poses.csv` in an existing folder: the chosen rows with joint readings and, where there is one, the ball."""
+    from workbench.files.runs import replace_file
+
+    sample, times = np.unique(np.array(chosen.samples), return_counts=True)
+    place = np.searchsorted(sample, chosen.recording.sample_ids).clip(max=len(sample) - 1)
+    rows = _in_rounds(np.where(sample[place] == chosen.recording.sample_ids, times[place], 0))
+    joints = joint_columns(chosen.recording.columns)
+    named = [k for k in ("sample", "ball", "reflector", "point", "pair") if k in chosen.recording.columns]
+    columns = {k: chosen.recording.columns[k][rows] for k in (*named, *joints)}
+    lines = [[f"{value:.10g}" for value in row] for row in zip(*columns.values())]
+    path = Path(folder) / "poses.csv"
+    replace_file(path, csv_text(columns, lines))
+    return path

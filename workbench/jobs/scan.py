@@ -1,0 +1,332 @@
+"""From pictures of scans to clouds and ball centres with their uncertainty."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from datasets.rows import Grouped
+from sensors.acceptance import Characteristic, Probed, acceptance
+from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
+from sensors.ball.point_errors import plane_error, stripe_error
+from sensors.ball.search import find_balls
+from sensors.boards.detection import Rejected
+from sensors.pictures import flaw, read, stacks, unlit
+from sensors.scanner.model import Scanner
+from sensors.stripe.bend import Bend, bend_on_ball
+from sensors.stripe.find import find_stripes
+from workbench.jobs import scanner as calibrated
+from workbench.imaging.ball_names import named
+from workbench.core.errors import InputError
+from workbench.core.text.file_names import differ_in_case_only, file_name
+from workbench.machine.progress import paced
+from workbench.imaging.images import by_role, check_size, full_scale, path_of, streamed
+from workbench.imaging.scan_surface import reconstructed
+from workbench.files.spool import Made, Spool
+
+CLOUDS = "clouds"
+INCIDENCE_DEG = 60.0
+"""Points of a ball that are seen or lit more steeply are left out: there one pixel is a long way along the surface."""
+ALL_ROUND = 0.5
+"""Share of the way round that must be seen of a ball that counts for acceptance. The light comes from the side, so that
+up to a third of the way round stays dark on a ball that nothing hides."""
+_BORDER = 3  # px from the edge of the picture within which a stripe may be cut
+COVARIATES = ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
+_FRAMES = 16
+_DRAWN = 4000
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball found in a scan: `number` in artefact.csv (None: not known which), `fit` with the radius as
+    certified where there is one, `free` with a radius of its own; `points` (3, k) mm on it, `pixels` (2, k).
+
+    `beyond`: most of its points are at depths for which the light planes were not calibrated."""
+
+    number: int | None
+    radius: float | None
+    fit: BallFit
+    free: BallFit
+    points: np.ndarray
+    pixels: np.ndarray
+    beyond: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is seen well enough to be a measurement of the ball's form and size."""
+        return bool(self.fit) and not self.fit.cut and not self.beyond and self.fit.coverage >= ALL_ROUND
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One scan: its `row` of images.csv, number of `points` in `cloud` (a file of the run), `drawn` (3, k) mm some of
+    them, stripe centres `dropped` by reason, its balls, what is to be said of them, pictures `rejected`, and its own
+    acceptance figures."""
+
+    name: str
+    row: Mapping
+    points: int
+    cloud: str
+    drawn: np.ndarray
+    dropped: Mapping[str, int]
+    balls: tuple[Ball, ...]
+    outcome: str
+    rejected: tuple[Rejected, ...] = ()
+    accepted: tuple[Characteristic, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scans:
+    """All scans of a recording, of which few are in memory; `calibration` is the scanner's run, None where a file was
+    given; in `folder` waits what a long session cannot keep in memory; `told` holds what was made of all scans, which
+    are gone through once for it."""
+
+    recording: Recording
+    scanner: Scanner
+    calibration: object
+    scans: Sequence[Scan]
+    folder: Path | None = None
+    told: dict[str, object] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+
+def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress: Callable[[str], None]) -> Scans:
+    """Clouds and balls of every scan of a recording.
+
+    scanner_file: a calibrated scanner, None calibrates one from the recording's boards; folder: where
+    the clouds go, one PLY file a scan. Raises InputError.
+    """
+    groups = scans_of(recording)
+    if scanner_file is None and not by_role(recording, "board-laser"):
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser to calibrate the "
+            "scanner from, found none; name a calibrated one with --scanner, or add rows with role board-laser"
+        )
+    made = None if scanner_file else calibrated.calibrate(recording, progress=progress)
+    scanner = made.scanner if made else calibrated.read(scanner_file)
+    first = groups.rows[0]
+    size = read(path_of(recording, first), f"{recording.name}/{first['image']}").size
+    check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
+    (folder / CLOUDS).mkdir()
+    saturation = full_scale(recording, by_role(recording, "scan"))
+    work = _Work(recording, scanner, folder, saturation, differ_in_case_only(groups))
+    each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
+    beside = folder.parent  # on its disk, and not in it: not every system moves a folder with an open file
+    return Scans(recording, scanner, made, Spool(each, folder=beside), beside)
+
+
+def scans_of(recording: Recording) -> Grouped:
+    """Rows of images.csv by scan, in the order of their steps. InputError where there is none, or a step twice."""
+    rows = by_role(recording, "scan")
+    if not len(rows):
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of scans, found none; add rows "
+            "with role scan"
+        )
+    groups = rows.by("scan", "step")
+    steps = groups.rows.values("step", 0)
+    same = np.diff(steps) == 0
+    same[groups.starts[1:-1] - 1] = False  # the last of a scan and the first of the next
+    if same.any():
+        again = int(np.argmax(same))
+        name, mine = groups.at(int(np.searchsorted(groups.starts, again, "right")) - 1)
+        raise InputError(
+            f"{recording.name}, images.csv, scan {name}: expected every step once, found step {steps[again]:g} "
+            f"{(mine.values('step', 0) == steps[again]).sum()} times; give each picture its own step or scan"
+        )
+    return groups
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What is done with one scan; `saturation` as in `find_stripes`.
+
+    `same_but_case`: ids of scans that differ from another one in capitals only.
+    """
+
+    recording: Recording
+    scanner: Scanner
+    folder: Path
+    saturation: float | None = None
+    same_but_case: frozenset[str] = frozenset()
+
+    def __call__(self, named: tuple[str, list[Mapping]]) -> Scan:
+        name, rows = named
+        known = [row for row in rows if int(row.get("step", 0)) in self.steps]
+        if not known:
+            raise InputError(
+                f"{self.recording.name}, images.csv, scan {name}: expected pictures at steps of the scanner "
+                f"({min(self.steps)} to {max(self.steps)}), found none; use the scanner of this recording"
+            )
+        pixels, steps, sigma, shape, covariates, dropped, rejected = self.stripes(known)
+        points, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
+        seen = np.isfinite(points).all(0)
+        points, pixels, steps, sigma, shape = points[:, seen], pixels[:, seen], steps[seen], sigma[seen], shape[:, seen]
+        cloud = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
+        write_cloud(self.folder / cloud, points)
+        balls, outcome = self.balls(known, points, pixels, steps, sigma, shape)
+        without = len(rows) - len(known)
+        lost = f"{without} of {len(rows)} pictures are at steps that the scanner has no plane for" if without else ""
+        some = np.linspace(0, max(points.shape[1] - 1, 0), min(points.shape[1], _DRAWN)).astype(int)
+        outside = sum(ball.beyond for ball in balls)
+        far = f"{outside} balls beyond the depths of the boards, where the planes are not calibrated" if outside else ""
+        told = "; ".join(filter(None, (lost, outcome if points.size else self.dark(known), far, surface)))
+        accepted = figures(self.recording, rows[0], balls)
+        return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told, rejected, accepted)
+
+    def dark(self, rows) -> str:
+        """Why a scan has no points, as far as its middle picture tells."""
+        middle = rows[len(rows) // 2]
+        why = flaw(read(path_of(self.recording, middle), f"{self.recording.name}/{middle['image']}"))
+        return f"no laser line was found in {len(rows)} pictures ({middle['image']}: {why or 'no clear line'})"
+
+    @cached_property
+    def steps(self) -> set[int]:
+        return set(self.scanner.steps.tolist())
+
+    @property
+    def radii(self) -> list[float] | None:
+        """mm that occur among the balls of the certificate; None without one."""
+        return sorted({ball[3] for ball in self.recording.balls.values()}) or None
+
+    def stripes(self, rows):
+        """Pixels (2, n), steps (n,), sigma (n,) px and covariates of a scan's stripe; counts of what was dropped, and
+        pictures in which none can be seen."""
+        paths = [path_of(self.recording, row) for row in rows]
+        called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
+        parts, flaws, dropped, first = [], [], Counter(), 0
+        for stack in stacks(paths, _FRAMES, called.get):
+            flaws += [unlit(frame) for frame in stack]
+            found = find_stripes(stack, self.along, saturation=self.saturation)
+            parts.append((found.pixels, first + found.frame, found.sigma, found.shape))
+            dropped.update(found.dropped)
+            first += len(stack)
+        pixels, frame, sigma, shape = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
+        names = [name for name in COVARIATES if all(name in row for row in rows)]
+        covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
+        steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
+        return pixels, steps, sigma, shape, covariates, dict(dropped), _unseen(rows, flaws, frame)
+
+    @property
+    def along(self) -> str:
+        """In which direction a centre is sought, as on the boards."""
+        return "rows" if abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1]) else "columns"
+
+    def balls(self, rows, points, pixels, steps, sigma, shape):
+        """The balls among points (3, n) mm of the pictures `rows`, named as far as they can be."""
+        radii = self.radii
+        place = self.scanner.places(steps)
+        error = self.scanner.by_stripe(points, steps)  # for one px of the stripe's centre
+        length = np.linalg.norm(error, axis=0)
+        each = dict(
+            sigma=np.hypot(sigma, self.scanner.sigma_px) * length,
+            direction=error / length,
+            at_limit=self._at_limit(pixels, steps, [int(row.get("step", 0)) for row in rows]),
+        )
+        trimmed = np.deg2rad(INCIDENCE_DEG)
+        found = find_balls(points, radii, free=True, incidence=trimmed, **each) if points.shape[1] else []
+        numbers, outcome = named(self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found])
+        if not found:
+            outcome = "; ".join(filter(None, (outcome, _perhaps_cut(each["at_limit"]))))
+        made = []
+        for free, number in zip(found, numbers):
+            on = free.reason != ELSEWHERE
+            own = (
+                {key: value[..., on] for key, value in each.items()}
+                | {"incidence": trimmed}
+                | self._together(points, pixels, place, error, on)
+            )
+            radius = self._radius(number, free.radius, radii)
+            start = np.append(free.centre, free.radius if radius is None else radius)
+            bend = self._bend(start, pixels[:, on], place[on])
+            pull = np.nan_to_num(bend.pull(bend.sheet(shape[0, on]), *shape[:, on]))
+            straight = points[:, on] - error[:, on] * pull
+            fit = _fitted(straight, bend.lit > np.cos(trimmed), radius, start, own)
+            beyond = self._beyond(points[2, on])
+            other = (fit if radius is None else fit.free) or free
+            made.append(Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond))
+        return tuple(made), outcome
+
+    def _together(self, points, pixels, place, error, on) -> dict:
+        """What the errors of points have in common: their light plane's, where its covariance is known, and their
+        stripe's."""
+        if self.scanner.covariance is None:
+            return {"groups": place[on]}
+        planes, covariance = self.scanner.planes, self.scanner.covariance
+        along = pixels[1 if self.along == "rows" else 0, on]
+        own = stripe_error(error[:, on], place[on], along)
+        return {"shared": plane_error(points[:, on], planes, place[on], covariance, own), "ordered": True}
+
+    def _at_limit(self, pixels, steps, swept):
+        """(n,) whether points lie at the edge of the picture, or in the first or last plane of the steps `swept`."""
+        size = np.array(self.scanner.camera.size)[:, None]
+        edge = ((pixels < _BORDER) | (pixels > size - 1 - _BORDER)).any(0)
+        return edge | ((min(swept) < max(swept)) & ((steps == min(swept)) | (steps == max(swept))))
+
+    def _beyond(self, depth) -> bool:
+        """Whether most of these depths are outside those of the boards."""
+        if self.scanner.volume is None:
+            return False
+        low, high = self.scanner.volume
+        return bool(np.median(np.clip(depth, low, high) == depth) < 1)
+
+    def _bend(self, ball, pixels, place) -> Bend:
+        """What a ball (4,) does to the stripes on it, by which their centres are found off."""
+        mirror = self.scanner.mirror
+        planes, light = self.scanner.planes[:, place], None if mirror is None else mirror.point
+        return bend_on_ball(self.scanner.camera, ball[:3], ball[3], pixels, planes, self.scanner.scan, light)
+
+    def _radius(self, number, found, radii):
+        if number is not None:
+            return self.recording.balls[number][3]
+        return None if radii is None else min(radii, key=lambda radius: abs(radius - found))
+
+
+def figures(recording: Recording, row: Mapping, balls: Sequence[Ball]) -> tuple[Characteristic, ...]:
+    """Acceptance figures of one scan; balls that are not seen well enough do not count."""
+    known = recording.balls
+    numbers = {number: k + 1 for k, number in enumerate(known)}
+    table = np.array([ball[:3] for ball in known.values()]).T if known else None
+    whole = [ball for ball in balls if ball.whole]
+    told = table if all(ball.number is not None for ball in whole) else None
+    probed = [Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius)
+              for k, ball in enumerate(whole)]  # fmt: skip
+    return acceptance(probed, told, temperature=row.get("temperature_c"))
+
+
+def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
+    """Pictures that are overexposed, or black between two that show the line: beside what is seen, black is right."""
+    lit = np.bincount(frame, minlength=len(rows)) > 0
+    between = np.r_[False, lit[:-1]] & np.r_[lit[1:], False]
+    return tuple(Rejected(row["image"], why) for row, why, near in zip(rows, flaws, between)
+                 if why and (near or not why.startswith("all black")))  # fmt: skip
+
+
+def _perhaps_cut(at_limit) -> str:
+    """What to look for where no ball is found: one that the field cuts shows too little of itself."""
+    if not at_limit.any():
+        return ""
+    return (f"{at_limit.sum()} of {at_limit.size} points lie at the field's limit: a ball there is cut by the field; "
+            "move it to the middle")  # fmt: skip
+
+
+def _fitted(points, lit, radius, start, own) -> BallFit:
+    """The ball through points (3, k) that are `lit` (k,): light that grazes the surface spreads over many pixels,
+    which speckle makes a ragged patch."""
+    own = own | {"sigma": np.where(lit, own["sigma"], np.nan)}
+    fit = fit_ball(points, radius=radius, view=points, start=start, **own)
+    return replace(fit, reason=np.where(~lit & (fit.reason == MISSING), INCIDENCE, fit.reason))
+
+
+def write_cloud(path: Path, points: np.ndarray) -> None:
+    """Points (3, n) mm as a PLY file (Open3D, binary); none where there are no points. InputError where it fails."""
+    import open3d
+
+    if not points.size:
+        return
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.ascontiguousarray(points.T)))
+    if not open3d.io.write_point_cloud(str(path), cloud):
+        raise InputError(f"{path} cannot be written; see that the disk has room, or name another place with --out.")

@@ -1,0 +1,281 @@
+"""From pictures of a board, without and with the laser, to a scanner: the recording's part, contract and file."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.boards.board import Board
+from sensors.boards.detection import Rejected, View
+from sensors.light.board_stripes import BoardStripes, joined
+from sensors.pictures import read_grey, stacks, unlit
+from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
+from sensors.scanner.model import Scanner
+from sensors.stripe.find import find_stripes
+from workbench.jobs import camera as cameras
+from workbench.core.errors import InputError
+from workbench.machine.progress import paced
+from workbench.imaging.images import by_role, full_scale, path_of, streamed
+from workbench.files.provenance import provenance
+from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
+from workbench.fitting.verdicts.verdict import Tolerance
+
+FILE = "scanner.toml"
+_FRAMES = 16
+_BEYOND = 1.5  # steps of the grid that a board may reach beyond its outermost corners
+_TRIED = 3  # placements from which the direction of the stripes is read
+
+
+@dataclass(frozen=True)
+class ScannerRun:
+    """A recording's scanner: the `camera` from its corners alone, and `calibration` of everything together.
+
+    `unusable`: placements with laser pictures whose stripes could not be used, and why; `rejected` every picture under
+    the laser that was left out, these and those that are black or overexposed.
+    """
+
+    recording: Recording
+    camera: cameras.CameraRun
+    calibration: ScannerCalibration
+    unusable: tuple[Mapping, ...]
+    rejected: tuple[Rejected, ...] = ()
+
+    @property
+    def scanner(self) -> Scanner:
+        return self.calibration.scanner
+
+
+def calibrate(
+    recording: Recording, model: str = "brown", progress: Callable[[str], None] = lambda text: None
+) -> ScannerRun:
+    """The scanner of a recording with pictures of a board, without and with the laser.
+
+    model: "brown" or "rational"; progress: called with one line a step. Raises InputError.
+    """
+    groups: dict[str, list[Mapping]] = {}
+    for row in by_role(recording, "board-laser"):
+        groups.setdefault(str(row["placement"]), []).append(row)
+    if not groups:
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser, found "
+            "none; add rows with role board-laser, or calibrate the camera alone with `workbench camera`"
+        )
+    camera = cameras.calibrate(recording, model, progress)
+    seen = {view.placement: view for view in camera.calibration.views}
+    usable = [(seen[name], rows) for name, rows in groups.items() if name in seen]
+    unusable = tuple(
+        {"placement": name, "images": len(rows), "why": _why(camera, name)}
+        for name, rows in groups.items()
+        if name not in seen
+    )
+    if not usable:
+        raise InputError(
+            f"{recording.name}, images.csv: expected the board to be found at a placement with laser pictures, "
+            f"found it at none of {len(groups)} ({unusable[0]['why']}); take the board pictures again"
+        )
+    rejected = [
+        Rejected(row["image"], f"the board was not found at its placement ({one['why']})", one["placement"])
+        for one in unusable
+        for row in groups[one["placement"]]
+    ]
+    stripes = board_stripes(recording, usable, camera.calibration.board, progress, rejected)
+    calibration = calibrate_scanner(
+        camera.calibration.views, stripes, camera.calibration.board, camera.calibration.camera.size,
+        camera=camera.calibration, provenance={k: v for k, v in provenance(recording).items() if v}, progress=progress,
+    )  # fmt: skip
+    return ScannerRun(recording, camera, calibration, unusable, tuple(rejected))
+
+
+def _why(camera, placement):
+    reasons = [one.why for one in camera.rejected if one.placement == placement]
+    return reasons[0] if reasons else "no board picture at this placement"
+
+
+def board_stripes(recording, usable, board: Board, progress, rejected: list[Rejected] | None = None) -> BoardStripes:
+    """The laser's line on every board: `usable` pairs of a view and the rows of its pictures under the laser.
+
+    rejected: given those in which no line can be seen.
+    """
+    saturation = full_scale(recording, [row for _, rows in usable for row in rows])
+    along = _direction(recording, usable[:_TRIED], board, saturation)
+    work = _Work(recording, board, along, saturation)
+    parts = []
+    for stripes, unseen in streamed(usable, work, paced(progress, "laser on placement")):
+        parts += stripes
+        if rejected is not None:
+            rejected += unseen
+    return joined(parts)
+
+
+def _direction(recording, usable, board, saturation) -> str:
+    """Across which lines of the picture the stripes run: where more of them have one clear peak."""
+    found = {"rows": 0, "columns": 0}
+    for view, rows in usable:
+        middle = rows[len(rows) // 2 : len(rows) // 2 + 1]
+        for along in found:
+            found[along] += sum(part.n for part in _Work(recording, board, along, saturation)((view, middle))[0])
+    return max(found, key=found.get)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What is done with the laser pictures of one placement: their stripes, and pictures in which no line can be seen;
+    `along` and `saturation` as in `find_stripes`."""
+
+    recording: Recording
+    board: Board
+    along: str
+    saturation: float | None = None
+
+    def __call__(self, placed: tuple[View, list[Mapping]]) -> tuple[list[BoardStripes], list[Rejected]]:
+        view, rows = placed
+        paths = [path_of(self.recording, row) for row in rows]
+        called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
+        dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
+        region, first, parts, rejected = region_of(view, self.board), 0, [], []
+        for stack in stacks(paths, _FRAMES, called.get):
+            background = dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
+            if stack.shape[1:] != region.shape:
+                raise InputError(
+                    f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
+                    f"picture, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
+                )
+            mine, why = rows[first : first + len(stack)], [unlit(frame) for frame in stack]
+            rejected += [Rejected(row["image"], said, view.placement) for row, said in zip(mine, why) if said]
+            lit = [k for k, said in enumerate(why) if not said]
+            if lit:
+                found = find_stripes(
+                    stack[lit], self.along, background=background, region=region, saturation=self.saturation
+                )
+                parts.append(_told(found, [mine[k] for k in lit], view.placement))
+            first += len(stack)
+        return parts, rejected
+
+
+def _told(found, rows, placement) -> BoardStripes:
+    """Stripes with what images.csv says of their pictures."""
+    names = [
+        name for name in ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s") if all(name in r for r in rows)
+    ]
+    angles = [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None
+    covariates = {name: [row[name] for row in rows] for name in names}
+    return BoardStripes.of(
+        found, [placement] * len(rows), [int(row.get("step", 0)) for row in rows], angles, covariates
+    )
+
+
+def region_of(view: View, board: Board) -> np.ndarray:
+    """(H, W) bool: the board's part of the picture, with a margin, where a laser's line is looked for."""
+    import cv2
+
+    width, height = view.size
+    middle = view.pixels.mean(1, keepdims=True)
+    wider = 1 + 2 * _BEYOND / (min(board.columns, board.rows) - 1)
+    hull = cv2.convexHull(np.ascontiguousarray((middle + wider * (view.pixels - middle)).T, np.float32))
+    mask = np.zeros((height, width), np.uint8)
+    cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 1)
+    return mask.astype(bool)
+
+
+def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+    """The scanner's part of the JSON contract; tolerances: what its verdict is judged by."""
+    calibration, scanner = made.calibration, made.scanner
+    joint = cameras.camera_json(calibration.camera, calibration.std)
+    planes = [{"step": int(step), "normal": plane[:3].tolist(), "offset_mm": float(plane[3]), "rms_mm": float(rms),
+               "rms_px": float(px), "sigma_mm": float(sigma), "sigma_best_frame_mm": apart}
+              for step, plane, rms, px, sigma, apart in zip(
+                  scanner.steps, scanner.planes.T, calibration.rms_mm, calibration.rms_px, calibration.sigma_plane_mm,
+                  _apart(calibration))]  # fmt: skip
+    good = ~calibration.wrong
+    return {
+        "camera": {**cameras.as_json(made.camera), **joint},
+        "planes": planes,
+        "mirror": mirror_json(calibration),
+        "plane_rms_mm": float(np.sqrt((calibration.residual_mm[good] ** 2).mean())),
+        "plane_rms_px": calibration.sigma_stripe_px,
+        "corner_rms_coordinate_px": calibration.sigma_corner_px,
+        "shared_px": shared_json(calibration),
+        "stripe_points": int(good.sum()),
+        "left_out": left_out_json(calibration.left_out),
+        "dropped": dict(calibration.dropped),
+        "unusable_placements": list(made.unusable),
+        "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
+        "volume_mm": list(calibration.volume),
+        "sentences": list(calibration.sentences),
+        "warnings": scanner_warnings(calibration),
+        "verdict": scanner_verdict(calibration, tolerances).as_json(),
+        "provenance": provenance(made.recording),
+    }
+
+
+def _apart(calibration) -> list[float | None]:
+    """mm, 1 sigma of each plane in the frame that fits best; None where such a frame takes up all of it."""
+    alone = calibration.sigma_told_mm is calibration.sigma_plane_mm
+    return [None] * len(calibration.scanner.steps) if alone else calibration.sigma_apart_mm.tolist()
+
+
+def shared_json(calibration: ScannerCalibration) -> dict:
+    """1 sigma, px, by which points of stripes err together, by kind, with its own sigma (None: not known)."""
+    together = calibration.made.sheets.together
+    return {name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
+            for (name, sigma), std in zip(together.named.items(), together.std)}  # fmt: skip
+
+
+def mirror_json(calibration: ScannerCalibration) -> dict | None:
+    """The axis and the angle law where the planes share one mirror; None where none was tried."""
+    check = calibration.mirror
+    if check is None:
+        return None
+    mirror, angles = check.mirror, np.rad2deg(check.angles)
+    return {
+        "supported": check.supported,
+        "axis": mirror.axis.tolist(),
+        "point_mm": mirror.point.tolist(),
+        "face": mirror.face.tolist(),
+        "offset_mm": mirror.offset,
+        "beam": mirror.beam.tolist(),
+        "angles_deg": angles.tolist(),
+        "angle_law": {
+            "first_deg": float(angles[0]),
+            "step_deg": float(np.mean(np.diff(angles))),
+            "gain": check.gain,
+            "plane_turns_per_mirror_turn": 2,
+        },
+        "fitted": list(check.fitted),
+        "std": check.std,
+        "difference_mm": check.difference_mm,
+        "expected_mm": check.expected_mm,
+        "probability": check.probability,
+        "verdict": check.verdict,
+        "sentences": list(check.sentences),
+    }
+
+
+def left_out_json(left) -> dict | None:
+    """Stripes of placements that were left out of the planes."""
+    if left is None:
+        return None
+    return {
+        "folds": left.folds,
+        "rms_mm": left.rms_mm,
+        "rms_px": left.rms_px,
+        "rms_all_mm": left.rms_all_mm,
+        "inlier_share": left.share,
+        "sentence": left.sentence,
+    }
+
+
+def save(made: ScannerRun, folder: Path) -> None:
+    """Write scanner.toml into `folder`: what `read` takes."""
+    from sensors.scanner.file import write_scanner
+
+    write_scanner(made.scanner, folder / FILE)
+
+
+def read(path: Path) -> Scanner:
+    """The scanner of a scanner.toml. Raises InputError."""
+    from sensors.scanner.file import read_scanner
+
+    return read_scanner(Path(path))

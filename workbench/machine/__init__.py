@@ -1,0 +1,1 @@
+"""The machine: installed packages and system libraries, worker processes, progress, standard streams."""

@@ -1,0 +1,77 @@
+"""The first thing read: how far off the calibrated robot still is, and what that was measured on."""
+
+import numpy as np
+
+from workbench.report.calibration.errors import FIGURES, POSITION, ROTATION, Kind
+from workbench.report.text import counted, rounded
+
+
+def section(calibration, errors, rotation=None) -> dict:
+    """Title, four large numbers for each kind of error and the sentences under them."""
+    recording, held_out = calibration.recording, calibration.held_out
+    return {
+        "title": recording.title or recording.name or "Calibration",
+        "robot": calibration.robot.name,
+        "kinds": [_numbers(held_out, one.kind) for one in (errors, rotation) if one is not None],
+        "meaning": meaning(calibration, errors.held),
+        "gain": gain(calibration),
+        "caution": caution(calibration),
+        "warning": "" if calibration.solution.converged else f"The solve {calibration.solution.outcome}.",
+    }
+
+
+def _numbers(held_out: dict, kind: Kind) -> dict:
+    values = [(name, rounded(held_out.get(kind.key(figure)))) for figure, name in FIGURES.items()]
+    return {"what": kind.what, "unit": kind.unit, "numbers": values}
+
+
+def meaning(calibration, held: np.ndarray) -> str:
+    """What the large numbers say, and on how many poses and folds."""
+    poses = len(np.unique(calibration.recording.poses[held]))
+    folds = calibration.held_out.get("folds", 0)
+    where = f"in {counted(folds, 'fold')}" if folds > 1 else "in one test set"
+    orientation = ", and by which angle its orientation differs" if ROTATION.key("rms") in calibration.held_out else ""
+    return (
+        f"This is how far the calibrated model's prediction lies from the measured point{orientation}, on "
+        f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} that no step of the solve had seen "
+        f"({where}; repeats of one pose never stand on both sides)."
+    )
+
+
+def gain(calibration) -> str:
+    """Nominal, fit and held-out RMS beside one another."""
+    kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
+    return " ".join(_gain(calibration, kind) for kind in kinds)
+
+
+def _gain(calibration, kind: Kind) -> str:
+    key, unit = kind.key("rms"), kind.unit
+    nominal, fit, held_out = calibration.nominal[key], calibration.fit[key], calibration.held_out[key]
+    return (
+        f"RMS {kind.name} error with the nominal geometry, base and tool alone fitted: {rounded(nominal)} {unit}, "
+        f"{rounded(nominal / held_out)} times as much; on the samples of the fit itself: {rounded(fit)} {unit}."
+    )
+
+
+def caution(calibration) -> str:
+    """What makes the held-out numbers less than a proof: choice of stages, suspect samples, noise."""
+    words = []
+    if calibration.held_out.get("folds", 0) > 1 and len(calibration.stages) > 1:
+        words.append(
+            "Which stages to keep was decided on these same folds; name test samples for a number that "
+            "no choice has touched."
+        )
+    suspects = len(calibration.suspects)
+    if suspects:
+        words.append(
+            f"Far outside the others, perhaps faulty, and yet counted here: {counted(suspects, 'sample')} "
+            f"(number {_some(calibration.suspects)})."
+        )
+    noise = getattr(calibration, "noise", None)
+    words.extend(noise.warnings if noise is not None else ())
+    return " ".join(words)
+
+
+def _some(numbers):
+    more = f" and {len(numbers) - 12} more" if len(numbers) > 12 else ""
+    return ", ".join(map(str, numbers[:12])) + more

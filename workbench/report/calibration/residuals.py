@@ -1,0 +1,210 @@
+"""The residual against everything that was recorded: what still depends on something is not noise."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from datasets.columns import joint_columns
+from workbench.report import style
+from workbench.report.calibration.errors import Errors
+from workbench.report.text import listed
+
+_PANELS_ACROSS = 4
+
+
+@dataclass(frozen=True)
+class Against:
+    """The residual over one quantity: `x` (n,) its values, `centres` (B,) and `means` (k, B) of the
+    bins, in the unit of the errors and in the order of `Errors.rows`; `share` of the components'
+    variance that the bins' means explain."""
+
+    label: str
+    x: np.ndarray
+    centres: np.ndarray
+    means: np.ndarray
+    share: float
+
+
+def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
+    """For each kind of error an overview of all quantities, a large figure and the data of its menu.
+
+    errors: of the position; rotation: of the orientation, where it is measured.
+    """
+    found = quantities(calibration.recording)
+    constant = [name for name, x in calibration.recording.covariates.items() if not _varies(x)]
+    return {
+        "kinds": [_of_kind(found, one) for one in (errors, rotation) if one is not None],
+        "menu": [label for label, _ in found],
+        "thinned": style.thinned_sentence(len(errors.held)),
+        "constant": constant,
+        "held": int(errors.held.sum()),
+        "n": len(errors.held),
+    }
+
+
+def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors) -> dict:
+    every = [against(label, x, errors) for label, x in found]
+    shown = int(np.argmax([one.share for one in every]))
+    drawn = style.thinned(len(errors.held))
+    return {
+        "id": errors.kind.prefix,
+        "title": errors.kind.name,
+        "overview": style.packed(overview(every, errors)),
+        "detail": style.packed(detail(every[shown], errors, drawn)),
+        "shown": shown,
+        "data": menu_data(every, drawn),
+        "most": f"{every[shown].label} ({_percent(every[shown].share)})",
+        "rows": listed(list(errors.rows)),
+    }
+
+
+def quantities(recording) -> list[tuple[str, np.ndarray]]:
+    """Label with unit and values (n,): joints, time or row order, covariates, number of the target."""
+    found = [(_joint_label(name), recording.columns[name]) for name in joint_columns(recording.columns)]
+    found.append(("row order (row number)", np.arange(1, recording.n + 1)))
+    found += sorted(recording.covariates.items(), key=lambda pair: pair[0] != "time_s")
+    found += [(f"{word} (number)", getattr(recording, word)) for word in ("ball", "reflector")]
+    return [(label, np.asarray(x, float)) for label, x in found if _varies(x)]
+
+
+def against(label: str, x: np.ndarray, errors: Errors) -> Against:
+    """Means over bins of equal count, and the share of variance they explain beyond chance.
+
+    Share: adjusted R^2 of the bins' means, 1 - (1 - R^2)(n - 1)/(n - B), pooled over the components or, where
+    there are none in one frame, of the length.
+    """
+    rows = np.stack(list(errors.rows.values()))
+    bins = _bins_of(x)
+    count = np.bincount(bins)
+    means = np.stack([np.bincount(bins, row) / count for row in rows])
+    judged = max(len(errors.axes), 1)
+    residual = rows[:judged]
+    left = ((residual - means[:judged, bins]) ** 2).sum()
+    total = ((residual - residual.mean(1, keepdims=True)) ** 2).sum()
+    adjusted = 1 - left / max(total, 1e-300) * (len(x) - 1) / max(len(x) - len(count), 1)
+    return Against(label, x, np.bincount(bins, x) / count, means, max(float(adjusted), 0.0))
+
+
+def overview(every: list[Against], errors: Errors) -> go.Figure:
+    """Small multiples: mean residual of each bin, all on one scale."""
+    rows = -(-len(every) // _PANELS_ACROSS)
+    titles = [f"{one.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(one.share)}" for one in every]
+    lines = list(zip(errors.rows, _colours(errors)))[: max(len(errors.axes), 1)]
+    made = make_subplots(
+        rows,
+        _PANELS_ACROSS,
+        shared_yaxes="all",
+        subplot_titles=titles,
+        horizontal_spacing=0.025,
+        vertical_spacing=min(0.36 / rows, 0.3),
+    )
+    for k, one in enumerate(every):
+        for (name, colour), mean in zip(lines, one.means):
+            made.add_scatter(
+                x=one.centres,
+                y=mean,
+                mode="lines",
+                name=f"mean {name}",
+                legendgroup=name,
+                showlegend=k == 0,
+                line=dict(color=colour, width=1.7),
+                row=k // _PANELS_ACROSS + 1,
+                col=k % _PANELS_ACROSS + 1,
+                hovertemplate="%{x:.3f}: mean " + name + " %{y:.4f} " + errors.kind.unit + "<extra></extra>",
+            )
+    made.update_annotations(font_size=11.5)
+    made.update_layout(
+        template="none",
+        height=60 + 168 * rows,
+        margin=dict(l=64, r=8, t=56, b=36),
+        legend=dict(orientation="h", x=0, y=1, yref="container", yanchor="top"),
+    )
+    made.update_yaxes(col=1, title_text=f"mean ({errors.kind.unit})", title_font_size=11.5)
+    made.update_xaxes(nticks=5, tickfont_size=10.5)
+    for k, one in enumerate(every):
+        if one.label.endswith("(number)") and len(one.centres) <= 8:
+            made.update_xaxes(tickvals=one.centres, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1)
+    return made
+
+
+def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
+    """The components and the length of every drawn sample over one quantity, one above another."""
+    panels, unit = len(errors.rows), errors.kind.unit
+    made = make_subplots(panels, 1, shared_xaxes=True, vertical_spacing=0.025)
+    for k, ((name, row), colour) in enumerate(zip(errors.rows.items(), _colours(errors))):
+        made.add_scatter(
+            x=one.x[drawn],
+            y=np.round(row[drawn], 6),
+            mode="markers",
+            showlegend=False,
+            row=k + 1,
+            col=1,
+            marker=dict(size=3.5, color=colour, opacity=0.45 if len(drawn) > 1000 else 0.75),
+            hovertemplate="%{x}: " + name + " %{y:.4f} " + unit + "<extra></extra>",
+        )
+        short = name.removeprefix("3-D ").removeprefix("rotation ")
+        made.update_yaxes(title_text=f"{short} ({unit})", title_standoff=6, row=k + 1, col=1)
+    for k in range(panels):
+        made.add_scatter(
+            x=one.centres,
+            y=one.means[k],
+            mode="lines+markers",
+            showlegend=False,
+            row=k + 1,
+            col=1,
+            meta="ink",
+            line_width=1.8,
+            marker_size=4,
+            hovertemplate="mean of the bin %{y:.4f} " + unit + "<extra></extra>",
+        )
+    made.update_layout(template="none", height=60 + 145 * panels, margin=dict(l=70, r=14, t=8, b=52))
+    return made.update_xaxes(title_text=one.label, row=panels, col=1)
+
+
+def _colours(errors: Errors) -> tuple[str, ...]:
+    """One colour for each of `Errors.rows`."""
+    return (*list(style.COMPONENTS.values())[: len(errors.axes)], style.DISTANCE)
+
+
+def menu_data(every: list[Against], drawn: np.ndarray) -> str:
+    """JSON: for each entry of the menu its label, values, and the centres and means of its bins."""
+    return style.safe(
+        json.dumps(
+            [
+                {
+                    "label": one.label,
+                    "x": np.round(one.x[drawn], 5).tolist(),
+                    "centres": np.round(one.centres, 5).tolist(),
+                    "means": np.round(one.means, 6).tolist(),
+                }
+                for one in every
+            ]
+        )
+    )
+
+
+def _bins_of(x):
+    """(n,) index of the bin: one a value where there are few, else about twelve of equal count."""
+    values, index = np.unique(x, return_inverse=True)
+    most = int(np.clip(len(x) // 10, 2, 12))
+    if len(values) <= most:
+        return index
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, most + 1)[1:-1]))
+    return np.unique(np.searchsorted(edges, x, side="right"), return_inverse=True)[1]
+
+
+def _joint_label(column):
+    """'q3_deg' -> 'joint 3 (deg)'."""
+    name, unit = column.split("_")
+    return f"joint {name[1:]} ({unit})"
+
+
+def _varies(x):
+    return bool(np.isfinite(x).all() and np.ptp(x) > 0)
+
+
+def _percent(share):
+    return "below 1 %" if share < 0.01 else f"{100 * share:.0f} %"

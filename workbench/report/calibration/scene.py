@@ -1,0 +1,175 @@
+"""The measured points in space with their residuals as arrows, and the arm in one of its poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+
+from robot_model.chain import forward
+from workbench.report import style
+from workbench.report.calibration.errors import Errors
+
+_ARROW_SHARE = 0.07
+"""Length of the arrow that 95 % of all stay below, as a share of the scene's diagonal."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything in the robot's root frame, mm.
+
+    `feet` and `tips` (3, n): where the arrows start and end; `links` (3, J+2): the nominal arm's
+    joint origins and flange at the pose of sample `at`, and `held_points` (3, k) the points
+    measured in that pose; `scale`: drawn length over true length; `anchor`: what the feet are.
+    """
+
+    feet: np.ndarray
+    tips: np.ndarray
+    links: np.ndarray
+    held_points: np.ndarray
+    at: int
+    scale: float
+    anchor: str
+
+
+def section(calibration, errors: Errors) -> dict:
+    """The 3-D figure and the sentences that say what is drawn and how much enlarged."""
+    scene = scene_of(calibration)
+    sample = int(calibration.recording.sample_ids[scene.at])
+    return {
+        "figure": style.packed(figure(scene, errors)),
+        "scale": f"{scene.scale:,.0f}",
+        "anchor": scene.anchor,
+        "sample": sample,
+        "thinned": style.thinned_sentence(len(errors.held)),
+    }
+
+
+def scene_of(calibration) -> Scene:
+    """Feet, arrows and arm; where all points are one place, the arrows start at the flange."""
+    flange, links, at = arm(calibration)
+    points, residual = calibration.points, calibration.residual_in_root
+    together = _diagonal(points) < 0.05 * _diagonal(np.hstack([flange, links]))
+    feet, anchor = (flange, "the nominal flange of its pose") if together else (points, "its measured point")
+    scale = arrow_scale(np.hstack([feet, links]), residual)
+    same = calibration.recording.poses == calibration.recording.poses[at]
+    return Scene(feet, feet + scale * residual, links, points[:, same], at, scale, anchor)
+
+
+def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
+    """Flange origins (3, n), the links (3, J+2) of the pose nearest to the middle of all, its row."""
+    recording, robot = calibration.recording, calibration.robot
+    variables = robot.mixing @ recording.joints.T
+    middle = np.median(variables, axis=1, keepdims=True)
+    spread = np.maximum(variables.std(1, keepdims=True), 1e-9)
+    at = int(np.argmin((((variables - middle) / spread) ** 2).sum(0)))
+    frames = forward(robot, variables, links=True)
+    links = np.vstack([frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]])
+    return frames.end_origin, links.T, at
+
+
+def arrow_scale(places: np.ndarray, residual: np.ndarray) -> float:
+    """Enlargement 1, 2 or 5 times a power of ten that keeps 95 % of the arrows readable."""
+    length = max(float(np.percentile(np.linalg.norm(residual, axis=0), 95)), 1e-12)
+    return arrow_step(_ARROW_SHARE * _diagonal(places) / length)
+
+
+def arrow_step(wanted: float) -> float:
+    """The largest of 1, 2 or 5 times a power of ten up to `wanted`, and no less than 1."""
+    wanted = max(wanted, 1.0)
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
+
+
+def figure(scene: Scene, errors: Errors) -> go.Figure:
+    """Arrows as lines from a coloured point; the arm as a thick line with its joints."""
+    drawn = style.thinned(len(errors.held))
+    feet, tips, distance = scene.feet[:, drawn], scene.tips[:, drawn], errors.distance[drawn]
+    made = go.Figure(
+        layout=dict(
+            template="none",
+            height=660,
+            margin=dict(l=0, r=0, t=8, b=0),
+            scene=axes(),
+            legend=dict(orientation="h", x=0, y=0, yanchor="top"),
+        )
+    )
+    _add_arrows(made, feet, tips, scene.scale)
+    _add_points(made, feet, distance)
+    _add_arm(made, scene)
+    return made
+
+
+def _add_arrows(made, feet, tips, scale):
+    """One trace with gaps: a line from foot to tip and a gap, thrice as many places as arrows."""
+    path = np.stack([feet, tips, np.full_like(feet, np.nan)], axis=2).reshape(3, -1)
+    x, y, z = np.round(path, 3)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines",
+        name=f"residual, enlarged {scale:,.0f} times",
+        hoverinfo="skip",
+        line=dict(color=style.ORANGE, width=2),
+        connectgaps=False,
+    )
+
+
+def _add_points(made, feet, distance):
+    x, y, z = np.round(feet, 3)
+    top = float(np.percentile(distance, 98))
+    bar = dict(title=dict(text="residual (mm)", side="right"), thickness=12, len=0.6, x=1.0, xanchor="right")
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers",
+        name="samples",
+        customdata=np.round(distance, 5),
+        marker=dict(
+            size=2.2, opacity=0.75, color=np.round(distance, 5), colorscale="Viridis", cmin=0, cmax=top, colorbar=bar
+        ),
+        hovertemplate="residual %{customdata:.4f} mm<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>",
+    )
+
+
+def _add_arm(made, scene):
+    x, y, z = scene.links
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines+markers",
+        name="nominal arm in one pose",
+        hoverinfo="skip",
+        meta="ink",
+        line=dict(color=style.GREY, width=12),
+        marker=dict(size=6, color=style.GREY),
+    )
+    flange = scene.links[:, -1]
+    stalks = [np.stack([flange, point, np.full(3, np.nan)]) for point in scene.held_points.T]
+    x, y, z = np.concatenate(stalks).T
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines",
+        name="flange to measured point",
+        hoverinfo="skip",
+        meta="ink",
+        line=dict(color=style.GREY, width=4),
+    )
+
+
+def axes() -> dict:
+    """Equal axes in mm, and where the eye stands."""
+    axis = dict(showbackground=False, showspikes=False)
+    return dict(
+        aspectmode="data",
+        camera=dict(eye=dict(x=1.15, y=-1.3, z=0.55), center=dict(x=0, y=0, z=-0.08)),
+        **{f"{a}axis": dict(title=dict(text=f"{a} (mm)"), **axis) for a in "xyz"},
+    )
+
+
+def _diagonal(places):
+    return float(np.linalg.norm(np.ptp(places, axis=1)))

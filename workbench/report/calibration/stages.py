@@ -1,0 +1,117 @@
+"""From the nominal robot to the result: what each stage of the solve brought."""
+
+import plotly.graph_objects as go
+
+from workbench.report import style
+from workbench.report.calibration.errors import POSITION, ROTATION, Kind
+from workbench.report.text import counted, rounded, sentence
+
+
+def section(calibration) -> dict:
+    """A step chart for each kind of error, the table of stages and the sentence on those left out."""
+    kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
+    charts = [
+        {"id": kind.prefix, "unit": kind.unit, "figure": style.packed(chart(calibration, kind))} for kind in kinds
+    ]
+    return {
+        "charts": charts,
+        "what": " and the ".join(kind.what for kind in kinds),
+        "rows": [row(stage, kinds) for stage in calibration.stages],
+        "left_out": left_out(calibration.stages),
+    }
+
+
+def left_out(stages) -> str:
+    """Says how many stages did not earn their place, and what that means."""
+    idle = sum(not stage.earned for stage in stages)
+    if not idle:
+        return "Every stage lowered the held-out error and is part of the result."
+    subject, place = ("It is", "its place") if idle == 1 else ("They are", "their places")
+    return (
+        f"{counted(idle, 'stage')} did not lower the held-out error beyond chance and so did not earn {place}. "
+        f"{subject} drawn grey and left out of the result."
+    )
+
+
+def row(stage, kinds=(POSITION,)) -> dict:
+    """A line of the table; `errors`: RMS of the fit and held out, for each kind of error."""
+    brought = stage.sentence.removeprefix(f"{stage.name}:").replace("->", "→")
+    ended = "" if stage.outcome.startswith("converged") else sentence(stage.outcome)
+    return {
+        "name": stage.name,
+        "why": sentence(stage.why),
+        "free": stage.free,
+        "identifiable": stage.identifiable,
+        "errors": [rounded(value) for kind in kinds for value in _rms_of(stage, kind)],
+        "earned": stage.earned,
+        "sentence": sentence(brought),
+        "outcome": ended,
+    }
+
+
+def _rms_of(stage, kind: Kind) -> tuple[float, float]:
+    """RMS of the fit and held out of a `StageResult`, in the unit of the kind."""
+    key = kind.key("rms")
+    return getattr(stage, key), getattr(stage, f"held_out_{key}")
+
+
+def chart(calibration, kind: Kind = POSITION) -> go.Figure:
+    """Held-out RMS, stage below stage: a stair through those that were kept."""
+    lines, unit = _lines(calibration, kind), kind.unit
+    made = style.figure(92 + 34 * len(lines), f"RMS of the {kind.what} ({unit}, logarithmic)")
+    kept = [line for line in lines if line[3]]
+    made.add_scatter(
+        x=[line[1] for line in kept],
+        y=[line[0] for line in kept],
+        mode="lines",
+        hoverinfo="skip",
+        line=dict(color=style.BLUE, width=1.5, shape="hv"),
+        showlegend=False,
+    )
+    _add_held_out(made, "held out, kept", kept, style.BLUE, unit)
+    _add_held_out(made, "held out, not earned", [line for line in lines if not line[3]], style.GREY, unit)
+    fits = [line for line in lines if line[2] is not None]
+    made.add_scatter(
+        x=[line[2] for line in fits],
+        y=[line[0] for line in fits],
+        mode="markers",
+        name="fit",
+        marker=dict(symbol="line-ns-open", size=13, color=style.GREEN, line_width=2),
+        hovertemplate="fit %{x:.4f} " + unit + "<extra></extra>",
+    )
+    made.update_layout(margin_r=64)
+    made.update_yaxes(autorange="reversed", type="category", categoryarray=[line[0] for line in lines], automargin=True)
+    return made.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
+
+
+def _lines(calibration, kind: Kind):
+    """(name, held-out RMS, RMS of the fit or None, kept?) from top to bottom, in the unit of the kind."""
+    key = kind.key("rms")
+    lines = [("nominal geometry", calibration.nominal[key], None, True)]
+    for stage in calibration.stages:
+        fit, held_out = _rms_of(stage, kind)
+        lines.append((stage.name, held_out, fit, stage.earned))
+    return [*lines, ("<b>result</b>", calibration.held_out[key], calibration.fit[key], True)]
+
+
+def _add_held_out(made, name, lines, colour, unit):
+    if not lines:
+        return
+    made.add_scatter(
+        x=[line[1] for line in lines],
+        y=[line[0] for line in lines],
+        mode="markers+text",
+        name=name,
+        marker=dict(size=11, color=colour),
+        text=[f"   {rounded(line[1])} {unit}" for line in lines],
+        textposition="middle right",
+        cliponaxis=False,
+        hovertemplate="%{y}: held out %{x:.4f} " + unit + "<extra></extra>",
+    )
+
+
+def _log_range(values):
+    """A logarithmic axis with room on the right for the number beside the last point."""
+    low, high = min(values), max(values)
+    span = max(high / low, 2.0)
+    return style.log_axis(low / span**0.06, high * span**0.08)

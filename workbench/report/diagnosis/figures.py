@@ -1,0 +1,227 @@
+"""Figures of a diagnosis: evidence, the three shares, held-out errors, residuals on robot, picture and covariates."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from workbench.diagnosis import words as said
+from workbench.diagnosis.result import Diagnosis
+from workbench.report import style
+from workbench.report.calibration.scene import arrow_scale, axes
+
+_COLOURS = {"before": style.GREY, "after": style.BLUE}
+_MOST_PANELS, _BINS, _LOOKED, _FEW = 6, 20, 5000, 4
+_ALIKE = 0.999
+
+
+def evidence(made: Diagnosis) -> go.Figure:
+    """Bars of the chi-square that each term explains, kept blue and refused grey, strongest on top."""
+    terms = sorted(with_evidence(made), key=lambda term: term.finding.gain)
+    drawn = style.figure(120 + 34 * len(terms), "fall of chi-square with the term (logarithmic)")
+    drawn.add_bar(
+        y=[term.title for term in terms], x=[max(term.finding.gain, 1e-3) for term in terms], orientation="h",
+        marker=dict(color=[style.BLUE if term.kept else style.GREY for term in terms]), showlegend=False,
+        text=[_bar_text(term, made.unit) for term in terms], textposition="auto",
+        hovertemplate="%{y}: %{x:.0f}<extra></extra>",
+    )  # fmt: skip
+    gains = [max(term.finding.gain, 1e-2) for term in terms] or [1.0]
+    drawn.update_xaxes(style.log_axis(min(gains) / 3, max(gains) * 2))
+    drawn.update_yaxes(automargin=True)
+    return drawn.update_layout(bargap=0.3, margin_l=230)
+
+
+def with_evidence(made: Diagnosis) -> list:
+    """The terms, kept and refused, that explain a part of the chi-square.
+
+    A finding on the data (outliers, heteroscedastic noise) explains none: it has no bar.
+    """
+    every = (*made.terms, *made.refused)
+    return [term for term in every if np.isfinite(term.finding.gain) and term.finding.gain > 0]
+
+
+def _bar_text(term, unit):
+    size = "" if term.size is None else f"{term.size:.2g} {unit}"
+    t = "" if term.t is None else f"t = {term.t:.1f}"
+    return ", ".join(filter(None, (size, t)))
+
+
+def shares(found) -> go.Figure:
+    """Three bars: parameters (of it placing), noise, structure."""
+    rows = (("values not calibrated: base and tool", found.placing_mm2, style.GREY),
+            ("values not calibrated: the rest", found.parameters_mm2 - found.placing_mm2, style.GREEN),
+            ("noise", found.noise_mm2, style.BLUE),
+            ("structure: missing physics", found.structure_mm2, style.ORANGE))  # fmt: skip
+    rows = [row for row in rows[::-1] if row[1] > 0]
+    drawn = style.figure(260, "mean squared distance (mm², logarithmic)")
+    drawn.add_bar(y=[r[0] for r in rows], x=[r[1] for r in rows], orientation="h", showlegend=False,
+                  marker=dict(color=[r[2] for r in rows]), text=[f"{r[1]:.3g} mm²" for r in rows])  # fmt: skip
+    values = [r[1] for r in rows] or [1.0]
+    drawn.update_xaxes(style.log_axis(min(values) / 5, max(values) * 5, most=9))
+    return drawn.update_layout(bargap=0.3, margin_l=250)
+
+
+def held_out(made: Diagnosis) -> go.Figure:
+    """Share of samples that err by less, before and after, with the noise marked."""
+    drawn = _shares_of_samples(made.proof.errors, made.unit)
+    drawn.add_scatter(x=[made.proof.noise] * 2, y=[0, 100], mode="lines", name="noise, RMS",
+                      line=dict(color=style.ORANGE, dash="dot", width=2))  # fmt: skip
+    return _fitted_to_traces(drawn)
+
+
+def held_out_rotation(made: Diagnosis) -> go.Figure:
+    """The same of the rotation angles."""
+    return _fitted_to_traces(_shares_of_samples(made.proof.angles, "deg"))
+
+
+def _shares_of_samples(every, unit: str) -> go.Figure:
+    """Share of samples over errors (2, n) before and after."""
+    drawn = style.figure(360, f"held-out error ({unit}, logarithmic)", "share of samples (%)")
+    for name, errors in zip(("before", "after"), every):
+        ordered = np.sort(errors[np.isfinite(errors)])
+        if not len(ordered):
+            continue
+        rank = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), 800)).astype(int))
+        drawn.add_scatter(x=ordered[rank], y=100 * (rank + 1) / len(ordered), mode="lines", name=name,
+                          line=dict(color=_COLOURS[name], width=3))  # fmt: skip
+    return drawn
+
+
+def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
+    """The figure with a logarithmic axis from its least value to its largest."""
+    ends = np.concatenate([[], *(np.asarray(trace.x, float) for trace in drawn.data)])
+    ends = ends[np.isfinite(ends) & (ends > 0)]
+    drawn.update_xaxes(style.log_axis(ends.min(initial=np.inf) / 1.1, ends.max(initial=0.0) * 1.1))
+    return drawn.update_yaxes(range=[0, 101])
+
+
+def space(made: Diagnosis, when: str) -> go.Figure:
+    """Residuals as lines at the measured points, coloured by length, with the arm; one scale for both figures."""
+    views = made.views
+    shown = style.thinned(views.points.shape[1])
+    residual = np.nan_to_num((views.before if when == "before" else views.after)[:3, shown])
+    before = np.nan_to_num(views.before[:3, shown])
+    feet = views.points[:, shown]
+    scale = arrow_scale(np.hstack([feet, views.links]), before)
+    path = np.stack([feet, feet + scale * residual, np.full_like(feet, np.nan)], axis=2).reshape(3, -1)
+    length, top = np.linalg.norm(residual, axis=0), float(np.percentile(np.linalg.norm(before, axis=0), 98))
+    drawn = go.Figure(layout=dict(template="none", height=520, margin=dict(l=0, r=0, t=8, b=0), scene=axes(),
+                                  legend=dict(orientation="h", x=0, y=0, yanchor="top")))  # fmt: skip
+    drawn.add_scatter3d(**_xyz(path), mode="lines", name=f"residual, enlarged {scale:,.0f} times", hoverinfo="skip",
+                        line=dict(color=style.ORANGE, width=2), connectgaps=False)  # fmt: skip
+    drawn.add_scatter3d(**_xyz(feet), mode="markers", name="samples", customdata=np.round(length, 5),
+                        marker=dict(size=2.2, color=np.round(length, 5), colorscale="Viridis", cmin=0, cmax=top),
+                        hovertemplate="%{customdata:.4f} mm<extra></extra>")  # fmt: skip
+    drawn.add_scatter3d(**_xyz(views.links), mode="lines+markers", name="arm in one pose", hoverinfo="skip", meta="ink",
+                        line=dict(color=style.GREY, width=10), marker=dict(size=5, color=style.GREY))  # fmt: skip
+    return drawn
+
+
+def _xyz(points) -> dict:
+    return dict(zip("xyz", np.round(points, 3)))
+
+
+def picture(made: Diagnosis, when: str) -> go.Figure:
+    """Length of the residual over the place in the picture."""
+    views = made.views
+    shown = style.thinned(views.points.shape[1])
+    lengths = {name: np.sqrt(np.nansum(part[:, shown] ** 2, 0)) for name, part in
+               (("before", views.before), ("after", views.after))}  # fmt: skip
+    drawn = style.figure(400, "u (px)", "v (px)")
+    drawn.add_scatter(
+        x=views.points[0, shown], y=views.points[1, shown], mode="markers", showlegend=False,
+        marker=dict(size=3, color=lengths[when], colorscale="Viridis", cmin=0,
+                    cmax=float(np.percentile(lengths["before"], 98)), showscale=True,
+                    colorbar=dict(title=dict(text="residual (px)", side="right"), thickness=12)),
+    )  # fmt: skip
+    return drawn.update_yaxes(autorange="reversed", scaleanchor="x", constrain="domain")
+
+
+def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
+    """(covariate, figure) of the residuals' components against what was found to matter, then time."""
+    views = made.views
+    low, high = extent(np.concatenate([*views.before, *views.after]))
+    for name in mattering(made):
+        x, title = shown_covariate(name, views.covariates[name])
+        shown = style.thinned(len(x))
+        titles = [f"{n} ({made.unit})" for n in views.names[: len(views.before)]]
+        drawn = make_subplots(1, len(views.before), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles)
+        drawn.update_layout(template="none", height=300, margin=dict(l=64, r=18, t=40, b=48))
+        for when, part in (("before", views.before), ("after", views.after)):
+            for k, row in enumerate(part, 1):
+                _panel(drawn, k, x, row, shown, when)
+        middle = (len(views.before) + 1) // 2  # once: a long title under every panel runs into the next
+        drawn.update_xaxes(title=dict(text=title, standoff=8), col=middle)
+        drawn.update_yaxes(range=[low, high])
+        yield name, drawn
+
+
+def extent(values) -> tuple[float, float]:
+    """What 99 % of all values lie in, and a tenth more."""
+    known = values[np.isfinite(values)]
+    if not len(known) or not np.ptp(known) > 0:
+        middle = float(known[0]) if len(known) else 0.0
+        return middle - 1.0, middle + 1.0
+    low, high = np.percentile(known, [0.5, 99.5])
+    return low - 0.1 * (high - low), high + 0.1 * (high - low)
+
+
+def shown_covariate(name: str, x: np.ndarray) -> tuple[np.ndarray, str]:
+    """Values as a person reads them, and the axis's title."""
+    words = said.covariate(name)
+    if name.startswith(("q", "move")) and name.lstrip("qmove").isdecimal():
+        return np.rad2deg(x), f"{words} (°)"
+    return x, f"{words} (N m)" if name.startswith("tau") else words
+
+
+def _panel(drawn, k, x, row, shown, when):
+    size = 2.5
+    drawn.add_scatter(x=x[shown], y=row[shown], mode="markers", showlegend=False, hoverinfo="skip", row=1, col=k,
+                      marker=dict(size=size, color=_COLOURS[when], opacity=0.25))  # fmt: skip
+    centres, means = binned(x, row)
+    drawn.add_scatter(x=centres, y=means, mode="lines", name=when, showlegend=k == 1, row=1, col=k,
+                      line=dict(color=_COLOURS[when], width=3))  # fmt: skip
+
+
+def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and means of bins of equal count; of the values themselves where these are few."""
+    kept = np.isfinite(row)
+    x, row = x[kept], row[kept]
+    values, place = np.unique(x, return_inverse=True)
+    if len(values) <= _FEW:
+        return values, np.bincount(place, row) / np.bincount(place)
+    parts = np.array_split(np.argsort(x, kind="stable"), min(_BINS, max(len(x) // 8, 1)))
+    return np.array([x[p].mean() for p in parts if len(p)]), np.array([row[p].mean() for p in parts if len(p)])
+
+
+def mattering(made: Diagnosis) -> list[str]:
+    """The covariates whose bins explain most of what the findings took away, and time: at most six."""
+    views = made.views
+    wide = [name for name, x in views.covariates.items()
+            if len(np.unique(x[:_LOOKED])) > 2 or name.startswith("approach")]  # fmt: skip
+    removed = {name: fall(views, name) for name in wide if name not in ("time", "time_s")}
+    best: list[str] = []
+    for name in sorted(removed, key=lambda name: -removed[name]):
+        if len(best) < _MOST_PANELS - 1 and not any(_same(views.covariates[name], views.covariates[b]) for b in best):
+            best.append(name)
+    return [*best, *(name for name in ("time",) if name in views.covariates)]
+
+
+def _same(x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether two covariates are one, but for their unit or sign: a torque and the moment about the same axis."""
+    if not (np.ptp(x) > 0 and np.ptp(y) > 0):
+        return False
+    return abs(float(np.corrcoef(x, y)[0, 1])) > _ALIKE
+
+
+def fall(views, name: str) -> float:
+    """Fall of the variance of the means in bins of a covariate, all components together."""
+    x = views.covariates[name]
+    before, after = (sum(_variance(binned(x, row)[1]) for row in part) for part in (views.before, views.after))
+    return before - after
+
+
+def _variance(means: np.ndarray) -> float:
+    """Variance of the means in bins; 0 where there are none."""
+    return float(np.var(means)) if len(means) else 0.0

@@ -1,0 +1,102 @@
+"""`summary.png` of a diagnosis: the chain with the mismatch at its place, errors, a residual before and after."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from workbench.diagnosis import words as said
+from workbench.diagnosis.result import Diagnosis
+from workbench.report import style
+from workbench.report.diagnosis.chain import places_of, share_at
+from workbench.report.diagnosis.figures import binned, extent, fall, shown_covariate
+from workbench.report.text import rounded
+
+_INK = "#222222"
+_log = logging.getLogger(__name__)
+
+
+def write_picture(made: Diagnosis, path: Path) -> bool:
+    """Write the PNG at `path`; False, with a sentence in the log, where it cannot be drawn."""
+    try:
+        picture(made).savefig(path, dpi=130)
+    except (ImportError, OSError, RuntimeError) as error:
+        _log.warning("%s was not drawn, because of: %s; the page is complete without it.", path.name, error)
+        return False
+    return True
+
+
+def picture(made: Diagnosis):
+    """A matplotlib figure."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(13, 6.2), facecolor="white")
+    grid = drawn.add_gridspec(2, 2, left=0.06, right=0.975, bottom=0.1, top=0.84, hspace=0.42, wspace=0.16,
+                              height_ratios=(1, 1.35))  # fmt: skip
+    _chain(drawn.add_subplot(grid[0, :]), made)
+    _errors(drawn.add_subplot(grid[1, 0]), made)
+    _over(drawn.add_subplot(grid[1, 1]), made)
+    proof = made.proof
+    drawn.text(0.02, 0.92, f"{made.verdict}: {rounded(proof.before)} → {rounded(proof.after)} {made.unit} held out",
+               size=19, weight="bold", color=_INK)  # fmt: skip
+    drawn.text(0.98, 0.93, made.title, size=11, color=_INK, ha="right")
+    return drawn
+
+
+def _chain(axes, made):
+    places = places_of(made)
+    share = np.array([share_at(made, where) for where in places])
+    x = np.arange(len(places))
+    axes.plot(x, 0 * x, color="#999999", lw=4, zorder=1)
+    size = 70 + 900 * share / max(share.max(initial=0), 1e-9) * (share > 0)
+    axes.scatter(x, 0 * x, s=size, c=share, cmap="OrRd", vmin=0, vmax=max(share.max(initial=0), 0.01), zorder=2,
+                 edgecolors="#666666")  # fmt: skip
+    for k, where in enumerate(places):
+        text = said.place(where).replace("the ", "").replace(" ", "\n")
+        axes.annotate(text, (k, 0), (0, -34), textcoords="offset points", ha="center", va="top", size=8)
+    at: dict[str, list[str]] = {}
+    for term in made.terms:
+        at.setdefault(term.finding.where, []).append(term.finding.effect)
+    for i, where in enumerate(w for w in places if w in at):
+        axes.annotate("\n".join(dict.fromkeys(at[where])), (places.index(where), 0), (0, 24 + 16 * (i % 3)),
+                      ha="center", textcoords="offset points", size=8.5, color=style.BLUE, weight="bold",
+                      arrowprops=dict(arrowstyle="-", color=style.BLUE, lw=0.8))  # fmt: skip
+    axes.set(ylim=(-1.1, 1.3), xlim=(-0.6, len(places) - 0.4))
+    axes.axis("off")
+
+
+def _errors(axes, made):
+    known = [errors[np.isfinite(errors)] for errors in made.proof.errors]
+    for name, errors, colour in zip(("before", "after"), known, (style.GREY, style.BLUE)):
+        if len(errors):
+            axes.ecdf(errors, label=name, color=colour, lw=2)
+    if np.isfinite(made.proof.noise) and made.proof.noise > 0:
+        axes.axvline(made.proof.noise, color=style.ORANGE, ls=":", label="noise, RMS")
+    positive = any((errors > 0).any() for errors in known)
+    axes.set(xlabel=f"held-out error ({made.unit})", title="share of samples that err by less")
+    if positive:
+        axes.set_xscale("log")
+    axes.yaxis.set_major_formatter("{x:.0%}")
+    axes.legend(frameon=False, loc="upper left")
+    _quiet(axes)
+
+
+def _over(axes, made):
+    if made.views is None or not made.views.covariates:
+        axes.axis("off")
+        return
+    name = max(made.views.covariates, key=lambda one: fall(made.views, one))
+    x, title = shown_covariate(name, made.views.covariates[name])
+    k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in made.views.before]))
+    for when, part, colour in (("before", made.views.before, style.GREY), ("after", made.views.after, style.BLUE)):
+        axes.plot(x, part[k], ".", ms=2, alpha=0.3, color=colour)
+        axes.plot(*binned(x, part[k]), color=colour, lw=2.5, label=when)
+    axes.set(xlabel=title, title=f"residual in {made.views.names[k]} ({made.unit})", ylim=extent(made.views.before[k]))
+    axes.legend(frameon=False)
+    _quiet(axes)
+
+
+def _quiet(axes):
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.25)
+    axes.title.set_size(10.5)

@@ -1,0 +1,1 @@
+"""Scoreboard of the blind benchmark as HTML and Markdown, with its figures."""

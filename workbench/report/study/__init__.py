@@ -1,0 +1,1 @@
+"""Page of a study: tables, figures and maps."""

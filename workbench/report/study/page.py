@@ -1,0 +1,161 @@
+"""The page of a study: its outcome over what was varied, what matters most, and a table of every figure."""
+
+from workbench.report.study import figures as figures
+from workbench.report.study import maps as maps
+from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
+from workbench.report.text import counted, rounded, sentence
+from workbench.study import tables
+from workbench.study.summary import numeric
+
+_MOST_FIGURES = 6
+_ROWS = 120
+
+
+def page(made, found: dict) -> Page:
+    """The page of a finished study; found: what `summary` says of it."""
+    outcome = next((row for row in found["columns"] if row["column"] == found["outcome"]), None)
+    numbers = [("runs", f"{found['runs']:,}", "")]
+    if outcome is not None:
+        unit = outcome["column"].rpartition("_")[2]
+        unit = unit if unit in ("mm", "px", "deg") else ""
+        numbers += [(f"{outcome['column']}, median", rounded(outcome["median"]), unit),
+                    ("95 % of the runs are below", rounded(outcome["p95"]), unit)]  # fmt: skip
+    lead = [_lead(made, found), *found["sentences"]]
+    return Page("Study", found["title"], tuple(numbers), tuple(lead), tuple(_sections(made, found)),
+                files=(tables.TABLE, tables.CSV))  # fmt: skip
+
+
+def _lead(made, found) -> str:
+    what = " and ".join(found["do"]) + ("" if made.study.scene else f" of {made.study.recording}")
+    count = len(found["varied"])
+    varied = f", with {counted(count, 'parameter')} varied ({made.study.vary.method})" if count else ""
+    article = "an" if found["kind"][0] in "aeiou" else "a"
+    return f"{counted(found['done'], 'run')} of {article} {found['kind']} study: {what}{varied}."
+
+
+def _sections(made, found):
+    yield Section("outcome", "The outcome", tuple(_outcome(made, found)))
+    own = {"compliance": _compliance, "sensor": _sensor, "uncertainty": _uncertainty, "design": _design}[found["kind"]]
+    blocks = tuple(own(made, found))
+    if blocks:
+        yield Section(found["kind"], _TITLES[found["kind"]], blocks)
+    if "indices" in found["sensitivity"]:
+        yield Section("sensitivity", "What matters", tuple(_sensitivity(found)))
+    yield Section("figures", "Every figure", tuple(_table(found)))
+    yield Section("made", "How it was made", tuple(_made(made, found)))
+
+
+_TITLES = {"compliance": "Compliance error", "sensor": "Form and incidence", "uncertainty": "Do stated sigmas hold?",
+           "design": "What is bought"}  # fmt: skip
+
+
+def _outcome(made, found):
+    """The outcome against each parameter, and how it is spread."""
+    axes, name = made.study.vary.parameter, found["outcome"]
+    columns = tables.columns(made.path, [name, *(axis.name for axis in axes)])
+    values = columns[name]
+    if found["not_done"]:
+        lines = [sentence(f"{row['runs']} runs: {row['why']}") for row in found["not_done"]]
+        yield note("Not every run could be done", lines)
+    drawn = [axis for axis in axes if numeric(axis)][:_MOST_FIGURES]
+    groups = next((columns[axis.name] for axis in axes if not numeric(axis)), None)
+    shown = [figure(f"over{k}", figures.over(axis, columns[axis.name], values, name, groups),
+                    f"{name} over {axis.name}: a dot a run, the line through medians, the band holds 90 %.")
+             for k, axis in enumerate(drawn)]  # fmt: skip
+    for k in range(0, len(shown), 2):
+        yield pair(*shown[k : k + 2]) if len(shown[k : k + 2]) == 2 else shown[k]
+    yield figure("spread", figures.spread(values, name), f"How {name} is spread over {counted(len(values), 'run')}.")
+
+
+def _compliance(made, found):
+    if found["stiffen"]:
+        yield figure("stiffen", figures.stiffen(found["stiffen"]),
+                     "The uncalibrated error with one joint twice as stiff, as a share of what it is; bars are "
+                     "means over "
+                     "the runs, whiskers hold 90 % of them. The shortest bar is the joint to stiffen.")  # fmt: skip
+    loads = figures.by_load(found["columns"])
+    if loads is not None:
+        yield figure("loads", loads, "RMS error at further poses of the workspace, by payload: medians over the "
+                                     "runs and the band that holds 90 % of them.")  # fmt: skip
+    if made.study.scene is not None:
+        yield from maps.blocks(made.study, made.path)
+
+
+def _sensor(made, found):
+    bands = figures.by_incidence(found["columns"])
+    if bands is not None:
+        yield figure("incidence", bands, "Distance of points from their ball by the angle between its surface and "
+                                         "the line of sight: medians over the runs and the band that holds 90 % of "
+                                         "them.")  # fmt: skip
+    names = [row["column"] for row in found["columns"]]
+    if {"centre_rms_mm", "sigma_mm"} <= set(names):
+        columns = tables.columns(made.path, ["centre_rms_mm", "sigma_mm"])
+        yield figure("stated", figures.stated(columns["sigma_mm"], columns["centre_rms_mm"]),
+                     "The error of centres over what was stated for them, a dot a run; about six in ten should lie "
+                     "below the line.")  # fmt: skip
+
+
+def _uncertainty(made, found):
+    rows = found["coverage"]
+    if not rows:
+        return
+    known = "within_2" in rows[0]
+    told = ("Share of runs whose 95 % interval holds the value that the noise was added to. The band is what chance "
+            "alone allows beside 95 %." if known else
+            "Spread of the values over resampled poses, in units of the sigma that the whole recording "
+            "states.")  # fmt: skip
+    yield figure("coverage", figures.coverage(rows), told)
+    head = ["parameter", "value", "stated σ", "spread", "spread / σ", *(("in 1 σ (%)", "in 1.96 σ "
+                                                                                       "(%)") if known else ())]
+    yield table(head, [_covered(row, known) for row in rows])
+
+
+def _covered(row, known) -> list[str]:
+    """A line of the table of coverage."""
+    told = [("whole", 5), ("whole_std", 2), ("spread", 2), ("ratio", 2)]
+    shares = [rounded(100 * row[key]) for key in ("within_1", "within_2")] if known else []
+    return [row["parameter"], *(rounded(row[key], digits) for key, digits in told), *shares]
+
+
+def _design(made, found):
+    axes = [axis for axis in made.study.vary.parameter if numeric(axis)]
+    if len(axes) == 2 and made.study.vary.method == "grid":
+        columns = tables.columns(made.path, [*(axis.name for axis in axes), found["outcome"]])
+        yield figure("map", figures.grid_map(axes, columns, found["outcome"]),
+                     f"Median {found['outcome']} over the repeats of each point of the grid.")  # fmt: skip
+
+
+def _sensitivity(found):
+    made = found["sensitivity"]
+    yield words(f"Share of the variance of {made['outcome']} that each parameter makes ({made['method']}, SALib). "
+                "First: "
+                "alone. Total: also together with others; where it is larger, effects do not simply add.")  # fmt: skip
+    yield figure("indices", figures.indices(made["indices"]), "Whiskers are 95 % intervals.")
+
+
+def _table(found):
+    head = ["column", "runs", "mean", "std", "5 %", "median", "95 %", "max"]
+    keys = ["mean", "std", "p5", "median", "p95", "max"]
+    own = [row for row in found["columns"] if ":" not in row["column"]][:_ROWS]
+    yield table(head, [[row["column"], f"{row['n']:,}", *(rounded(row[key]) for key in keys)] for row in own])
+    if len(found["columns"]) > len(own):
+        yield words(f"answer.json holds the other {len(found['columns']) - len(own)} columns, such as each parameter.",
+                    quiet=True)  # fmt: skip
+
+
+def _made(made, found):
+    study, work = made.study, found["work"]
+    took = f"{work['seconds_of_runs']:.1f} s of runs in {work['seconds']:.1f} s"
+    spent = f"{took} on {counted(work['workers'], 'worker')}"
+    axes = [(axis.name, f"{', '.join(axis.paths)}: {_range(axis)}") for axis in study.vary.parameter]
+    yield facts([("Seed", study.seed), ("Made now", f"{work['runs_made_now']:,} runs, {spent}"),
+                 ("Overhead", "" if work["overhead"] is None else
+                  f"{100 * work['overhead']:.1f} % over the runs themselves, with the start of the workers"),
+                 ("Any run again", f"workbench study {made.name} --run NUMBER"), *axes])  # fmt: skip
+
+
+def _range(axis) -> str:
+    """What a parameter was varied over."""
+    if axis.values is None:
+        return f"{axis.low:g} to {axis.high:g}, {axis.scale}"
+    return ", ".join(map(str, axis.values))
