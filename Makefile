@@ -15,7 +15,7 @@ help:
 	@echo "make test-slow  the slow tests"
 	@echo "make test-all   both, in one run"
 	@echo "make test-long  the statistical studies on hundreds of recordings (about an hour)"
-	@echo "make check      ruff, import rules, house style"
+	@echo "make check      lint, format, import rules, house style"
 	@echo "make prove      the blind proof: concealed cases of every suite, and a scoreboard (hours)"
 	@echo "make bench      speed against other libraries, in an environment of its own"
 
@@ -39,6 +39,7 @@ test-long: $(VENV)/.test
 
 check: $(VENV)/.test
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python tools/check_style.py
 	$(BIN)/python tools/effects_page.py --check

@@ -44,14 +44,24 @@ def ball_many():
     clouds = [_cloud(np.random.default_rng(seed)) for seed in range(SETS)]
     ours = np.array([fit_ball(points).centre - centre for points, centre in clouds])
     # the threshold that fits this noise, and its own default number of tries
-    theirs = [np.subtract(pyransac3d.Sphere().fit(points.T, 3 * NOISE, 1000)[0], centre) for points, centre in clouds]
+    theirs = [
+        np.subtract(pyransac3d.Sphere().fit(points.T, 3 * NOISE, 1000)[0], centre)
+        for points, centre in clouds
+    ]
     errors = [float(np.sqrt((np.square(error)).sum(1).mean())) for error in (ours, theirs)]
     if not errors[0] <= LARGEST_ERROR * errors[1]:
-        raise Disagreement(f"our error {1e3 * errors[0]:.2g} um, expected at most a fifth of {1e3 * errors[1]:.2g} um")
+        raise Disagreement(
+            f"our error {1e3 * errors[0]:.2g} um, expected at most a fifth of {1e3 * errors[1]:.2g} um"
+        )
     points = clouds[0][0]
-    times = median(3, lambda: fit_ball(points)), median(1, lambda: pyransac3d.Sphere().fit(points.T, 3 * NOISE, 1000))
+    times = (
+        median(3, lambda: fit_ball(points)),
+        median(1, lambda: pyransac3d.Sphere().fit(points.T, 3 * NOISE, 1000)),
+    )
     note = f"3-D error of the centre {1e3 * errors[0]:.2g} um, pyransac3d's {1e3 * errors[1]:.2g} um, {SETS} sets"
-    return Row(f"ball, {POINTS:,} points, {OUTLIERS:.0%} outliers, pyransac3d", *times, LEAST_RATIO, note)
+    return Row(
+        f"ball, {POINTS:,} points, {OUTLIERS:.0%} outliers, pyransac3d", *times, LEAST_RATIO, note
+    )
 
 
 def _cloud(random):

@@ -26,12 +26,19 @@ def main(words: list[str]) -> int:
     reference = _numpy(model, parameters)
     usual = time.perf_counter() - start
     print(f"{samples:,} samples, {len(reference)} columns: numpy {usual:.2f} s")
-    return max([_row(model, parameters, reference, columns, usual, where, single) for where in _places() for single in
-    (False, True)])
+    return max(
+        [
+            _row(model, parameters, reference, columns, usual, where, single)
+            for where in _places()
+            for single in (False, True)
+        ]
+    )
 
 
 def _problem(samples):
-    truth = truth_from(SCENE.model_copy(update={"samples": samples, "effect": []}), Path("benchmark"))
+    truth = truth_from(
+        SCENE.model_copy(update={"samples": samples, "effect": []}), Path("benchmark")
+    )
     robot = truth.model.chain.robot
     free = truth.parameters.free("tool.*", *geometry_free(robot))
     places = np.flatnonzero(free.mask)
@@ -60,18 +67,33 @@ def _row(model, parameters, reference, columns, usual, where, single) -> int:
 
     arm = batched.Arm(pose[1], robot.prismatic, robot.convention, robot.base, robot.flange)
     base = transform(rotation_matrix(pose[0][3:]), pose[0][:3])
-    words = (arm, chain.variables, base, pose[2].reshape(-1, 3), chain.measurement.index, chain.measurement.measured,
-             SCENE.sigma_mm)  # fmt: skip
-    batched.normal_equations(*(w[:, :100] if np.ndim(w) == 2 and w.shape[1] == chain.n else w for w in words[:4]),
-                             words[4][:100], words[5][:, :100], words[6], where=where, single=single)  # fmt: skip
+    words = (
+        arm,
+        chain.variables,
+        base,
+        pose[2].reshape(-1, 3),
+        chain.measurement.index,
+        chain.measurement.measured,
+        SCENE.sigma_mm,
+    )
+    batched.normal_equations(
+        *(w[:, :100] if np.ndim(w) == 2 and w.shape[1] == chain.n else w for w in words[:4]),
+        words[4][:100],
+        words[5][:, :100],
+        words[6],
+        where=where,
+        single=single,
+    )
     start = time.perf_counter()
     normal = batched.normal_equations(*words, where=where, single=single)[0]
     seconds = time.perf_counter() - start
     scale = np.sqrt(np.diag(reference))
     off = np.abs((normal[np.ix_(columns, columns)] - reference) / np.outer(scale, scale)).max()
     bound = 1e-4 if single else 1e-9
-    print(f"torch, {where}, {'single' if single else 'double'}: {seconds:.2f} s, {usual / seconds:.1f} times as "
-          f"fast; differs by {off:.1e} (at most {bound:g})")  # fmt: skip
+    print(
+        f"torch, {where}, {'single' if single else 'double'}: {seconds:.2f} s, {usual / seconds:.1f} times as "
+        f"fast; differs by {off:.1e} (at most {bound:g})"
+    )
     return int(off > bound)
 
 

@@ -44,8 +44,15 @@ def camera_opencv():
     peer = partial(_opencv, views, board)
     made, (rms, matrix, *_) = ours(), peer()
     note = agree("RMS in px", abs(made.rms_px - rms), 1e-4 * rms)
-    note += ", " + agree("fx in its sigmas", abs(made.camera.fx - matrix[0, 0]) / made.std["camera.fx"], 0.1)
-    return Row(f"camera, {VIEWS} x 88 corners, cv2.calibrateCamera", *compare(ours, peer, (7, 5)), LEAST_RATIO, note)
+    note += ", " + agree(
+        "fx in its sigmas", abs(made.camera.fx - matrix[0, 0]) / made.std["camera.fx"], 0.1
+    )
+    return Row(
+        f"camera, {VIEWS} x 88 corners, cv2.calibrateCamera",
+        *compare(ours, peer, (7, 5)),
+        LEAST_RATIO,
+        note,
+    )
 
 
 def camera_with_bow():
@@ -58,7 +65,12 @@ def camera_with_bow():
     off, theirs = abs(made.camera.fx - FX), abs(matrix[0, 0] - FX)
     sigma = made.std["camera.fx"]
     note = f"fx off by {off:.2f} px (sigma {sigma:.2f}), OpenCV's, which knows no bow, by {theirs:.1f} px"
-    return Row(f"camera with bow, {VIEWS} x 88, cv2.calibrateCamera", *compare(ours, peer, (7, 5)), None, note)
+    return Row(
+        f"camera with bow, {VIEWS} x 88, cv2.calibrateCamera",
+        *compare(ours, peer, (7, 5)),
+        None,
+        note,
+    )
 
 
 def camera_linear():
@@ -66,9 +78,16 @@ def camera_linear():
     from benchmarks.table import Row, compare
 
     few, many = (partial(_ours, *_pictures(count, bow=0.05)) for count in (VIEWS // 2, 2 * VIEWS))
-    note = f"{len(many().fit.history) - 1} last steps, those of the few {len(few().fit.history) - 1}"
+    note = (
+        f"{len(many().fit.history) - 1} last steps, those of the few {len(few().fit.history) - 1}"
+    )
     times = compare(many, few, (7, 15))
-    return Row(f"camera, {2 * VIEWS} pictures (ours) against {VIEWS // 2} (peer)", *times, 1 / LONGEST, note)
+    return Row(
+        f"camera, {2 * VIEWS} pictures (ours) against {VIEWS // 2} (peer)",
+        *times,
+        1 / LONGEST,
+        note,
+    )
 
 
 def _ours(views, board, **options):
@@ -83,7 +102,9 @@ def _opencv(views, board):
 
     cv2.setNumThreads(1)
     points = [board.points.T.astype(np.float32)] * len(views)
-    return cv2.calibrateCamera(points, [view.pixels.T.astype(np.float32) for view in views], SIZE, None, None)
+    return cv2.calibrateCamera(
+        points, [view.pixels.T.astype(np.float32) for view in views], SIZE, None, None
+    )
 
 
 def _pictures(count, bow):
@@ -97,14 +118,26 @@ def _pictures(count, bow):
     random, board = np.random.default_rng(0), Board("chessboard", 11, 8, 3.5)
     x = (board.points[0] - board.middle[0]) / board.half_diagonal
     bent = (board.points + np.stack([0 * x, 0 * x, bow * x**2])).T
-    matrix, lens = np.array([[FX, 0, 640], [0, FX - 1, 512], [0, 0, 1]]), np.array([-0.1, 0.05, 1e-3, -1e-3, 0.0])
+    matrix, lens = (
+        np.array([[FX, 0, 640], [0, FX - 1, 512], [0, 0, 1]]),
+        np.array([-0.1, 0.05, 1e-3, -1e-3, 0.0]),
+    )
     views = []
     for k in range(count):
         turn = random.uniform(-0.6, 0.6, 3)
         away = random.uniform([-4, -4, 115], [4, 4, 135]) - cv2.Rodrigues(turn)[0] @ board.middle
         pixels = cv2.projectPoints(bent, turn, away, matrix, lens)[0][:, 0].T
         pixels += random.normal(0, NOISE, pixels.shape)
-        views.append(View(f"{k}.png", str(k), np.arange(board.count), pixels, SIZE, np.full(board.count, NOISE)))
+        views.append(
+            View(
+                f"{k}.png",
+                str(k),
+                np.arange(board.count),
+                pixels,
+                SIZE,
+                np.full(board.count, NOISE),
+            )
+        )
     return views, board
 
 

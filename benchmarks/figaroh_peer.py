@@ -25,7 +25,9 @@ class Calibration(BaseCalibration):
     def cost_function(self, var):
         self.evaluations += 1
         estimated = calc_updated_fkm(self.model, self.data, var, self.q_measured, self.calib_config)
-        return self.apply_measurement_weighting(self._compute_logmap_residuals(self.PEE_measured, estimated))
+        return self.apply_measurement_weighting(
+            self._compute_logmap_residuals(self.PEE_measured, estimated)
+        )
 
 
 CHOOSING = 300

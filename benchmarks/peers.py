@@ -19,7 +19,11 @@ class Pybotics:
     base: mm and rotation vector in rad; the arm is nominal. point: mm, flange frame.
     """
 
-    def __init__(self, problem: Problem, base: np.ndarray = np.zeros(6), point: np.ndarray = np.zeros(3)):  # noqa: B008
+    def __init__(
+        self, problem: Problem, base: np.ndarray | None = None, point: np.ndarray | None = None
+    ):
+        base = np.zeros(6) if base is None else base
+        point = np.zeros(3) if point is None else point
         self.q, self.points = problem.variables.T.copy(), problem.points
         robot = PyboticsRobot.from_parameters(modified_rows(problem.robot))
         robot.tool.matrix, robot.world_frame = last_twist(problem.robot), _world(base)
@@ -80,7 +84,9 @@ def _world(start):
     return frame
 
 
-def pinocchio_model(problem: Problem, millimetre: float = 1.0, point: np.ndarray | None = None) -> pin.Model:
+def pinocchio_model(
+    problem: Problem, millimetre: float = 1.0, point: np.ndarray | None = None
+) -> pin.Model:
     """The arm with a frame `tool` at `point` (mm, flange frame); lengths in units of `millimetre`."""
     model, parent = pin.Model(), 0
     for k, (alpha, a, theta, d) in enumerate(modified_rows(problem.robot), start=1):

@@ -46,7 +46,9 @@ class Problem:
         error[:, [THETA, ALPHA]] = random.normal(0, 2e-3, (6, 2))
         error[:, [D, A]] = random.normal(0, 0.3, (6, 2))
         base = rotation_matrix(BASE[3:]), BASE[:3]
-        frames = forward(self.robot, self.robot.mixing @ readings.T, self.robot.geometry + error, base)
+        frames = forward(
+            self.robot, self.robot.mixing @ readings.T, self.robot.geometry + error, base
+        )
         points = frames.point(POINT).T + random.normal(0, NOISE, (self.n, 3))
         columns = {f"q{k + 1}_deg": np.rad2deg(column) for k, column in enumerate(readings.T)}
         columns |= {f"{axis}_mm": column for axis, column in zip("xyz", points.T)}
@@ -79,7 +81,9 @@ class Problem:
     def model60(self) -> Model:
         """With cos and sin of 1 and 2 times a turn at every joint, of 3 times at three: 30 more."""
         places = [(k, order) for order in (1, 2) for k in range(1, 7)] + [(k, 3) for k in (1, 2, 3)]
-        return self.model.with_effects(*(TransmissionHarmonic(f"joint-{k}", order) for k, order in places))
+        return self.model.with_effects(
+            *(TransmissionHarmonic(f"joint-{k}", order) for k, order in places)
+        )
 
     def free60(self, model: Model) -> Parameters:
         return self.free30(model).free("*.transmission-harmonic.*")
@@ -111,7 +115,9 @@ def in_craig_order(robot: Robot) -> Robot:
     geometry = np.zeros((robot.joints, 5))
     geometry[:, [ALPHA, A, THETA, D]] = modified_rows(robot)
     parallel = np.zeros(robot.joints, bool)
-    return replace(robot, convention="craig", geometry=geometry, hayati=parallel, flange=last_twist(robot))
+    return replace(
+        robot, convention="craig", geometry=geometry, hayati=parallel, flange=last_twist(robot)
+    )
 
 
 def rms(residual: np.ndarray) -> float:

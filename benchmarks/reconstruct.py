@@ -10,7 +10,13 @@ import sys
 from functools import partial
 from pathlib import Path
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+THREADS = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
 POINTS, STEPS = 1_000_000, 120
 REPEATS = (15, 9)
 EXACT = 1e-9
@@ -20,8 +26,12 @@ SAME = 1e-6
 
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 where a required ratio was missed, else 0."""
-    parser = argparse.ArgumentParser(prog="benchmarks/reconstruct.py", description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", metavar="WORD", help="only the rows whose name holds WORD")
+    parser = argparse.ArgumentParser(
+        prog="benchmarks/reconstruct.py", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument(
+        "--only", default="", metavar="WORD", help="only the rows whose name holds WORD"
+    )
     options = parser.parse_args(arguments)
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read by numpy when it is first imported, below
     root = str(Path(__file__).resolve().parents[1])
@@ -84,7 +94,12 @@ def _scan(what, steps, required):
     note = agree("points in mm", float(np.nanmax(abs(points - theirs))), SAME)
     back = float(np.nanmax(abs(made.camera.project(points) - pixels)))
     note += "; ours " + agree("pixels after a round trip", back, EXACT)
-    return Row(f"undistort + intersect, {POINTS:,} points, {what}", *compare(ours, peer, REPEATS), required, note)
+    return Row(
+        f"undistort + intersect, {POINTS:,} points, {what}",
+        *compare(ours, peer, REPEATS),
+        required,
+        note,
+    )
 
 
 def _peer(made, pixels, labels):
@@ -117,7 +132,11 @@ def _undistortion(what, criteria):
     cv2.setNumThreads(1)
     made, (pixels, _) = scanner(1), scan(1)
     source, lens = np.ascontiguousarray(pixels.T)[:, None], np.array(made.camera.distortion)
-    rounds, more = (cv2.undistortPoints, ()) if criteria is None else (cv2.undistortPointsIter, (None, None, criteria))
+    rounds, more = (
+        (cv2.undistortPoints, ())
+        if criteria is None
+        else (cv2.undistortPointsIter, (None, None, criteria))
+    )
     peer = partial(rounds, source, made.camera.matrix, lens, *more)
     ours = partial(made.camera.normalised, pixels)
     note = agree("normalised points", float(abs(ours() - peer()[:, 0].T).max()), SAME)

@@ -10,13 +10,23 @@ import os
 import sys
 from pathlib import Path
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+THREADS = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Print the table; 1 where a required ratio was missed, else 0."""
-    parser = argparse.ArgumentParser(prog="benchmarks/robot.py", description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", metavar="WORD", help="only the rows whose name holds WORD")
+    parser = argparse.ArgumentParser(
+        prog="benchmarks/robot.py", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument(
+        "--only", default="", metavar="WORD", help="only the rows whose name holds WORD"
+    )
     options = parser.parse_args(arguments)
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read by numpy when it is first imported, below
     root = str(Path(__file__).resolve().parents[1])

@@ -19,7 +19,14 @@ PATIENCE = 1.25
 BASE_KEYS = ("x", "y", "z", "rx", "ry", "rz")
 # pybotics: alpha, a, theta, d of each joint, then x, y, z, rz, ry, rx; at zero its Euler angles and
 # our rotation vector have the same derivatives. Ours: base, then theta, d, a, alpha of each joint.
-IN_PYBOTICS_ORDER = [6 + 4 * joint + k for joint in range(6) for k in (3, 2, 0, 1)] + [0, 1, 2, 5, 4, 3]
+IN_PYBOTICS_ORDER = [6 + 4 * joint + k for joint in range(6) for k in (3, 2, 0, 1)] + [
+    0,
+    1,
+    2,
+    5,
+    4,
+    3,
+]
 
 
 def comparisons() -> list:
@@ -43,7 +50,9 @@ def forward_pinocchio() -> Row:
     ours = partial(forward, problem.robot, problem.variables)
     peer = partial(pinocchio_forward, pinocchio_model(problem), problem.variables.T.copy())
     note = agree("flange positions in mm", abs(ours().end_origin.T - peer()).max(), 1e-9)
-    return Row(f"FK of {MANY:,} poses, Pinocchio in a loop", *compare(ours, peer, (50, 30)), 5, note)
+    return Row(
+        f"FK of {MANY:,} poses, Pinocchio in a loop", *compare(ours, peer, (50, 30)), 5, note
+    )
 
 
 def jacobian_pybotics() -> Row:
@@ -66,12 +75,22 @@ def fit_pybotics() -> Row:
     patience = ASKED_OF_PYBOTICS * seconds * PATIENCE
     taken, reached = _pybotics(problem, "distances", patience, enough)
     seconds = (seconds + _seconds_of_ours(problem)) / 2
-    note, short = f"3-D RMS: ours {enough:.4f} mm, pybotics' {reached:.4f} mm", reached > 1.01 * enough
+    note, short = (
+        f"3-D RMS: ours {enough:.4f} mm, pybotics' {reached:.4f} mm",
+        reached > 1.01 * enough,
+    )
     if short and taken < patience:
         raise Disagreement(f"scipy ended after {taken:.3g} s without the answer; {note}")
     if short:
         note += " where it was stopped"
-    return Row(f"30-parameter fit, {FEW} points, pybotics", seconds, taken, ASKED_OF_PYBOTICS, note, at_least=short)
+    return Row(
+        f"30-parameter fit, {FEW} points, pybotics",
+        seconds,
+        taken,
+        ASKED_OF_PYBOTICS,
+        note,
+        at_least=short,
+    )
 
 
 def fit_pybotics_vectors() -> Row:

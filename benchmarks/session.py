@@ -69,7 +69,9 @@ def rendered(folder: Path) -> Path:
     (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
     render(folder / "scene.toml", folder / "few", lambda text: None)
     (folder / "run").mkdir()
-    scanner.save(scanner.calibrate(datasets.read(folder / "few"), progress=lambda text: None), folder / "run")
+    scanner.save(
+        scanner.calibrate(datasets.read(folder / "few"), progress=lambda text: None), folder / "run"
+    )
     return folder
 
 
@@ -79,7 +81,10 @@ def session(few: Path, folder: Path, scans: int, seed: int = 1) -> Path:
     Returns its folder; it lies on the disk of `few`.
     """
     rows = [row for row in datasets.read(few).images if row["role"] == "scan"]
-    groups = [[row for row in rows if row["scan"] == name] for name in dict.fromkeys(row["scan"] for row in rows)]
+    groups = [
+        [row for row in rows if row["scan"] == name]
+        for name in dict.fromkeys(row["scan"] for row in rows)
+    ]
     (folder / "images").mkdir(parents=True)
     with (folder / "images.csv").open("w", encoding="utf-8") as file:
         file.write("image,role,scan,step,sample\n")
@@ -104,9 +109,18 @@ def one(home: Path, scans: int) -> dict:
     """Seconds of the processor and peak memory (MiB) of `workbench scan`, report included, on a session of `scans`."""
     folder = home / f"session-{scans}"
     _alone("--make", str(home / "few"), str(folder), str(scans))
-    words = ["scan", folder, "--scanner", home / "run" / "scanner.toml", "--out", home / f"run-{scans}"]
+    words = [
+        "scan",
+        folder,
+        "--scanner",
+        home / "run" / "scanner.toml",
+        "--out",
+        home / f"run-{scans}",
+    ]
     start = time.perf_counter()
-    command = subprocess.Popen([sys.executable, "-m", "workbench", *map(str, words)], stdout=subprocess.DEVNULL)
+    command = subprocess.Popen(
+        [sys.executable, "-m", "workbench", *map(str, words)], stdout=subprocess.DEVNULL
+    )
     _, status, usage = os.wait4(command.pid, 0)
     if status:
         raise SystemExit(f"workbench scan ended with {os.waitstatus_to_exitcode(status)}")
@@ -114,9 +128,14 @@ def one(home: Path, scans: int) -> dict:
     named = sum(ball["ball"] == 1 for one in answer["scans"] for ball in one["balls"])
     shutil.rmtree(home / f"run-{scans}")
     shutil.rmtree(folder)
-    return {"scans": len(answer["scans"]), "balls": named, "centres": answer["ball_centres"]["samples"],
-            "seconds": usage.ru_utime + usage.ru_stime, "wall": time.perf_counter() - start,
-            "peak_mib": usage.ru_maxrss / 1024}  # fmt: skip
+    return {
+        "scans": len(answer["scans"]),
+        "balls": named,
+        "centres": answer["ball_centres"]["samples"],
+        "seconds": usage.ru_utime + usage.ru_stime,
+        "wall": time.perf_counter() - start,
+        "peak_mib": usage.ru_maxrss / 1024,
+    }
 
 
 def _alone(*words: str) -> None:
@@ -143,8 +162,11 @@ def _table(sizes) -> None:
         for scans in sizes:
             rows.append(one(Path(home), scans))
             row = rows[-1]
-            print(f"{row['scans']:7,} {row['balls']:7,} {row['centres']:8,} {row['seconds']:8.0f} "
-                  f"{1000 * row['seconds'] / scans:8.1f} {row['peak_mib']:9.0f}", flush=True)  # fmt: skip
+            print(
+                f"{row['scans']:7,} {row['balls']:7,} {row['centres']:8,} {row['seconds']:8.0f} "
+                f"{1000 * row['seconds'] / scans:8.1f} {row['peak_mib']:9.0f}",
+                flush=True,
+            )
     if len(rows) > 1:
         first, last = rows[0], rows[-1]
         more = 1024 * (last["peak_mib"] - first["peak_mib"]) / (last["scans"] - first["scans"])

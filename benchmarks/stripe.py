@@ -77,7 +77,12 @@ def stripe_background():
     peer = partial(_centroids, stack, _product(), background=background)
     ours = partial(_ours, stack, background=background)
     times = compare(ours, partial(peer, _threshold(peer, truth)), (3, 5))
-    return Row(f"stripe less background, {_size(stack)}", *times, None, _better(stack, truth, peer, background))
+    return Row(
+        f"stripe less background, {_size(stack)}",
+        *times,
+        None,
+        _better(stack, truth, peer, background),
+    )
 
 
 def stripe_hessian():
@@ -88,8 +93,13 @@ def stripe_hessian():
     few = stack[:2]
     note = f"its RMS {_rms(_hessian(few), truth[:2]):.4f} px, of some seven rows together; {_quality(stack, truth)}"
     seconds = median(5, partial(_ours, stack)) / len(stack)
-    return Row("stripe, a picture, scikit-image Hessian", seconds, median(3, partial(_hessian, few)) / len(few),
-               LEAST_RIDGE, note)  # fmt: skip
+    return Row(
+        "stripe, a picture, scikit-image Hessian",
+        seconds,
+        median(3, partial(_hessian, few)) / len(few),
+        LEAST_RIDGE,
+        note,
+    )
 
 
 @lru_cache(maxsize=1)
@@ -99,7 +109,9 @@ def _scan():
 
     random, x = np.random.default_rng(0), np.arange(WIDTH, dtype=np.float32)
     row = np.arange(HEIGHT)
-    truth = np.stack([200 + 860 * k / FRAMES + 0.1 * row + 8 * np.sin(row / 97 + k) for k in range(FRAMES)])
+    truth = np.stack(
+        [200 + 860 * k / FRAMES + 0.1 * row + 8 * np.sin(row / 97 + k) for k in range(FRAMES)]
+    )
     stack = np.empty((FRAMES, HEIGHT, WIDTH), np.uint8)
     for centre, picture in zip(truth, stack):
         line = SNR * NOISE * np.exp(-0.5 * ((x - centre[:, None].astype(np.float32)) / WIDE) ** 2)
@@ -156,7 +168,10 @@ def _vector():
     import numpy as np
 
     column = np.arange(WIDTH, dtype=np.float32)
-    return lambda above, single: (cv2.reduce(above, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[:, 0], single @ column)
+    return lambda above, single: (
+        cv2.reduce(above, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[:, 0],
+        single @ column,
+    )
 
 
 def _hessian(stack):
@@ -166,7 +181,9 @@ def _hessian(stack):
 
     made = np.empty(stack.shape[:2])
     for picture, centre in zip(stack, made):
-        second = hessian_matrix(picture.astype(np.float32), sigma=WIDE, order="rc", use_gaussian_derivatives=False)
+        second = hessian_matrix(
+            picture.astype(np.float32), sigma=WIDE, order="rc", use_gaussian_derivatives=False
+        )
         ridge = -hessian_matrix_eigvals(second)[1]
         row, column = np.arange(len(ridge)), np.clip(ridge.argmax(1), 1, WIDTH - 2)
         left, top, right = ridge[row, column - 1], ridge[row, column], ridge[row, column + 1]

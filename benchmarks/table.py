@@ -42,7 +42,9 @@ class Disagreement(Exception):
 def agree(what: str, difference: float, allowed: float) -> str:
     """A clause for the note; Disagreement where `difference` is larger than `allowed`."""
     if not difference <= allowed:
-        raise Disagreement(f"{what}: the two sides differ by {difference:.3g}, expected at most {allowed:.3g}")
+        raise Disagreement(
+            f"{what}: the two sides differ by {difference:.3g}, expected at most {allowed:.3g}"
+        )
     return f"{what} agree to {difference:.1g}"
 
 
@@ -89,10 +91,14 @@ def _run(comparison) -> bool:
     except Disagreement as fault:
         print(f"{comparison.__name__}: {fault}  NOT OK", flush=True)
         return False
-    ratio = ("> " if row.at_least else "") + (f"{row.ratio:,.0f}" if row.ratio >= 100 else f"{row.ratio:.3g}")
+    ratio = ("> " if row.at_least else "") + (
+        f"{row.ratio:,.0f}" if row.ratio >= 100 else f"{row.ratio:.3g}"
+    )
     asked = "" if row.required is None else f"{row.required:,.6g}"
     verdict = "" if row.required is None else "ok" if row.ok else "NOT OK"
-    print(f"{row.what:56} {_time(row.ours):>10} {_time(row.peer):>10} {ratio:>11} {asked:>9}  {verdict}")
+    print(
+        f"{row.what:56} {_time(row.ours):>10} {_time(row.peer):>10} {ratio:>11} {asked:>9}  {verdict}"
+    )
     print(f"    {row.note}", flush=True)
     return row.ok
 
@@ -102,7 +108,15 @@ def _time(seconds: float) -> str:
 
 
 def _versions() -> str:
-    names = ("pybotics", "pin", "figaroh", "scipy", "opencv-contrib-python-headless", "scikit-image", "pyransac3d")
+    names = (
+        "pybotics",
+        "pin",
+        "figaroh",
+        "scipy",
+        "opencv-contrib-python-headless",
+        "scikit-image",
+        "pyransac3d",
+    )
     libraries = [f"{name} {_version(name)}" for name in names]
     ours = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
     return ", ".join([*ours, *libraries, "one thread", "processor time"])

@@ -16,18 +16,31 @@ def read_robot(folder: Path, section: Mapping, called: str) -> dict:
     """What `Recording.robot` holds. Raises InputError for a missing or impossible robot."""
     urdf = str(section.get("file", "")).lower().endswith(".urdf")
     if "gravity" in section and ("builtin" in section or not urdf):
-        raise complaint(f"{called}, key robot.gravity", "this key for a URDF only", shown(section["gravity"]),
-                        "write gravity into robot.toml and name that file")
+        raise complaint(
+            f"{called}, key robot.gravity",
+            "this key for a URDF only",
+            shown(section["gravity"]),
+            "write gravity into robot.toml and name that file",
+        )
     if "builtin" in section:
         return {"builtin": section["builtin"]}
     if "file" not in section:
-        raise complaint(f"{called}, key robot.file", "a robot file", "no such key",
-                        'write file = "robot.toml" or builtin = "<name>" under [robot]')
+        raise complaint(
+            f"{called}, key robot.file",
+            "a robot file",
+            "no such key",
+            'write file = "robot.toml" or builtin = "<name>" under [robot]',
+        )
     path = inside(folder, section["file"], "key robot.file", called)
     if path.suffix.lower() == ".urdf":
         return _urdf(path, section)
     if path.suffix.lower() != ".toml":
-        raise complaint(f"{called}, key robot.file", "a .toml or .urdf file", repr(section["file"])[:60], "name one")
+        raise complaint(
+            f"{called}, key robot.file",
+            "a .toml or .urdf file",
+            repr(section["file"])[:60],
+            "name one",
+        )
     robot = read_toml(path, label(path))
     check_robot(robot, label(path))
     return robot
@@ -43,8 +56,12 @@ def check_robot(robot: Mapping, called: str) -> None:
         _check_radians(joint, where)
     reach = nominal_reach(robot)
     if 0 < reach < 10 and not any(j.get("kind") == "prismatic" for j in robot["joint"]):
-        raise complaint(f"{called}, keys a_mm and d_mm", "lengths in mm",
-                        f"an arm that is {reach:.3g} mm long in all, as if in metres", "multiply them by 1000")
+        raise complaint(
+            f"{called}, keys a_mm and d_mm",
+            "lengths in mm",
+            f"an arm that is {reach:.3g} mm long in all, as if in metres",
+            "multiply them by 1000",
+        )
 
 
 def nominal_reach(robot: Mapping) -> float:
@@ -58,16 +75,26 @@ def nominal_reach(robot: Mapping) -> float:
 
 
 def _check_coupling(joint: Mapping, count: int, number: int, where: str) -> None:
-    if "coupled" in joint and not (joint["coupled"]["joint"] <= count and joint["coupled"]["joint"] != number):
-        raise complaint(f"{where}, key coupled.joint", f"another joint, 1 to {count}",
-                        str(joint["coupled"]["joint"]), "name the joint whose motion is added")
+    if "coupled" in joint and not (
+        joint["coupled"]["joint"] <= count and joint["coupled"]["joint"] != number
+    ):
+        raise complaint(
+            f"{where}, key coupled.joint",
+            f"another joint, 1 to {count}",
+            str(joint["coupled"]["joint"]),
+            "name the joint whose motion is added",
+        )
 
 
 def _check_radians(joint: Mapping, where: str) -> None:
     for key in ("theta_deg", "alpha_deg"):
         if any(abs(joint[key] - r) < 1e-3 for r in RADIANS):
-            raise complaint(f"{where}, key {key}", "an angle in degrees",
-                            f"{joint[key]}, a multiple of pi/2 as if in radians", "multiply it by 57.29578")
+            raise complaint(
+                f"{where}, key {key}",
+                "an angle in degrees",
+                f"{joint[key]}, a multiple of pi/2 as if in radians",
+                "multiply it by 57.29578",
+            )
 
 
 def _urdf(path: Path, section: Mapping) -> dict:
@@ -75,11 +102,26 @@ def _urdf(path: Path, section: Mapping) -> dict:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as problem:
-        raise complaint(label(path), "a URDF", f"XML that breaks off ({problem})", "export it again") from None
+        raise complaint(
+            label(path), "a URDF", f"XML that breaks off ({problem})", "export it again"
+        ) from None
     if root.tag != "robot":
-        raise complaint(label(path), "a URDF whose outermost element is <robot>", f"<{root.tag}>", "name the URDF")
+        raise complaint(
+            label(path),
+            "a URDF whose outermost element is <robot>",
+            f"<{root.tag}>",
+            "name the URDF",
+        )
     names = {j.get("name") for j in root.iter("joint")}
     for name in section.get("joints", ()):
         if name not in names:
-            raise complaint(f"{label(path)}, key robot.joints", "joints of the URDF", repr(name), "correct the name")
-    return {"urdf": str(path), **{k: section[k] for k in ("joints", "tip", "mimic", "gravity") if k in section}}
+            raise complaint(
+                f"{label(path)}, key robot.joints",
+                "joints of the URDF",
+                repr(name),
+                "correct the name",
+            )
+    return {
+        "urdf": str(path),
+        **{k: section[k] for k in ("joints", "tip", "mimic", "gravity") if k in section},
+    }

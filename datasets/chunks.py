@@ -17,8 +17,12 @@ from datasets.formats.table import Table, arrow_table, parquet_errors
 from datasets.recording import Recording
 
 ROWS = 8192
-_NUMBERED = {"external-point": "reflector", "external-pose": "reflector", "partial-pose": "reflector",
-             "ball-centre": "ball"}  # fmt: skip
+_NUMBERED = {
+    "external-point": "reflector",
+    "external-pose": "reflector",
+    "partial-pose": "reflector",
+    "ball-centre": "ball",
+}
 """Kinds whose rows can be read apart, and the column that says which target a row saw."""
 _THIN = 5000
 _SHOWN = 8
@@ -65,11 +69,19 @@ def read_chunks(folder: Path, trust_data: bool = False) -> Chunks:
     """
     head, path, context = read_head(Path(folder), trust_data)
     if head.measures not in _NUMBERED:
-        raise complaint(f"{head.name}/recording.toml, key measures", f"one of {', '.join(_NUMBERED)} to read in chunks",
-                        head.measures, "use `workbench calibrate`")
+        raise complaint(
+            f"{head.name}/recording.toml, key measures",
+            f"one of {', '.join(_NUMBERED)} to read in chunks",
+            head.measures,
+            "use `workbench calibrate`",
+        )
     if path.suffix.lower() not in (".parquet", ".pq"):
-        raise complaint(label(path), "a .parquet file to read in chunks", f"the ending {path.suffix!r}",
-                        "save the samples as samples.parquet, or use `workbench calibrate`")
+        raise complaint(
+            label(path),
+            "a .parquet file to read in chunks",
+            f"the ending {path.suffix!r}",
+            "save the samples as samples.parquet, or use `workbench calibrate`",
+        )
     check_file(path, label(path), ".parquet")
     numbers, poses, thin, each, ids, keys = 0, [], [], {}, [], []
     step = max(_rows_of(path) // _THIN, 1)
@@ -121,7 +133,9 @@ def _chosen(rows: np.ndarray, step: int) -> np.ndarray:
 
     Knuth, The Art of Computer Programming 3, sec. 6.4: multiplicative hashing.
     """
-    return (rows.astype(np.uint64) * np.uint64(2654435761) % np.uint64(2**32)) < np.uint64(2**32 // step)
+    return (rows.astype(np.uint64) * np.uint64(2654435761) % np.uint64(2**32)) < np.uint64(
+        2**32 // step
+    )
 
 
 def _rows_of(path: Path) -> int:
@@ -154,8 +168,12 @@ def _check(table: Table, context: Context) -> None:
 def _check_unique(ids: np.ndarray, called: str) -> None:
     known, count = np.unique(ids, return_counts=True)
     if len(known) < len(ids):
-        raise complaint(f"{called}, column sample", "every number once", f"{known[count > 1][0]} twice", "number "
-                                                                                                         "the rows")
+        raise complaint(
+            f"{called}, column sample",
+            "every number once",
+            f"{known[count > 1][0]} twice",
+            "number the rows",
+        )
 
 
 def _moving(recording: Recording) -> Recording:
@@ -169,7 +187,10 @@ def _first_of_each(made: Recording, column: str, each: dict) -> None:
 
 def _joined(parts: list[Recording]) -> Recording:
     names = parts[0].columns
-    return replace(parts[0], columns={name: np.concatenate([part.columns[name] for part in parts]) for name in names})
+    return replace(
+        parts[0],
+        columns={name: np.concatenate([part.columns[name] for part in parts]) for name in names},
+    )
 
 
 def pose_labels(recording: Recording) -> np.ndarray:

@@ -9,7 +9,15 @@ from dataclasses import dataclass
 
 POINT = ("x_mm", "y_mm", "z_mm")
 QUATERNION = ("qw", "qx", "qy", "qz")
-FLANGE = ("flange_x_mm", "flange_y_mm", "flange_z_mm", "flange_qw", "flange_qx", "flange_qy", "flange_qz")
+FLANGE = (
+    "flange_x_mm",
+    "flange_y_mm",
+    "flange_z_mm",
+    "flange_qw",
+    "flange_qx",
+    "flange_qy",
+    "flange_qz",
+)
 """T_base_flange of an arm whose controller gave poses instead of joint readings."""
 AXES = (("nx", "ny", "nz"), ("ox", "oy", "oz"))
 OTHER = "other_"
@@ -32,7 +40,9 @@ class Kind:
 
 
 KINDS = {
-    "ball-centre": Kind("the centre of a ball in the sensor frame", ("ball", *POINT), artefact=True),
+    "ball-centre": Kind(
+        "the centre of a ball in the sensor frame", ("ball", *POINT), artefact=True
+    ),
     "external-point": Kind("a reflector in the frame of an external instrument", POINT),
     "external-pose": Kind("point and orientation in an external frame", (*POINT, *QUATERNION)),
     "partial-pose": Kind("a point and one unit axis of the tool", POINT, either=AXES),
@@ -60,10 +70,21 @@ BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", *SIGMAS, "sigma_deg", "set
 
 _JOINT = re.compile(r"q(\d+)_(deg|mm)")
 _WRONG_UNIT = {
-    "x": "x_mm", "y": "y_mm", "z": "z_mm", "q": "q1_deg",
-    "x_m": "x_mm", "y_m": "y_mm", "z_m": "z_mm", "x_cm": "x_mm", "y_cm": "y_mm", "z_cm": "z_mm",
-    "sigma": "sigma_mm", "sigma_m": "sigma_mm", "sigma_rad": "sigma_deg",
-    "length": "length_mm", "length_m": "length_mm",
+    "x": "x_mm",
+    "y": "y_mm",
+    "z": "z_mm",
+    "q": "q1_deg",
+    "x_m": "x_mm",
+    "y_m": "y_mm",
+    "z_m": "z_mm",
+    "x_cm": "x_mm",
+    "y_cm": "y_mm",
+    "z_cm": "z_mm",
+    "sigma": "sigma_mm",
+    "sigma_m": "sigma_mm",
+    "sigma_rad": "sigma_deg",
+    "length": "length_mm",
+    "length_m": "length_mm",
     **{f"flange_{axis}{unit}": f"flange_{axis}_mm" for axis in "xyz" for unit in ("", "_m", "_cm")},
 }
 

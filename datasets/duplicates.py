@@ -24,7 +24,9 @@ def without_duplicates(recording):
     copies = np.flatnonzero(first != np.arange(recording.n))
     if not copies.size:
         return recording
-    warning = duplicate_sentence(recording.name, recording.sample_ids[copies], recording.sample_ids[first[copies]])
+    warning = duplicate_sentence(
+        recording.name, recording.sample_ids[copies], recording.sample_ids[first[copies]]
+    )
     kept = recording.select(np.flatnonzero(first == np.arange(recording.n)))
     return replace(kept, warnings=(*recording.warnings, warning))
 
@@ -71,8 +73,16 @@ def measurement_keys(recording) -> np.ndarray:
         labels = [name for name in columns if name.removeprefix(OTHER) in _TARGETS]
         names = [*_joints(columns), *measured, *labels]
     else:
-        names = [name for name, column in columns.items() if name not in _NUMBERING and column.dtype.kind == "f"]
-    return np.stack([columns[name] + 0.0 for name in names], 1) if names else np.empty((recording.n, 0))
+        names = [
+            name
+            for name, column in columns.items()
+            if name not in _NUMBERING and column.dtype.kind == "f"
+        ]
+    return (
+        np.stack([columns[name] + 0.0 for name in names], 1)
+        if names
+        else np.empty((recording.n, 0))
+    )
 
 
 def agree_by_rounding(recording, first: np.ndarray) -> bool:
@@ -122,5 +132,9 @@ def _last_digit(values: np.ndarray) -> float:
 
 def _joints(columns) -> list[str]:
     plain = joint_columns(columns)
-    other = [name for name in columns if name.startswith(OTHER) and joint_columns([name.removeprefix(OTHER)])]
+    other = [
+        name
+        for name in columns
+        if name.startswith(OTHER) and joint_columns([name.removeprefix(OTHER)])
+    ]
     return [*plain, *other]

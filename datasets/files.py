@@ -22,14 +22,22 @@ def check_file(path: Path, called: str, kind: str | None = None) -> None:
         found = "" if path.is_file() else "a folder" if path.is_dir() else "no such file"
         size = 0 if found else path.stat().st_size
     except (OSError, ValueError) as problem:
-        raise complaint(called, "a file", f"a name that cannot be opened ({problem})", "correct the name") from None
+        raise complaint(
+            called, "a file", f"a name that cannot be opened ({problem})", "correct the name"
+        ) from None
     if found:
         raise complaint(called, "a file", found, "put it there or correct the name")
     if size == 0:
-        raise complaint(called, "a file with content", "an empty file", "export it again or remove its key")
+        raise complaint(
+            called, "a file with content", "an empty file", "export it again or remove its key"
+        )
     if size > limit * 1e6:
-        raise complaint(called, f"at most {limit} MB", f"{size / 1e6:.0f} MB",
-                        "check that it is the right file, or split the recording")
+        raise complaint(
+            called,
+            f"at most {limit} MB",
+            f"{size / 1e6:.0f} MB",
+            "check that it is the right file, or split the recording",
+        )
 
 
 def read_text(path: Path, called: str) -> str:
@@ -38,7 +46,9 @@ def read_text(path: Path, called: str) -> str:
     try:
         content = path.read_bytes()
     except OSError as problem:
-        raise complaint(called, "a readable file", str(problem.strerror), "give read permission") from None
+        raise complaint(
+            called, "a readable file", str(problem.strerror), "give read permission"
+        ) from None
     save = 'save it as "UTF-8" (in a spreadsheet: CSV UTF-8, comma delimited)'
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise complaint(f"{called}, byte 1", "UTF-8 text", "UTF-16 text", save)
@@ -55,28 +65,46 @@ def read_toml(path: Path, called: str) -> dict:
     try:
         return tomllib.loads(text.replace("\r\n", "\n"))
     except tomllib.TOMLDecodeError as problem:
-        raise complaint(called, "valid TOML", str(problem).rstrip("."),
-                        "correct that line: text in quotes, numbers with a point") from None
+        raise complaint(
+            called,
+            "valid TOML",
+            str(problem).rstrip("."),
+            "correct that line: text in quotes, numbers with a point",
+        ) from None
     except (RecursionError, ValueError):
-        raise complaint(called, "valid TOML", "nested or oversized values", "write it anew") from None
+        raise complaint(
+            called, "valid TOML", "nested or oversized values", "write it anew"
+        ) from None
 
 
 def inside(folder: Path, name, key: str, called: str) -> Path:
     """The file `name` in `folder`. Raises InputError where it is no text or leaves the folder."""
     where = f"{called}, {key}"
     if not isinstance(name, str) or not name.strip() or "\0" in name:
-        raise complaint(where, "a file name in quotes", repr(name)[:60], "name a file of the folder")
+        raise complaint(
+            where, "a file name in quotes", repr(name)[:60], "name a file of the folder"
+        )
     if Path(name).is_absolute() or PureWindowsPath(name).drive or name.startswith(("\\", "~")):
-        raise complaint(where, "a path relative to the recording's folder", f"the absolute path {name[:60]!r}",
-                        "copy the file into the folder and name it from there")
+        raise complaint(
+            where,
+            "a path relative to the recording's folder",
+            f"the absolute path {name[:60]!r}",
+            "copy the file into the folder and name it from there",
+        )
     if "\\" in name:
         raise complaint(where, "a path with forward slashes", repr(name)[:60], "write / for \\")
     try:
         path = (folder / name).resolve()
         stays = path.is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):
-        raise complaint(where, "a path that can be opened", repr(name)[:60], "shorten or correct it") from None
+        raise complaint(
+            where, "a path that can be opened", repr(name)[:60], "shorten or correct it"
+        ) from None
     if not stays:
-        raise complaint(where, "a path inside the recording's folder", f"{name[:60]!r}, which leaves it",
-                        "copy the file into the folder and name it from there")
+        raise complaint(
+            where,
+            "a path inside the recording's folder",
+            f"{name[:60]!r}, which leaves it",
+            "copy the file into the folder and name it from there",
+        )
     return folder / name

@@ -66,53 +66,94 @@ WORDS = ", ".join(KINDS)
 _SIMILARITY = 0.9
 """From which a key counts as misspelt; lower would refuse keys that a recording may hold for its own use."""
 DICTIONARIES = (
-    *(f"DICT_{k}X{k}_{n}" for k in (4, 5, 6, 7) for n in (50, 100, 250, 1000)), "DICT_ARUCO_ORIGINAL",
-    "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11", "DICT_ARUCO_MIP_36h12",
+    *(f"DICT_{k}X{k}_{n}" for k in (4, 5, 6, 7) for n in (50, 100, 250, 1000)),
+    "DICT_ARUCO_ORIGINAL",
+    "DICT_APRILTAG_16h5",
+    "DICT_APRILTAG_25h9",
+    "DICT_APRILTAG_36h10",
+    "DICT_APRILTAG_36h11",
+    "DICT_ARUCO_MIP_36h12",
 )
 
 RECORDING = {
     "format": Key(_one_of("recording/1"), '"recording/1"', True),
     "measures": Key(_one_of(*KINDS), f"one of {WORDS}", True),
-    "title": TEXT, "name": TEXT, "source": TEXT, "licence": TEXT,
+    "title": TEXT,
+    "name": TEXT,
+    "source": TEXT,
+    "licence": TEXT,
     "sigma_mm": Key(_above_zero, "1 sigma of a coordinate above 0, in mm"),
-    "robot": TABLE, "samples": TABLE, "artefact": TABLE, "images": TABLE, "board": TABLE, "guess": TABLE,
+    "robot": TABLE,
+    "samples": TABLE,
+    "artefact": TABLE,
+    "images": TABLE,
+    "board": TABLE,
+    "guess": TABLE,
 }
 SECTIONS = {
-    "samples": {"file": Key(_is_text, "a file name in quotes", True),
-                "small_range": Key(lambda v: isinstance(v, bool), "true or false")},
+    "samples": {
+        "file": Key(_is_text, "a file name in quotes", True),
+        "small_range": Key(lambda v: isinstance(v, bool), "true or false"),
+    },
     "artefact": {"file": Key(_is_text, "a file name in quotes", True)},
     "images": {"file": Key(_is_text, "a file name in quotes", True)},
-    "board": {"kind": Key(_one_of("chessboard", "charuco", "circles"), "one of chessboard, charuco, circles", True),
-              "columns": Key(_is_count, "a number of columns, 1 or more", True),
-              "rows": Key(_is_count, "a number of rows, 1 or more", True),
-              "square_mm": Key(_above_zero, "a length above 0 in mm", True),
-              "asymmetric": Key(lambda v: isinstance(v, bool), "true or false"),
-              "legacy": Key(lambda v: isinstance(v, bool), "true or false"),
-              "marker_mm": Key(_above_zero, "a length above 0 in mm"),
-              "dictionary": Key(_one_of(*DICTIONARIES), "one of OpenCV's, such as DICT_5X5_250"),
-              "fixed_to": Key(_one_of("tool", "base", "floor"), "one of tool, base, floor")},
-    "robot": {"file": TEXT, "builtin": TEXT, "tip": TEXT, "mimic": TABLE,
-              "gravity": Key(_is_unit, "three numbers, a unit vector"),
-              "joints": Key(lambda v: isinstance(v, list) and all(map(_is_text, v)), "a list of joint names")},
+    "board": {
+        "kind": Key(
+            _one_of("chessboard", "charuco", "circles"), "one of chessboard, charuco, circles", True
+        ),
+        "columns": Key(_is_count, "a number of columns, 1 or more", True),
+        "rows": Key(_is_count, "a number of rows, 1 or more", True),
+        "square_mm": Key(_above_zero, "a length above 0 in mm", True),
+        "asymmetric": Key(lambda v: isinstance(v, bool), "true or false"),
+        "legacy": Key(lambda v: isinstance(v, bool), "true or false"),
+        "marker_mm": Key(_above_zero, "a length above 0 in mm"),
+        "dictionary": Key(_one_of(*DICTIONARIES), "one of OpenCV's, such as DICT_5X5_250"),
+        "fixed_to": Key(_one_of("tool", "base", "floor"), "one of tool, base, floor"),
+    },
+    "robot": {
+        "file": TEXT,
+        "builtin": TEXT,
+        "tip": TEXT,
+        "mimic": TABLE,
+        "gravity": Key(_is_unit, "three numbers, a unit vector"),
+        "joints": Key(
+            lambda v: isinstance(v, list) and all(map(_is_text, v)), "a list of joint names"
+        ),
+    },
     "guess": {},
 }
 ROBOT = {
-    "name": TEXT, "source": TEXT,
+    "name": TEXT,
+    "source": TEXT,
     "convention": Key(_one_of("distal", "craig"), '"distal" or "craig"'),
     "gravity": Key(_is_unit, "three numbers, a unit vector"),
     "payload": TABLE,
-    "joint": Key(lambda v: isinstance(v, list) and bool(v) and all(map(_is_table, v)), "one [[joint]] or more", True),
+    "joint": Key(
+        lambda v: isinstance(v, list) and bool(v) and all(map(_is_table, v)),
+        "one [[joint]] or more",
+        True,
+    ),
 }
 JOINT = {
-    "theta_deg": ANGLE, "d_mm": LENGTH, "a_mm": LENGTH, "alpha_deg": ANGLE,
+    "theta_deg": ANGLE,
+    "d_mm": LENGTH,
+    "a_mm": LENGTH,
+    "alpha_deg": ANGLE,
     "beta_deg": Key(is_number, "a number in degrees"),
     "hayati": Key(lambda v: isinstance(v, bool), "true or false"),
     "kind": Key(_one_of("revolute", "prismatic"), '"revolute" or "prismatic"'),
     "limits_deg": Key(_is_range, "[lowest, highest] in degrees"),
     "limits_mm": Key(_is_range, "[lowest, highest] in mm"),
     "sign": Key(lambda v: is_number(v) and v in (-1, 1), "1 or -1"),
-    "coupled": Key(lambda v: _is_table(v) and set(v) == {"joint", "ratio"} and _is_count(v["joint"])
-                   and is_number(v["ratio"]), "{ joint = number, ratio = number }"),
+    "coupled": Key(
+        lambda v: (
+            _is_table(v)
+            and set(v) == {"joint", "ratio"}
+            and _is_count(v["joint"])
+            and is_number(v["ratio"])
+        ),
+        "{ joint = number, ratio = number }",
+    ),
     "gear_ratio": Key(lambda v: is_number(v) and v != 0, "a number other than 0"),
     "mass_kg": Key(lambda v: is_number(v) and v >= 0, "a mass of 0 or more, in kg"),
     "com_mm": Key(_numbers(3), "three numbers in mm"),
@@ -124,14 +165,26 @@ def check_keys(found: Mapping, wanted: Mapping[str, Key], where: str) -> None:
     for name, key in wanted.items():
         if name in found:
             if not key.passes(found[name]):
-                raise complaint(f"{where}, key {name}", key.expected, shown(found[name]), "correct the value")
+                raise complaint(
+                    f"{where}, key {name}", key.expected, shown(found[name]), "correct the value"
+                )
         elif key.required:
             near = _near(name, found, wanted)
             do = f"rename {near} to {name} and mind the unit" if near else f"add {name}"
-            raise complaint(f"{where}, key {name}", key.expected, f"the key {near}" if near else "no such key", do)
+            raise complaint(
+                f"{where}, key {name}",
+                key.expected,
+                f"the key {near}" if near else "no such key",
+                do,
+            )
     for name in found:
         if name not in wanted and (near := _near(name, wanted, found)):
-            raise complaint(f"{where}, key {name}", f"the key {near}", name, f"rename it to {near} and mind the unit")
+            raise complaint(
+                f"{where}, key {name}",
+                f"the key {near}",
+                name,
+                f"rename it to {near} and mind the unit",
+            )
 
 
 def _near(name: str, candidates: Mapping, taken: Mapping) -> str | None:

@@ -14,6 +14,7 @@ Rz(q+theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), and the last of them is the flange.
 
 Needs the package `mujoco` (extra `proof`).
 """
+
 from __future__ import annotations
 
 import tomllib
@@ -99,7 +100,9 @@ def arm_from_robot(robot: Mapping | str | Path, **elastic) -> Arm:
     if not isinstance(robot, Mapping):
         robot = tomllib.loads(Path(robot).read_text(encoding="utf-8"))
     rows = robot["joint"]
-    if robot.get("convention", "distal") != "distal" or any("prismatic" == r.get("kind") for r in rows):
+    if robot.get("convention", "distal") != "distal" or any(
+        "prismatic" == r.get("kind") for r in rows
+    ):
         raise ValueError("the MuJoCo arm takes revolute joints in the distal convention")
     tool = robot.get("payload", {})
     fields = {
@@ -115,7 +118,9 @@ def arm_from_robot(robot: Mapping | str | Path, **elastic) -> Arm:
 
 
 def _row(row: Mapping) -> list[float]:
-    theta, alpha, beta = np.deg2rad([row.get(k, 0.0) for k in ("theta_deg", "alpha_deg", "beta_deg")])
+    theta, alpha, beta = np.deg2rad(
+        [row.get(k, 0.0) for k in ("theta_deg", "alpha_deg", "beta_deg")]
+    )
     return [theta, row["d_mm"], row["a_mm"], alpha, beta]
 
 
@@ -275,7 +280,9 @@ def _compliances(arm: Arm) -> np.ndarray:
 # ------------------------------------------------------------------ at rest
 
 
-def rest(arm: Arm, readings: np.ndarray, errors: ArrayLike = 0.0, payload_kg: ArrayLike = 0.0) -> Rest:
+def rest(
+    arm: Arm, readings: np.ndarray, errors: ArrayLike = 0.0, payload_kg: ArrayLike = 0.0
+) -> Rest:
     """Static equilibrium of every configuration, payload and drive error.
 
     readings: (n, J) rad; errors: (n, J) rad from `drive_errors`, added after
@@ -352,7 +359,9 @@ def _imbalance(data, q, stiff, row) -> float:
     # A spring this stiff cannot be balanced better than a double holds its angle.
     rounding = 4 * np.finfo(float).eps * np.abs(stiff) * (1 + np.abs(q))
     if not np.all(off <= _BALANCE * scale + rounding):
-        raise StaticsError(f"configuration {row}: springs and gravity do not balance; the arm is too soft")
+        raise StaticsError(
+            f"configuration {row}: springs and gravity do not balance; the arm is too soft"
+        )
     return float(off.max() / scale)
 
 
@@ -372,7 +381,9 @@ def pose(xyz_mm: ArrayLike, rpw_deg: ArrayLike = (0, 0, 0)) -> np.ndarray:
     return out
 
 
-def reflector_points(flange: np.ndarray, reflector: ArrayLike, external_base: np.ndarray) -> np.ndarray:
+def reflector_points(
+    flange: np.ndarray, reflector: ArrayLike, external_base: np.ndarray
+) -> np.ndarray:
     """(n, 3) mm: a point of the flange frame, seen in the external frame."""
     in_base = flange[:, :3, :3] @ np.asarray(reflector, float) + flange[:, :3, 3]
     return in_base @ external_base[:3, :3].T + external_base[:3, 3]

@@ -15,8 +15,13 @@ ROLES = ("board", "board-laser", "scan")
 NEEDS = {"board": "placement", "board-laser": "placement", "scan": "scan"}
 TEXT = ("image", "role", "placement", "scan", "note")
 INTEGERS = ("step", "sample")
-UNITS = {"mirror": "mirror_deg", "mirror_rad": "mirror_deg", "time": "time_s", "temperature": "temperature_c",
-         "mirror_speed": "mirror_speed_deg_s"}  # fmt: skip
+UNITS = {
+    "mirror": "mirror_deg",
+    "mirror_rad": "mirror_deg",
+    "time": "time_s",
+    "temperature": "temperature_c",
+    "mirror_speed": "mirror_speed_deg_s",
+}
 """Columns without their unit, or in another one, and what they were probably meant to be."""
 MARKS = {
     "PNG": (b"\x89PNG", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"IEND\xaeB`\x82"),
@@ -48,53 +53,93 @@ def read_images(folder: Path, name: str, called: str, samples) -> Rows:
 def _check_columns(table: Table) -> None:
     for column in ("image", "role"):
         if column not in table.columns:
-            raise complaint(f"{table.called}, column {column}", "this column", "no such column", "add it")
+            raise complaint(
+                f"{table.called}, column {column}", "this column", "no such column", "add it"
+            )
     for column in table.columns:
         if column in UNITS:
-            raise complaint(f"{table.called}, column {column}", f"the column {UNITS[column]}", column,
-                            f"convert it and rename it to {UNITS[column]}")
+            raise complaint(
+                f"{table.called}, column {column}",
+                f"the column {UNITS[column]}",
+                column,
+                f"convert it and rename it to {UNITS[column]}",
+            )
 
 
 def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
     if row["role"] not in ROLES:
-        raise complaint(table.where(k, "role"), "board, board-laser or scan", repr(row["role"])[:40],
-                        "write one of these three")
+        raise complaint(
+            table.where(k, "role"),
+            "board, board-laser or scan",
+            repr(row["role"])[:40],
+            "write one of these three",
+        )
     need = NEEDS[row["role"]]
     if row["role"] != "board" and not row.get(need):
-        raise complaint(table.where(k, need), f"which {need} the picture is of", "nothing", f"add a {need} number")
+        raise complaint(
+            table.where(k, need),
+            f"which {need} the picture is of",
+            "nothing",
+            f"add a {need} number",
+        )
     for name in INTEGERS:
         if row.get(name, 0) != int(row.get(name, 0)):
-            raise complaint(table.where(k, name), "a whole number", f"{row[name]:g}", "number them 0, 1, 2 …")
+            raise complaint(
+                table.where(k, name), "a whole number", f"{row[name]:g}", "number them 0, 1, 2 …"
+            )
     if row.get("sweep", 0) not in (-1, 0, 1):
-        raise complaint(table.where(k, "sweep"), "-1, 0 or 1", f"{row['sweep']:g}",
-                        "write only the direction in which the mirror turned")
+        raise complaint(
+            table.where(k, "sweep"),
+            "-1, 0 or 1",
+            f"{row['sweep']:g}",
+            "write only the direction in which the mirror turned",
+        )
     if "sample" in row and row["sample"] not in samples:
-        raise complaint(table.where(k, "sample"), "a sample of samples.csv", f"{row['sample']:g}",
-                        "correct the number" if len(samples) else "add [samples] with that row")
+        raise complaint(
+            table.where(k, "sample"),
+            "a sample of samples.csv",
+            f"{row['sample']:g}",
+            "correct the number" if len(samples) else "add [samples] with that row",
+        )
 
 
 def _check_together(table: Table, rows: Rows) -> None:
     """Every picture and every step of a scan once, and a board picture at every placement of the laser."""
-    same = np.fromiter((hash(str(PurePosixPath(name))) for name in table.columns["image"]), np.int64, len(rows))
+    same = np.fromiter(
+        (hash(str(PurePosixPath(name))) for name in table.columns["image"]), np.int64, len(rows)
+    )
     if twice := _repeated(same[:, None]):
         first, again = twice
-        raise complaint(table.where(again, "image"), "every picture once",
-                        f"{rows[again]['image']} again (first in row {table.rows[first]})",
-                        "delete the copy or name the picture that was meant")
+        raise complaint(
+            table.where(again, "image"),
+            "every picture once",
+            f"{rows[again]['image']} again (first in row {table.rows[first]})",
+            "delete the copy or name the picture that was meant",
+        )
     role = table.columns["role"]
     none = np.zeros(len(rows), "U1")
-    place = np.where(role == "scan", *(table.columns.get(name, none) for name in ("scan", "placement")))
+    place = np.where(
+        role == "scan", *(table.columns.get(name, none) for name in ("scan", "placement"))
+    )
     swept = np.flatnonzero(role != "board")
     numbers = [np.unique(values, return_inverse=True)[1].ravel() for values in (role, place)]
     steps = np.stack([*numbers, rows.values("step", np.inf), rows.values("sweep", np.inf)], 1)
     if twice := _repeated(steps[swept]):
         first, again = swept[list(twice)]
-        raise complaint(table.where(again, "step"), f"every step of a {NEEDS[role[again]]} once",
-                        f"the step of row {table.rows[first]} again", "number the steps")
+        raise complaint(
+            table.where(again, "step"),
+            f"every step of a {NEEDS[role[again]]} once",
+            f"the step of row {table.rows[first]} again",
+            "number the steps",
+        )
     alone = np.flatnonzero((role == "board-laser") & ~np.isin(place, place[role == "board"]))
     if len(alone):
-        raise complaint(table.where(alone[0], "placement"), "a placement with a picture of role board",
-                        f"none at {str(place[alone[0]])!r}", "add that picture or delete the row")
+        raise complaint(
+            table.where(alone[0], "placement"),
+            "a placement with a picture of role board",
+            f"none at {str(place[alone[0]])!r}",
+            "add that picture or delete the row",
+        )
 
 
 def _repeated(keys: np.ndarray) -> tuple[int, int] | None:
@@ -116,15 +161,25 @@ def check_picture(path: Path, called: str) -> None:
             file.seek(max(0, path.stat().st_size - 64))
             tail = file.read()
     except OSError as problem:
-        raise complaint(called, "a readable picture", str(problem.strerror), "give read permission") from None
+        raise complaint(
+            called, "a readable picture", str(problem.strerror), "give read permission"
+        ) from None
     for kind, (known, header, end) in MARKS.items():
         if head.startswith(known):
             if not head.startswith(header) or end not in tail:
-                raise complaint(called, f"a whole {kind} picture", "one with a broken header or no end",
-                                "copy it again")
+                raise complaint(
+                    called,
+                    f"a whole {kind} picture",
+                    "one with a broken header or no end",
+                    "copy it again",
+                )
             return
     import cv2
 
     if not cv2.haveImageReader(str(path)):
-        raise complaint(called, "a picture that OpenCV reads (PNG, JPEG, TIFF, BMP)", "another kind of file",
-                        "save it as PNG")
+        raise complaint(
+            called,
+            "a picture that OpenCV reads (PNG, JPEG, TIFF, BMP)",
+            "another kind of file",
+            "save it as PNG",
+        )

@@ -38,10 +38,13 @@ def joints_are_degrees(table: Table, context: Context) -> None:
         return
     q = np.stack([table.columns[c] for c in names])
     if np.abs(q).max() <= TURN and np.sum(np.ptp(q, axis=1) > 0.02) >= 3:
-        raise complaint(f"{table.called}, columns {names[0]} … {names[-1]}", "joint readings in degrees",
-                        f"no reading beyond {np.abs(q).max():.3g}, as if in radians",
-                        "multiply them by 57.29578, or write small_range = true under [samples] if the arm "
-                        "really stayed that close to zero")
+        raise complaint(
+            f"{table.called}, columns {names[0]} … {names[-1]}",
+            "joint readings in degrees",
+            f"no reading beyond {np.abs(q).max():.3g}, as if in radians",
+            "multiply them by 57.29578, or write small_range = true under [samples] if the arm "
+            "really stayed that close to zero",
+        )
 
 
 def motion_fits_joints(table: Table, context: Context) -> None:
@@ -62,10 +65,12 @@ def motion_fits_joints(table: Table, context: Context) -> None:
     dq = sum(np.ptp(table.columns[c][moving]) for c in names) * np.pi / 180
     spread, bound = np.ptp(points[moving], axis=0).max(), 2 * (reach + TOOL_MM) * dq + 2 * TOOL_MM
     if spread > bound:
-        raise complaint(f"{table.called}, columns {names[0]} … {names[-1]}",
-                        "joint readings in degrees that explain the points",
-                        f"points that move by {spread:.0f} mm where these joints reach {bound:.0f} mm",
-                        "convert the joints from radians to degrees, or the points to mm")
+        raise complaint(
+            f"{table.called}, columns {names[0]} … {names[-1]}",
+            "joint readings in degrees that explain the points",
+            f"points that move by {spread:.0f} mm where these joints reach {bound:.0f} mm",
+            "convert the joints from radians to degrees, or the points to mm",
+        )
 
 
 def points_are_millimetres(table: Table, context: Context) -> None:
@@ -84,16 +89,23 @@ def points_are_millimetres(table: Table, context: Context) -> None:
     outside = context.measures in ("external-point", "external-pose", "partial-pose")
     if not outside or not np.isfinite(reach) or largest > 20 or moving.sum() < 3:
         return
-    turns = [np.ptp(table.columns[c][moving]) for c in joint_columns(table.columns)[:3] if c.endswith("_deg")]
+    turns = [
+        np.ptp(table.columns[c][moving])
+        for c in joint_columns(table.columns)[:3]
+        if c.endswith("_deg")
+    ]
     spread = np.ptp(points[moving], axis=0).max()
     if turns and spread < reach * np.deg2rad(max(turns)) / 50:
         raise _metres(table, spread, f"a reach of {reach:.0f} mm turned by {max(turns):.0f} deg")
 
 
 def _metres(table: Table, size: float, beside: str) -> InputError:
-    return complaint(f"{table.called}, columns x_mm, y_mm, z_mm", "points in mm",
-                     f"points within {size:.3g} beside {beside}, as if in metres",
-                     "multiply them by 1000, or write small_range = true under [samples] if they are right")
+    return complaint(
+        f"{table.called}, columns x_mm, y_mm, z_mm",
+        "points in mm",
+        f"points within {size:.3g} beside {beside}, as if in metres",
+        "multiply them by 1000, or write small_range = true under [samples] if they are right",
+    )
 
 
 def balls_keep_their_distance(table: Table, context: Context) -> None:
@@ -109,18 +121,29 @@ def balls_keep_their_distance(table: Table, context: Context) -> None:
 
 
 def _check_distance(table: Table, context: Context, points, ball, i: int, j: int) -> None:
-    measured, nominal = np.linalg.norm(points[i] - points[j]), _apart(context.balls, ball[i], ball[j])
+    measured, nominal = (
+        np.linalg.norm(points[i] - points[j]),
+        _apart(context.balls, ball[i], ball[j]),
+    )
     slack = max(2.0, 0.01 * nominal, 10 * (context.sigma_mm or 0))
     if abs(measured - nominal) > slack:
-        raise complaint(table.where(max(i, j), "ball"),
-                        f"{nominal:.2f} mm between balls {ball[i]} and {ball[j]} as in artefact.csv",
-                        f"{measured:.2f} mm between rows {table.rows[min(i, j)]} and {table.rows[max(i, j)]}",
-                        _swap(context.balls, measured, slack, "correct the ball numbers or artefact.csv"))
+        raise complaint(
+            table.where(max(i, j), "ball"),
+            f"{nominal:.2f} mm between balls {ball[i]} and {ball[j]} as in artefact.csv",
+            f"{measured:.2f} mm between rows {table.rows[min(i, j)]} and {table.rows[max(i, j)]}",
+            _swap(context.balls, measured, slack, "correct the ball numbers or artefact.csv"),
+        )
 
 
 def _swap(balls: Mapping, measured: float, slack: float, otherwise: str) -> str:
-    fits = [f"{a} and {b}" for a, b in combinations(sorted(balls), 2) if abs(_apart(balls, a, b) - measured) < slack]
-    swapped = f"if these are balls {' or '.join(fits)}, two balls are swapped: correct the column ball"
+    fits = [
+        f"{a} and {b}"
+        for a, b in combinations(sorted(balls), 2)
+        if abs(_apart(balls, a, b) - measured) < slack
+    ]
+    swapped = (
+        f"if these are balls {' or '.join(fits)}, two balls are swapped: correct the column ball"
+    )
     return swapped if fits else otherwise
 
 

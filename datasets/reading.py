@@ -34,8 +34,12 @@ def read(path: str | Path, trust_data: bool = False) -> Recording:
     if name.partition(":")[0] in registry.sources():
         return _read_real(name)
     known = [*bundled(), *registry.sources()]
-    raise complaint(name or "the recording's path", f"a folder in recording/1, or one of {', '.join(known)}",
-                    "neither", "correct the path or the name")
+    raise complaint(
+        name or "the recording's path",
+        f"a folder in recording/1, or one of {', '.join(known)}",
+        "neither",
+        "correct the path or the name",
+    )
 
 
 def _read_real(name: str) -> Recording:
@@ -47,8 +51,12 @@ def _read_real(name: str) -> Recording:
         raise complaint(f"recording {name}", f"one of {known}", found, "name one of these")
     if folder is None:
         places = " or ".join(map(str, registry.places()))
-        raise complaint(f"recording {name}", f"the files of {source.name} in {places}", "not all of them",
-                        f"fetch them with: workbench datasets get {source.name}, or set {registry.SETTING}")
+        raise complaint(
+            f"recording {name}",
+            f"the files of {source.name} in {places}",
+            "not all of them",
+            f"fetch them with: workbench datasets get {source.name}, or set {registry.SETTING}",
+        )
     reader = import_module(f"datasets.formats.{source.name}")
     recording = reader.read(folder, variant)
     return replace(recording, name=name, folder=folder, source=source.url, licence=source.licence)

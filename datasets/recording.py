@@ -79,9 +79,12 @@ class Recording:
         Raises InputError where the recording holds no points (touch-point, laser-spot, …).
         """
         if "x_mm" not in self.columns:
-            raise complaint(f"{self.name or 'recording'}, columns x_mm, y_mm, z_mm", "measured points",
-                            f"none in a {self.measures} recording",
-                            "use a command for this kind of recording or add the columns")
+            raise complaint(
+                f"{self.name or 'recording'}, columns x_mm, y_mm, z_mm",
+                "measured points",
+                f"none in a {self.measures} recording",
+                "use a command for this kind of recording or add the columns",
+            )
         return np.stack([self.columns[c] for c in ("x_mm", "y_mm", "z_mm")], axis=1)
 
     @property
@@ -120,7 +123,11 @@ class Recording:
         repeats of one pose; so do rows whose joint readings agree.
         """
         # readings that agree to 1e-4 rad (1e-4 mm) are one commanded pose, whatever the columns say
-        second = [c for c in self.columns if c.startswith(OTHER) and joint_columns([c.removeprefix(OTHER)])]
+        second = [
+            c
+            for c in self.columns
+            if c.startswith(OTHER) and joint_columns([c.removeprefix(OTHER)])
+        ]
         readings = np.column_stack([self.joints, *(self.columns[c] for c in second)])
         if FLANGE[0] in self.columns and not readings.size:
             readings = np.stack([self.columns[c] for c in FLANGE], axis=1)

@@ -66,7 +66,9 @@ class Source:
 @cache
 def sources() -> Mapping[str, Source]:
     """Every known real set by its name."""
-    keys = tomllib.loads(resources.files("datasets").joinpath("sources.toml").read_text(encoding="utf-8"))
+    keys = tomllib.loads(
+        resources.files("datasets").joinpath("sources.toml").read_text(encoding="utf-8")
+    )
     return {s["name"]: _source(s) for s in keys["set"]}
 
 
@@ -81,8 +83,12 @@ def source(name: str) -> Source:
     known = sources()
     base = name.partition(":")[0]
     if base not in known:
-        raise complaint(f"recording {name}", f"one of {', '.join(known)}", f"{base!r}",
-                        "correct the name, or give the path of a recording/1 folder")
+        raise complaint(
+            f"recording {name}",
+            f"one of {', '.join(known)}",
+            f"{base!r}",
+            "correct the name, or give the path of a recording/1 folder",
+        )
     return known[base]
 
 
@@ -112,8 +118,15 @@ def find(name: str) -> Path | None:
 def listing() -> list[dict]:
     """One row a set, for tables: name, title, variants, licence, url, and the folder or None."""
     return [
-        {"name": s.name, "title": s.title, "measures": s.measures, "variants": list(s.variants),
-         "licence": s.licence, "url": s.url, "folder": find(s.name)}
+        {
+            "name": s.name,
+            "title": s.title,
+            "measures": s.measures,
+            "variants": list(s.variants),
+            "licence": s.licence,
+            "url": s.url,
+            "folder": find(s.name),
+        }
         for s in sources().values()
     ]
 
@@ -130,8 +143,12 @@ def get(name: str, folder: str | Path | None = None) -> Path:
     for file in wanted.files:
         if not _is_whole(target / file.path, file):
             if not file.remote:
-                raise complaint(f"{wanted.name}/{file.path}", f"this file in {target} or where {SETTING} says",
-                                f"none, and it cannot be fetched alone from {wanted.url}", wanted.by_hand)
+                raise complaint(
+                    f"{wanted.name}/{file.path}",
+                    f"this file in {target} or where {SETTING} says",
+                    f"none, and it cannot be fetched alone from {wanted.url}",
+                    wanted.by_hand,
+                )
             _download(wanted, file, target / file.path)
     return target
 
@@ -140,8 +157,12 @@ def check_file(name: str, path: Path, folder: Path) -> None:
     """Raise InputError where a file of a known set differs from the one that its checksum is of."""
     file = next(f for f in source(name).files if folder / f.path == path)
     if not _is_whole(path, file):
-        raise complaint(f"{name}/{file.path}", f"the published file (sha256 {file.sha256[:12]}…)",
-                        "another one or none", f"fetch it again with: workbench datasets get {name}")
+        raise complaint(
+            f"{name}/{file.path}",
+            f"the published file (sha256 {file.sha256[:12]}…)",
+            "another one or none",
+            f"fetch it again with: workbench datasets get {name}",
+        )
 
 
 def _is_whole(path: Path, file: RemoteFile) -> bool:
@@ -156,12 +177,20 @@ def _download(wanted: Source, file: RemoteFile, target: Path) -> None:
         with urlopen(url, timeout=TIMEOUT_S) as answer:
             content = answer.read()
     except OSError as problem:
-        raise complaint(f"{wanted.name}/{file.path}", f"an answer from {url}", f"none ({problem})",
-                        f"connect to the network, or copy the set into a folder and name that in {SETTING}") from None
+        raise complaint(
+            f"{wanted.name}/{file.path}",
+            f"an answer from {url}",
+            f"none ({problem})",
+            f"connect to the network, or copy the set into a folder and name that in {SETTING}",
+        ) from None
     found = hashlib.sha256(content).hexdigest()
     if found != file.sha256:
-        raise complaint(f"{wanted.name}/{file.path}", f"sha256 {file.sha256[:12]}… from {url}", f"{found[:12]}…",
-                        "report it: the source has changed")
+        raise complaint(
+            f"{wanted.name}/{file.path}",
+            f"sha256 {file.sha256[:12]}… from {url}",
+            f"{found[:12]}…",
+            "report it: the source has changed",
+        )
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=target.parent, delete=False) as part:
         part.write(content)

@@ -64,9 +64,13 @@ class Rows(Sequence):
 
     def by(self, column: str, then: str | None = None) -> "Grouped":
         """Rows of each text in that column, texts in their order here; rows too, or by the numbers of `then`."""
-        _, first, group = np.unique(self.columns[column][self.chosen], return_index=True, return_inverse=True)
+        _, first, group = np.unique(
+            self.columns[column][self.chosen], return_index=True, return_inverse=True
+        )
         place = first[group.ravel()] if len(self) else np.empty(0, int)  # where its text came first
-        order = np.lexsort((self.values(then, 0), place)) if then else np.argsort(place, kind="stable")
+        order = (
+            np.lexsort((self.values(then, 0), place)) if then else np.argsort(place, kind="stable")
+        )
         starts = np.flatnonzero(np.diff(place[order], prepend=-1, append=len(self)))
         return Grouped(self[order], column, starts if len(self) else np.zeros(1, int))
 
@@ -90,9 +94,17 @@ class Rows(Sequence):
         if isinstance(rows, Rows):
             return rows
         names = list(dict.fromkeys(name for row in rows for name in row))
-        columns = {name: np.array([str(row.get(name, "")) for row in rows]) if name in text else
-                   np.array([row.get(name, np.nan) for row in rows], float) for name in names}  # fmt: skip
-        whole = [name for name in names if name not in text and all(isinstance(row.get(name, 0), int) for row in rows)]
+        columns = {
+            name: np.array([str(row.get(name, "")) for row in rows])
+            if name in text
+            else np.array([row.get(name, np.nan) for row in rows], float)
+            for name in names
+        }
+        whole = [
+            name
+            for name in names
+            if name not in text and all(isinstance(row.get(name, 0), int) for row in rows)
+        ]
         return cls.of(columns, whole)
 
 

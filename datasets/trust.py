@@ -5,7 +5,9 @@ TRUST_DATA = "--trust-data"
 
 def naming_option(sentence: str) -> str:
     """The sentence of a refusal with the way to calibrate all the same."""
-    return f"{sentence.removesuffix('.')}; if the recorded data are right, repeat with {TRUST_DATA}."
+    return (
+        f"{sentence.removesuffix('.')}; if the recorded data are right, repeat with {TRUST_DATA}."
+    )
 
 
 def accepted_by_option(sentence: str) -> str:

@@ -80,7 +80,14 @@ def forward(
     tilted = geometry[:, BETA].reshape(joints, -1).any(1)
     for k in range(joints):
         beta = (twist_cosines[k, 1], twist_sines[k, 1]) if tilted[k] else None
-        step(k, (cosines[k], sines[k]), (twist_cosines[k, 0], twist_sines[k, 0]), beta, shifts[k], geometry[k, A])
+        step(
+            k,
+            (cosines[k], sines[k]),
+            (twist_cosines[k, 0], twist_sines[k, 0]),
+            beta,
+            shifts[k],
+            geometry[k, A],
+        )
     return walk.finish(robot.flange)
 
 
@@ -170,7 +177,9 @@ class _Walk:
         rotation, offset = flange[:3, :3], flange[:3, 3]
         if not np.array_equal(flange, np.eye(4)):
             self.origin = self.origin + sum(axis * t for axis, t in zip(self.axes, offset))
-            self.axes = [sum(axis * r for axis, r in zip(self.axes, rotation[:, c])) for c in range(3)]
+            self.axes = [
+                sum(axis * r for axis, r in zip(self.axes, rotation[:, c])) for c in range(3)
+            ]
         self.keep_link(len(self.z) + 1, self.origin)
         lines = (self.z, self.x, self.y), (self.z_origin, self.x_origin)
         return Frames(*lines, self.link, self.pivot, self.origins, tuple(self.axes), self.origin)
@@ -218,10 +227,14 @@ def geometry_turns(frames: Frames, slots: np.ndarray) -> np.ndarray:
     """(len(slots), 3, n) rotation of the flange, world frame, per unit of geometry (0 for d, a)."""
     axes = {THETA: frames.z, ALPHA: frames.x, BETA: frames.y}
     still = np.zeros_like(frames.end_origin)
-    return np.stack([axes[kind][joint] if kind in axes else still for joint, kind in zip(*np.divmod(slots, 5))])
+    return np.stack(
+        [axes[kind][joint] if kind in axes else still for joint, kind in zip(*np.divmod(slots, 5))]
+    )
 
 
-def frame_rows(frames: Frames, point: np.ndarray, slots: np.ndarray, twists: dict[int, np.ndarray]) -> np.ndarray:
+def frame_rows(
+    frames: Frames, point: np.ndarray, slots: np.ndarray, twists: dict[int, np.ndarray]
+) -> np.ndarray:
     """(len(slots), 3, n) motion of `point` per unit of twist; slot 6 place + 0..2 shift, 3..5 turn."""
     place, kind = np.divmod(slots, 6)
     rows = np.empty((len(slots), 3, point.shape[1]))
@@ -237,16 +250,25 @@ def frame_rows(frames: Frames, point: np.ndarray, slots: np.ndarray, twists: dic
 def frame_turns(frames: Frames, slots: np.ndarray, twists: dict[int, np.ndarray]) -> np.ndarray:
     """(len(slots), 3, n) rotation of the flange, world frame, per unit of twist (0 for shifts)."""
     still = np.zeros_like(frames.end_origin)
-    return np.stack([frame_turn(frames, p, c, twists) if c >= 3 else still for p, c in zip(*np.divmod(slots, 6))])
+    return np.stack(
+        [
+            frame_turn(frames, p, c, twists) if c >= 3 else still
+            for p, c in zip(*np.divmod(slots, 6))
+        ]
+    )
 
 
 def _moved_pivot(frames, place, twists):
     if place not in twists:
         return frames.pivot[place]
-    return frames.pivot[place] + sum(axis * t for axis, t in zip(frames.link[place], twists[place][:3]))
+    return frames.pivot[place] + sum(
+        axis * t for axis, t in zip(frames.link[place], twists[place][:3])
+    )
 
 
-def frame_turn(frames: Frames, place: int, component: int, twists: dict[int, np.ndarray]) -> np.ndarray:
+def frame_turn(
+    frames: Frames, place: int, component: int, twists: dict[int, np.ndarray]
+) -> np.ndarray:
     """(3, n) world rotation per unit of rotation-vector component: left Jacobian of SO(3)."""
     axis = frames.link[place][component - 3]
     if place not in twists:

@@ -19,10 +19,16 @@ def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray)
     Ericson, Real-Time Collision Detection (2005), sec. 5.1.9.
     """
     u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (np.maximum((u * u).sum(0), 1e-12), np.maximum((v * v).sum(0), 1e-12), (u * v).sum(0))
+    uu, vv, uv = (
+        np.maximum((u * u).sum(0), 1e-12),
+        np.maximum((v * v).sum(0), 1e-12),
+        (u * v).sum(0),
+    )
     uw, vw = (u * w).sum(0), (v * w).sum(0)
     flat = uu * vv - uv**2
-    s = np.clip(np.where(flat > 1e-9 * uu * vv, (uv * vw - uw * vv) / np.where(flat == 0, 1, flat), 0), 0, 1)
+    s = np.clip(
+        np.where(flat > 1e-9 * uu * vv, (uv * vw - uw * vv) / np.where(flat == 0, 1, flat), 0), 0, 1
+    )
     t = np.clip((uv * s + vw) / vv, 0, 1)
     s = np.clip((uv * t - uw) / uu, 0, 1)
     return np.linalg.norm(w + s * u - t * v, axis=0)
@@ -56,7 +62,9 @@ def view_clearance(
     lengths = np.linalg.norm(np.diff(origins, axis=0), axis=1).max(1)
     found = np.full(variables.shape[1], np.inf)
     for k in range(len(lengths)):
-        if lengths[k + 1 :].sum() > 4 * radius:  # what carries the sensor is beside its line of sight
+        if (
+            lengths[k + 1 :].sum() > 4 * radius
+        ):  # what carries the sensor is beside its line of sight
             found = np.minimum(found, segment_distance(origins[k], origins[k + 1], eye, target))
     return found
 

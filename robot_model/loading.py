@@ -13,7 +13,9 @@ from robot_model.urdf import robot_from_urdf
 def builtin_robots() -> list[str]:
     """Names that `load_robot` knows without a file."""
     folder = resources.files("robot_model").joinpath("robots")
-    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    return sorted(
+        f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")
+    )
 
 
 def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
@@ -47,8 +49,18 @@ def _load_named(path: Path) -> Robot:
 def _load_builtin(spec: Mapping, where: str) -> Robot:
     name, known = spec["builtin"], builtin_robots()
     if len(spec) > 1:
-        raise wrong(f"{where}: key builtin", "no other key beside it", ", ".join(map(str, spec)), "remove the others")
+        raise wrong(
+            f"{where}: key builtin",
+            "no other key beside it",
+            ", ".join(map(str, spec)),
+            "remove the others",
+        )
     if name not in known:
-        raise wrong(f"{where}: key builtin", f"one of {', '.join(known)}", repr(name), "name one, or give a file")
+        raise wrong(
+            f"{where}: key builtin",
+            f"one of {', '.join(known)}",
+            repr(name),
+            "name one, or give a file",
+        )
     file = resources.files("robot_model").joinpath("robots", f"{name}.toml")
     return robot_from_keys(read_toml(file), f"{name}.toml")

@@ -18,7 +18,8 @@ _WORDS = {
 def pose_parameters(where: str, what: str) -> list[Parameter]:
     """The six parameters of the transform at `where`, called `what` in sentences."""
     return [
-        Parameter(f"{where}.{name}", unit, 0.0, size, f"{what} {words}") for name, (unit, size, words) in _WORDS.items()
+        Parameter(f"{where}.{name}", unit, 0.0, size, f"{what} {words}")
+        for name, (unit, size, words) in _WORDS.items()
     ]
 
 

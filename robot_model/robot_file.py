@@ -5,7 +5,14 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    model_validator,
+)
 
 from robot_model.robot import PARALLEL, Robot, wrong
 from workbench.core.errors import InputError
@@ -71,7 +78,9 @@ class _File(_Section):
     def _joints_are_tables(cls, keys: Any) -> Any:
         """A single [joint] instead of [[joint]] is the commonest slip of the hand."""
         if isinstance(keys, Mapping) and isinstance(keys.get("joint"), Mapping):
-            raise ValueError("key joint: expected one [[joint]] a joint, found [joint]; write double brackets")
+            raise ValueError(
+                "key joint: expected one [[joint]] a joint, found [joint]; write double brackets"
+            )
         return keys
 
 
@@ -93,7 +102,14 @@ def robot_from_keys(keys: Mapping, where: str) -> Robot:
         file = _File.model_validate(dict(keys))
     except ValidationError as problem:
         raise InputError(_sentence(_most_helpful(problem.errors()), where)) from None
-    for check in (_check_gravity, _check_angles, _check_lengths, _check_limits, _check_coupling, _check_rest):
+    for check in (
+        _check_gravity,
+        _check_angles,
+        _check_lengths,
+        _check_limits,
+        _check_coupling,
+        _check_rest,
+    ):
         check(file, where)
     return _robot(file)
 
@@ -141,7 +157,9 @@ def _known(place: str, names: list[str]) -> list[str]:
 
 def _check_gravity(file: _File, where: str) -> None:
     if np.linalg.norm(file.gravity) < 1e-9:
-        raise wrong(f"{where}: key gravity", "a direction", file.gravity, "write [0, 0, -1] if upright")
+        raise wrong(
+            f"{where}: key gravity", "a direction", file.gravity, "write [0, 0, -1] if upright"
+        )
 
 
 def _check_angles(file: _File, where: str) -> None:
@@ -152,8 +170,15 @@ def _check_angles(file: _File, where: str) -> None:
             angle = getattr(joint, key)
             if np.abs(np.abs(angle) - quarters).min() < 2e-3:
                 found = f"{angle}, which looks like radians"
-                raise wrong(f"{where}: joint {k}, key {key}", "degrees", found, f"write {np.rad2deg(angle):.6g}")
-    widest = max((abs(limit) for joint in file.joint for limit in joint.limits_deg or []), default=0)
+                raise wrong(
+                    f"{where}: joint {k}, key {key}",
+                    "degrees",
+                    found,
+                    f"write {np.rad2deg(angle):.6g}",
+                )
+    widest = max(
+        (abs(limit) for joint in file.joint for limit in joint.limits_deg or []), default=0
+    )
     if 0 < widest < 2 * np.pi + 0.01:
         found = f"none beyond {widest:.4g}, which looks like radians"
         raise wrong(f"{where}: keys limits_deg", "degrees", found, "multiply them by 57.29578")
@@ -170,10 +195,14 @@ def _check_limits(file: _File, where: str) -> None:
     for k, joint in enumerate(file.joint, 1):
         own, other = ("limits_mm", "limits_deg")[:: 1 if joint.kind == "prismatic" else -1]
         if getattr(joint, other) is not None:
-            raise wrong(f"{where}: joint {k}", f"{own} for a {joint.kind} joint", other, "rename it")
+            raise wrong(
+                f"{where}: joint {k}", f"{own} for a {joint.kind} joint", other, "rename it"
+            )
         limits = getattr(joint, own)
         if limits is not None and limits[0] >= limits[1]:
-            raise wrong(f"{where}: joint {k}, key {own}", "the lower limit first", limits, "swap them")
+            raise wrong(
+                f"{where}: joint {k}, key {own}", "the lower limit first", limits, "swap them"
+            )
 
 
 def _check_coupling(file: _File, where: str) -> None:
@@ -187,15 +216,27 @@ def _check_coupling(file: _File, where: str) -> None:
 def _check_rest(file: _File, where: str) -> None:
     for k, joint in enumerate(file.joint, 1):
         if joint.gear_ratio == 0:
-            raise wrong(f"{where}: joint {k}, key gear_ratio", "another number", 0, "correct it or leave it out")
+            raise wrong(
+                f"{where}: joint {k}, key gear_ratio",
+                "another number",
+                0,
+                "correct it or leave it out",
+            )
         if joint.mass_kg and joint.com_mm is None:
-            raise wrong(f"{where}: joint {k}", "com_mm beside mass_kg", "mass_kg alone", "add the centre of mass")
+            raise wrong(
+                f"{where}: joint {k}",
+                "com_mm beside mass_kg",
+                "mass_kg alone",
+                "add the centre of mass",
+            )
 
 
 def _robot(file: _File) -> Robot:
     joints = file.joint
     angles = np.deg2rad([[j.theta_deg, j.alpha_deg, j.beta_deg] for j in joints])
-    geometry = np.column_stack([angles[:, 0], [j.d_mm for j in joints], [j.a_mm for j in joints], angles[:, 1:]])
+    geometry = np.column_stack(
+        [angles[:, 0], [j.d_mm for j in joints], [j.a_mm for j in joints], angles[:, 1:]]
+    )
     payload = file.payload or _Payload(mass_kg=0.0, com_mm=[0.0, 0.0, 0.0])
     return Robot(
         name=file.name,

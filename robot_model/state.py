@@ -68,7 +68,9 @@ class State:
     def unit_load_torque(self) -> np.ndarray:
         """(J, n) torque of one newton of load at the load centre, in N m: a lever in metres."""
         one_newton = np.full(self.n, 1 / 9.80665)
-        return self._project(load_levers(self.robot, self.frames, one_newton, self.load_centre).torque)
+        return self._project(
+            load_levers(self.robot, self.frames, one_newton, self.load_centre).torque
+        )
 
     @cached_property
     def moment(self) -> np.ndarray:
@@ -101,7 +103,10 @@ class State:
         altered = replace(self, gravity=gravity)
         altered.__dict__["frames"] = self.frames  # the rest of the state does not change with them
         body = np.repeat(np.arange(self.robot.joints + 1), 3)
-        for name, mine in (("link_levers", body < self.robot.joints), ("load_levers", body == self.robot.joints)):
+        for name, mine in (
+            ("link_levers", body < self.robot.joints),
+            ("load_levers", body == self.robot.joints),
+        ):
             own, levers = np.where(mine, moments, 0), getattr(self, name)
             if own.any():
                 levers = levers + moment_levers(self.robot, self.frames, own.reshape(-1, 3))
@@ -111,7 +116,9 @@ class State:
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""
         if name not in self.covariates:
-            held = ", ".join(sorted(k for k in self.covariates if not k.startswith("move"))) or "none"
+            held = (
+                ", ".join(sorted(k for k in self.covariates if not k.startswith("move"))) or "none"
+            )
             raise InputError(
                 f"samples.csv of the recording: column '{name}' is needed by an effect, found {held}; "
                 f"add the column or take the effect out of the plan"
@@ -119,7 +126,9 @@ class State:
         return self.covariates[name]
 
 
-def moved(robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray) -> dict[str, np.ndarray]:
+def moved(
+    robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray
+) -> dict[str, np.ndarray]:
     """`move<k>` (n,) rad, mm: how far each joint of the arm came from the configuration before; pose (n,): labels."""
     still = np.where(robot.prismatic, *_STILL)
     return {f"move{k}": row for k, row in enumerate(last_moves(variables, time, still, pose), 1)}

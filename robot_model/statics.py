@@ -46,7 +46,10 @@ def link_levers(robot: Robot, frames: Frames) -> Levers:
 
 def load_levers(robot: Robot, frames: Frames, mass: np.ndarray, centre: np.ndarray) -> Levers:
     """Levers of a load `mass` (n,) kg with its centre at `centre` (3,) mm in the flange frame."""
-    masses, moments = np.zeros((robot.joints + 1, len(mass))), np.zeros((robot.joints + 1, 3, len(mass)))
+    masses, moments = (
+        np.zeros((robot.joints + 1, len(mass))),
+        np.zeros((robot.joints + 1, 3, len(mass))),
+    )
     masses[-1], moments[-1] = mass, mass * frames.point(centre)
     return _levers(robot, frames, masses, moments)
 
@@ -62,8 +65,12 @@ def _levers(robot, frames, masses, moments):
     """Levers of J links and a load, masses (J+1, n) and first moments (J+1, 3, n)."""
     mass, moment = (np.cumsum(part[::-1], 0)[::-1] for part in (masses, moments))
     arms = moment[:-1] - mass[:-1, None] * frames.z_origin
-    torque = np.where(robot.prismatic[:, None, None], mass[:-1, None] * frames.z, cross(frames.z, arms) * _MM)
+    torque = np.where(
+        robot.prismatic[:, None, None], mass[:-1, None] * frames.z, cross(frames.z, arms) * _MM
+    )
     # the base carries every body; link K bends under the bodies beyond it, the tool under the load
     outer = [*range(robot.joints + 1), robot.joints]
     bending = (moment[outer] - mass[outer, None] * frames.pivot) * _MM
-    return Levers(torque * STANDARD_GRAVITY, bending * STANDARD_GRAVITY, arms * _MM * STANDARD_GRAVITY)
+    return Levers(
+        torque * STANDARD_GRAVITY, bending * STANDARD_GRAVITY, arms * _MM * STANDARD_GRAVITY
+    )

@@ -15,9 +15,13 @@ from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
-_GEOMETRY = (("theta", "rad", 0.01, "zero offset (theta)"), ("d", "mm", 1.0, "offset (d)"),
-             ("a", "mm", 1.0, "length (a)"), ("alpha", "rad", 0.01, "twist (alpha)"),
-             ("beta", "rad", 0.01, "parallelism (beta)"))  # fmt: skip
+_GEOMETRY = (
+    ("theta", "rad", 0.01, "zero offset (theta)"),
+    ("d", "mm", 1.0, "offset (d)"),
+    ("a", "mm", 1.0, "length (a)"),
+    ("alpha", "rad", 0.01, "twist (alpha)"),
+    ("beta", "rad", 0.01, "parallelism (beta)"),
+)
 _BASE = 6
 
 
@@ -46,7 +50,9 @@ class RobotChain:
     def parameters(self) -> Parameters:
         """base (6), geometry (5 J) and the measurement's own, started in closed form."""
         base = pose_parameters("base", "base") if self.base_size else []
-        parameters = Parameters.of([*base, *_geometry_parameters(self.robot), *self.measurement.parameters()])
+        parameters = Parameters.of(
+            [*base, *_geometry_parameters(self.robot), *self.measurement.parameters()]
+        )
         values, size = parameters.values.copy(), self.base_size
         values[:size], values[size + 5 * self.robot.joints :] = self.start[:size], self.start[size:]
         return replace(parameters, values=values)
@@ -115,14 +121,20 @@ class RobotChain:
         first = {"geometry": 0, "joint": 0, "mass": 0, "frame": 1}[port]
         end = {"base": 0, "tool": self.robot.joints + first}
         if kind and int(number) > self.robot.joints:
-            raise InputError(f"there is no '{where}': {self.robot.name} has {self.robot.joints} joints; correct it")
+            raise InputError(
+                f"there is no '{where}': {self.robot.name} has {self.robot.joints} joints; correct it"
+            )
         place = int(number) - 1 + first if kind else end[where]
         return tuple(width * place + c for c in components or range(width))
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Base pose (6,), geometry (J, 5) and the measurement's own values."""
         base, end = self.base_size, self.base_size + 5 * self.robot.joints
-        return values[:base] if base else np.zeros(_BASE), values[base:end].reshape(-1, 5), values[end:]
+        return (
+            values[:base] if base else np.zeros(_BASE),
+            values[base:end].reshape(-1, 5),
+            values[end:],
+        )
 
     def to_root(
         self, values: np.ndarray, evaluation: "Evaluation", residual: np.ndarray
@@ -182,7 +194,10 @@ class Evaluation:
         if port == "joint":
             slots = 5 * slots + np.where(robot.prismatic[slots], D, 0)
         if port in ("joint", "geometry"):
-            moved, turned = kinematics.geometry_rows(robot, frames, point, slots), kinematics.geometry_turns
+            moved, turned = (
+                kinematics.geometry_rows(robot, frames, point, slots),
+                kinematics.geometry_turns,
+            )
             return self._mapped(moved, lambda: turned(frames, slots))
         frames = self._with_links()
         moved = kinematics.frame_rows(frames, point, slots, self.twists)
@@ -202,9 +217,13 @@ class Evaluation:
         pose = self.chain.split(self.values)[0]
         about = left_jacobian(pose[3:]).T[:, :, None]
         shifts = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, self.chain.n))
-        turns = kinematics.cross(np.broadcast_to(about, (3, 3, self.chain.n)), self.closure.point - pose[:3, None])
+        turns = kinematics.cross(
+            np.broadcast_to(about, (3, 3, self.chain.n)), self.closure.point - pose[:3, None]
+        )
         moved = np.concatenate([shifts, turns])
-        return self._mapped(moved, lambda: np.concatenate([shifts * 0, np.broadcast_to(about, shifts.shape)]))
+        return self._mapped(
+            moved, lambda: np.concatenate([shifts * 0, np.broadcast_to(about, shifts.shape)])
+        )
 
     def _mapped(self, moved, turned):
         rows = self.closure.map_rows(moved)
@@ -239,7 +258,10 @@ def _geometry_parameters(robot: Robot) -> list[Parameter]:
 
 def geometry_priors(robot: Robot) -> dict[str, tuple[float, float]]:
     """Nominal value and prior standard deviation (rad, mm) of every geometric parameter, by key."""
-    return {parameter.key: (parameter.null, parameter.prior) for parameter in _geometry_parameters(robot)}
+    return {
+        parameter.key: (parameter.null, parameter.prior)
+        for parameter in _geometry_parameters(robot)
+    }
 
 
 def geometry_free(robot: Robot) -> list[str]:
@@ -269,11 +291,18 @@ def held_by_convention(robot: Robot) -> list[str]:
 
     They are not free; asked of the null space beside those that are, they say so in words.
     """
-    return [f"joint-{k + 1}.d{k + 1}" for k in range(robot.joints) if robot.hayati[k] and not robot.prismatic[k]]
+    return [
+        f"joint-{k + 1}.d{k + 1}"
+        for k in range(robot.joints)
+        if robot.hayati[k] and not robot.prismatic[k]
+    ]
 
 
 def bind(
-    robot: Robot, recording, start: np.ndarray | None = None, start_on: np.ndarray | slice = slice(None)
+    robot: Robot,
+    recording,
+    start: np.ndarray | None = None,
+    start_on: np.ndarray | slice = slice(None),
 ) -> RobotChain:
     """The chain for the moving rows of a recording.
 
@@ -292,12 +321,16 @@ def bind(
     if start is None:
         frames = forward(robot, variables[:, _columns_of(start_on, len(looks), variables.shape[1])])
         if hasattr(measurement, "oriented"):
-            measurement = replace(measurement, facing=measurement.at(start_on).oriented(frames).facing)
+            measurement = replace(
+                measurement, facing=measurement.at(start_on).oriented(frames).facing
+            )
         start = np.concatenate(measurement.at(start_on).start(frames))
     tool = start if measurement.grounded else start[_BASE:]
     state = _state(robot, looks, variables, measurement, tool)
     sigma = _checked_sigma(measurement.sigma(recording), recording.name)
-    return RobotChain(robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None)
+    return RobotChain(
+        robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None
+    )
 
 
 def _checked_sigma(sigma: np.ndarray, name: str) -> np.ndarray:
@@ -324,7 +357,9 @@ def _state(robot, looks, variables, measurement, tool) -> State:
     covariates = {name: np.concatenate([columns[name] for columns in held]) for name in held[-1]}
     covariates.setdefault("row", np.tile(np.arange(looks[0].n, dtype=float), len(looks)))
     if len(looks) == 1:  # two ends of a length have no order
-        covariates |= moved(robot, variables, covariates.get("time_s", covariates["row"]), looks[0].poses)
+        covariates |= moved(
+            robot, variables, covariates.get("time_s", covariates["row"]), looks[0].poses
+        )
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
     centre = robot.payload_com if robot.payload_mass > 0 else tool[:3]
     seen = measurement.measured, measurement.numbers, measurement.targets(tool)

@@ -61,7 +61,9 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
     )
 
 
-def _denavit(tree: Tree, moving: list[Joint], tip: str) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+def _denavit(
+    tree: Tree, moving: list[Joint], tip: str
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """Frames (J + 1 of (4, 4), root frame, zero pose), rows (J, 5) and Hayati flags (J,)."""
     places = [tree.places[joint.child] for joint in moving]
     lines = [(place[:3, 3], place[:3, :3] @ joint.axis) for place, joint in zip(places, moving)]
@@ -88,7 +90,9 @@ def _first_frame(point: np.ndarray, axis: np.ndarray) -> np.ndarray:
     return frame
 
 
-def link_row(point: np.ndarray, axis: np.ndarray, hint: np.ndarray, last: bool = False) -> tuple[np.ndarray, bool]:
+def link_row(
+    point: np.ndarray, axis: np.ndarray, hint: np.ndarray, last: bool = False
+) -> tuple[np.ndarray, bool]:
     """theta, d, a, alpha, beta (mm, rad) that carry the z axis onto a line, and whether by Hayati.
 
     point (3,) mm, axis (3,) unit: the line, in the frame whose z axis is carried; hint (3,): where
@@ -132,13 +136,17 @@ def _flange(last: np.ndarray, tip: np.ndarray) -> np.ndarray:
     return np.eye(4) if np.allclose(flange, np.eye(4), rtol=0, atol=1e-12) else flange
 
 
-def _mixing(tree: Tree, moving: list[Joint], drives: dict) -> tuple[list[str], np.ndarray, np.ndarray]:
+def _mixing(
+    tree: Tree, moving: list[Joint], drives: dict
+) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names of the R readings, (J, R) joint variables of readings, (J,) the mimics' offsets, rad and mm."""
     used = list(dict.fromkeys(drives[joint.name][0] for joint in moving))
     readings = list(tree.named or used)
     idle = [name for name in readings if name not in used]
     if idle:
-        raise wrong(f"{tree.file}: joints", "joints that move the tip", ", ".join(idle), "leave them out")
+        raise wrong(
+            f"{tree.file}: joints", "joints that move the tip", ", ".join(idle), "leave them out"
+        )
     mixing, offsets = np.zeros((len(moving), len(readings))), np.zeros(len(moving))
     for k, joint in enumerate(moving):
         name, ratio, offset = drives[joint.name]
@@ -147,7 +155,9 @@ def _mixing(tree: Tree, moving: list[Joint], drives: dict) -> tuple[list[str], n
     return readings, mixing, offsets
 
 
-def _masses(tree: Tree, moving: list[Joint], frames: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _masses(
+    tree: Tree, moving: list[Joint], frames: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """(J,) kg and (J, 3) mm in frame k of everything that moves with joint k."""
     number = {joint.name: k for k, joint in enumerate(moving, 1)}
     body = {tree.root: 0}

@@ -72,7 +72,11 @@ class Tree:
 
     def _said(self, key: str, name: str, words: object) -> tuple[str, float, float]:
         """A mimic of the spec; what it leaves out is as the URDF has it."""
-        if not isinstance(words, Mapping) or "joint" not in words or not set(words) <= {"joint", "ratio", "offset"}:
+        if (
+            not isinstance(words, Mapping)
+            or "joint" not in words
+            or not set(words) <= {"joint", "ratio", "offset"}
+        ):
             raise wrong(key, "joint, ratio and offset", repr(words), "correct it")
         _, ratio, offset = self.mimic.get(name, ("", 1.0, 0.0))
         numbers = words.get("ratio", ratio), words.get("offset", offset)
@@ -81,7 +85,11 @@ class Tree:
         return words["joint"], *numbers
 
     def _check_names(self, where: str) -> None:
-        for name in [*(self.named or []), *self.mimic, *(parent for parent, _, _ in self.mimic.values())]:
+        for name in [
+            *(self.named or []),
+            *self.mimic,
+            *(parent for parent, _, _ in self.mimic.values()),
+        ]:
             if name not in self.joints:
                 held = ", ".join(map(str, self.joints)) or "none"
                 raise wrong(where, f"a joint of {self.file.name}", name, f"choose among {held}")
@@ -90,10 +98,17 @@ class Tree:
         for joint in self.joints.values():
             if not {joint.parent, joint.child} <= set(self.links):
                 links = f"{joint.parent} and {joint.child}"
-                raise wrong(f"{self.file}: joint {joint.name}", "links of this file", links, "define both")
+                raise wrong(
+                    f"{self.file}: joint {joint.name}", "links of this file", links, "define both"
+                )
         if len(self.into) != len(self.joints) or len(self.links) != len(self.joints) + 1:
             counts = f"{len(self.links)} links and {len(self.joints)} joints"
-            raise wrong(self.file, "a tree of links with one root", counts, "cut loops and remove stray links")
+            raise wrong(
+                self.file,
+                "a tree of links with one root",
+                counts,
+                "cut loops and remove stray links",
+            )
 
     def _outward(self) -> Iterator[Joint]:
         """Joints from the root outward: each once its parent's place is known."""
@@ -101,14 +116,24 @@ class Tree:
         while waiting:
             ready = [joint for joint in waiting.values() if joint.parent in self.places]
             if not ready:
-                raise wrong(self.file, f"every link to hang on {self.root}", f"a loop at {min(waiting)}", "cut it")
+                raise wrong(
+                    self.file,
+                    f"every link to hang on {self.root}",
+                    f"a loop at {min(waiting)}",
+                    "cut it",
+                )
             yield from ready
             waiting = {name: joint for name, joint in waiting.items() if joint not in ready}
 
     def path(self, tip: str) -> list[Joint]:
         """Joints from the root to a link."""
         if tip not in self.links:
-            raise wrong(self.file, "the tip to be a link", tip, f"choose among {', '.join(map(str, self.links))}")
+            raise wrong(
+                self.file,
+                "the tip to be a link",
+                tip,
+                f"choose among {', '.join(map(str, self.links))}",
+            )
         joints = []
         while tip in self.into:
             joints.append(self.into[tip])
@@ -118,7 +143,10 @@ class Tree:
     def farthest_leaf(self) -> str:
         """The leaf beyond most joints that move."""
         leaves = set(self.links) - {joint.parent for joint in self.joints.values()}
-        reach = {leaf: sum(self.drive(joint) is not None for joint in self.path(leaf)) for leaf in sorted(leaves)}
+        reach = {
+            leaf: sum(self.drive(joint) is not None for joint in self.path(leaf))
+            for leaf in sorted(leaves)
+        }
         best = [leaf for leaf in reach if reach[leaf] == max(reach.values())]
         if len(best) > 1:
             raise wrong(self.file, "one last link", ", ".join(best), "choose one of them as tip")
@@ -137,7 +165,12 @@ class Tree:
                 return (name, ratio, offset) if self.named is None or name in self.named else None
             name, factor, shift = self.mimic[name]
             ratio, offset = ratio * factor, offset + ratio * shift
-        raise wrong(f"{self.file}: joint {joint.name}", "mimic to end at a joint that is read", "a circle", "cut it")
+        raise wrong(
+            f"{self.file}: joint {joint.name}",
+            "mimic to end at a joint that is read",
+            "a circle",
+            "cut it",
+        )
 
     def inertial(self, link: str) -> tuple[float, np.ndarray]:
         """kg of a link and its centre (3,) in the root frame at zero, mm."""
@@ -152,16 +185,32 @@ def check_keys(spec: Mapping, where: str) -> None:
     """InputError unless the spec's keys are known and of their kind."""
     for key, value in spec.items():
         if key not in _KEYS:
-            raise wrong(f"{where}: key {key}", f"one of {', '.join(_KEYS)} beside urdf", key, "correct or remove it")
+            raise wrong(
+                f"{where}: key {key}",
+                f"one of {', '.join(_KEYS)} beside urdf",
+                key,
+                "correct or remove it",
+            )
         kinds, words = _KEYS[key]
         if value is not None and not isinstance(value, kinds):
             raise wrong(f"{where}: key {key}", words, repr(value), "correct it")
     joints = list(map(str, spec.get("joints") or []))
     if len(set(joints)) != len(joints):
-        raise wrong(f"{where}: key joints", "every joint once", ", ".join(joints), "remove the repetition")
+        raise wrong(
+            f"{where}: key joints", "every joint once", ", ".join(joints), "remove the repetition"
+        )
     gravity = np.asarray(spec.get("gravity", (0.0, 0.0, -1.0)))
-    if gravity.shape != (3,) or gravity.dtype.kind not in "if" or not 1e-9 < np.linalg.norm(gravity) < np.inf:
-        raise wrong(f"{where}: key gravity", _KEYS["gravity"][1], spec["gravity"], "write [0, 0, -1] if upright")
+    if (
+        gravity.shape != (3,)
+        or gravity.dtype.kind not in "if"
+        or not 1e-9 < np.linalg.norm(gravity) < np.inf
+    ):
+        raise wrong(
+            f"{where}: key gravity",
+            _KEYS["gravity"][1],
+            spec["gravity"],
+            "write [0, 0, -1] if upright",
+        )
 
 
 def _parse(file: Path) -> ET.Element:
@@ -183,15 +232,24 @@ def _joint(element: ET.Element, file: Path) -> Joint:
     where = f"{file}: joint {name}"
     parent, child = (_attribute(element, part, "link") for part in ("parent", "child"))
     if None in (name, kind, parent, child):
-        raise wrong(where, "name, type, parent and child", f"{name}, {kind}, {parent}, {child}", "add what is missing")
+        raise wrong(
+            where,
+            "name, type, parent and child",
+            f"{name}, {kind}, {parent}, {child}",
+            "add what is missing",
+        )
     axis = _numbers(element, "axis", "xyz", (1.0, 0.0, 0.0), where)
     if kind in _MOVING and np.linalg.norm(axis) < 1e-9:
         raise wrong(where, "an axis with a direction", "zero", "correct it")
     unit = 1000.0 if kind == "prismatic" else 1.0
-    low, high = (_numbers(element, "limit", side, (np.nan,), where)[0] * unit for side in ("lower", "upper"))
+    low, high = (
+        _numbers(element, "limit", side, (np.nan,), where)[0] * unit for side in ("lower", "upper")
+    )
     limits = (low, high) if low < high and kind != "continuous" else (np.nan, np.nan)
     axis = axis / max(np.linalg.norm(axis), 1e-9)
-    return Joint(name, kind, parent, child, _origin(element, where), axis, limits, _mimic(element, where))
+    return Joint(
+        name, kind, parent, child, _origin(element, where), axis, limits, _mimic(element, where)
+    )
 
 
 def _mimic(element: ET.Element, where: str) -> tuple[str, float, float] | None:
@@ -215,7 +273,9 @@ def _numbers(element: ET.Element, part: str, key: str, otherwise: tuple, where: 
     except ValueError:
         values = np.empty(0)
     if len(values) != len(otherwise) or not np.isfinite(values).all():
-        raise wrong(f"{where}, {part} {key}", f"{len(otherwise)} finite number(s)", repr(text), "correct it")
+        raise wrong(
+            f"{where}, {part} {key}", f"{len(otherwise)} finite number(s)", repr(text), "correct it"
+        )
     return values
 
 

@@ -13,7 +13,18 @@ from functools import cached_property
 
 import numpy as np
 
-from sensors.ball.fit import EDGE, ELSEWHERE, INCIDENCE, MISSING, OUTLIER, REASONS, USED, BallFit, fit_ball, shell
+from sensors.ball.fit import (
+    EDGE,
+    ELSEWHERE,
+    INCIDENCE,
+    MISSING,
+    OUTLIER,
+    REASONS,
+    USED,
+    BallFit,
+    fit_ball,
+    shell,
+)
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
@@ -69,12 +80,21 @@ class Probed:
     def unconstrained(self) -> BallFit:
         """The least-squares ball of free radius through all points that were not trimmed."""
         counted = (self.fit.reason == USED) | (self.fit.reason == OUTLIER)
-        return fit_ball(self.points[:, counted], loss="linear", start=np.append(self.fit.centre, self.fit.radius))
+        return fit_ball(
+            self.points[:, counted],
+            loss="linear",
+            start=np.append(self.fit.centre, self.fit.radius),
+        )
 
 
-def acceptance(balls: Sequence[Probed] = (), artefact: np.ndarray | None = None, plane: np.ndarray | None = None,
-               temperature=None, limits: Mapping[str, float] | None = None, artefact_std: float = 0.0,
-               ) -> tuple[Characteristic, ...]:  # fmt: skip
+def acceptance(
+    balls: Sequence[Probed] = (),
+    artefact: np.ndarray | None = None,
+    plane: np.ndarray | None = None,
+    temperature=None,
+    limits: Mapping[str, float] | None = None,
+    artefact_std: float = 0.0,
+) -> tuple[Characteristic, ...]:
     """Every characteristic, determined or not.
 
     `artefact` (3, m) mm calibrated centres, column K - 1 of ball K, with standard uncertainty `artefact_std` of a
@@ -84,14 +104,22 @@ def acceptance(balls: Sequence[Probed] = (), artefact: np.ndarray | None = None,
     numbers = np.array([ball.number for ball in balls], int)
     fits = [ball.fit for ball in balls]
     made = [
-        probing_form(balls), probing_range(balls), probing_rms(balls), probing_size(balls),
+        probing_form(balls),
+        probing_range(balls),
+        probing_rms(balls),
+        probing_size(balls),
         sphere_spacing(fits, numbers, artefact, artefact_std),
-        flat_form(plane), flat_range(plane), rejected(fits), mean_temperature(temperature),
-    ]  # fmt: skip
+        flat_form(plane),
+        flat_range(plane),
+        rejected(fits),
+        mean_temperature(temperature),
+    ]
     unknown = set(limits or {}) - {one.name for one in made}
     if unknown:
-        raise InputError(f"limits: expected names among {', '.join(one.name for one in made)}, found "
-                         f"'{sorted(unknown)[0]}'; correct its name")
+        raise InputError(
+            f"limits: expected names among {', '.join(one.name for one in made)}, found "
+            f"'{sorted(unknown)[0]}'; correct its name"
+        )
     return tuple(judged(one, (limits or {}).get(one.name)) for one in made)
 
 
@@ -112,8 +140,14 @@ def probing_form(balls: Sequence[Probed]) -> Characteristic:
     The shell is concentric with the unconstrained least-squares ball through all points that the
     stated trimming by incidence and edge left; outliers count. Of several balls the largest.
     """
-    return _of_balls(probing_form, "probing_form", "P_Form.Sph.D95%:SMV.SV:O3D", "", balls,
-                     lambda ball: shell(ball.unconstrained.residual, _HELD))  # fmt: skip
+    return _of_balls(
+        probing_form,
+        "probing_form",
+        "P_Form.Sph.D95%:SMV.SV:O3D",
+        "",
+        balls,
+        lambda ball: shell(ball.unconstrained.residual, _HELD),
+    )
 
 
 def probing_range(balls: Sequence[Probed]) -> Characteristic:
@@ -121,8 +155,14 @@ def probing_range(balls: Sequence[Probed]) -> Characteristic:
 
     At most 3 of 1,000 points are left out, those that widen the range most. Of several balls the largest.
     """
-    return _of_balls(probing_range, "probing_range", "", "PF", balls,
-                     lambda ball: shell(ball.unconstrained.residual, 1 - _LEFT_OUT))  # fmt: skip
+    return _of_balls(
+        probing_range,
+        "probing_range",
+        "",
+        "PF",
+        balls,
+        lambda ball: shell(ball.unconstrained.residual, 1 - _LEFT_OUT),
+    )
 
 
 def probing_rms(balls: Sequence[Probed]) -> Characteristic:
@@ -140,8 +180,14 @@ def probing_size(balls: Sequence[Probed]) -> Characteristic:
     with its sign. Standard uncertainty: of the fit and of the calibration.
     """
     known = [ball for ball in balls if ball.radius is not None]
-    made = _of_balls(probing_size, "probing_size", "P_Size.Sph.All:SMV.SV:O3D", "PS", known,
-                     lambda ball: 2 * (ball.unconstrained.radius - ball.radius))  # fmt: skip
+    made = _of_balls(
+        probing_size,
+        "probing_size",
+        "P_Size.Sph.All:SMV.SV:O3D",
+        "PS",
+        known,
+        lambda ball: 2 * (ball.unconstrained.radius - ball.radius),
+    )
     if not known and balls:
         return replace(made, why="no calibrated radius was given")
     if not made.determined:
@@ -150,8 +196,12 @@ def probing_size(balls: Sequence[Probed]) -> Characteristic:
     return replace(made, std=2 * float(np.hypot(worst.unconstrained.std[-1], worst.radius_std)))
 
 
-def sphere_spacing(fits: Sequence[BallFit], numbers: np.ndarray, artefact: np.ndarray | None,
-                   artefact_std: float = 0.0) -> Characteristic:  # fmt: skip
+def sphere_spacing(
+    fits: Sequence[BallFit],
+    numbers: np.ndarray,
+    artefact: np.ndarray | None,
+    artefact_std: float = 0.0,
+) -> Characteristic:
     """Sphere-spacing error: measured less calibrated distance between the centres of two balls.
 
     Of all pairs the largest in size, with its sign. Standard uncertainty: of both centres along the line
@@ -160,12 +210,18 @@ def sphere_spacing(fits: Sequence[BallFit], numbers: np.ndarray, artefact: np.nd
     pairs = [(a, b) for a in range(len(fits)) for b in range(a) if fits[a] and fits[b]]
     names = "sphere_spacing", "D_CC:SMV.SV:O3D", "SD"
     if artefact is None or not pairs:
-        why = "no calibrated centres were given" if artefact is None else "fewer than two balls were measured"
+        why = (
+            "no calibrated centres were given"
+            if artefact is None
+            else "fewer than two balls were measured"
+        )
         return _undetermined(sphere_spacing, *names, "mm", why)
     outside = set(numbers.tolist()) - set(range(1, artefact.shape[1] + 1))
     if outside:
-        raise InputError(f"ball {min(outside)}: expected one of the {artefact.shape[1]} balls of the artefact, "
-                         "found none of that number; correct it")
+        raise InputError(
+            f"ball {min(outside)}: expected one of the {artefact.shape[1]} balls of the artefact, "
+            "found none of that number; correct it"
+        )
     parts, doubts = {}, {}
     for a, b in pairs:
         line = fits[a].centre - fits[b].centre
@@ -176,7 +232,9 @@ def sphere_spacing(fits: Sequence[BallFit], numbers: np.ndarray, artefact: np.nd
         parts[name] = float(length - known)
         doubts[name] = float(np.sqrt(line @ both @ line / length**2 + artefact_std**2))
     worst = _worst(parts)
-    return _characteristic(sphere_spacing, *names, parts[worst], "mm", len(parts), std=doubts[worst], parts=parts)
+    return _characteristic(
+        sphere_spacing, *names, parts[worst], "mm", len(parts), std=doubts[worst], parts=parts
+    )
 
 
 def flat_form(plane: np.ndarray | None) -> Characteristic:
@@ -215,10 +273,14 @@ def mean_temperature(temperature) -> Characteristic:
     values = np.atleast_1d(np.asarray([] if temperature is None else temperature, float))
     values = values[np.isfinite(values)]
     if not len(values):
-        return _undetermined(mean_temperature, "temperature", "", "", "deg C", "no temperature was recorded")
+        return _undetermined(
+            mean_temperature, "temperature", "", "", "deg C", "no temperature was recorded"
+        )
     mean = float(values.mean())
     parts = {"range": float(np.ptp(values)), "from 20 deg C": mean - _REFERENCE_C}
-    return _characteristic(mean_temperature, "temperature", "", "", mean, "deg C", len(values), parts=parts)
+    return _characteristic(
+        mean_temperature, "temperature", "", "", mean, "deg C", len(values), parts=parts
+    )
 
 
 def _of_balls(of: Callable, name, symbol, vdi, balls, measure) -> Characteristic:
@@ -227,7 +289,11 @@ def _of_balls(of: Callable, name, symbol, vdi, balls, measure) -> Characteristic
     parts = {f"ball-{ball.number}": float(measure(ball)) for ball in good}
     parts = {name: value for name, value in parts.items() if np.isfinite(value)}
     if not parts:
-        why = "no ball was measured" if not balls else f"no ball with {_LEAST} points or more was fitted"
+        why = (
+            "no ball was measured"
+            if not balls
+            else f"no ball with {_LEAST} points or more was fitted"
+        )
         return _undetermined(of, name, symbol, vdi, "mm", why)
     n = sum(int((ball.fit.reason <= OUTLIER).sum()) for ball in good)
     return _characteristic(of, name, symbol, vdi, parts[_worst(parts)], "mm", n, parts=parts)
@@ -236,11 +302,15 @@ def _of_balls(of: Callable, name, symbol, vdi, balls, measure) -> Characteristic
 def _of_plane(of, name, symbol, vdi, plane, share) -> Characteristic:
     points = np.zeros((3, 0)) if plane is None else plane[:, np.isfinite(plane).all(0)]
     if points.shape[1] < _LEAST:
-        why = "no plane was measured" if plane is None else f"fewer than {_LEAST} points on the plane"
+        why = (
+            "no plane was measured" if plane is None else f"fewer than {_LEAST} points on the plane"
+        )
         return _undetermined(of, name, symbol, vdi, "mm", why)
     from_middle = points - points.mean(1, keepdims=True)
     normal = symmetric_eigen(from_middle @ from_middle.T)[1][:, 0]
-    return _characteristic(of, name, symbol, vdi, shell(normal @ from_middle, share), "mm", points.shape[1])
+    return _characteristic(
+        of, name, symbol, vdi, shell(normal @ from_middle, share), "mm", points.shape[1]
+    )
 
 
 def _worst(parts):

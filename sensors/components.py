@@ -13,7 +13,9 @@ from workbench.core.least_squares.linear_algebra import pseudo_inverse
 
 _ROUNDS = 60
 _STILL = 1e-3  # of a variance, or of what it is known to
-_FEWEST = 3.0  # shared errors that must be left beside the unknowns: fewer tell nothing of their variance
+_FEWEST = (
+    3.0  # shared errors that must be left beside the unknowns: fewer tell nothing of their variance
+)
 _GROWS = 10.0  # times what a variance is known to, that it may grow by in one step
 
 
@@ -48,7 +50,9 @@ def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Component
     negative is 0. With T the variances found, R and g become (1 + R T)^-1 R and (1 + R T)^-1 g.
     """
     count = int(kind.max(initial=-1)) + 1
-    told = np.array([_left(own[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool)
+    told = np.array(
+        [_left(own[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool
+    )
     variance, std, signed = np.zeros(count), np.full(count, np.inf), np.zeros(count)
     for _ in range(_ROUNDS):
         before = variance
@@ -75,7 +79,9 @@ def _at(own, pull, variance):
 def _scoring(left, said, kind, count):
     """Twice Fisher's information (K, K) of the variances, and twice the score (K,)."""
     square = left**2
-    known = np.array([[square[np.ix_(kind == k, kind == m)].sum() for m in range(count)] for k in range(count)])
+    known = np.array(
+        [[square[np.ix_(kind == k, kind == m)].sum() for m in range(count)] for k in range(count)]
+    )
     score = np.bincount(kind, said**2 - np.diag(left), count)
     return known.reshape(count, count), score
 
@@ -95,4 +101,6 @@ def _stepped(variance, known, score, told):
         made[:] = np.where(free, made, 0)
     single = np.sqrt(2 / np.maximum(np.diag(known), 1e-300))
     std = np.where(told & ~np.isfinite(std), single, std)
-    return np.minimum(made, variance + _GROWS * np.where(np.isfinite(std), std, 0)), np.where(told, std, np.inf)
+    return np.minimum(made, variance + _GROWS * np.where(np.isfinite(std), std, 0)), np.where(
+        told, std, np.inf
+    )

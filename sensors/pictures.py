@@ -51,10 +51,14 @@ def read(path: str | Path, called: str = "", channel: str = "grey") -> Picture:
     content = _content(Path(path), called)
     found = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if found is None or found.size == 0:
-        raise InputError(f"{called}: expected a picture that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
-                         "it cannot decode; save it as PNG")
+        raise InputError(
+            f"{called}: expected a picture that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
+            "it cannot decode; save it as PNG"
+        )
     if found.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{called}: expected 8 or 16 bits a pixel, found {found.dtype}; save it as 8- or 16-bit PNG")
+        raise InputError(
+            f"{called}: expected 8 or 16 bits a pixel, found {found.dtype}; save it as 8- or 16-bit PNG"
+        )
     grey, note = _one_channel(found, channel)
     full = _full_scale(grey)
     deep = f"{grey.dtype.itemsize * 8}-bit, full scale {full}" if grey.dtype == np.uint16 else ""
@@ -99,11 +103,17 @@ def odd_sizes(sizes: Iterable[tuple[int, int]]) -> dict[int, str]:
         return {}
     usual = Counter(sizes).most_common(1)[0][0]
     words = f"px among pictures of {usual[0]} x {usual[1]} px"
-    return {k: f"wrong size: {w} x {h} {words}" for k, (w, h) in enumerate(sizes) if (w, h) != usual}
+    return {
+        k: f"wrong size: {w} x {h} {words}" for k, (w, h) in enumerate(sizes) if (w, h) != usual
+    }
 
 
-def stacks(paths: Iterable[str | Path], frames: int = 16, called: Callable[[str | Path], str] = str,
-           channel: str = "grey") -> Iterator[np.ndarray]:
+def stacks(
+    paths: Iterable[str | Path],
+    frames: int = 16,
+    called: Callable[[str | Path], str] = str,
+    channel: str = "grey",
+) -> Iterator[np.ndarray]:
     """(F, H, W) arrays of at most `frames` pictures each, in order: never all of them in memory.
 
     Raises InputError for a picture that cannot be read, or is not as large or as deep as the first one.
@@ -113,11 +123,15 @@ def stacks(paths: Iterable[str | Path], frames: int = 16, called: Callable[[str 
         grey = read_grey(path, called(path), channel)
         shape, depth = shape or grey.shape, depth or grey.dtype
         if grey.dtype != depth:
-            raise InputError(f"{called(path)}: expected {8 * depth.itemsize} bits a pixel as in the pictures before, "
-                             f"found {8 * grey.dtype.itemsize}; save all of them with the same depth")
+            raise InputError(
+                f"{called(path)}: expected {8 * depth.itemsize} bits a pixel as in the pictures before, "
+                f"found {8 * grey.dtype.itemsize}; save all of them with the same depth"
+            )
         if grey.shape != shape:
-            raise InputError(f"{called(path)}: expected {shape[1]} x {shape[0]} px as in the pictures before, found "
-                             f"{grey.shape[1]} x {grey.shape[0]} px; take it again with the same settings")
+            raise InputError(
+                f"{called(path)}: expected {shape[1]} x {shape[0]} px as in the pictures before, found "
+                f"{grey.shape[1]} x {grey.shape[0]} px; take it again with the same settings"
+            )
         held.append(grey)
         if len(held) == frames:
             yield np.stack(held)
@@ -147,9 +161,13 @@ def as_picture(picture: Picture | np.ndarray) -> Picture:
     if isinstance(picture, Picture):
         return picture
     picture = np.asarray(picture)
-    if picture.ndim != 2 or not (picture.dtype in (np.uint8, np.uint16) or picture.dtype.kind == "f"):
-        raise InputError(f"picture: expected grey values (H, W) of 8 or 16 bits, found {picture.dtype} of shape "
-                         f"{picture.shape}; convert colour to grey, or read the file with sensors.pictures.read")
+    if picture.ndim != 2 or not (
+        picture.dtype in (np.uint8, np.uint16) or picture.dtype.kind == "f"
+    ):
+        raise InputError(
+            f"picture: expected grey values (H, W) of 8 or 16 bits, found {picture.dtype} of shape "
+            f"{picture.shape}; convert colour to grey, or read the file with sensors.pictures.read"
+        )
     return Picture(picture, 255 if picture.dtype.kind == "f" else _full_scale(picture))
 
 
@@ -157,15 +175,21 @@ def _content(path: Path, called: str) -> bytes:
     try:
         content = path.read_bytes()
     except OSError as problem:
-        raise InputError(f"{called}: expected a picture, found none to read ({problem.strerror}); put it there or "
-                         "correct its name") from None
+        raise InputError(
+            f"{called}: expected a picture, found none to read ({problem.strerror}); put it there or "
+            "correct its name"
+        ) from None
     if not content:
         raise InputError(f"{called}: expected a picture, found an empty file; copy it again")
     for start, end, kind in ENDS:
         if content.startswith(start) and end not in content[-64:]:
-            raise InputError(f"{called}: expected a whole {kind} picture, found one that breaks off; copy it again")
+            raise InputError(
+                f"{called}: expected a whole {kind} picture, found one that breaks off; copy it again"
+            )
     if content[:2] == b"BM" and int.from_bytes(content[2:6], "little") > len(content):
-        raise InputError(f"{called}: expected a whole BMP picture, found one that breaks off; copy it again")
+        raise InputError(
+            f"{called}: expected a whole BMP picture, found one that breaks off; copy it again"
+        )
     return content
 
 
@@ -173,7 +197,9 @@ def _one_channel(found: np.ndarray, channel: str) -> tuple[np.ndarray, str]:
     import cv2
 
     if channel not in CHANNELS:
-        raise InputError(f"channel: expected one of {', '.join(CHANNELS)}, found {channel!r}; choose one of them")
+        raise InputError(
+            f"channel: expected one of {', '.join(CHANNELS)}, found {channel!r}; choose one of them"
+        )
     if found.ndim == 2:
         return found, ""
     dropped = found.shape[2] in (2, 4)
@@ -182,7 +208,9 @@ def _one_channel(found: np.ndarray, channel: str) -> tuple[np.ndarray, str]:
     if colours.shape[2] == 1:
         return np.ascontiguousarray(colours[:, :, 0]), said
     if (colours[..., 0] == colours[..., 1]).all() and (colours[..., 1] == colours[..., 2]).all():
-        return np.ascontiguousarray(colours[:, :, 0]), "; ".join(filter(None, ("three equal channels", said)))
+        return np.ascontiguousarray(colours[:, :, 0]), "; ".join(
+            filter(None, ("three equal channels", said))
+        )
     if channel != "grey":
         layer = np.ascontiguousarray(colours[:, :, CHANNELS.index(channel) - 1])
         return layer, f"{channel} channel of a colour picture"

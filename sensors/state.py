@@ -60,7 +60,9 @@ class SensorState:
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a column that must have been recorded; InputError where it was not."""
         if name not in self.covariates:
-            raise InputError(f"images.csv: expected a column {name}, found none; record it or take the effect out")
+            raise InputError(
+                f"images.csv: expected a column {name}, found none; record it or take the effect out"
+            )
         return self.covariates[name]
 
 

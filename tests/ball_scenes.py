@@ -44,7 +44,9 @@ def block(centre, size):
     """A box about its middle."""
     import open3d as o3d
 
-    return o3d.geometry.TriangleMesh.create_box(*size).translate(np.subtract(centre, np.divide(size, 2)))
+    return o3d.geometry.TriangleMesh.create_box(*size).translate(
+        np.subtract(centre, np.divide(size, 2))
+    )
 
 
 def post(centre, radius: float, length: float, lying: bool = False):

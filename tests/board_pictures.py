@@ -15,7 +15,9 @@ def homography(board, tilt=(0.3, -0.2), turn=0.1, fill=0.75, size=SIZE, shift=(0
     extent = np.ptp(board.points[:2], axis=1) + 2 * board.square_mm
     far = focal * max(extent / (fill * np.array(size)))
     rotation = cv2.Rodrigues(np.array([*tilt, 0.0]))[0] @ cv2.Rodrigues(np.array([0, 0, turn]))[0]
-    place = np.array([shift[0] * far / focal, shift[1] * far / focal, far]) - rotation @ board.middle
+    place = (
+        np.array([shift[0] * far / focal, shift[1] * far / focal, far]) - rotation @ board.middle
+    )
     camera = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
     return camera @ np.column_stack([rotation[:, :2], place])
 
@@ -26,8 +28,20 @@ def project(h, points):
     return np.stack([u, v]) / w
 
 
-def render(board, h, size=SIZE, blur=0.7, noise=0.0, seed=0, low=40, high=200, invert=False, background=0.9, radius=0.3,
-           ink=None):
+def render(
+    board,
+    h,
+    size=SIZE,
+    blur=0.7,
+    noise=0.0,
+    seed=0,
+    low=40,
+    high=200,
+    invert=False,
+    background=0.9,
+    radius=0.3,
+    ink=None,
+):
     """(H, W) uint8; `ink` overrides the pattern: a function of x, y (mm) that gives 0 or 1."""
     width, height = size
     grid = (np.arange(OVER * np.array([[height], [width]]).max()) + 0.5) / OVER - 0.5
@@ -36,13 +50,19 @@ def render(board, h, size=SIZE, blur=0.7, noise=0.0, seed=0, low=40, high=200, i
     bright = (ink or pattern(board, radius, background))(x / w, y / w).reshape(v.shape)
     bright = bright.reshape(height, OVER, width, OVER).mean((1, 3), dtype=np.float32)
     bright = cv2.GaussianBlur((1 - bright if invert else bright).astype(float), (0, 0), blur)
-    grey = low + (high - low) * bright + noise * np.random.default_rng(seed).standard_normal(bright.shape)
+    grey = (
+        low
+        + (high - low) * bright
+        + noise * np.random.default_rng(seed).standard_normal(bright.shape)
+    )
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
 def pattern(board, radius=0.3, background=0.9):
     """A function of x, y (mm): 1 where the board is bright."""
-    return {"chessboard": _chess, "charuco": _charuco}.get(board.kind, _circles)(board, radius, background)
+    return {"chessboard": _chess, "charuco": _charuco}.get(board.kind, _circles)(
+        board, radius, background
+    )
 
 
 def _chess(board, radius, background):
@@ -69,16 +89,25 @@ def _circles(board, radius, background):
 
 def _charuco(board, radius, background):
     kind = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    made = cv2.aruco.CharucoBoard((board.columns + 1, board.rows + 1), board.square_mm, board.marker_mm, kind)
+    made = cv2.aruco.CharucoBoard(
+        (board.columns + 1, board.rows + 1), board.square_mm, board.marker_mm, kind
+    )
     made.setLegacyPattern(board.legacy)
     cell = 64
-    texture = made.generateImage(((board.columns + 1) * cell, (board.rows + 1) * cell), marginSize=0) > 127
+    texture = (
+        made.generateImage(((board.columns + 1) * cell, (board.rows + 1) * cell), marginSize=0)
+        > 127
+    )
 
     def bright(x, y):
         i = np.floor((x / board.square_mm + 1) * cell).astype(int)
         j = np.floor((y / board.square_mm + 1) * cell).astype(int)
         on = (i >= 0) & (j >= 0) & (i < texture.shape[1]) & (j < texture.shape[0])
-        return np.where(on, texture[np.clip(j, 0, texture.shape[0] - 1), np.clip(i, 0, texture.shape[1] - 1)], background)
+        return np.where(
+            on,
+            texture[np.clip(j, 0, texture.shape[0] - 1), np.clip(i, 0, texture.shape[1] - 1)],
+            background,
+        )
 
     return bright
 

@@ -26,20 +26,40 @@ def board_poses(rng, count: int, tilt: float = 0.6) -> np.ndarray:
     """(count, 6) poses about 125 mm away, tilted by up to `tilt` rad about each axis, the board filling the picture."""
     turns = rng.uniform(-tilt, tilt, (count, 3))
     middle = np.array([(COLUMNS - 1) * SQUARE / 2, (ROWS - 1) * SQUARE / 2, 0])
-    away = np.stack([rng.uniform(-4, 4, count), rng.uniform(-4, 4, count), rng.uniform(115, 135, count)], -1)
+    away = np.stack(
+        [rng.uniform(-4, 4, count), rng.uniform(-4, 4, count), rng.uniform(115, 135, count)], -1
+    )
     return np.c_[away - rotation_matrix(turns) @ middle, turns]
 
 
-def board_model(rng, count=20, bow=BOW, noise=0.06, radius=0.0, camera=CAMERA, effects=(), tilt=0.6, poses=None,
-                values=None) -> tuple[Model, Parameters]:
+def board_model(
+    rng,
+    count=20,
+    bow=BOW,
+    noise=0.06,
+    radius=0.0,
+    camera=CAMERA,
+    effects=(),
+    tilt=0.6,
+    poses=None,
+    values=None,
+) -> tuple[Model, Parameters]:
     """Corners of `count` boards with normal noise (px), the board-bow and other effects; and their true parameters."""
     poses = board_poses(rng, count, tilt) if poses is None else poses
     points = board_points()
     middle = points.mean(1, keepdims=True)
     place = ((points - middle) / np.linalg.norm(points[:, -1:] - middle))[:2]
     n = points.shape[1] * count
-    chain = Corners(camera, np.tile(points, count), np.tile(place, count), np.zeros((2, n)),
-                    {"placement": np.repeat(np.arange(count), points.shape[1])}, poses, np.full((2, 1), noise or 0.06), radius)
+    chain = Corners(
+        camera,
+        np.tile(points, count),
+        np.tile(place, count),
+        np.zeros((2, n)),
+        {"placement": np.repeat(np.arange(count), points.shape[1])},
+        poses,
+        np.full((2, 1), noise or 0.06),
+        radius,
+    )
     aimed = Model(chain).residual(Model(chain).parameters)
     chain = replace(chain, pixels=aimed)  # effects on the lens ask where in the picture
     model = Model(chain, (CATALOGUE["board-bow"]("artefact"), *effects))

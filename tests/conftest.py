@@ -33,7 +33,9 @@ def real():
     def folder(name: str) -> Path:
         place = recordings_folder() / name
         if not place.is_dir():
-            pytest.skip(f"the real recording {name} is not in {recordings_folder()}; set WORKBENCH_RECORDINGS")
+            pytest.skip(
+                f"the real recording {name} is not in {recordings_folder()}; set WORKBENCH_RECORDINGS"
+            )
         return place
 
     return folder
@@ -58,7 +60,14 @@ def workbench(tmp_path):
 
     def call(*words, cwd: Path = tmp_path, timeout: float = 300) -> subprocess.CompletedProcess:
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        return subprocess.run([sys.executable, "-m", "workbench", *map(str, words)], cwd=cwd, text=True,
-                              capture_output=True, timeout=timeout, env=environment, check=False)
+        return subprocess.run(
+            [sys.executable, "-m", "workbench", *map(str, words)],
+            cwd=cwd,
+            text=True,
+            capture_output=True,
+            timeout=timeout,
+            env=environment,
+            check=False,
+        )
 
     return call

@@ -20,8 +20,17 @@ from robot_model.measurements.closure import flange_matrices
 from scenes import ABB, SLIDING
 from workbench.core.errors import InputError
 
-KINDS = ("ball-centre", "external-point", "external-pose", "partial-pose", "touch-point", "laser-spot", "distance",
-         "plane-touch", "ball-surface")  # fmt: skip
+KINDS = (
+    "ball-centre",
+    "external-point",
+    "external-pose",
+    "partial-pose",
+    "touch-point",
+    "laser-spot",
+    "distance",
+    "plane-touch",
+    "ball-surface",
+)
 
 
 def _arm(name, *rows):
@@ -39,12 +48,22 @@ ARMS = {
     "planar": _arm("planar", *(_row(a=200.0, hayati=k < 2) for k in range(3))),
     "no length": _arm("no length", *(_row(alpha=90.0 * (-1) ** k) for k in range(6))),
     "one axis": _arm("one axis", _row(), _row(), _row()),
-    "nine joints": _arm("nine joints", *(_row(d=100.0 + 20 * k, a=30.0, alpha=90.0 * (-1) ** k, mass_kg=3.0, com_mm=[-2.0, 7, -21]) for k in range(9))),
+    "nine joints": _arm(
+        "nine joints",
+        *(
+            _row(
+                d=100.0 + 20 * k, a=30.0, alpha=90.0 * (-1) ** k, mass_kg=3.0, com_mm=[-2.0, 7, -21]
+            )
+            for k in range(9)
+        ),
+    ),
     "three slides": _arm(
         "three slides",
-        _row(alpha=-90.0, kind="prismatic"), _row(theta=90.0, alpha=90.0, kind="prismatic"), _row(kind="prismatic"),
+        _row(alpha=-90.0, kind="prismatic"),
+        _row(theta=90.0, alpha=90.0, kind="prismatic"),
+        _row(kind="prismatic"),
     ),
-}  # fmt: skip
+}
 
 BALLS = {1: (0.0, 0.0, 0.0, 15.0), 2: (120.0, 5.0, -3.0, 15.0), 4: (10.0, 150.0, 4.0, 15.0)}
 REGIONS_DEG = (0.01, 0.1, 1.0, 5.0, 90.0)
@@ -95,17 +114,32 @@ def draw(seed: int) -> Case:
 
     arm = str(rng.choice(list(ARMS))) if rng.random() < 0.5 else "abb"
     joints = load_robot(ARMS[arm]).joints
-    held = seldom(tuple(rng.permutation(joints)[: rng.choice([1, 1, joints - 1, joints])].tolist()), (), 0.4)
+    held = seldom(
+        tuple(rng.permutation(joints)[: rng.choice([1, 1, joints - 1, joints])].tolist()), (), 0.4
+    )
     copies = int(seldom(rng.choice([2, 5]), 1))
     return Case(
-        kind=KINDS[seed % len(KINDS)], arm=arm, region_deg=float(rng.choice(REGIONS_DEG)), held=held,
-        count=seldom(int(rng.choice(COUNTS)), 24, 0.3), copies=copies, identical=bool(rng.random() < 0.5),
-        path=str(seldom(rng.choice(["line", "plane"]), "")), constant=seldom(True, False, 0.05),
-        scale=float(rng.choice(SCALES)), sigma_mm=SIGMAS[rng.integers(len(SIGMAS))],
-        targets=int(rng.choice([1, 3])), on_axis=bool(rng.random() < 0.15), noise=float(rng.choice([0.0, 1.0, 50.0])),
-        columns=tuple(c for c in ("time_s", "payload_kg", "temperature_c", "approach", "repeat") if rng.random() < 0.3),
+        kind=KINDS[seed % len(KINDS)],
+        arm=arm,
+        region_deg=float(rng.choice(REGIONS_DEG)),
+        held=held,
+        count=seldom(int(rng.choice(COUNTS)), 24, 0.3),
+        copies=copies,
+        identical=bool(rng.random() < 0.5),
+        path=str(seldom(rng.choice(["line", "plane"]), "")),
+        constant=seldom(True, False, 0.05),
+        scale=float(rng.choice(SCALES)),
+        sigma_mm=SIGMAS[rng.integers(len(SIGMAS))],
+        targets=int(rng.choice([1, 3])),
+        on_axis=bool(rng.random() < 0.15),
+        noise=float(rng.choice([0.0, 1.0, 50.0])),
+        columns=tuple(
+            c
+            for c in ("time_s", "payload_kg", "temperature_c", "approach", "repeat")
+            if rng.random() < 0.3
+        ),
         seed=seed,
-    )  # fmt: skip
+    )
 
 
 def recording(case: Case) -> Recording:
@@ -118,11 +152,19 @@ def recording(case: Case) -> Recording:
     columns = _joint_columns(robot, readings) | groups | _covariates(case, rng, len(readings))
     columns |= _measured(case, robot, readings, tool, groups, rng)
     n = len(readings)
-    columns = {"sample": np.arange(1.0, n + 1)} | {k: np.asarray(v, float) for k, v in columns.items()}
+    columns = {"sample": np.arange(1.0, n + 1)} | {
+        k: np.asarray(v, float) for k, v in columns.items()
+    }
     if case.constant:
-        columns = {k: v if k.startswith(("q1_", "sample")) or k in groups else np.full(n, v[0])
-                   for k, v in columns.items()}  # fmt: skip
-    balls = {k: tuple(case.scale * np.array(v)) for k, v in _balls(case).items()} if "ball" in case.kind else {}
+        columns = {
+            k: v if k.startswith(("q1_", "sample")) or k in groups else np.full(n, v[0])
+            for k, v in columns.items()
+        }
+    balls = (
+        {k: tuple(case.scale * np.array(v)) for k, v in _balls(case).items()}
+        if "ball" in case.kind
+        else {}
+    )
     return _read(case, columns, keys, balls)
 
 
@@ -134,7 +176,9 @@ def _read(case, columns, keys, balls) -> Recording:
     context = Context(case.kind, keys, balls, case.sigma_mm, small_range=True)
     check_samples(table, context)
     check_plausible(table, context)
-    return Recording(case.kind, columns, keys, sigma_mm=case.sigma_mm, balls=balls, name=f"case {case.seed}")
+    return Recording(
+        case.kind, columns, keys, sigma_mm=case.sigma_mm, balls=balls, name=f"case {case.seed}"
+    )
 
 
 def _scaled_arm(keys, scale):
@@ -160,11 +204,18 @@ def _poses(case, robot, tool, rng):
     readings = middle + spread * rng.uniform(-0.5, 0.5, (poses, robot.joints))
     readings[:, list(case.held)] = middle[list(case.held)]
     readings, groups = _driven(case, robot, readings, tool, rng)
-    again = np.repeat(np.arange(poses), _POINTS * case.copies if case.kind == "ball-surface" else case.copies)
+    again = np.repeat(
+        np.arange(poses), _POINTS * case.copies if case.kind == "ball-surface" else case.copies
+    )
     if case.kind == "distance":
-        again = np.concatenate([np.tile(pair, case.copies) for pair in np.arange(poses).reshape(-1, 2)])
+        again = np.concatenate(
+            [np.tile(pair, case.copies) for pair in np.arange(poses).reshape(-1, 2)]
+        )
         groups["pair"] = np.arange(len(again)) // 2
-    groups = {name: values if len(values) == len(again) else values[again] for name, values in groups.items()}
+    groups = {
+        name: values if len(values) == len(again) else values[again]
+        for name, values in groups.items()
+    }
     return readings[again], groups
 
 
@@ -203,7 +254,10 @@ def _solved(robot, readings, tool, goal, normals, free, beam):
             break
         across = normals * 1.0
         if beam:  # along its beam a flange may stand anywhere
-            across = across - turns[:, :, 2, None] * np.einsum("ni,nik->nk", turns[:, :, 2], across)[:, None]
+            across = (
+                across
+                - turns[:, :, 2, None] * np.einsum("ni,nik->nk", turns[:, :, 2], across)[:, None]
+            )
         jacobian = np.einsum("kni,nia->nak", np.array(rows), across)
         miss = np.einsum("ni,nia->na", goal - tips, across)
         step = np.einsum("nka,na->nk", np.linalg.pinv(jacobian, rcond=1e-3), miss)
@@ -260,7 +314,9 @@ def _measured(case, robot, readings, tool, groups, rng):
     if case.kind == "external-point":
         which = np.arange(n) % case.targets
         offsets = case.scale * np.array([(0, 0, 0), (40.0, 10, 0), (0, -30.0, 20)])[which]
-        return _xyz(seen + place.apply(np.einsum("nij,nj->ni", turns, offsets))) | {"reflector": which + 1.0}
+        return _xyz(seen + place.apply(np.einsum("nij,nj->ni", turns, offsets))) | {
+            "reflector": which + 1.0
+        }
     return _balls_seen(case, tips, turns, place, error)
 
 
@@ -282,4 +338,3 @@ def _balls_seen(case, tips, turns, place, error):
 
 def _xyz(points):
     return {f"{axis}_mm": row for axis, row in zip("xyz", points.T)}
-

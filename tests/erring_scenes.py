@@ -14,7 +14,9 @@ def erring(measures, seed, n=60, lengths=0.4, degrees=0.06, **more):
     rng, model = np.random.default_rng(seed), model_of(made)
     truth = model.parameters
     free = truth.only(truth.matching(*geometry_free(made.robot)))
-    size = np.array([np.deg2rad(degrees) if p.unit == "rad" else lengths for p in free.table])[free.mask]
+    size = np.array([np.deg2rad(degrees) if p.unit == "rad" else lengths for p in free.table])[
+        free.mask
+    ]
     truth = free.unpack(free.pack() + size * rng.standard_normal(len(size)))
     # Orientations are measured too: they come from the same erring arm as the positions.
     residual = model.residual(truth)

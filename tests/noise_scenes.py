@@ -8,9 +8,9 @@ import numpy as np
 from robot_model import load_robot
 from robot_model.system import geometry_free
 from scenes import model_of, scene
-from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.core.solution import Stage
 from workbench.fitting.plans import FRAMES
+from workbench.jobs.calibrate import Calibration, calibrate
 
 SIGMA = 0.02
 XYZ = ("x_mm", "y_mm", "z_mm")
@@ -47,11 +47,15 @@ def recorded(seed, n=80, law=normal, measures="external-point", times=1.0, arm=0
     points = np.stack([exact[name] for name in XYZ]) + times * SIGMA * law(rng, n)
     if change is not None:
         points = change(points, rng)
-    return replace(made.recording, columns={**made.recording.columns, **exact, **dict(zip(XYZ, points))})
+    return replace(
+        made.recording, columns={**made.recording.columns, **exact, **dict(zip(XYZ, points))}
+    )
 
 
 def geometry_of(recording, **more) -> Calibration:
     """The calibration by geometry alone, in two folds: cheap."""
     robot = load_robot(recording.robot)
-    plan = (Stage("geometry", "lengths and angles", free=(*FRAMES, *geometry_free(robot)), earn=False),)
+    plan = (
+        Stage("geometry", "lengths and angles", free=(*FRAMES, *geometry_free(robot)), earn=False),
+    )
     return calibrate(recording, plan, folds=2, **more)

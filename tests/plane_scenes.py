@@ -60,7 +60,9 @@ def wobbled(planes, angles, values):
     """(4, S) planes of a mirror that wobbles by its law, made units again."""
     n, nothing = len(angles), np.full(len(angles), np.nan)
     where = np.stack([nothing] * 3)
-    state = SensorState(CAMERA, where[:2], where, planes, angles, where[:2], where, np.zeros(n, int), {}, where)
+    state = SensorState(
+        CAMERA, where[:2], where, planes, angles, where[:2], where, np.zeros(n, int), {}, where
+    )
     made = planes + CATALOGUE["mirror-wobble"]("mirror").delta(np.asarray(values, float), state)
     return made / np.linalg.norm(made[:3], axis=0)
 
@@ -73,9 +75,18 @@ def bow(x, y, amounts=BOW):
 
 def poses(rng, count):
     """(G, 6) boards that face the camera within 25 degrees, 115 to 135 mm away."""
-    turns = np.stack([rng.uniform(-0.45, 0.45, count), rng.uniform(-0.45, 0.45, count), rng.uniform(-0.2, 0.2, count)], 1)
+    turns = np.stack(
+        [
+            rng.uniform(-0.45, 0.45, count),
+            rng.uniform(-0.45, 0.45, count),
+            rng.uniform(-0.2, 0.2, count),
+        ],
+        1,
+    )
     middle = np.stack([*rng.uniform(-4, 4, (2, count)), np.linspace(116, 134, count)], 1)
-    return np.hstack([middle - np.einsum("gij,j->gi", rotation_matrix(turns), np.append(MIDDLE, 0)), turns])
+    return np.hstack(
+        [middle - np.einsum("gij,j->gi", rotation_matrix(turns), np.append(MIDDLE, 0)), turns]
+    )
 
 
 def stripe_points(pose, plane, points, amounts=BOW):
@@ -96,12 +107,26 @@ def seen(camera, pose, points):
     return pixels, ((pixels > 5) & (pixels < np.array(camera.size)[:, None] - 6)).all(0)
 
 
-def twin(rng, placements=PLACEMENTS, steps=STEPS, points=300, stripe=0.1, corner=0.06, wobble=None, shake=0.0, offset=0.0, sweep=SWEEP):
+def twin(
+    rng,
+    placements=PLACEMENTS,
+    steps=STEPS,
+    points=300,
+    stripe=0.1,
+    corner=0.06,
+    wobble=None,
+    shake=0.0,
+    offset=0.0,
+    sweep=SWEEP,
+):
     """A twin with noise of `stripe` px along the picture's rows and `corner` px; wobble: (8,) of mirror-wobble.
 
     shake: mm by which bearings move the planes, once in 4 degrees of the mirror.
     """
-    instrument, angles = mirror(offset), np.linspace(-sweep / 2, sweep / 2, steps) if steps > 1 else np.zeros(1)
+    instrument, angles = (
+        mirror(offset),
+        np.linspace(-sweep / 2, sweep / 2, steps) if steps > 1 else np.zeros(1),
+    )
     planes = instrument.planes(angles)
     if wobble is not None:
         planes = wobbled(planes, angles, wobble)
@@ -119,14 +144,25 @@ def twin(rng, placements=PLACEMENTS, steps=STEPS, points=300, stripe=0.1, corner
     stripes, (placement, step) = np.hstack(pixels), np.hstack(labels)
     stripes[0] += stripe * rng.normal(size=stripes.shape[1])
     corners += corner * rng.normal(size=corners.shape)
-    return Twin(CAMERA, instrument, angles, planes, boards, board, corners, stripes, placement, step)
+    return Twin(
+        CAMERA, instrument, angles, planes, boards, board, corners, stripes, placement, step
+    )
 
 
 def views(truth, sigma=0.06):
     """What `boards.detect` would have given of the board pictures."""
     count = truth.board.shape[1]
-    return [View(f"b{g}.png", f"p{g:02d}", np.arange(count), part, truth.camera.size, np.full(count, sigma))
-            for g, part in enumerate(np.split(truth.corners, len(truth.poses), axis=1))]
+    return [
+        View(
+            f"b{g}.png",
+            f"p{g:02d}",
+            np.arange(count),
+            part,
+            truth.camera.size,
+            np.full(count, sigma),
+        )
+        for g, part in enumerate(np.split(truth.corners, len(truth.poses), axis=1))
+    ]
 
 
 def board():
@@ -135,8 +171,13 @@ def board():
 
 def board_stripes(truth, sigma=0.1, angles=True):
     names = np.array([f"p{g:02d}" for g in range(len(truth.poses))])
-    return BoardStripes(truth.stripes, names[truth.placement], truth.step, np.full(truth.stripes.shape[1], sigma),
-                        mirror=truth.angles[truth.step] if angles else None)  # fmt: skip
+    return BoardStripes(
+        truth.stripes,
+        names[truth.placement],
+        truth.step,
+        np.full(truth.stripes.shape[1], sigma),
+        mirror=truth.angles[truth.step] if angles else None,
+    )
 
 
 def aligned(truth, camera, planes, near=115.0, far=135.0, steps=slice(None)):
@@ -145,5 +186,7 @@ def aligned(truth, camera, planes, near=115.0, far=135.0, steps=slice(None)):
     After the rigid motion of the found camera frame that fits the points best: where a camera's own
     frame stands is a convention that nothing measured with the scanner depends on.
     """
-    _, _, distance, error = laid_over(truth.camera, truth.planes[:, steps], camera, planes, (near, far))
+    _, _, distance, error = laid_over(
+        truth.camera, truth.planes[:, steps], camera, planes, (near, far)
+    )
     return np.sqrt((distance**2).mean()), np.sqrt((error**2).sum(0).mean())

@@ -30,14 +30,25 @@ def random_arm(rng) -> dict:
     lengths, offsets = rng.uniform(20, 450, 6), rng.uniform(20, 400, 6)
     twists = rng.choice([-90, 90], 6) + rng.uniform(-20, 20, 6)
     joints = [
-        {"theta_deg": float(rng.uniform(-90, 90)), "d_mm": float(d), "a_mm": float(a), "alpha_deg": float(alpha)}
+        {
+            "theta_deg": float(rng.uniform(-90, 90)),
+            "d_mm": float(d),
+            "a_mm": float(a),
+            "alpha_deg": float(alpha),
+        }
         for d, a, alpha in zip(offsets, lengths, twists)
     ]
     joints[5] |= {"a_mm": 0.0, "alpha_deg": 0.0}
     return {"name": "random arm", "convention": "distal", "joint": joints}
 
 
-def pose_scene(seed: int, spread_deg: float, poses: int = 40, region_mm: float = 250.0, measures="external-pose"):
+def pose_scene(
+    seed: int,
+    spread_deg: float,
+    poses: int = 40,
+    region_mm: float = 250.0,
+    measures="external-pose",
+):
     """Poses within `region_mm` of a centre, orientations within `spread_deg` of one orientation.
 
     The arm errs from its data sheet as arms do, and the instrument has noise. At 180 deg the joints are random.
@@ -55,7 +66,9 @@ def pose_scene(seed: int, spread_deg: float, poses: int = 40, region_mm: float =
     columns |= {f"q{k}_deg": np.rad2deg(q) for k, q in enumerate(readings, 1)}
     columns |= _measured(measures, rng, frames, base, tool)
     balls = BALLS if measures == "ball-centre" else {}
-    recording = Recording(measures, columns, arm, sigma_mm=NOISE_MM, balls=balls, name=f"scene-{seed}")
+    recording = Recording(
+        measures, columns, arm, sigma_mm=NOISE_MM, balls=balls, name=f"scene-{seed}"
+    )
     return PoseScene(recording, robot, base, tool)
 
 
@@ -82,7 +95,9 @@ def _measured(measures, rng, frames, base, tool) -> dict:
 
 def _errors(rng, robot) -> np.ndarray:
     """(J, 5) deviations from the nominal geometry, rad and mm."""
-    size = np.array([ANGLE_ERROR_RAD, LENGTH_ERROR_MM, LENGTH_ERROR_MM, ANGLE_ERROR_RAD, ANGLE_ERROR_RAD])
+    size = np.array(
+        [ANGLE_ERROR_RAD, LENGTH_ERROR_MM, LENGTH_ERROR_MM, ANGLE_ERROR_RAD, ANGLE_ERROR_RAD]
+    )
     return size * rng.standard_normal(robot.geometry.shape)
 
 
@@ -95,7 +110,9 @@ def _readings(rng, robot, spread_deg, poses, region_mm) -> np.ndarray:
         count = 4 * poses
         offset = region_mm * rng.uniform(-1, 1, (3, count))
         axis = rng.standard_normal((3, count))
-        turn = np.deg2rad(spread_deg) * rng.uniform(0, 1, count) * axis / np.linalg.norm(axis, axis=0)
+        turn = (
+            np.deg2rad(spread_deg) * rng.uniform(0, 1, count) * axis / np.linalg.norm(axis, axis=0)
+        )
         found, reached = _inverse(robot, centre, offset, turn)
         if reached.sum() >= poses:
             return found[:, np.flatnonzero(reached)[:poses]]
@@ -114,7 +131,9 @@ def _inverse(robot, centre, offset, turn):
     for _ in range(60):
         frames = forward(robot, joints)
         present = Rotation.from_matrix(np.stack(frames.end, -1).transpose(1, 0, 2))
-        gap = np.concatenate([goal - frames.end_origin, 500 * (wanted * present.inv()).as_rotvec().T])
+        gap = np.concatenate(
+            [goal - frames.end_origin, 500 * (wanted * present.inv()).as_rotvec().T]
+        )
         rows = geometry_rows(robot, frames, frames.end_origin, slots)
         rows = np.concatenate([rows, 500 * geometry_turns(frames, slots)], 1).transpose(2, 1, 0)
         normal = rows.transpose(0, 2, 1) @ rows + 10.0 * np.eye(robot.joints)

@@ -24,7 +24,13 @@ MIRROR, SOURCE = sweeping_mirror(69.0, 125.0, 2.0, 60.0, (0.2, -0.3))
 def instrument(steps=(-1.0, 0.5), **changes) -> Instrument:
     """A small scanner without speckle; steps: mirror angles in degrees."""
     angles = np.deg2rad(np.array(steps))
-    made = Instrument(CAMERA, np.arange(len(angles)), angles, MIRROR, laser=Laser(width_mm=0.15, source=SOURCE, contrast=0.0))
+    made = Instrument(
+        CAMERA,
+        np.arange(len(angles)),
+        angles,
+        MIRROR,
+        laser=Laser(width_mm=0.15, source=SOURCE, contrast=0.0),
+    )
     return replace(made, **changes)
 
 
@@ -34,7 +40,9 @@ def board(pattern=PLAIN, pose=POSE, moment=STILL) -> BoardSurface:
 
 def opencv(points, pose=HERE, camera=CAMERA) -> np.ndarray:
     """(2, n) px by cv2.projectPoints."""
-    return cv2.projectPoints(points.T.copy(), pose[3:], pose[:3], camera.matrix, np.array(camera.distortion))[0][:, 0].T
+    return cv2.projectPoints(
+        points.T.copy(), pose[3:], pose[:3], camera.matrix, np.array(camera.distortion)
+    )[0][:, 0].T
 
 
 def centroids(light, least=0.5) -> tuple[np.ndarray, np.ndarray]:

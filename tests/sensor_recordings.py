@@ -76,11 +76,18 @@ def handeye_recording() -> tuple[Path, np.ndarray]:
     poses = np.array([one["T_camera_board"] for one in truth["boards"]])
     camera_board = transform(rotation_matrix(poses[:, 3:]), poses[:, :3])
     hand_eye = transform(rotation_matrix(np.array([0.1, -0.2, 1.2])), np.array([15.0, -30.0, 80.0]))
-    base_board = transform(rotation_matrix(np.array([3.0, 0.1, 0.2])), np.array([400.0, 50.0, 100.0]))
+    base_board = transform(
+        rotation_matrix(np.array([3.0, 0.1, 0.2])), np.array([400.0, 50.0, 100.0])
+    )
     flange = base_board @ inverse(camera_board) @ inverse(hand_eye)
     x, y, z, w = Rotation.from_matrix(flange[:, :3, :3]).as_quat().T
-    columns = {"sample": np.arange(1.0, len(flange) + 1), **dict(zip(FLANGE, (*flange[:, :3, 3].T, w, x, y, z)))}
+    columns = {
+        "sample": np.arange(1.0, len(flange) + 1),
+        **dict(zip(FLANGE, (*flange[:, :3, 3].T, w, x, y, z))),
+    }
     boards = [row for row in datasets.read(folder).images if row["role"] == "board"]
     images = tuple({**row, "sample": int(row["placement"])} for row in boards)
-    made = replace(datasets.read(folder), measures="board-images", columns=columns, images=images, balls={})
+    made = replace(
+        datasets.read(folder), measures="board-images", columns=columns, images=images, balls={}
+    )
     return datasets.write(made, folder.parent / "hand"), hand_eye

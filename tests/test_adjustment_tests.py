@@ -73,7 +73,9 @@ def test_standardised_squares_have_their_chi_square_law_whatever_the_leverage():
 @pytest.mark.parametrize("law", [None, heavy])
 def test_clean_samples_are_not_called_outlying(law):
     rng = np.random.default_rng(5)
-    alarms = [outlying((adjusted(rng, law=law)[0] ** 2).sum(0), 3, 0.9, 0.002).any() for _ in range(300)]
+    alarms = [
+        outlying((adjusted(rng, law=law)[0] ** 2).sum(0), 3, 0.9, 0.002).any() for _ in range(300)
+    ]
     assert np.mean(alarms) <= 0.01
 
 
@@ -100,7 +102,10 @@ def test_neighbours_that_agree_are_found_and_independent_ones_are_not():
     smooth = np.sin(place / 15) + 0.3 * rng.standard_normal((3, 120))
     found = neighbour_test(smooth, neighbour)
     assert found.ratio < 0.5 and found.p_value < 1e-6
-    alarms = [neighbour_test(rng.standard_normal((3, 60)), neighbour[:60]).p_value < 0.001 for _ in range(150)]
+    alarms = [
+        neighbour_test(rng.standard_normal((3, 60)), neighbour[:60]).p_value < 0.001
+        for _ in range(150)
+    ]
     assert np.sum(alarms) <= 1
 
 

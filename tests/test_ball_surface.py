@@ -6,10 +6,10 @@ import pytest
 from datasets.recording import Recording
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences, scene
-from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import solve
+from workbench.core.model import Model
+from workbench.jobs.calibrate import calibrate
 
 
 def surface(n=40, each=12, seed=0, sigma=0.0, spread=0.9):
@@ -18,12 +18,26 @@ def surface(n=40, each=12, seed=0, sigma=0.0, spread=0.9):
     rng = np.random.default_rng(seed)
     centre = np.repeat(made.recording.points, each, 0)
     radius = np.repeat([made.recording.balls[int(b)][3] for b in made.recording.ball], each)
-    away = -centre / np.linalg.norm(centre, axis=1, keepdims=True) + spread * rng.normal(size=centre.shape) * 0.5
-    points = centre + (radius + sigma * rng.standard_normal(len(radius)))[:, None] * away / np.linalg.norm(away, axis=1, keepdims=True)
+    away = (
+        -centre / np.linalg.norm(centre, axis=1, keepdims=True)
+        + spread * rng.normal(size=centre.shape) * 0.5
+    )
+    points = centre + (radius + sigma * rng.standard_normal(len(radius)))[
+        :, None
+    ] * away / np.linalg.norm(away, axis=1, keepdims=True)
     columns = {k: np.repeat(v, each, 0) for k, v in made.recording.columns.items()}
-    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), points.T)) | {"sample": np.arange(1.0, len(points) + 1)}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), points.T)) | {
+        "sample": np.arange(1.0, len(points) + 1)
+    }
     columns["pose"] = np.repeat(np.arange(1.0, n + 1), each)
-    return made, Recording("ball-surface", columns, ABB, sigma_mm=max(sigma, 0.01), balls=made.recording.balls, name="surface")
+    return made, Recording(
+        "ball-surface",
+        columns,
+        ABB,
+        sigma_mm=max(sigma, 0.01),
+        balls=made.recording.balls,
+        name="surface",
+    )
 
 
 def test_exact_points_start_at_base_and_hand_eye():

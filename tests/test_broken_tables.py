@@ -13,7 +13,9 @@ from datasets.formats.table import read_table
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
 
-OTHER_BYTES = pa.Array.from_buffers(pa.string(), 2, pa.array([b"\xff\xfe", b"ok"], pa.binary()).buffers())
+OTHER_BYTES = pa.Array.from_buffers(
+    pa.string(), 2, pa.array([b"\xff\xfe", b"ok"], pa.binary()).buffers()
+)
 COLUMNS = {
     "list": pa.array([[1.0], [2.0]]),
     "struct": pa.array([{"a": 1}, {"a": 2}]),
@@ -45,7 +47,10 @@ def test_a_parquet_column_name_that_is_not_utf_8_is_a_sentence(tmp_path):
     path = tmp_path / "samples.parquet"
     pq.write_table(pa.table({"sample": [1.0], "q1_degX": [2.0]}), path)
     path.write_bytes(path.read_bytes().replace(b"q1_degX", b"q1_d\xff\xfeX"))
-    check_sentence(path, r"column q1_d\\xff\\xfeX: expected column names in UTF-8, found another encoding; rename")
+    check_sentence(
+        path,
+        r"column q1_d\\xff\\xfeX: expected column names in UTF-8, found another encoding; rename",
+    )
 
 
 def test_a_parquet_text_that_is_not_utf_8_is_a_sentence(tmp_path):
@@ -61,10 +66,14 @@ def test_a_parquet_column_without_numbers_is_a_sentence(tmp_path, kind):
     check_sentence(path, "column x_mm: expected numbers, found the column type")
 
 
-@pytest.mark.parametrize(("names", "words"), [
-    (["a", "a"], "column a: expected every column once"), (["a", " a"], "column a: expected every column once"),
-    (["a", ""], "column 2: expected a column name, found an empty one"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["a", "a"], "column a: expected every column once"),
+        (["a", " a"], "column a: expected every column once"),
+        (["a", ""], "column 2: expected a column name, found an empty one"),
+    ],
+)
 def test_parquet_names_that_clash_are_a_sentence(tmp_path, names, words):
     path = tmp_path / "samples.parquet"
     pq.write_table(pa.Table.from_arrays([pa.array([1.0]), pa.array([2.0])], names=names), path)
@@ -89,17 +98,27 @@ def test_a_parquet_file_that_was_cut_off_is_a_sentence(tmp_path, cut):
         read_table(path, path.name)
 
 
-@pytest.mark.parametrize(("content", "words"), [
-    ("sample,note\n1,Müller\n".encode("cp1252"), "byte 16: expected UTF-8 text, found another encoding"),
-    ("sample\n1\n".encode("utf-16"), "byte 1: expected UTF-8 text, found UTF-16 text"),
-    ("sample\n1\n".encode("utf-16-le"), "row 1: expected UTF-8 text, found zero bytes"),
-    (b"sample,note\n1,a\0b\n", "row 2, column note: expected text, found a zero byte"),
-    (b"", "expected a file with content, found an empty file"),
-    (b"\xef\xbb\xbf", "expected a header row"), (b" \n\n", "expected a header row"),
-    (b"a, a\n1,2\n", "column a: expected every column once"), (b"a,\n1,2\n", "column 2: expected a column name"),
-    (b"a;b\n1;2\n", "columns separated by semicolons"), (b"a,b\n", "expected at least one row"),
-    (b'a,b\n1,"2\n', "a row that breaks off"), (b"\x1f\x8b\x08\0", "another encoding"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            "sample,note\n1,Müller\n".encode("cp1252"),
+            "byte 16: expected UTF-8 text, found another encoding",
+        ),
+        ("sample\n1\n".encode("utf-16"), "byte 1: expected UTF-8 text, found UTF-16 text"),
+        ("sample\n1\n".encode("utf-16-le"), "row 1: expected UTF-8 text, found zero bytes"),
+        (b"sample,note\n1,a\0b\n", "row 2, column note: expected text, found a zero byte"),
+        (b"", "expected a file with content, found an empty file"),
+        (b"\xef\xbb\xbf", "expected a header row"),
+        (b" \n\n", "expected a header row"),
+        (b"a, a\n1,2\n", "column a: expected every column once"),
+        (b"a,\n1,2\n", "column 2: expected a column name"),
+        (b"a;b\n1;2\n", "columns separated by semicolons"),
+        (b"a,b\n", "expected at least one row"),
+        (b'a,b\n1,"2\n', "a row that breaks off"),
+        (b"\x1f\x8b\x08\0", "another encoding"),
+    ],
+)
 def test_a_csv_file_that_is_none_is_a_sentence(tmp_path, content, words):
     path = tmp_path / "samples.csv"
     path.write_bytes(content)
@@ -107,11 +126,16 @@ def test_a_csv_file_that_is_none_is_a_sentence(tmp_path, content, words):
         read_table(path, "samples.csv", ("note",))
 
 
-@pytest.mark.parametrize(("column", "value", "words"), [
-    ("payload_kg", -0.5, "a mass of 0 kg or more, found -0.5"), ("payload_kg", np.nan, "a finite number, found nan"),
-    ("payload_kg", np.inf, "a finite number, found inf"), ("temperature_c", -300.0, "a temperature above -273.15 °C"),
-    ("temperature_j2_c", -1e4, "a temperature above -273.15 °C"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("payload_kg", -0.5, "a mass of 0 kg or more, found -0.5"),
+        ("payload_kg", np.nan, "a finite number, found nan"),
+        ("payload_kg", np.inf, "a finite number, found inf"),
+        ("temperature_c", -300.0, "a temperature above -273.15 °C"),
+        ("temperature_j2_c", -1e4, "a temperature above -273.15 °C"),
+    ],
+)
 def test_no_recording_has_a_negative_load(tmp_path, column, value, words):
     from datasets import read, write
     from scenes import scene
@@ -119,6 +143,13 @@ def test_no_recording_has_a_negative_load(tmp_path, column, value, words):
     made = scene("external-point", n=12).recording
     values = np.full(12, 2.0)
     values[4] = value
-    write(type(made)("external-point", dict(made.columns) | {column: values}, made.robot, sigma_mm=0.02), tmp_path / "r")
-    with pytest.raises(InputError, match=rf"samples.csv, row 6 \(sample 5\), column {column}: expected {words}"):
+    write(
+        type(made)(
+            "external-point", dict(made.columns) | {column: values}, made.robot, sigma_mm=0.02
+        ),
+        tmp_path / "r",
+    )
+    with pytest.raises(
+        InputError, match=rf"samples.csv, row 6 \(sample 5\), column {column}: expected {words}"
+    ):
         read(tmp_path / "r")

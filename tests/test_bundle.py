@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from board_scenes import BOW, CAMERA, board_model, disturbed
 from sensors.camera.corners import PORTS, POSE, Corners, placements
 from sensors.camera.model import Camera
-from workbench.core.least_squares.bundle import NOT_FINITE, OUT_OF_STEPS, solve_bundle
-from workbench.core.least_squares.bundle_blocks import tiles_of
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
+from workbench.core.least_squares.bundle import NOT_FINITE, OUT_OF_STEPS, solve_bundle
+from workbench.core.least_squares.bundle_blocks import tiles_of
 from workbench.core.least_squares.identifiability import identifiability
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
-from workbench.core.least_squares.solver import solve
 
 CAMERA_AND_BOW = ("camera.*", "*board-bow*")
 
@@ -28,9 +28,15 @@ class PosesInside:
     def __init__(self, chain: Corners):
         self.chain, self.state, self.sigma = chain, chain.state, chain.sigma
         family = placements(chain.poses)
-        rows = [Parameter(f"board-{g}.{name}", "mm", 0.0, size) for g in range(len(chain.poses)) for name, size in zip(POSE, family.typical)]
+        rows = [
+            Parameter(f"board-{g}.{name}", "mm", 0.0, size)
+            for g in range(len(chain.poses))
+            for name, size in zip(POSE, family.typical)
+        ]
         joined = Parameters.of([*chain.parameters.table, *rows])
-        self.parameters = replace(joined, values=np.r_[chain.parameters.values, chain.poses.ravel()])
+        self.parameters = replace(
+            joined, values=np.r_[chain.parameters.values, chain.poses.ravel()]
+        )
         self.slots, self.numbers, self.slides = chain.slots, chain.numbers, chain.slides
 
     def evaluate(self, values, deltas):
@@ -57,24 +63,39 @@ def test_rows_are_the_derivatives_for_every_port_family_and_camera_value(radius,
     camera = Camera.of([*CAMERA.values, 0.3, 0.2, 0.1], CAMERA.size)
     chain = board_model(rng, 3, radius=radius, camera=camera)[0].chain
     n = chain.pixels.shape[1]
-    deltas = {port: (np.arange(PORTS[port]), np.zeros((PORTS[port], n))) for port in ("pixel", "ray", "target")}
+    deltas = {
+        port: (np.arange(PORTS[port]), np.zeros((PORTS[port], n)))
+        for port in ("pixel", "ray", "target")
+    }
     if bent:
         for port, size in (("pixel", 1.0), ("ray", 1e-3), ("target", 0.1)):
             deltas[port] = deltas[port][0], rng.normal(0, size, deltas[port][1].shape)
     evaluation = chain.evaluate(camera.values, deltas)
     for port, step in (("pixel", 1e-3), ("ray", 1e-6), ("target", 1e-3)):
         for slot, row in enumerate(evaluation.rows(port, np.arange(PORTS[port]))):
+
             def moved(h, port=port, slot=slot):
                 change = deltas[port][1] + h * unit(slot, PORTS[port], n)
-                return chain.evaluate(camera.values, {**deltas, port: (deltas[port][0], change)}).residual
+                return chain.evaluate(
+                    camera.values, {**deltas, port: (deltas[port][0], change)}
+                ).residual
+
             assert_derivative(row, moved, step)
     for k, row in enumerate(evaluation.family_rows("placement")):
+
         def moved(h, k=k):
-            return chain.with_families({"placement": chain.poses + h * np.eye(6)[k]}).evaluate(camera.values, deltas).residual
+            return (
+                chain.with_families({"placement": chain.poses + h * np.eye(6)[k]})
+                .evaluate(camera.values, deltas)
+                .residual
+            )
+
         assert_derivative(row, moved, 1e-4 if k < 3 else 1e-6)
     for k, row in enumerate(evaluation.own_rows(np.arange(12))):
+
         def moved(h, k=k):
             return chain.evaluate(camera.values + h * np.eye(12)[k], deltas).residual
+
         assert_derivative(row, moved, 1e-4 * chain.parameters.typical[k])
 
 
@@ -111,9 +132,13 @@ def test_the_schur_complement_gives_what_the_dense_solve_gives():
     poses = [k for k, key in enumerate(dense.parameters.keys) if key.startswith("board-")]
     assert fit.converged and fit.history == pytest.approx(dense.history, rel=1e-10)
     assert fit.table.values == pytest.approx(dense.parameters.values[shared], rel=1e-10, abs=1e-10)
-    assert fit.values["placement"].ravel() == pytest.approx(dense.parameters.values[poses], rel=1e-10, abs=1e-10)
+    assert fit.values["placement"].ravel() == pytest.approx(
+        dense.parameters.values[poses], rel=1e-10, abs=1e-10
+    )
     assert fit.residual[0] == pytest.approx(dense.residual, abs=1e-8)
-    assert (fit.sigma_scale, fit.degrees) == pytest.approx((dense.sigma_scale, dense.degrees), rel=1e-10)
+    assert (fit.sigma_scale, fit.degrees) == pytest.approx(
+        (dense.sigma_scale, dense.degrees), rel=1e-10
+    )
     assert_same_covariance(fit, dense, shared, poses)
 
 
@@ -124,13 +149,19 @@ def assert_same_covariance(fit, dense, shared, poses):
     whole = whole[np.ix_(*[np.r_[place[shared], place[poses]]] * 2)]
     size = fit.table.typical
     scaled = np.outer(size, size)
-    np.testing.assert_allclose(fit.covariance / scaled, whole[: len(size), : len(size)] / scaled, rtol=1e-6, atol=1e-10)
+    np.testing.assert_allclose(
+        fit.covariance / scaled, whole[: len(size), : len(size)] / scaled, rtol=1e-6, atol=1e-10
+    )
     own = placements(np.zeros((1, 6))).typical
     for g, found in enumerate(fit.group_covariance() / np.outer(own, own)):
         span = slice(len(size) + 6 * g, len(size) + 6 * g + 6)
-        np.testing.assert_allclose(found, whole[span, span] / np.outer(own, own), rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(
+            found, whole[span, span] / np.outer(own, own), rtol=1e-6, atol=1e-8
+        )
         cross = whole[span, : len(size)] / np.outer(own, size)
-        np.testing.assert_allclose(fit.group_cross()[g] / np.outer(own, size), cross, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(
+            fit.group_cross()[g] / np.outer(own, size), cross, rtol=1e-6, atol=1e-8
+        )
 
 
 def uneven(rng, model):
@@ -151,7 +182,9 @@ def test_a_family_that_is_kept_gives_what_one_that_is_eliminated_gives():
     assert kept.parameters.values == pytest.approx(gone.parameters.values, rel=1e-9)
     assert kept.values["placement"] == pytest.approx(gone.values["placement"], rel=1e-8)
     assert kept.covariance[:shared, :shared] == pytest.approx(gone.covariance, rel=1e-5)
-    assert np.diag(kept.covariance)[shared : shared + 6] == pytest.approx(np.diag(gone.group_covariance()[0]), rel=1e-5)
+    assert np.diag(kept.covariance)[shared : shared + 6] == pytest.approx(
+        np.diag(gone.group_covariance()[0]), rel=1e-5
+    )
 
 
 def test_models_share_one_table_and_each_has_its_own_scale():
@@ -162,7 +195,9 @@ def test_models_share_one_table_and_each_has_its_own_scale():
     gap = model.residual(truth)
     worse = replace(model.chain, pixels=model.chain.pixels - gap)  # the noise once more
     parts = [model.at(even), Model(worse, model.effects).at(~even)]
-    fit = solve_bundle(parts, truth.free(*CAMERA_AND_BOW), {"placement": placements(model.chain.poses)})
+    fit = solve_bundle(
+        parts, truth.free(*CAMERA_AND_BOW), {"placement": placements(model.chain.poses)}
+    )
     assert [r.shape[1] for r in fit.residual] == [even.sum(), (~even).sum()]
     assert fit.scales == pytest.approx((1.0, 2.0), abs=0.1)
     pulls = (fit.table.values - truth.values) / np.array(list(fit.std.values()))
@@ -176,7 +211,9 @@ def test_a_prior_of_a_family_holds_what_no_sample_shows():
     family = replace(placements(model.chain.poses), prior=np.full(6, 0.2))
     fit = solve_bundle([model.at(seen)], truth.free(*CAMERA_AND_BOW), {"placement": family})
     assert fit.values["placement"][3] == pytest.approx(model.chain.poses[3])
-    assert np.sqrt(np.diag(fit.group_covariance()[3])) == pytest.approx([0.2] * 3 + [0.2] * 3, rel=0.15)
+    assert np.sqrt(np.diag(fit.group_covariance()[3])) == pytest.approx(
+        [0.2] * 3 + [0.2] * 3, rel=0.15
+    )
     assert np.sqrt(np.diag(fit.group_covariance()[0])).max() < 0.1
 
 
@@ -198,8 +235,17 @@ def test_huber_resists_what_ruins_the_linear_loss_and_its_sigmas_hold():
         pixels[:, wild] += rng.normal(0, 2, (2, wild.sum()))
         model = model.with_chain(replace(model.chain, pixels=pixels))
         for loss, found in pulls.items():
-            fit = solve_bundle([model], truth.free(*CAMERA_AND_BOW), {"placement": placements(model.chain.poses)}, loss=loss)
-            found.append((fit.table.values - truth.values) / np.array(list(fit.std.values())) * fit.sigma_scale)
+            fit = solve_bundle(
+                [model],
+                truth.free(*CAMERA_AND_BOW),
+                {"placement": placements(model.chain.poses)},
+                loss=loss,
+            )
+            found.append(
+                (fit.table.values - truth.values)
+                / np.array(list(fit.std.values()))
+                * fit.sigma_scale
+            )
     spread = {loss: np.sqrt(np.mean(np.square(found))) for loss, found in pulls.items()}
     assert spread["huber"] < 1.2 and spread["linear"] > 2 * spread["huber"]
 
@@ -213,8 +259,13 @@ def test_directions_that_nothing_determines_are_named_and_stay():
     fit = solve_bundle([model], start, {"placement": placements(model.chain.poses)})
     said = " ".join(fit.known.sentences())
     assert fit.converged
-    assert "the principal point cx and the picture's shift in x are one and the same here" in said.replace(
-        "the picture's shift in x and the principal point cx", "the principal point cx and the picture's shift in x")
+    assert (
+        "the principal point cx and the picture's shift in x are one and the same here"
+        in said.replace(
+            "the picture's shift in x and the principal point cx",
+            "the principal point cx and the picture's shift in x",
+        )
+    )
     assert not fit.known.determined[fit.table.index["camera.cx"]]
     assert fit.known.determined[fit.table.index["camera.fx"]]
 
@@ -236,24 +287,40 @@ def test_the_cost_falls_at_every_step_and_progress_is_told():
     model, truth = board_model(rng, 5)
     start = truth.free(*CAMERA_AND_BOW).update({"camera.fx": 3900.0, "camera.k1": 0.4})
     told = []
-    fit = solve_bundle([model], start, {"placement": placements(disturbed(rng, model.chain.poses, 2))},
-                       progress=lambda step, cost: told.append((step, cost)))
+    fit = solve_bundle(
+        [model],
+        start,
+        {"placement": placements(disturbed(rng, model.chain.poses, 2))},
+        progress=lambda step, cost: told.append((step, cost)),
+    )
     assert fit.converged and (np.diff(fit.history) < 0).all()
-    assert [step for step, _ in told] == list(range(1, len(told) + 1)) and told[-1][1] == fit.history[-1]
+    assert [step for step, _ in told] == list(range(1, len(told) + 1)) and told[-1][
+        1
+    ] == fit.history[-1]
 
 
 def test_a_start_that_is_not_finite_and_too_few_steps_are_said():
     model, truth = board_model(np.random.default_rng(0), 3)
     family = {"placement": placements(model.chain.poses)}
-    assert solve_bundle([model], truth.update({"camera.fx": np.nan}).free("camera.fx"), family).outcome == NOT_FINITE
-    short = solve_bundle([model], truth.free(*CAMERA_AND_BOW).update({"camera.fx": 4500.0}), family, steps=1)
+    assert (
+        solve_bundle([model], truth.update({"camera.fx": np.nan}).free("camera.fx"), family).outcome
+        == NOT_FINITE
+    )
+    short = solve_bundle(
+        [model], truth.free(*CAMERA_AND_BOW).update({"camera.fx": 4500.0}), family, steps=1
+    )
     assert short.outcome == OUT_OF_STEPS and not short.converged
 
 
 def test_a_missing_parameter_or_group_gets_its_sentence():
     model, truth = board_model(np.random.default_rng(0), 3)
-    with pytest.raises(InputError, match="expected a parameter artefact.board-bow.xx in the shared table, found none"):
-        solve_bundle([model], Model(model.chain).parameters, {"placement": placements(model.chain.poses)})
+    with pytest.raises(
+        InputError,
+        match="expected a parameter artefact.board-bow.xx in the shared table, found none",
+    ):
+        solve_bundle(
+            [model], Model(model.chain).parameters, {"placement": placements(model.chain.poses)}
+        )
     with pytest.raises(InputError, match="expected a start for placement 2, found 2 of them"):
         solve_bundle([model], truth, {"placement": placements(model.chain.poses[:2])})
 
@@ -265,6 +332,8 @@ def test_tiles_hold_every_sample_once_in_its_own_groups(groups, families):
     tiles = tiles_of(labels, len(groups))
     assert sorted(tiles.index[tiles.live]) == list(range(len(groups)))
     assert (tiles.index[tiles.place] == np.arange(len(groups))).all()
-    combination = np.searchsorted(tiles.start, np.arange(len(tiles.index)) // tiles.length, side="right") - 1
+    combination = (
+        np.searchsorted(tiles.start, np.arange(len(tiles.index)) // tiles.length, side="right") - 1
+    )
     for name, label in labels.items():
         assert (label[tiles.index] == tiles.groups[name][combination]).all()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from scenes import model_of, observed, scene
-from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
+from workbench.jobs.calibrate import calibrate
 
 SIGMA = 0.02
 
@@ -17,7 +17,11 @@ def recorded(seed=0, n=160, change=lambda points: points, **truth):
     made = scene("external-point", n=n, seed=seed, sigma=SIGMA)
     elastic = [("joint-compliance", f"joint-{k}", {}) for k in (2, 3)]
     model = model_of(made, *elastic)
-    values = {f"joint-{k}.joint-compliance.compliance": 2e-4 for k in (2, 3)} | {"joint-3.a3": 70.4} | truth
+    values = (
+        {f"joint-{k}.joint-compliance.compliance": 2e-4 for k in (2, 3)}
+        | {"joint-3.a3": 70.4}
+        | truth
+    )
     seen = observed(model, model.parameters.update(values), np.random.default_rng(seed))
     points = change(seen.chain.measurement.measured.T.copy())
     columns = dict(made.recording.columns) | dict(zip(("x_mm", "y_mm", "z_mm"), points.T))
@@ -79,7 +83,9 @@ def test_test_samples_have_no_part_in_any_choice():
     made = recorded()
     test = made.sample_ids[::4]
     worse = dict(made.columns) | {
-        "z_mm": np.where(np.isin(made.sample_ids, test), made.columns["z_mm"] + 1, made.columns["z_mm"])
+        "z_mm": np.where(
+            np.isin(made.sample_ids, test), made.columns["z_mm"] + 1, made.columns["z_mm"]
+        )
     }
     first, second = (calibrate(r, test_samples=test) for r in (made, replace(made, columns=worse)))
     assert [s.earned for s in first.stages] == [s.earned for s in second.stages]
@@ -90,7 +96,9 @@ def test_test_samples_have_no_part_in_any_choice():
 def test_without_sigma_the_noise_is_estimated(clean):
     found = calibrate(replace(recorded(), sigma_mm=None))
     assert [s.earned for s in found.stages] == [s.earned for s in clean.stages]
-    assert rows(found)["joint-3.a3"]["std"] == pytest.approx(rows(clean)["joint-3.a3"]["std"], rel=0.25)
+    assert rows(found)["joint-3.a3"]["std"] == pytest.approx(
+        rows(clean)["joint-3.a3"]["std"], rel=0.25
+    )
 
 
 def test_exact_data_are_fitted_without_complaint():
@@ -101,7 +109,8 @@ def test_exact_data_are_fitted_without_complaint():
 def test_one_posture_is_refused_in_a_sentence():
     made = recorded()
     still = {
-        k: np.full_like(v, v[0]) if k.startswith("q") and k.endswith("_deg") else v for k, v in made.columns.items()
+        k: np.full_like(v, v[0]) if k.startswith("q") and k.endswith("_deg") else v
+        for k, v in made.columns.items()
     }
     with pytest.raises(InputError, match="1 distinct poses"):
         calibrate(replace(made, columns=still))

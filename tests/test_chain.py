@@ -49,7 +49,9 @@ def test_geometry_given_a_sample_is_that_samples_product(arm, rng):
     readings = readings_of(robot, rng)
     geometry = robot.geometry[:, :, None] + rng.normal(0, 0.05, (robot.joints, 5, len(readings)))
     found = matrices(forward(robot, robot.mixing @ readings.T, geometry))
-    expected = [frames_of(replace(robot, geometry=geometry[:, :, i]), q)[-1] for i, q in enumerate(readings)]
+    expected = [
+        frames_of(replace(robot, geometry=geometry[:, :, i]), q)[-1] for i, q in enumerate(readings)
+    ]
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
@@ -62,7 +64,9 @@ def test_root_and_flange_transforms_stand_before_and_behind(rng):
     found = matrices(forward(robot, robot.mixing @ readings.T, base=world))
     outer = np.eye(4)
     outer[:3, :3], outer[:3, 3] = world
-    np.testing.assert_allclose(found, [outer @ frames_of(robot, q)[-1] for q in readings], atol=1e-9)
+    np.testing.assert_allclose(
+        found, [outer @ frames_of(robot, q)[-1] for q in readings], atol=1e-9
+    )
 
 
 @EVERY_ARM
@@ -70,9 +74,15 @@ def test_twists_turn_each_place_about_its_pivot(arm, rng):
     """Base at its origin, links at their middle, tool at the flange: exact rotations in the place's own frame."""
     robot = load_robot(arm)
     readings = readings_of(robot, rng)
-    twists = {p: rng.normal(0, [[2], [2], [2], [0.1], [0.1], [0.1]], (6, len(readings))) for p in range(robot.joints + 2)}
+    twists = {
+        p: rng.normal(0, [[2], [2], [2], [0.1], [0.1], [0.1]], (6, len(readings)))
+        for p in range(robot.joints + 2)
+    }
     found = matrices(forward(robot, robot.mixing @ readings.T, twists=twists))
-    expected = [_twisted(frames_of(robot, q), {p: t[:, i] for p, t in twists.items()}) for i, q in enumerate(readings)]
+    expected = [
+        _twisted(frames_of(robot, q), {p: t[:, i] for p, t in twists.items()})
+        for i, q in enumerate(readings)
+    ]
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
@@ -88,7 +98,11 @@ def _twisted(frames, twists):
 
 
 def _about(pivot, twist):
-    return place(shift=pivot + twist[:3]) @ place(Rotation.from_rotvec(twist[3:])) @ place(shift=-pivot)
+    return (
+        place(shift=pivot + twist[:3])
+        @ place(Rotation.from_rotvec(twist[3:]))
+        @ place(shift=-pivot)
+    )
 
 
 def port_model(measures, arm, rng, twists):
@@ -104,7 +118,10 @@ def port_model(measures, arm, rng, twists):
     }
     if twists:
         slots = np.arange(6 * joints + 12)
-        deltas["frame"] = slots, rng.normal(0, 1, (len(slots), n)) * np.where(slots % 6 < 3, 0.5, 0.01)[:, None]
+        deltas["frame"] = (
+            slots,
+            rng.normal(0, 1, (len(slots), n)) * np.where(slots % 6 < 3, 0.5, 0.01)[:, None],
+        )
     for port in ("target", "sensor"):
         deltas[port] = np.arange(3), rng.normal(0, 1, (3, n))
     return chain, values, deltas
@@ -120,7 +137,10 @@ def changed(deltas, port, row, step):
 
 
 def slot_differences(chain, values, deltas, port, slots, step=1e-4):
-    ends = ([chain.evaluate(values, changed(deltas, port, s, h)).residual for s in slots] for h in (step, -step))
+    ends = (
+        [chain.evaluate(values, changed(deltas, port, s, h)).residual for s in slots]
+        for h in (step, -step)
+    )
     return (np.array(next(ends)) - np.array(next(ends))) / (2 * step)
 
 
@@ -133,7 +153,11 @@ def test_port_derivatives_are_those_of_the_residual(measures, arm, port, rng):
     slots = np.arange(count * chain.robot.joints + (12 if port == "frame" else 0) if count else 3)
     found = np.array(chain.evaluate(values, deltas).rows(port, slots))
     # the derivative of a rotation vector at a finite twist w is a series that stops before w^3 / 24
-    assert_rows(found, slot_differences(chain, values, deltas, port, slots), 1e-5 if port == "frame" else 1e-7)
+    assert_rows(
+        found,
+        slot_differences(chain, values, deltas, port, slots),
+        1e-5 if port == "frame" else 1e-7,
+    )
 
 
 @EVERY_KIND
@@ -152,7 +176,9 @@ def test_own_derivatives_are_those_of_the_residual(measures, arm, rng):
     chain, values, deltas = port_model(measures, arm, rng, twists=False)
     everything = np.arange(len(values))
     found = chain.evaluate(values, deltas).own_rows(everything)
-    assert_rows(found, differences(lambda v: chain.evaluate(v, deltas).residual, values, 1e-5), 1e-7)
+    assert_rows(
+        found, differences(lambda v: chain.evaluate(v, deltas).residual, values, 1e-5), 1e-7
+    )
 
 
 @EVERY_KIND
@@ -169,7 +195,9 @@ def test_some_own_rows_are_the_same_as_those_of_all(measures, rng):
     chain, values, deltas = port_model(measures, ARMS["abb"], rng, twists=True)
     evaluation = chain.evaluate(values, deltas)
     some = np.array([1, 4, 7, 22, 35, len(values) - 1])
-    np.testing.assert_array_equal(evaluation.own_rows(some), evaluation.own_rows(np.arange(len(values)))[some])
+    np.testing.assert_array_equal(
+        evaluation.own_rows(some), evaluation.own_rows(np.arange(len(values)))[some]
+    )
     assert evaluation.own_rows(np.array([], int)).shape == (0, *evaluation.residual.shape)
 
 
@@ -186,7 +214,9 @@ def test_left_jacobian_turns_small_changes(angle):
     vector = angle * np.array([0.6, -0.48, 0.64])
     turn = rotation_matrix(vector)
     found = left_jacobian(vector)
-    expected = differences(lambda v: Rotation.from_matrix(rotation_matrix(v) @ turn.T).as_rotvec(), vector, 1e-5).T
+    expected = differences(
+        lambda v: Rotation.from_matrix(rotation_matrix(v) @ turn.T).as_rotvec(), vector, 1e-5
+    ).T
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 

@@ -11,13 +11,13 @@ import datasets
 from conftest import ROOT
 from datasets.trust import TRUST_DATA
 from erring_scenes import erring
-from workbench.jobs.calibrate import calibrate
-from workbench.fitting.checked_samples import check_samples
-from workbench.jobs.compare import compare
 from workbench.core.errors import InputError
 from workbench.diagnosis.answer import diagnose
-from workbench.jobs.identify import identifiability
+from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import geometry
+from workbench.jobs.calibrate import calibrate
+from workbench.jobs.compare import compare
+from workbench.jobs.identify import identifiability
 from workbench.jobs.poses import choose_poses
 
 # they take samples, but of a recording that was checked, or only its joint readings
@@ -38,18 +38,27 @@ def negated():
     return robot, replace(recording, columns=columns)
 
 
-@pytest.mark.parametrize("use", [
-    lambda recording: calibrate(recording, folds=3),
-    diagnose,
-    lambda recording: compare(recording, ["default"], folds=3),
-    identifiability,
-    lambda recording: choose_poses(recording, 10),
-], ids=["calibrate", "diagnose", "compare", "identifiability", "poses"])  # fmt: skip
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda recording: calibrate(recording, folds=3),
+        diagnose,
+        lambda recording: compare(recording, ["default"], folds=3),
+        identifiability,
+        lambda recording: choose_poses(recording, 10),
+    ],
+    ids=["calibrate", "diagnose", "compare", "identifiability", "poses"],
+)
 def test_every_analysis_refuses_the_same_recording(negated, use):
     with pytest.raises(InputError) as caught:
         use(negated[1])
     sentence = str(caught.value)
-    assert "column q3_deg" in sentence and TRUST_DATA in sentence and sentence.endswith(".") and "\n" not in sentence
+    assert (
+        "column q3_deg" in sentence
+        and TRUST_DATA in sentence
+        and sentence.endswith(".")
+        and "\n" not in sentence
+    )
 
 
 def test_trusted_data_are_used_with_a_warning(negated):
@@ -77,7 +86,9 @@ def test_only_rows_that_are_fitted_are_checked(negated):
     _, wrong = negated
     _, right = erring("external-pose", 1, n=60)
     late = np.arange(60) >= 40
-    columns = {name: np.where(late, wrong.columns[name], column) for name, column in right.columns.items()}
+    columns = {
+        name: np.where(late, wrong.columns[name], column) for name, column in right.columns.items()
+    }
     mixed = replace(right, columns=columns)
     assert check_samples(mixed, test_samples=mixed.sample_ids[late]).doubts == ()
 
@@ -85,7 +96,9 @@ def test_only_rows_that_are_fitted_are_checked(negated):
 def test_implausible_units_are_read_with_the_option(tmp_path):
     _, recording = erring("external-point", 5, n=20)
     joints = {f"q{k}_deg": np.deg2rad(recording.columns[f"q{k}_deg"]) for k in range(1, 7)}
-    folder = datasets.write(replace(recording, columns={**recording.columns, **joints}), tmp_path / "cell-4")
+    folder = datasets.write(
+        replace(recording, columns={**recording.columns, **joints}), tmp_path / "cell-4"
+    )
     with pytest.raises(InputError, match=TRUST_DATA):
         datasets.read(folder)
     (warning,) = datasets.read(folder, trust_data=True).warnings
@@ -110,13 +123,19 @@ def test_every_command_that_may_refuse_names_the_option(workbench):
 def test_commands_refuse_with_status_2_and_warn_with_the_option(negated, tmp_path, workbench):
     _, recording = negated
     datasets.write(recording, tmp_path / "cell", samples="parquet")
-    more = {"compare": ("--plan", "default"), "poses": ("--count", "10"), "calibrate": ("--no-report",),
-            "diagnose": ("--no-report",)}  # fmt: skip
+    more = {
+        "compare": ("--plan", "default"),
+        "poses": ("--count", "10"),
+        "calibrate": ("--no-report",),
+        "diagnose": ("--no-report",),
+    }
     for command in COMMANDS:
         words = (command, "cell", *more.get(command, ()), "--json", "-")
         refused = workbench(*words)
         assert refused.returncode == 2 and TRUST_DATA in refused.stderr, (command, refused.stderr)
         trusted = workbench(*words, TRUST_DATA)
         assert trusted.returncode in (0, 1), (command, trusted.stderr)
-        assert any(TRUST_DATA in warning for warning in json.loads(trusted.stdout)["warnings"]), command
+        assert any(TRUST_DATA in warning for warning in json.loads(trusted.stdout)["warnings"]), (
+            command
+        )
         assert TRUST_DATA in " ".join(trusted.stderr.split()), command

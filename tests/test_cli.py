@@ -12,22 +12,54 @@ from rich.console import Console
 
 from conftest import ROOT
 from workbench import cli
-from workbench.files import runs
 from workbench.commands.shared import answer, samples, tables
 from workbench.core.errors import InputError
+from workbench.files import runs
 
-HEAVY = ("torch", "open3d", "vtk", "vtkmodules", "scipy.optimize", "pyvista", "cv2", "kornia", "mujoco", "numpy")
-COMMANDS = ("calibrate", "camera", "scanner", "scan", "handeye", "render", "simulate", "identifiability", "datasets", "doctor", "demo")
+HEAVY = (
+    "torch",
+    "open3d",
+    "vtk",
+    "vtkmodules",
+    "scipy.optimize",
+    "pyvista",
+    "cv2",
+    "kornia",
+    "mujoco",
+    "numpy",
+)
+COMMANDS = (
+    "calibrate",
+    "camera",
+    "scanner",
+    "scan",
+    "handeye",
+    "render",
+    "simulate",
+    "identifiability",
+    "datasets",
+    "doctor",
+    "demo",
+)
 
 
 def imported(*words) -> set[str]:
     """Every module that a Python process imports when it runs `words`."""
-    done = subprocess.run([sys.executable, "-X", "importtime", *words], cwd=ROOT, capture_output=True, text=True,
-                          check=True)
-    return {line.rsplit("|", 1)[1].strip() for line in done.stderr.splitlines() if line.count("|") == 2}
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return {
+        line.rsplit("|", 1)[1].strip() for line in done.stderr.splitlines() if line.count("|") == 2
+    }
 
 
-@pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)], ids=lambda words: " ".join(words) or "-")
+@pytest.mark.parametrize(
+    "command", [(), *((name,) for name in COMMANDS)], ids=lambda words: " ".join(words) or "-"
+)
 def test_help_imports_nothing_heavy(command):
     modules = imported("-m", "workbench", *command, "--help")
     assert "workbench.cli" in modules
@@ -112,11 +144,14 @@ def test_a_bug_is_called_one_and_its_traceback_kept(monkeypatch, capsys):
     kept.unlink()
 
 
-@pytest.mark.parametrize(("error", "status", "words"), [
-    (KeyboardInterrupt(), 130, "Interrupted"),
-    (InputError("a.csv, row 3:\nexpected a number."), 2, "a.csv, row 3: expected a number.\n"),
-    (PermissionError(13, "Permission denied", "a.csv"), 2, "a.csv cannot be used"),
-])
+@pytest.mark.parametrize(
+    ("error", "status", "words"),
+    [
+        (KeyboardInterrupt(), 130, "Interrupted"),
+        (InputError("a.csv, row 3:\nexpected a number."), 2, "a.csv, row 3: expected a number.\n"),
+        (PermissionError(13, "Permission denied", "a.csv"), 2, "a.csv cannot be used"),
+    ],
+)
 def test_each_failure_has_its_status(error, status, words, monkeypatch, capsys):
     def fails(*_words, **_options):
         raise error
@@ -151,7 +186,10 @@ def test_runs_of_one_second_do_not_meet(tmp_path, monkeypatch):
     with runs.opened("demo", "x") as third:
         pass
     assert [run.path.name for run in (first, second, third)] == [
-        "20260101-000000-demo-x", "20260101-000000-demo-x-2", "20260101-000000-demo-x-3"]
+        "20260101-000000-demo-x",
+        "20260101-000000-demo-x-2",
+        "20260101-000000-demo-x-3",
+    ]
     assert all(run.path.is_dir() for run in (first, second, third))
 
 
@@ -161,7 +199,9 @@ def test_an_empty_folder_may_be_named(tmp_path):
     (tmp_path / "empty").mkdir()
     with runs.opened("demo", "x", tmp_path / "empty") as again:
         (again.partial / "b.txt").write_text("b")
-    assert (tmp_path / "deep" / "out" / "a.txt").exists() and (tmp_path / "empty" / "b.txt").exists()
+    assert (tmp_path / "deep" / "out" / "a.txt").exists() and (
+        tmp_path / "empty" / "b.txt"
+    ).exists()
     assert run.path == tmp_path / "deep" / "out"
 
 
@@ -171,7 +211,10 @@ def test_nothing_is_overwritten(tmp_path):
         pass
     with pytest.raises(InputError, match="is a file"), runs.opened("demo", "x", tmp_path / "a.txt"):
         pass
-    with pytest.raises(InputError, match="cannot be written"), runs.opened("demo", "x", tmp_path / "a.txt" / "b"):
+    with (
+        pytest.raises(InputError, match="cannot be written"),
+        runs.opened("demo", "x", tmp_path / "a.txt" / "b"),
+    ):
         pass
     assert (tmp_path / "a.txt").read_text() == "mine"
 
@@ -179,10 +222,26 @@ def test_nothing_is_overwritten(tmp_path):
 def test_json_is_strict_whatever_goes_in():
     import numpy as np
 
-    given = {"a": np.float64(np.nan), "b": np.arange(3), "c": (1, np.int64(2)), "d": np.inf, "e": Path("x"),
-             "f": np.bool_(True), 1: None, "g": [{"h": float("nan")}]}
+    given = {
+        "a": np.float64(np.nan),
+        "b": np.arange(3),
+        "c": (1, np.int64(2)),
+        "d": np.inf,
+        "e": Path("x"),
+        "f": np.bool_(True),
+        1: None,
+        "g": [{"h": float("nan")}],
+    }
     assert json.loads(answer.as_text(given)) == {
-        "a": None, "b": [0, 1, 2], "c": [1, 2], "d": None, "e": "x", "f": True, "1": None, "g": [{"h": None}]}
+        "a": None,
+        "b": [0, 1, 2],
+        "c": [1, 2],
+        "d": None,
+        "e": "x",
+        "f": True,
+        "1": None,
+        "g": [{"h": None}],
+    }
 
 
 def test_json_reaches_file_and_standard_output(tmp_path, capsys):
@@ -212,7 +271,10 @@ def test_json_follows_a_link(tmp_path):
     (tmp_path / "real.json").write_text("old")
     (tmp_path / "link.json").symlink_to(tmp_path / "real.json")
     answer.deliver({"x": 1}, str(tmp_path / "link.json"))
-    assert json.loads((tmp_path / "real.json").read_text()) == {"x": 1} and (tmp_path / "link.json").is_symlink()
+    assert (
+        json.loads((tmp_path / "real.json").read_text()) == {"x": 1}
+        and (tmp_path / "link.json").is_symlink()
+    )
 
 
 KNOWN = frozenset(range(10))
@@ -224,13 +286,19 @@ def test_lists_of_samples_are_read(text, tmp_path):
     assert samples.read_list(tmp_path / "fit.txt", KNOWN, "--fit-samples") == (1, 2, 3)
 
 
-@pytest.mark.parametrize(("content", "said"), [
-    (b"1\ntwo\n", "line 2: expected one whole sample number, found 'two'"),
-    (b"1,2\n", "line 1: expected one whole sample number, found '1,2'"),
-    (b"1.5\n", "line 1"), (b"1\n2\n1\n", "line 3: expected each sample once, found 1 again"),
-    (b"1\n\n99\n", "line 3: expected the number of a sample of the recording, found 99"),
-    (b"", "is empty"), (b"\n\n", "is empty"), (b"\xff\xfe1\n", "not UTF-8"),
-])
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"1\ntwo\n", "line 2: expected one whole sample number, found 'two'"),
+        (b"1,2\n", "line 1: expected one whole sample number, found '1,2'"),
+        (b"1.5\n", "line 1"),
+        (b"1\n2\n1\n", "line 3: expected each sample once, found 1 again"),
+        (b"1\n\n99\n", "line 3: expected the number of a sample of the recording, found 99"),
+        (b"", "is empty"),
+        (b"\n\n", "is empty"),
+        (b"\xff\xfe1\n", "not UTF-8"),
+    ],
+)
 def test_a_broken_list_of_samples_is_named(content, said, tmp_path):
     (tmp_path / "fit.txt").write_bytes(content)
     with pytest.raises(InputError, match=re.escape(said)) as caught:
@@ -253,16 +321,43 @@ def test_no_sample_is_fitted_and_tested():
 
 def test_a_calibration_is_shown_in_numbers():
     errors = {"rms_mm": 0.02134, "mean_mm": 0.018, "p95_mm": 0.03, "max_mm": 0.05}
-    row = {"name": "d", "where": "joint-3", "value": 0.013, "unit": "mm", "std": 0.004, "nominal": 0.0,
-           "identifiable": True, "tied_to": [], "status": "estimated", "deviation": 0.013}
+    row = {
+        "name": "d",
+        "where": "joint-3",
+        "value": 0.013,
+        "unit": "mm",
+        "std": 0.004,
+        "nominal": 0.0,
+        "identifiable": True,
+        "tied_to": [],
+        "status": "estimated",
+        "deviation": 0.013,
+    }
     lost = {**row, "identifiable": False, "std": None, "status": "not identifiable"}
-    result = {"recording": "r", "measures": "ball-centre", "samples": 200, "fit": errors, "held_out": errors,
-              "nominal": {"rms_mm": 1.2}, "parameters": [row, lost],
-              "stages": [{"name": "geometry", "free": 30, "identifiable": 29, "rms_mm": 0.04, "held_out_rms_mm": 0.04}]}
+    result = {
+        "recording": "r",
+        "measures": "ball-centre",
+        "samples": 200,
+        "fit": errors,
+        "held_out": errors,
+        "nominal": {"rms_mm": 1.2},
+        "parameters": [row, lost],
+        "stages": [
+            {
+                "name": "geometry",
+                "free": 30,
+                "identifiable": 29,
+                "rms_mm": 0.04,
+                "held_out_rms_mm": 0.04,
+            }
+        ],
+    }
     console = Console(record=True, width=100)
     tables.calibration(console, result)
     said = console.export_text()
-    assert "0.02134" in said and "joint-3" in said and "1 of 2 parameters, 1 not identifiable" in said
+    assert (
+        "0.02134" in said and "joint-3" in said and "1 of 2 parameters, 1 not identifiable" in said
+    )
 
 
 def test_the_doctor_says_what_is_missing(workbench):
@@ -271,15 +366,20 @@ def test_the_doctor_says_what_is_missing(workbench):
     required = [check for check in found["checks"] if check["required"]]
     assert found["healthy"] == all(check["ok"] for check in required)
     assert done.returncode == (0 if found["healthy"] else 1)
-    assert {"Python", "torch", "open3d", "cv2", "write permission"} <= {check["name"] for check in found["checks"]}
+    assert {"Python", "torch", "open3d", "cv2", "write permission"} <= {
+        check["name"] for check in found["checks"]
+    }
     assert all(check["advice"] for check in required if not check["ok"])
 
 
 def test_the_doctor_names_the_packages_to_install():
     from workbench.machine.doctor import Check, apt_command
 
-    checks = [Check("libusb-1.0.so.0", False, "absent"), Check("libGL.so.1", True, "loads"),
-              Check("libEGL.so.1", False, "absent")]
+    checks = [
+        Check("libusb-1.0.so.0", False, "absent"),
+        Check("libGL.so.1", True, "loads"),
+        Check("libEGL.so.1", False, "absent"),
+    ]
     assert apt_command(checks).endswith("apt-get install -y libusb-1.0-0 libegl1")
     assert apt_command(checks[1:2]) is None
 
@@ -305,8 +405,17 @@ def test_samples_named_for_the_fit_and_the_test_are_used(workbench, tmp_path):
     half = len(numbers) // 2
     (tmp_path / "fit.txt").write_text("\n".join(map(str, numbers[:half])))
     (tmp_path / "test.txt").write_text("\n".join(map(str, numbers[half:])))
-    done = workbench("calibrate", "elastic-arm", "--no-report", "--fit-samples", "fit.txt", "--test-samples",
-                     "test.txt", "--json", "answer.json")
+    done = workbench(
+        "calibrate",
+        "elastic-arm",
+        "--no-report",
+        "--fit-samples",
+        "fit.txt",
+        "--test-samples",
+        "test.txt",
+        "--json",
+        "answer.json",
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "answer.json").read_text())
     assert found["held_out"]["rms_mm"] < found["nominal"]["rms_mm"]
@@ -318,7 +427,11 @@ def test_what_a_bundled_recording_determines_is_said(workbench):
     done = workbench("identifiability", "elastic-arm", "--json", "-")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["command"] == "identifiability" and found["recording"] == "elastic-arm" and len(found) > 3
+    assert (
+        found["command"] == "identifiability"
+        and found["recording"] == "elastic-arm"
+        and len(found) > 3
+    )
 
 
 def test_the_demo_says_which_recording_it_takes(workbench, tmp_path):

@@ -53,7 +53,15 @@ def found(home):
 def test_the_answer_keeps_to_the_contract(found):
     assert found["command"] == "diagnose" and found["verdict"] == "explained"
     (effect,) = found["effects"]
-    assert {"effect", "where", "p_value", "probability", "alternatives", "parameters", "statement"} <= set(effect)
+    assert {
+        "effect",
+        "where",
+        "p_value",
+        "probability",
+        "alternatives",
+        "parameters",
+        "statement",
+    } <= set(effect)
     assert (effect["effect"], effect["where"]) == ("backlash", "joint-3")
     assert effect["p_value"] < 1e-6 and 0.95 < effect["probability"] <= 1
     (gap,) = effect["parameters"]
@@ -80,14 +88,26 @@ def test_noise_stated_three_times_too_small_is_not_passed_over(home, tmp_path, c
     shutil.copytree(home / "clean", recording)
     head = (recording / "recording.toml").read_text(encoding="utf-8")
     assert "sigma_mm = 0.02" in head
-    (recording / "recording.toml").write_text(head.replace("sigma_mm = 0.02", "sigma_mm = 0.00667"), encoding="utf-8")
-    call = ["diagnose", str(recording), "--no-report", "--tolerance", "0.001mm", "--out", str(tmp_path / "run")]
+    (recording / "recording.toml").write_text(
+        head.replace("sigma_mm = 0.02", "sigma_mm = 0.00667"), encoding="utf-8"
+    )
+    call = [
+        "diagnose",
+        str(recording),
+        "--no-report",
+        "--tolerance",
+        "0.001mm",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     assert cli.run([*call, "--json", str(tmp_path / "a.json")]) == 1
     answer = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert [effect["effect"] for effect in answer["effects"]] == ["stated-noise"]
     assert answer["noise"]["factor"] == pytest.approx(3, rel=0.15)
     assert "A noise that is stated too small" in answer["noise"]["sentence"]
-    assert not any("stated too small" in text for text in answer["warnings"]), "the finding says it, once"
+    assert not any("stated too small" in text for text in answer["warnings"]), (
+        "the finding says it, once"
+    )
     assert answer["verdict_details"]["pass"] is False
     assert answer["verdict_details"]["residual_over_noise"] > 2.5
     assert "noise stated too small is more likely" in answer["verdict_details"]["sentence"]
@@ -107,9 +127,13 @@ def test_the_controls_of_a_real_cause_pass(found):
 
 def test_the_run_folder_holds_page_picture_and_tables(found, home):
     run = home / "run"
-    assert {"answer.json", "report.html", "summary.png", "residuals.csv", "smallest-visible.csv"} <= {
-        path.name for path in run.iterdir()
-    }
+    assert {
+        "answer.json",
+        "report.html",
+        "summary.png",
+        "residuals.csv",
+        "smallest-visible.csv",
+    } <= {path.name for path in run.iterdir()}
     page = (run / "report.html").read_text(encoding="utf-8")
     assert "What was missing has a name" in page and "Joint 3 stops short" in page
     rows = (run / "residuals.csv").read_text(encoding="utf-8").splitlines()
@@ -123,16 +147,24 @@ def test_against_a_simulation_the_difference_has_three_parts_that_add_up(home, t
     shares = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["against"]
     parts = sum(shares[f"{name}_mm2"] for name in ("parameters", "noise", "structure"))
     assert parts == pytest.approx(shares["total_mm2"], rel=1e-9)
-    assert shares["structure_mm2"] > 0 and shares["noise_mm2"] == pytest.approx(3 * 0.02**2, rel=0.3)
+    assert shares["structure_mm2"] > 0 and shares["noise_mm2"] == pytest.approx(
+        3 * 0.02**2, rel=0.3
+    )
 
 
-@pytest.mark.parametrize("words, said", [
-    (["--simulation", "no-such.toml"], "no-such.toml: expected a scene (TOML), found no such file"),
-    (["--solution", "no-such.json"], "no-such.json: expected a solution.json"),
-    (["--scanner", "s.toml"], "expects a scan-images recording"),
-    (["--simulation", "a.toml", "--solution", "b.json"], "expected one of them, found both"),
-    (["--baseline", "nothing"], "--baseline"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (
+            ["--simulation", "no-such.toml"],
+            "no-such.toml: expected a scene (TOML), found no such file",
+        ),
+        (["--solution", "no-such.json"], "no-such.json: expected a solution.json"),
+        (["--scanner", "s.toml"], "expects a scan-images recording"),
+        (["--simulation", "a.toml", "--solution", "b.json"], "expected one of them, found both"),
+        (["--baseline", "nothing"], "--baseline"),
+    ],
+)
 def test_a_wrong_call_gets_one_sentence(home, capsys, words, said):
     assert cli.run(["diagnose", str(home / "clean"), *words]) == 2
     told = capsys.readouterr().err.strip()
@@ -141,17 +173,26 @@ def test_a_wrong_call_gets_one_sentence(home, capsys, words, said):
 
 @pytest.mark.slow
 def test_the_proposed_scene_runs(tmp_path):
-    text = SCENE.replace("approach = true", "payload_kg = [0.0, 0.0]") + """
+    text = (
+        SCENE.replace("approach = true", "payload_kg = [0.0, 0.0]")
+        + """
 [[effect]]
 effect = "bearing-compliance"
 where = "joint-1"
 values = { tilt = 3e-5 }
 """
+    )
     (tmp_path / "soft.toml").write_text(text, encoding="utf-8")
     assert cli.run(["simulate", str(tmp_path / "soft.toml"), "--out", str(tmp_path / "soft")]) == 0
-    assert cli.run(["diagnose", str(tmp_path / "soft"), "--out", str(tmp_path / "run"), "--no-report"]) == 0
+    assert (
+        cli.run(["diagnose", str(tmp_path / "soft"), "--out", str(tmp_path / "run"), "--no-report"])
+        == 0
+    )
     answer = json.loads((tmp_path / "run" / "answer.json").read_text(encoding="utf-8"))
-    assert answer["verdict"] == "ambiguous" and "link-compliance at link 1" in answer["next_experiment"]
+    assert (
+        answer["verdict"] == "ambiguous"
+        and "link-compliance at link 1" in answer["next_experiment"]
+    )
     scene = tmp_path / "run" / "next-experiment.toml"
     assert tomllib.loads(scene.read_text(encoding="utf-8"))["robot"] == "abb_irb120"
     assert cli.run(["simulate", str(scene), "--out", str(tmp_path / "next")]) == 0

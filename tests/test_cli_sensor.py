@@ -31,10 +31,19 @@ def answers(tmp_path_factory):
     def of(command) -> tuple[dict, Path]:
         if command not in made:
             folder = scanner_recording()[0]
-            words = {"camera": ["camera", folder, "--out", home / "camera"],
-                     "scanner": ["scanner", folder, "--out", home / "scanner.toml"],
-                     "scan": ["scan", folder, "--out", home / "scan", "--scanner", of_scanner(home, folder)],
-                     "handeye": ["handeye", handeye_recording()[0], "--out", home / "handeye"]}[command]
+            words = {
+                "camera": ["camera", folder, "--out", home / "camera"],
+                "scanner": ["scanner", folder, "--out", home / "scanner.toml"],
+                "scan": [
+                    "scan",
+                    folder,
+                    "--out",
+                    home / "scan",
+                    "--scanner",
+                    of_scanner(home, folder),
+                ],
+                "handeye": ["handeye", handeye_recording()[0], "--out", home / "handeye"],
+            }[command]
             if not (home / f"{command}.json").exists():
                 assert run(*words, "--json", home / f"{command}.json", "--no-report") == 0
             made[command] = json.loads((home / f"{command}.json").read_text())
@@ -45,7 +54,18 @@ def answers(tmp_path_factory):
 
 def of_scanner(home: Path, folder: Path) -> Path:
     if not (home / "scanner.toml").exists():
-        assert run("scanner", folder, "--out", home / "scanner.toml", "--json", home / "scanner.json", "--no-report") == 0
+        assert (
+            run(
+                "scanner",
+                folder,
+                "--out",
+                home / "scanner.toml",
+                "--json",
+                home / "scanner.json",
+                "--no-report",
+            )
+            == 0
+        )
     return home / "scanner.toml"
 
 
@@ -58,7 +78,18 @@ def runs_elsewhere(tmp_path, monkeypatch):
 
 def test_camera_answers_to_the_letter(answers):
     found, home = answers("camera")
-    wanted = {"command", "fx_px", "fy_px", "cx_px", "cy_px", "distortion", "rms_px", "views", "rejected", "std"}
+    wanted = {
+        "command",
+        "fx_px",
+        "fy_px",
+        "cx_px",
+        "cy_px",
+        "distortion",
+        "rms_px",
+        "views",
+        "rejected",
+        "std",
+    }
     assert wanted <= found.keys() and found["command"] == "camera" and len(found["distortion"]) == 5
     assert found["views"] == 9 and found["rejected"] == []
     assert found["run"] == str(home / "camera") and Path(found["camera_file"]).is_file()
@@ -77,7 +108,11 @@ def test_camera_file_is_read_back(answers):
 
     found, _ = answers("camera")
     camera = read(Path(found["camera_file"]))
-    assert camera.fx == found["fx_px"] and list(camera.distortion) == found["distortion"] and camera.size == (400, 320)
+    assert (
+        camera.fx == found["fx_px"]
+        and list(camera.distortion) == found["distortion"]
+        and camera.size == (400, 320)
+    )
 
 
 def test_scanner_answers_to_the_letter(answers):
@@ -88,7 +123,10 @@ def test_scanner_answers_to_the_letter(answers):
         assert {"step", "normal", "offset_mm", "rms_mm"} <= plane.keys()
         assert np.linalg.norm(plane["normal"]) == pytest.approx(1)
     assert {"axis", "angle_law"} <= found["mirror"].keys()
-    assert found["scanner_file"] == str(home / "scanner.toml") and (Path(found["run"]) / "scanner.toml").is_file()
+    assert (
+        found["scanner_file"] == str(home / "scanner.toml")
+        and (Path(found["run"]) / "scanner.toml").is_file()
+    )
 
 
 def test_scanner_finds_the_planes_that_were_rendered(answers):
@@ -97,7 +135,10 @@ def test_scanner_finds_the_planes_that_were_rendered(answers):
     for plane in found["planes"]:
         true = truth[plane["step"]]
         sign = np.sign(np.dot(plane["normal"], true["normal"]))
-        here, there = np.dot(plane["normal"], at) + plane["offset_mm"], np.dot(true["normal"], at) + true["offset_mm"]
+        here, there = (
+            np.dot(plane["normal"], at) + plane["offset_mm"],
+            np.dot(true["normal"], at) + true["offset_mm"],
+        )
         assert abs(sign * here - there) < 0.1
     assert found["plane_rms_mm"] < 0.03
 
@@ -121,7 +162,9 @@ def test_scan_answers_to_the_letter_and_writes_clouds(answers):
         cloud = np.asarray(open3d.io.read_point_cloud(one["cloud"]).points)
         assert len(cloud) == one["points"] and str(home / "scan") in one["cloud"]
         for ball in one["balls"]:
-            assert {"x_mm", "y_mm", "z_mm", "radius_mm", "rms_mm", "std_mm"} <= ball.keys() and len(ball["std_mm"]) == 3
+            assert {"x_mm", "y_mm", "z_mm", "radius_mm", "rms_mm", "std_mm"} <= ball.keys() and len(
+                ball["std_mm"]
+            ) == 3
 
 
 def test_scan_finds_the_ball_where_it_was_rendered(answers):
@@ -130,20 +173,38 @@ def test_scan_finds_the_ball_where_it_was_rendered(answers):
         ball = one["balls"][0]
         assert ball["ball"] == 1 and ball["radius_mm"] == 12 and ball["rms_mm"] < 0.05
         # the frame of the camera itself is known to some hundredths of a millimetre only
-        assert np.linalg.norm(np.subtract([ball[k] for k in ("x_mm", "y_mm", "z_mm")], true["balls"][0]["centre_mm"])) < 0.15
+        assert (
+            np.linalg.norm(
+                np.subtract(
+                    [ball[k] for k in ("x_mm", "y_mm", "z_mm")], true["balls"][0]["centre_mm"]
+                )
+            )
+            < 0.15
+        )
 
 
 def test_scan_states_acceptance_figures(answers):
     found = {one["name"]: one for one in answers("scan")[0]["acceptance"]}
-    assert found["probing_rms"]["value"] in [ball["rms_mm"] for one in answers("scan")[0]["scans"] for ball in one["balls"]]
-    assert found["sphere_spacing"]["value"] is None and "two balls" in found["sphere_spacing"]["why"]
-    assert found["probing_form"]["symbol"].startswith("P_Form.Sph") and "no limit" in found["probing_form"]["verdict"]
+    assert found["probing_rms"]["value"] in [
+        ball["rms_mm"] for one in answers("scan")[0]["scans"] for ball in one["balls"]
+    ]
+    assert (
+        found["sphere_spacing"]["value"] is None and "two balls" in found["sphere_spacing"]["why"]
+    )
+    assert (
+        found["probing_form"]["symbol"].startswith("P_Form.Sph")
+        and "no limit" in found["probing_form"]["verdict"]
+    )
 
 
 def test_hand_eye_is_found(answers):
     found, true = answers("handeye")[0], handeye_recording()[1]
     assert {"command", "kind", "hand_eye", "fit", "held_out", "poses", "run"} <= found.keys()
-    assert found["kind"] == "in-hand" and found["transform"] == "T_flange_sensor" and found["poses"] == 9
+    assert (
+        found["kind"] == "in-hand"
+        and found["transform"] == "T_flange_sensor"
+        and found["poses"] == 9
+    )
     assert np.allclose(found["hand_eye"]["xyz_mm"], true[:3, 3], atol=0.3)
     assert np.allclose(np.array(found["hand_eye"]["matrix"])[:3, :3], true[:3, :3], atol=3e-3)
     assert found["held_out"]["origin_mm"] < 0.3
@@ -151,7 +212,12 @@ def test_hand_eye_is_found(answers):
 
 def test_hand_eye_takes_a_calibrated_camera(answers, here):
     camera = answers("camera")[0]["camera_file"]
-    assert run("handeye", handeye_recording()[0], "--camera", camera, "--no-report", "--json", "a.json") == 0
+    assert (
+        run(
+            "handeye", handeye_recording()[0], "--camera", camera, "--no-report", "--json", "a.json"
+        )
+        == 0
+    )
     found = json.loads(Path("a.json").read_text())
     assert found["camera"]["fx_px"] == pytest.approx(answers("camera")[0]["fx_px"], rel=1e-2)
     assert np.allclose(found["hand_eye"]["xyz_mm"], handeye_recording()[1][:3, 3], atol=0.3)
@@ -162,7 +228,11 @@ def test_the_run_folder_is_the_last_line(workbench, tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.rstrip().endswith(str(tmp_path / "out" / "report.html"))
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "answer.json", "camera.toml", "report.html", "summary.png"]
+        "answer.json",
+        "camera.toml",
+        "report.html",
+        "summary.png",
+    ]
 
 
 def copied(folder: Path, to: Path) -> Path:
@@ -196,10 +266,18 @@ def cut(folder: Path) -> None:
 
 SPOILT = {
     "black": ("camera", black, "black"),
-    "wrong board": ("camera", lambda f: with_text(f / "recording.toml", "columns = 7", "columns = 11"), "columns"),
+    "wrong board": (
+        "camera",
+        lambda f: with_text(f / "recording.toml", "columns = 7", "columns = 11"),
+        "columns",
+    ),
     "broken picture": ("camera", cut, "board-003.png"),
     "two pictures": ("camera", few, "placement"),
-    "no board": ("camera", lambda f: with_text(f / "images.csv", ",board,", ",board-laser,"), "board"),
+    "no board": (
+        "camera",
+        lambda f: with_text(f / "images.csv", ",board,", ",board-laser,"),
+        "board",
+    ),
     "no laser": ("scanner", few, "board-laser"),
     "no scan": ("scan", few, "scan"),
     "no flange": ("handeye", lambda f: None, "flange"),
@@ -240,7 +318,12 @@ def test_a_wrong_call_gets_one_sentence_and_status_2(name, here, capsys):
     places = {"folder": scanner_recording()[0], "hand": handeye_recording()[0]}
     assert run(*(word.format(**places) for word in words)) == 2
     said = capsys.readouterr()
-    assert said.out == "" and said.err.count("\n") == 1 and names in said.err and said.err.endswith(".\n")
+    assert (
+        said.out == ""
+        and said.err.count("\n") == 1
+        and names in said.err
+        and said.err.endswith(".\n")
+    )
     assert list(here.iterdir()) == []
 
 
@@ -252,7 +335,9 @@ def test_a_picture_without_the_board_is_named_and_the_rest_is_used(here):
     assert run("camera", folder, "--json", "a.json", "--out", "out") == 0
     found = json.loads(Path("a.json").read_text())
     assert found["views"] == 8
-    assert [one["image"] for one in found["rejected"]] == ["images/board-005.png"] and "saturated" in found["rejected"][0]["why"]
+    assert [one["image"] for one in found["rejected"]] == [
+        "images/board-005.png"
+    ] and "saturated" in found["rejected"][0]["why"]
     page = Path("out/report.html").read_text(encoding="utf-8")
     assert "board-005.png: saturated" in page and "data:image/jpeg;base64," in page
 
@@ -260,12 +345,24 @@ def test_a_picture_without_the_board_is_named_and_the_rest_is_used(here):
 def test_a_rendered_scene_is_a_recording_with_its_truth(workbench, tmp_path):
     import datasets
 
-    small = (ROOT / "tests" / "sensor_recordings.py").read_text().split('"""')[3].replace("count = 9", "count = 1").replace("laser = 4", "laser = 0")
-    (tmp_path / "scene.toml").write_text(small.replace("count = 2\nrange_mm = [126", "count = 0\nrange_mm = [126"))
+    small = (
+        (ROOT / "tests" / "sensor_recordings.py")
+        .read_text()
+        .split('"""')[3]
+        .replace("count = 9", "count = 1")
+        .replace("laser = 4", "laser = 0")
+    )
+    (tmp_path / "scene.toml").write_text(
+        small.replace("count = 2\nrange_mm = [126", "count = 0\nrange_mm = [126")
+    )
     done = workbench("render", "scene.toml", "--out", "out", "--truth", "truth.json", "--json", "-")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["command"] == "render" and found["images"] == 1 and found["measures"] == "board-images"
+    assert (
+        found["command"] == "render"
+        and found["images"] == 1
+        and found["measures"] == "board-images"
+    )
     assert datasets.read(tmp_path / "out").images[0]["role"] == "board"
     assert json.loads((tmp_path / "truth.json").read_text())["camera"]["fx_px"] == 620
     assert done.stderr.rstrip().endswith(str(tmp_path / "out"))
@@ -288,9 +385,23 @@ def test_pictures_become_a_calibrated_arm(here):
     centres = datasets.read("whole/ball-centres")
     assert centres.measures == "ball-centre" and centres.n == found["samples"]
     page = Path("whole/report.html").read_text(encoding="utf-8")
-    assert all(f'<section id="{name}">' in page for name in ("stages", "acceptance", "balls", "planes", "camera-pictures"))
+    assert all(
+        f'<section id="{name}">' in page
+        for name in ("stages", "acceptance", "balls", "planes", "camera-pictures")
+    )
     # the same balls, from the scanner's file and from the recording of centres
-    assert run("calibrate", "cell", "--scanner", "whole/scanner.toml", "--no-report", "--json", "again.json") == 0
+    assert (
+        run(
+            "calibrate",
+            "cell",
+            "--scanner",
+            "whole/scanner.toml",
+            "--no-report",
+            "--json",
+            "again.json",
+        )
+        == 0
+    )
     again = json.loads(Path("again.json").read_text())
     assert again["held_out"]["rms_mm"] == pytest.approx(found["held_out"]["rms_mm"], rel=0.2)
     fit = [int(number) for number in centres.sample_ids[: centres.n // 2]]
@@ -314,14 +425,23 @@ def test_the_demo_ends_in_one_page_that_leads_to_both(workbench, tmp_path):
 
 @pytest.mark.parametrize(
     ("command", "units"),
-    [("camera", ["px"]), ("scanner", ["mm", "px"]), ("scan", ["mm"]), ("handeye", ["mm", "deg", "px"])],
+    [
+        ("camera", ["px"]),
+        ("scanner", ["mm", "px"]),
+        ("scan", ["mm"]),
+        ("handeye", ["mm", "deg", "px"]),
+    ],
 )
 def test_every_sensor_command_compares_its_residual_with_the_noise(answers, command, units):
     """Without a tolerance nothing passes or fails; a rendered recording is near its noise and warns of nothing."""
     found = answers(command)[0]
     verdict = found["verdict"]
     parts = verdict.get("checks", [verdict])
-    assert verdict["pass"] is None and [part["unit"] for part in parts] == units and found["warnings"] == []
+    assert (
+        verdict["pass"] is None
+        and [part["unit"] for part in parts] == units
+        and found["warnings"] == []
+    )
     for part in parts:
         assert part["residual_over_noise"] > 0 and "noise" in part["sentence"]
 

@@ -26,13 +26,17 @@ def pictures_of(folder: Path, role: str) -> list[Path]:
 
 
 @pytest.mark.parametrize(("level", "why"), [(0, "all black"), (255, "saturated")])
-def test_scans_without_a_laser_line_are_named_and_leave_the_json_whole(workbench, answers, tmp_path, level, why):
+def test_scans_without_a_laser_line_are_named_and_leave_the_json_whole(
+    workbench, answers, tmp_path, level, why
+):
     import cv2
 
     folder, home = copied(tmp_path), answers("scan")[1]
     for path in pictures_of(folder, "scan"):
         cv2.imwrite(str(path), np.full(cv2.imread(str(path), 0).shape, level, np.uint8))
-    done = workbench("scan", folder, "--scanner", home / "scanner.toml", "--no-report", "--json", "-")
+    done = workbench(
+        "scan", folder, "--scanner", home / "scanner.toml", "--no-report", "--json", "-"
+    )
     assert done.returncode == 0, done.stderr
     for one in json.loads(done.stdout)["scans"]:  # which no library may write beside
         assert one["points"] == 0 and one["balls"] == [] and one["cloud"] is None
@@ -44,7 +48,11 @@ def test_a_scanner_of_another_picture_size_is_refused(here, answers, capsys):
     home, text = answers("scan")[1], (answers("scan")[1] / "scanner.toml").read_text()
     Path("other.toml").write_text(text.replace("width_px = 400", "width_px = 800"))
     assert run("scan", scanner_recording()[0], "--scanner", "other.toml") == 2
-    assert "400 x 320 px" in (said := capsys.readouterr().err) and "800 x 320 px" in said and said.count("\n") == 1
+    assert (
+        "400 x 320 px" in (said := capsys.readouterr().err)
+        and "800 x 320 px" in said
+        and said.count("\n") == 1
+    )
     assert run("handeye", handeye_recording()[0], "--scanner", "other.toml") == 2
     assert "other.toml: expected the camera of pictures of" in capsys.readouterr().err
     assert home.is_dir() and not Path("runs").exists()
@@ -64,7 +72,11 @@ def test_a_board_with_a_row_too_many_says_what_was_found(here, capsys):
     (folder / "recording.toml").write_text(text.replace("rows = 5", "rows = 6"))
     assert run("camera", folder) == 2
     said = capsys.readouterr().err
-    assert "expected 7 x 6 chessboard as written there in the pictures, found 7 x 5 in" in said and "columns and rows" in said and said.count("\n") == 1
+    assert (
+        "expected 7 x 6 chessboard as written there in the pictures, found 7 x 5 in" in said
+        and "columns and rows" in said
+        and said.count("\n") == 1
+    )
 
 
 def test_a_file_is_wanted_where_a_folder_is_named(here, capsys):
@@ -74,7 +86,9 @@ def test_a_file_is_wanted_where_a_folder_is_named(here, capsys):
 
 
 def test_the_run_folder_of_a_camera_is_exported(here, answers):
-    assert run("export", answers("camera")[1] / "camera", "--to", "ros", "--out", "camera.yaml") == 0
+    assert (
+        run("export", answers("camera")[1] / "camera", "--to", "ros", "--out", "camera.yaml") == 0
+    )
     assert f"image_width: {400}" in Path("camera.yaml").read_text()
 
 
@@ -100,7 +114,9 @@ def test_tables_fit_80_columns_and_round_to_what_is_known(answers, command, caps
     getattr(sensor_tables, command)(console, answers(command)[0])
     lines = console.file.getvalue().splitlines()
     assert all(len(line) <= 80 for line in lines if not line.startswith("- "))
-    assert not re.search(r"\d\.\d{7,}", "\n".join(lines)), "more digits than anything here is known to"
+    assert not re.search(r"\d\.\d{7,}", "\n".join(lines)), (
+        "more digits than anything here is known to"
+    )
 
 
 def test_values_are_given_to_two_digits_of_their_sigma():

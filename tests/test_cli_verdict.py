@@ -46,7 +46,9 @@ def calibrate(home, recording, *words):
 
 def test_a_tolerance_decides_the_exit_status(home, capsys):
     status, answer = calibrate(home, "points", "--tolerance", "100mm")
-    assert status == 0 and answer["verdict"]["pass"] is True and answer["verdict"]["tolerance"] == 100
+    assert (
+        status == 0 and answer["verdict"]["pass"] is True and answer["verdict"]["tolerance"] == 100
+    )
     said = capsys.readouterr().out.splitlines()
     assert any("meets the tolerance of 100" in line for line in said)
     assert "run-" in said[-1]
@@ -61,7 +63,9 @@ def test_without_a_tolerance_there_is_a_verdict_and_no_failure(home):
     status, answer = calibrate(home, "points")
     assert status == 0 and answer["verdict"]["pass"] is None
     assert KEYS <= set(answer["verdict"]) and answer["verdict"]["sentence"].endswith(".")
-    assert {"stated_mm", "from_repeats_mm", "from_residuals_mm", "factor", "sentence"} <= set(answer["noise"])
+    assert {"stated_mm", "from_repeats_mm", "from_residuals_mm", "factor", "sentence"} <= set(
+        answer["noise"]
+    )
 
 
 def test_a_plan_that_leaves_many_times_the_noise_says_so(home, capsys):
@@ -77,14 +81,23 @@ def test_poses_are_judged_in_mm_and_degrees(home):
     both = ("--tolerance", "100mm", "--tolerance", "0.000001deg")
     status, answer = calibrate(home, "pose", *both)
     assert status == 1
-    assert [(one["unit"], one["pass"]) for one in answer["verdict"]["checks"]] == [("mm", True), ("deg", False)]
+    assert [(one["unit"], one["pass"]) for one in answer["verdict"]["checks"]] == [
+        ("mm", True),
+        ("deg", False),
+    ]
     status, answer = calibrate(home, "pose", "--tolerance", "100mm", "--tolerance", "90deg")
     assert status == 0 and answer["verdict"]["pass"] is True
 
 
-@pytest.mark.parametrize(("text", "expected"), [
-    ("0.1px", "unit 'px'"), ("1deg", "unit 'deg'"), ("much", "found 'much'"), ("-1", "above 0"),
-])
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0.1px", "unit 'px'"),
+        ("1deg", "unit 'deg'"),
+        ("much", "found 'much'"),
+        ("-1", "above 0"),
+    ],
+)
 def test_a_bad_tolerance_ends_with_status_2_and_one_sentence(home, capsys, text, expected):
     status, answer = calibrate(home, "points", f"--tolerance={text}")
     said = capsys.readouterr().err
@@ -104,8 +117,24 @@ def test_compare_judges_the_best_plan(home):
 def test_commands_without_a_residual_say_so(home):
     commands = {
         "identifiability": ("identifiability", home / "points"),
-        "significance": ("significance", "abb_irb120", "--points", "3", "--out", home / "significance"),
-        "poses": ("poses", home / "points", "-n", "20", "--link-radius", "0", "--out", home / "poses"),
+        "significance": (
+            "significance",
+            "abb_irb120",
+            "--points",
+            "3",
+            "--out",
+            home / "significance",
+        ),
+        "poses": (
+            "poses",
+            home / "points",
+            "-n",
+            "20",
+            "--link-radius",
+            "0",
+            "--out",
+            home / "poses",
+        ),
     }
     for name, words in commands.items():
         status, answer = run(home, name, *words)
@@ -115,16 +144,34 @@ def test_commands_without_a_residual_say_so(home):
 
 def test_a_simulation_has_no_verdict(home):
     scene = home / "scene.toml"
-    scene.write_text('robot = "abb_irb120"\nsamples = 5\nreflectors = [[0.0, 30.0, 120.0]]\n', encoding="utf-8")
+    scene.write_text(
+        'robot = "abb_irb120"\nsamples = 5\nreflectors = [[0.0, 30.0, 120.0]]\n', encoding="utf-8"
+    )
     status, answer = run(home, "simulate", "simulate", scene, "--out", home / "simulated")
-    assert status == 0 and answer["verdict"]["pass"] is None and "no residual" in answer["verdict"]["sentence"]
+    assert (
+        status == 0
+        and answer["verdict"]["pass"] is None
+        and "no residual" in answer["verdict"]["sentence"]
+    )
 
 
 def test_poses_for_a_task_are_judged_by_the_predicted_error(home):
-    words = ("poses", home / "points", "-n", "20", "--link-radius", "0", "--criterion", "task", "--tasks")
+    words = (
+        "poses",
+        home / "points",
+        "-n",
+        "20",
+        "--link-radius",
+        "0",
+        "--criterion",
+        "task",
+        "--tasks",
+    )
     for limit, expected in (("50mm", 0), ("0.00001mm", 1)):
         out = home / f"task-{limit}"
-        status, answer = run(home, "task", *words, home / "points", "--out", out, "--tolerance", limit)
+        status, answer = run(
+            home, "task", *words, home / "points", "--out", out, "--tolerance", limit
+        )
         assert status == expected and "predicted" in answer["verdict"]["sentence"].lower()
 
 

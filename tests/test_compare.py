@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from scenes import scene
-from workbench.jobs.compare import CHOSEN, FEW, SAME, Comparison, compare, save
 from workbench.core.errors import InputError
+from workbench.jobs.compare import CHOSEN, FEW, SAME, Comparison, compare, save
 
 WAVE = """
 [[stage]]
@@ -24,7 +24,7 @@ why = "joint 2's gear errs"
 effects = [{ effect = "transmission-harmonic", where = "joint-2" }]
 earn = false
 """
-PLAIN = WAVE.partition("\n[[stage]]\nname = \"gear\"")[0]
+PLAIN = WAVE.partition('\n[[stage]]\nname = "gear"')[0]
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,9 @@ def recording():
     """An arm whose joint 2 errs by a wave, with noise of 0.02 mm."""
     made = scene("external-point", n=60).recording
     q2, rng = made.joints[:, 1], np.random.default_rng(0)
-    columns = dict(made.columns) | {f"{a}_mm": made.columns[f"{a}_mm"] + rng.normal(0, 0.02, 60) for a in "xyz"}
+    columns = dict(made.columns) | {
+        f"{a}_mm": made.columns[f"{a}_mm"] + rng.normal(0, 0.02, 60) for a in "xyz"
+    }
     columns["q2_deg"] = np.rad2deg(q2 - 4e-4 * np.cos(q2))
     return replace(made, columns=columns, sigma_mm=0.02, name="wavy")
 
@@ -48,7 +50,10 @@ def recording():
 def test_the_plan_that_holds_the_truth_wins_on_the_same_rows(recording, plans):
     found = compare(recording, plans)
     plain, wave = found.rows()
-    assert plain["ratio"] == 1 and wave["ratio"] == wave["held_out_rms_mm"] / plain["held_out_rms_mm"] < 0.9
+    assert (
+        plain["ratio"] == 1
+        and wave["ratio"] == wave["held_out_rms_mm"] / plain["held_out_rms_mm"] < 0.9
+    )
     assert (plain["free"], wave["free"], wave["identifiable"]) == (15, 17, 17)
     assert all(np.array_equal(c.fold, found.calibrations[0].fold) for c in found.calibrations)
     assert plain["p"] is None and 0 < wave["p"] < 0.05
@@ -58,14 +63,20 @@ def test_the_plan_that_holds_the_truth_wins_on_the_same_rows(recording, plans):
 def test_test_samples_give_blocks_and_the_others_are_fitted(recording, plans):
     found = compare(recording, plans, test_samples=recording.sample_ids[30:])
     answer = found.as_json()
-    assert answer["held_out_by"] == "test samples" and answer["held_out_samples"] == 30 and answer["blocks"] == 10
+    assert (
+        answer["held_out_by"] == "test samples"
+        and answer["held_out_samples"] == 30
+        and answer["blocks"] == 10
+    )
     assert not (found.block[:30] >= 0).any() and answer["plans"][1]["p"] < 0.05
 
 
 @pytest.mark.slow
 def test_no_p_where_a_plan_chose_its_stages_on_the_folds(recording, plans):
     assert compare(recording, [plans[0], "default"]).rows()[1]["test"] == CHOSEN
-    row = compare(recording, [plans[0], "default"], test_samples=recording.sample_ids[30:]).rows()[1]
+    row = compare(recording, [plans[0], "default"], test_samples=recording.sample_ids[30:]).rows()[
+        1
+    ]
     assert row["plan"] == "default" and 0 <= row["p"] <= 1
 
 
@@ -108,7 +119,10 @@ def test_what_is_saved_says_what_is_answered(recording, plans, tmp_path):
     assert (tmp_path / "comparison.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize(("names", "word"), [([], "no plan"), (["ye-mdh", "ye-mdh"], "ye-mdh twice"), (["nowhere"], "nowhere")])
+@pytest.mark.parametrize(
+    ("names", "word"),
+    [([], "no plan"), (["ye-mdh", "ye-mdh"], "ye-mdh twice"), (["nowhere"], "nowhere")],
+)
 def test_what_is_wrong_is_said(recording, names, word):
     with pytest.raises(InputError, match=word):
         compare(recording, names)
@@ -117,11 +131,26 @@ def test_what_is_wrong_is_said(recording, names, word):
 @pytest.mark.slow
 def test_the_command(workbench, tmp_path, plans):
     """Table on standard output, the run folder last, JSON with the same numbers."""
-    done = workbench("compare", "elastic-arm", "--plan", "ye-mdh", "--plan", "ye-ntm", "--out", "run", "--json", "a.json")
+    done = workbench(
+        "compare",
+        "elastic-arm",
+        "--plan",
+        "ye-mdh",
+        "--plan",
+        "ye-ntm",
+        "--out",
+        "run",
+        "--json",
+        "a.json",
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[-1].endswith("run") and "held out" in done.stdout
     answer = json.loads((tmp_path / "a.json").read_text())
     assert [row["plan"] for row in answer["plans"]] == ["ye-mdh", "ye-ntm"]
-    assert {p.name for p in (tmp_path / "run").iterdir()} >= {"answer.json", "table.csv", "comparison.png"}
+    assert {p.name for p in (tmp_path / "run").iterdir()} >= {
+        "answer.json",
+        "table.csv",
+        "comparison.png",
+    }
     wrong = workbench("compare", "elastic-arm", "--plan", "nowhere")
     assert wrong.returncode == 2 and len(wrong.stderr.strip().splitlines()) == 1

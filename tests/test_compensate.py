@@ -12,14 +12,14 @@ from datasets.mujoco_arm import pose, reflector_points
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
-from workbench.jobs.calibrate import calibrate, save
-from workbench.jobs.compensate import actual_poses, compensate, nominal_poses
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
-from workbench.jobs.correction_limits import checked
-from workbench.fitting.plans import geometry
-from workbench.files.targets import doubts, read_programme
 from workbench.files.solution_file import CalibratedArm, _trust, read_solution
+from workbench.files.targets import doubts, read_programme
+from workbench.fitting.plans import geometry
+from workbench.jobs.calibrate import calibrate, save
+from workbench.jobs.compensate import actual_poses, compensate, nominal_poses
+from workbench.jobs.correction_limits import checked
 
 N = 200
 
@@ -48,18 +48,24 @@ def wanted_points(arm, readings):
     """(n, 3) where the nominal arm would bring the reflector, with base and reflector as calibrated."""
     base = np.array([arm.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
     reflector = np.array([arm.values[f"tool.reflector1_{c}"] for c in "xyz"] + [1.0])
-    return (nominal_poses(arm.robot, readings) @ reflector)[:, :3] @ rotation_matrix(base[3:]).T + base[:3]
+    return (nominal_poses(arm.robot, readings) @ reflector)[:, :3] @ rotation_matrix(
+        base[3:]
+    ).T + base[:3]
 
 
 def true_points(readings):
     """(n, 3) where MuJoCo's arm with the 53 published parameters really brings it."""
-    return reflector_points(ye._flange(ye.SECOND, np.rad2deg(readings)), ye.SECOND.tool[0], pose(*ye.SECOND.user))
+    return reflector_points(
+        ye._flange(ye.SECOND, np.rad2deg(readings)), ye.SECOND.tool[0], pose(*ye.SECOND.user)
+    )
 
 
 def test_the_file_gives_back_the_calibration(run):
     folder, calibration = run
     arm = read_solution(folder)
-    assert arm.trusted and arm.values == dict(zip(calibration.solution.parameters.keys, calibration.solution.parameters.values))
+    assert arm.trusted and arm.values == dict(
+        zip(calibration.solution.parameters.keys, calibration.solution.parameters.values)
+    )
     assert [e.title for e in arm.effects] == [e.title for e in calibration.model.effects]
     np.testing.assert_array_equal(arm.covariance, calibration.solution.covariance)
     assert arm.held_out_mm == calibration.held_out["rms_mm"]
@@ -76,8 +82,17 @@ def test_compensated_readings_are_as_good_as_the_calibration(run, made):
     assert before > 0.5 and after <= 1.1 * arm.held_out_mm
     sent, came = nominal_poses(arm.robot, readings), actual_poses(arm, readings)
     moved = np.linalg.norm(came[:, :3, 3] - sent[:, :3, 3], axis=1)
-    assert (done.correction_mm >= moved - 1e-9).all()  # of the flange: its place, or its turn at a lever's length
-    turned = np.arccos(np.clip((np.trace(np.swapaxes(sent[:, :3, :3], 1, 2) @ came[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1, 1))
+    assert (
+        done.correction_mm >= moved - 1e-9
+    ).all()  # of the flange: its place, or its turn at a lever's length
+    turned = np.arccos(
+        np.clip(
+            (np.trace(np.swapaxes(sent[:, :3, :3], 1, 2) @ came[:, :3, :3], axis1=1, axis2=2) - 1)
+            / 2,
+            -1,
+            1,
+        )
+    )
     np.testing.assert_allclose(done.correction_mm, np.maximum(moved, 200 * turned), rtol=1e-3)
     assert 0 < done.sigma_mm.max() < arm.held_out_mm
 
@@ -85,16 +100,24 @@ def test_compensated_readings_are_as_good_as_the_calibration(run, made):
 def test_the_model_is_inverted_exactly(run, made):
     arm, readings = read_solution(run[0]), targets(made)
     done = compensate(arm, readings)
-    np.testing.assert_allclose(actual_poses(arm, done.readings)[:, :3, 3], done.poses[:, :3, 3], atol=1e-4)
-    np.testing.assert_allclose(actual_poses(arm, done.readings)[:, :3, :3], done.poses[:, :3, :3], atol=1e-6)
+    np.testing.assert_allclose(
+        actual_poses(arm, done.readings)[:, :3, 3], done.poses[:, :3, 3], atol=1e-4
+    )
+    np.testing.assert_allclose(
+        actual_poses(arm, done.readings)[:, :3, :3], done.poses[:, :3, :3], atol=1e-6
+    )
 
 
 def test_a_lag_of_the_readings_corrects_no_target(run, made):
     """The arm stands where it was sent, however early its joints were read."""
     arm, readings = read_solution(run[0]), targets(made)[:5]
     lag = CATALOGUE["reading-lag"]("time")
-    late = replace(arm, effects=(*arm.effects, lag), values=arm.values | {"time.reading-lag.short": 1e-3})
-    np.testing.assert_allclose(compensate(late, readings).readings, compensate(arm, readings).readings, atol=1e-12)
+    late = replace(
+        arm, effects=(*arm.effects, lag), values=arm.values | {"time.reading-lag.short": 1e-3}
+    )
+    np.testing.assert_allclose(
+        compensate(late, readings).readings, compensate(arm, readings).readings, atol=1e-12
+    )
 
 
 def test_poses_are_reached_from_a_start_that_is_far_off(run, made):
@@ -110,9 +133,15 @@ def test_a_pose_is_reached_in_whatever_posture_the_limits_allow(name):
     """From the middle of the limits alone one pose in four would be called out of reach."""
     robot = load_robot(name)
     low, high = robot.limits.T
-    poses = nominal_poses(robot, np.random.default_rng(0).uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high, (60, 6)))
-    values = {f"joint-{k + 1}.{c}{k + 1}": float(robot.geometry[k, j]) for k in range(6)
-              for j, c in enumerate(("theta", "d", "a", "alpha", "beta"))}  # fmt: skip
+    poses = nominal_poses(
+        robot,
+        np.random.default_rng(0).uniform(0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high, (60, 6)),
+    )
+    values = {
+        f"joint-{k + 1}.{c}{k + 1}": float(robot.geometry[k, j])
+        for k in range(6)
+        for j, c in enumerate(("theta", "d", "a", "alpha", "beta"))
+    }
     arm = CalibratedArm(robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.1, True, "", {})
     done = compensate(arm, np.tile((low + high) / 2, (60, 1)), poses, anywhere=True)
     assert done.reached.all()
@@ -125,30 +154,46 @@ def test_a_target_out_of_reach_is_said_to_be(run, made):
     poses[1, :3, 3] *= 10
     done = compensate(arm, readings, poses)
     assert done.reached.tolist() == [True, False, True]
-    assert np.isnan(done.readings).all(1).tolist() == [False, True, False]  # nothing that an arm could be sent to
+    assert np.isnan(done.readings).all(1).tolist() == [
+        False,
+        True,
+        False,
+    ]  # nothing that an arm could be sent to
 
 
 def test_the_correction_of_a_pose_does_not_depend_on_where_the_search_began(run, made):
     arm, readings = read_solution(run[0]), targets(made)[:20]
     start = readings + np.random.default_rng(1).uniform(-0.1, 0.1, readings.shape)
     there = compensate(arm, start, nominal_poses(arm.robot, readings))
-    np.testing.assert_allclose(there.correction_mm, compensate(arm, readings).correction_mm, atol=5e-3)
+    np.testing.assert_allclose(
+        there.correction_mm, compensate(arm, readings).correction_mm, atol=5e-3
+    )
 
 
-@pytest.mark.parametrize("recording", [gubankov.rv2fb(0.16, 21), gubankov.ur10e(0.16, 22), liu.irb120(12, 7, 0.02, 23)],
-                         ids=["rv2fb", "ur10e", "beams"])  # fmt: skip
+@pytest.mark.parametrize(
+    "recording",
+    [gubankov.rv2fb(0.16, 21), gubankov.ur10e(0.16, 22), liu.irb120(12, 7, 0.02, 23)],
+    ids=["rv2fb", "ur10e", "beams"],
+)
 def test_what_no_touch_or_beam_can_tell_is_no_part_of_sigma(recording, tmp_path):
     """The turn about joint 1 and the way along a beam once made metres of it; the flange's real error is covered."""
     robot = load_robot(recording.robot)
     calibration = calibrate(recording.recording(), plan=[geometry(robot)])
     save(calibration, tmp_path)
     low, high = robot.limits.T
-    readings = np.random.default_rng(3).uniform(0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high, (40, 6))
+    readings = np.random.default_rng(3).uniform(
+        0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high, (40, 6)
+    )
     done = compensate(read_solution(tmp_path), readings)
     _, found, own = calibration.model.chain.split(calibration.solution.parameters.values)
-    tip, true_tip = (np.zeros(3),) * 2 if "tip" not in recording.truth else (own[:3], recording.truth["tip"])
+    tip, true_tip = (
+        (np.zeros(3),) * 2 if "tip" not in recording.truth else (own[:3], recording.truth["tip"])
+    )
     readings = done.readings[done.reached]
-    seen, true = gubankov.tips(found, tip, readings), gubankov.tips(recording.truth["geometry"], true_tip, readings)
+    seen, true = (
+        gubankov.tips(found, tip, readings),
+        gubankov.tips(recording.truth["geometry"], true_tip, readings),
+    )
     angle = np.angle(((true[:, 0] + 1j * true[:, 1]) / (seen[:, 0] + 1j * seen[:, 1])).mean())
     off = Rotation.from_rotvec([0, 0, angle]).apply(seen) - true
     error = np.sqrt(((off - [0, 0, off[:, 2].mean()]) ** 2).sum(1).mean())
@@ -171,10 +216,19 @@ def test_a_file_that_lost_a_value_is_a_sentence(run, tmp_path, lost):
         read_solution(tmp_path)
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n1,2,3,1,0,0,0\nnan,2,3,1,0,0,0", "row 3, column x_mm: expected a finite number"),
-    ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg\n1,2,3,4,5,6,-1", "column payload_kg: expected a mass"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "x_mm,y_mm,z_mm,qw,qx,qy,qz\n1,2,3,1,0,0,0\nnan,2,3,1,0,0,0",
+            "row 3, column x_mm: expected a finite number",
+        ),
+        (
+            "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg\n1,2,3,4,5,6,-1",
+            "column payload_kg: expected a mass",
+        ),
+    ],
+)
 def test_a_target_that_cannot_be_is_named_by_its_own_column(run, tmp_path, text, words):
     (tmp_path / "t.csv").write_text(text + "\n")
     with pytest.raises(InputError, match=words):
@@ -188,10 +242,15 @@ def test_what_was_not_found_good_is_not_used_unless_forced(run):
     assert checked(arm, "solution.json", force=True) is arm
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("", "expected JSON"), ("[]", "expected 'solution/1'"), ('{"format": "solution/2"}', "expected 'solution/1'"),
-    ('{"format": "solution/1"}', "'effects' is missing"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected JSON"),
+        ("[]", "expected 'solution/1'"),
+        ('{"format": "solution/2"}', "expected 'solution/1'"),
+        ('{"format": "solution/1"}', "'effects' is missing"),
+    ],
+)
 def test_a_broken_file_is_a_sentence(tmp_path, text, words):
     (tmp_path / "solution.json").write_text(text)
     with pytest.raises(InputError, match=words):
@@ -206,6 +265,8 @@ def test_targets_in_radians_or_metres_are_doubted(run, tmp_path):
     for row, doubt in (("0.5,0.2,-0.3,1.2,-0.6,2", ["radians"]), ("28,11,-17,69,-34,115", [])):
         path.write_text(f"{head}\n{row}\n", encoding="utf-8")
         said = doubts(read_programme(path, arm.robot), arm.robot)
-        assert len(said) == len(doubt) and all(word in sentence for word, sentence in zip(doubt, said))
+        assert len(said) == len(doubt) and all(
+            word in sentence for word, sentence in zip(doubt, said)
+        )
     path.write_text("x_mm,y_mm,z_mm,qw,qx,qy,qz\n0.4,0.1,0.3,1,0,0,0\n", encoding="utf-8")
     assert "metres" in doubts(read_programme(path, arm.robot), arm.robot)[0]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.proving import protocol
 from workbench.core.errors import InputError
+from workbench.proving import protocol
 
 pytest.importorskip("mujoco")
 ROOT = Path(__file__).resolve().parents[1]
@@ -95,18 +95,26 @@ print(concealed.run(folder, "a", diagnose)["opened"])
 @pytest.mark.parametrize(
     ("act", "word"),
     [
-        ("nothing", "[]"), ("truth", "sealed/a.json"), ("other", "cases/b"), ("list", "sealed"),
-        ("outside", "elsewhere.txt"), ("process", "subprocess.Popen"), ("maker", "case.py"),
+        ("nothing", "[]"),
+        ("truth", "sealed/a.json"),
+        ("other", "cases/b"),
+        ("list", "sealed"),
+        ("outside", "elsewhere.txt"),
+        ("process", "subprocess.Popen"),
+        ("maker", "case.py"),
     ],
-)  # fmt: skip
+)
 def test_the_watch_sees_what_a_diagnosis_opens(tmp_path, act, word):
     exam_of(tmp_path / "exam", "a", "b")
     elsewhere = tmp_path / "elsewhere.txt"
     elsewhere.write_text("secret")
     made = subprocess.run(
         [sys.executable, "-c", CHILD, tmp_path / "exam", act, elsewhere],
-        capture_output=True, text=True, cwd=ROOT, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=True,
+    )
     assert word in made.stdout and (act == "nothing") == (made.stdout.strip() == "[]")
 
 
@@ -131,7 +139,9 @@ print(sorted(m for m in sys.modules if m.split(".")[0] in ("robot_model", "senso
 
 
 def test_the_maker_runs_without_any_module_of_the_workbench():
-    made = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, cwd=ROOT, check=True)
+    made = subprocess.run(
+        [sys.executable, "-c", ALONE], capture_output=True, text=True, cwd=ROOT, check=True
+    )
     assert made.stdout.strip() == "[]"
 
 
@@ -141,7 +151,10 @@ def test_names_of_suites_draw_different_numbers():
     assert len({sum(map(ord, suite)) for suite in suites.SUITES}) == len(suites.SUITES)
 
 
-LONGER = [pytest.param(suite, marks=pytest.mark.slow) for suite in ("swallowed", "outside", "covariate-withheld")]
+LONGER = [
+    pytest.param(suite, marks=pytest.mark.slow)
+    for suite in ("swallowed", "outside", "covariate-withheld")
+]
 
 
 @pytest.mark.parametrize("suite", ["clean", "library", "pairs", *LONGER])
@@ -150,7 +163,9 @@ def test_a_case_is_the_same_for_the_same_seed_and_its_recording_tells_nothing(su
     from datasets.makers.concealed import case, writing
 
     one, two = case.draw(suite, 3, 8), case.draw(suite, 3, 8)
-    assert writing.files(one) == writing.files(two) and writing.truth(one, "x") == writing.truth(two, "x")
+    assert writing.files(one) == writing.files(two) and writing.truth(one, "x") == writing.truth(
+        two, "x"
+    )
     text = "".join(writing.files(one).values())
     for effect in one.truth["effects"]:
         assert effect["effect"] not in text
@@ -166,7 +181,12 @@ def test_what_is_withheld_is_not_in_the_file():
 
     for index in range(5):
         made = case.draw("covariate-withheld", index, 2)
-        prefix = {"approach": "approach", "payload": "payload_kg", "temperature": "temp", "speed": "qdot"}
+        prefix = {
+            "approach": "approach",
+            "payload": "payload_kg",
+            "temperature": "temp",
+            "speed": "qdot",
+        }
         for kind in set(made.truth["withheld"]) - {"time"}:
             assert not [name for name in made.columns if name.startswith(prefix[kind])]
         assert made.truth["words"]
@@ -192,7 +212,9 @@ def test_the_size_is_what_survives_the_makers_own_baseline():
     from datasets.makers.concealed import surviving, workplace
     from datasets.makers.concealed.world import Push
 
-    world = workplace.draw(np.random.default_rng(4), workplace.Wish("ball-centre", samples=(120, 140)))
+    world = workplace.draw(
+        np.random.default_rng(4), workplace.Wish("ball-centre", samples=(120, 140))
+    )
     base = surviving.basis(world)
     assert np.allclose(base.T @ base, np.eye(base.shape[1]), atol=1e-9)
     offset = np.zeros((world.n, world.joints))
@@ -222,8 +244,10 @@ def test_pushes_add_up_and_nothing_is_nothing():
 def test_a_mistake_in_the_file_is_a_mistake_in_the_file():
     from datasets.makers.concealed import data
 
-    columns = {**{f"q{k}_deg": np.full(3, float(k)) for k in range(1, 7)},
-               **{a: np.arange(3.0) + 1 for a in ("x_mm", "y_mm", "z_mm")}}  # fmt: skip
+    columns = {
+        **{f"q{k}_deg": np.full(3, float(k)) for k in range(1, 7)},
+        **{a: np.arange(3.0) + 1 for a in ("x_mm", "y_mm", "z_mm")},
+    }
     detail = {"kind": "joints-permuted", "joint": 2, "axis": "x_mm"}
     assert data.garbled(columns, detail)["q2_deg"][0] == 3
     flipped = data.garbled(columns, detail | {"kind": "axis-flipped"})
@@ -232,7 +256,9 @@ def test_a_mistake_in_the_file_is_a_mistake_in_the_file():
 
 
 def test_the_import_rules_keep_the_maker_apart():
-    rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
     mine = [rule for rule in rules if "datasets.makers.concealed" in rule.get("source_modules", ())]
     assert len(mine) == 1 and mine[0]["type"] == "forbidden" and "ignore_imports" not in mine[0]
     assert set(mine[0]["forbidden_modules"]) == {"robot_model", "sensors", "workbench"}

@@ -33,7 +33,9 @@ def test_the_maker_imports_nothing_of_the_workbench():
 
 
 def test_rays_lead_back_to_their_pixels_through_any_glass():
-    lens = replace(lens_of(np.random.default_rng(2)), glass=np.array([0.2, -0.1, 0.15, 0.1, -0.2, 0.1]))
+    lens = replace(
+        lens_of(np.random.default_rng(2)), glass=np.array([0.2, -0.1, 0.15, 0.1, -0.2, 0.1])
+    )
     u, v = np.linspace(0, 639, 40), np.linspace(0, 511, 30)
     rays = lens.rays(u, v)
     seen = lens.project(rays[:2] / rays[2])
@@ -47,7 +49,9 @@ def test_light_of_a_cone_leaves_at_one_angle_from_the_plane_and_turns_twice_as_f
     rng = np.random.default_rng(0)
     along = np.cross(normal, rng.normal(size=(50, 3))).T
     along = along / np.linalg.norm(along, axis=0)
-    points = source[:, None] + (np.cos(0.01) * along + np.sin(0.01) * normal[:, None]) * rng.uniform(100, 200, 50)
+    points = source[:, None] + (
+        np.cos(0.01) * along + np.sin(0.01) * normal[:, None]
+    ) * rng.uniform(100, 200, 50)
     assert np.abs(cone.away(points, 0.03)).max() < 1e-9
     flat = light()
     flat = replace(flat, normal=flat.face - flat.axis * (flat.axis @ flat.face))
@@ -59,15 +63,29 @@ def test_every_flaw_of_the_mirror_is_nothing_at_size_zero_and_moves_the_light_el
     points = np.array([[0.0, 20.0, -30.0], [10.0, -20.0, 0.0], [120.0, 130.0, 110.0]])
     still = light()
     where = still.away(points, still.truly(0.1, 0.05))
-    for flaw in ({"nod": (1e-3, 0.0, 2.0, 0.3)}, {"nod": (0.0, 0.05, 1.0, 0.0)}, {"encoder": (1e-4, 7, 0.5)},
-                 {"late": 1e-3}, {"cone": 1e-3}):  # fmt: skip
+    for flaw in (
+        {"nod": (1e-3, 0.0, 2.0, 0.3)},
+        {"nod": (0.0, 0.05, 1.0, 0.0)},
+        {"encoder": (1e-4, 7, 0.5)},
+        {"late": 1e-3},
+        {"cone": 1e-3},
+    ):
         moved = replace(still, **flaw)
         assert np.abs(moved.away(points, moved.truly(0.1, 0.05)) - where).max() > 1e-3
     assert still.truly(0.1, 0.05) == 0.1
 
 
 def test_rays_meet_a_bent_board_on_its_arc():
-    board = Board(11, 8, 8.0, np.diag([1.0, -1.0, -1.0]), np.array([-40.0, 28.0, 120.0]), bend=1e-4, across=-5e-5, along=0.4)
+    board = Board(
+        11,
+        8,
+        8.0,
+        np.diag([1.0, -1.0, -1.0]),
+        np.array([-40.0, 28.0, 120.0]),
+        bend=1e-4,
+        across=-5e-5,
+        along=0.4,
+    )
     rays = np.random.default_rng(1).uniform([[-0.25], [-0.2], [1]], [[0.25], [0.2], [1]], (3, 200))
     points, albedo = board.meet(rays / np.linalg.norm(rays, axis=0))
     local = board.turn.T @ (points - board.place[:, None])
@@ -78,7 +96,9 @@ def test_rays_meet_a_bent_board_on_its_arc():
 
 def test_rays_meet_the_nearest_ball_on_its_surface():
     balls = Balls(np.array([[0.0, 3.0], [0.0, 0.0], [120.0, 160.0]]), np.array([10.0, 15.0]))
-    rays = np.random.default_rng(1).uniform([[-0.12], [-0.12], [1]], [[0.12], [0.12], [1]], (3, 500))
+    rays = np.random.default_rng(1).uniform(
+        [[-0.12], [-0.12], [1]], [[0.12], [0.12], [1]], (3, 500)
+    )
     points, _ = balls.meet(rays / np.linalg.norm(rays, axis=0))
     off = np.linalg.norm(points[:, None] - balls.centres[:, :, None], axis=0) - balls.radii[:, None]
     seen = np.isfinite(points[0])
@@ -97,7 +117,9 @@ def test_noise_of_a_picture_is_that_of_photons():
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
-    return folder, {name: maker.make(3, folder / str(name), name, counts=FEW) for name in (None, "plane-bow")}
+    return folder, {
+        name: maker.make(3, folder / str(name), name, counts=FEW) for name in (None, "plane-bow")
+    }
 
 
 def test_a_made_folder_is_a_recording_with_all_its_pictures(made):
@@ -112,14 +134,20 @@ def test_a_made_folder_is_a_recording_with_all_its_pictures(made):
 def test_the_truth_is_told_to_the_caller_and_not_in_the_folder(made):
     folder, truths = made
     assert truths[None]["effects"] == []
-    assert [(e["effect"], e["where"]) for e in truths["plane-bow"]["effects"]] == [("plane-bow", "laser")]
+    assert [(e["effect"], e["where"]) for e in truths["plane-bow"]["effects"]] == [
+        ("plane-bow", "laser")
+    ]
     names = {str(p.relative_to(folder / "None")) for p in (folder / "None").rglob("*")}
-    assert names == {str(p.relative_to(folder / "plane-bow")) for p in (folder / "plane-bow").rglob("*")}
+    assert names == {
+        str(p.relative_to(folder / "plane-bow")) for p in (folder / "plane-bow").rglob("*")
+    }
     for file in ("recording.toml", "images.csv", "artefact.csv"):
         assert (folder / "None" / file).read_bytes() == (folder / "plane-bow" / file).read_bytes()
 
 
-def test_the_same_seed_makes_the_same_pictures_and_a_flaw_changes_only_what_it_acts_on(made, tmp_path):
+def test_the_same_seed_makes_the_same_pictures_and_a_flaw_changes_only_what_it_acts_on(
+    made, tmp_path
+):
     maker.make(3, tmp_path / "again", counts=FEW)
     for row in datasets.read(tmp_path / "again").images:
         first = (made[0] / "None" / row["image"]).read_bytes()
@@ -131,7 +159,14 @@ def test_the_same_seed_makes_the_same_pictures_and_a_flaw_changes_only_what_it_a
 
 
 def test_every_effect_has_a_place_and_an_unknown_one_is_refused(tmp_path):
-    assert set(maker.EFFECTS.values()) == {"laser", "mirror", "artefact", "camera", "sensor", "time"}
+    assert set(maker.EFFECTS.values()) == {
+        "laser",
+        "mirror",
+        "artefact",
+        "camera",
+        "sensor",
+        "time",
+    }
     with pytest.raises(KeyError):
         maker.make(1, tmp_path / "x", "wear")
 
@@ -143,4 +178,6 @@ def test_a_flaw_in_whole_pictures_is_named_by_the_diagnosis(tmp_path):
 
     truth = maker.make(11, tmp_path / "case", "board-bow")
     found = find(sensor.bench_of(datasets.read(tmp_path / "case"))).findings
-    assert [(f.effect, f.where) for f in found] == [(e["effect"], e["where"]) for e in truth["effects"]]
+    assert [(f.effect, f.where) for f in found] == [
+        (e["effect"], e["where"]) for e in truth["effects"]
+    ]

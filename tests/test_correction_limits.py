@@ -9,11 +9,11 @@ import pytest
 from robot_model import load_robot
 from robot_model.system import geometry_priors
 from scenes import ABB, scene
+from workbench.core.errors import InputError
+from workbench.files.solution_file import read_solution
 from workbench.jobs.calibrate import calibrate, save
 from workbench.jobs.compensate import compensate, covariates_read
-from workbench.core.errors import InputError
 from workbench.jobs.correction_limits import Limits, checked, doubt_about, parameter_deviations
-from workbench.files.solution_file import read_solution
 
 JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
 RANGE = {f"q{k}_deg": [-100.0, 100.0] for k in range(1, 7)}
@@ -26,16 +26,32 @@ def solution(folder, effects=(), changes=None, sigma=1e-6, **more):
     """A solution.json of an ABB whose every parameter is known to `sigma` (rad, mm)."""
     robot = load_robot(ABB)
     values = {key: nominal for key, (nominal, _) in geometry_priors(robot).items()}
-    values |= {f"base.{c}": 0.0 for c in ("x", "y", "z", "rx", "ry", "rz")} | {f"tool.reflector1_{c}": 0.0 for c in "xyz"}
+    values |= {f"base.{c}": 0.0 for c in ("x", "y", "z", "rx", "ry", "rz")} | {
+        f"tool.reflector1_{c}": 0.0 for c in "xyz"
+    }
     values |= {"joint-3.theta3": values["joint-3.theta3"] + 1e-3} | (changes or {})
     free = list(values)
     keys = {
-        "format": "solution/1", "recording": "r", "measures": "external-point", "robot": ABB, "effects": list(effects),
-        "values": values, "free": free, "covariance": (sigma**2 * np.eye(len(free))).tolist(), "load_centre_mm": [0, 0, 50],
-        "held_out": {"rms_mm": 0.05}, "nominal": {"rms_mm": 1.0}, "converged": True, "outcome": "converged", "warnings": [],
-        "undetermined": [], "provenance": {}, "priors": {COMPLIANCE: 3e-3}, "noise_rms_mm": 0.03,
+        "format": "solution/1",
+        "recording": "r",
+        "measures": "external-point",
+        "robot": ABB,
+        "effects": list(effects),
+        "values": values,
+        "free": free,
+        "covariance": (sigma**2 * np.eye(len(free))).tolist(),
+        "load_centre_mm": [0, 0, 50],
+        "held_out": {"rms_mm": 0.05},
+        "nominal": {"rms_mm": 1.0},
+        "converged": True,
+        "outcome": "converged",
+        "warnings": [],
+        "undetermined": [],
+        "provenance": {},
+        "priors": {COMPLIANCE: 3e-3},
+        "noise_rms_mm": 0.03,
         "fitted_range": RANGE | {"payload_kg": [0.5, 3.0]},
-    }  # fmt: skip
+    }
     folder.mkdir(exist_ok=True)
     (folder / "solution.json").write_text(json.dumps(keys | more))
     return folder
@@ -44,7 +60,16 @@ def solution(folder, effects=(), changes=None, sigma=1e-6, **more):
 def answer_of(workbench, folder, text, *words, status=1):
     """Answer, rows of corrected.csv and finished process of `workbench compensate`."""
     (folder / "targets.csv").write_text(text, encoding="utf-8")
-    done = workbench("compensate", "arm", "targets.csv", "--out", f"run{len(list(folder.iterdir()))}", "--json", "answer.json", *words)
+    done = workbench(
+        "compensate",
+        "arm",
+        "targets.csv",
+        "--out",
+        f"run{len(list(folder.iterdir()))}",
+        "--json",
+        "answer.json",
+        *words,
+    )
     assert done.returncode == status, done.stdout + done.stderr
     answer = json.loads((folder / "answer.json").read_text())
     with open(answer["corrected"], encoding="utf-8", newline="") as file:
@@ -56,20 +81,30 @@ def answer_of(workbench, folder, text, *words, status=1):
 
 def test_a_correction_beyond_the_limits_keeps_no_readings(workbench, tmp_path):
     """theta3 off by 2 degrees makes corrections of some 20 mm and 2 degrees."""
-    solution(tmp_path / "arm", changes={"joint-3.theta3": load_robot(ABB).geometry[2, 0] + np.deg2rad(2)})
+    solution(
+        tmp_path / "arm", changes={"joint-3.theta3": load_robot(ABB).geometry[2, 0] + np.deg2rad(2)}
+    )
     answer, rows, done = answer_of(workbench, tmp_path, f"{JOINTS}\n0,10,10,0,30,0\n")
     assert [one["row"] for one in answer["refused"]] == [1]
     why = answer["refused"][0]["why"]
     assert "mm exceeds 10 mm" in why and "deg exceeds 1 deg" in why
-    assert answer["largest_correction_mm"] > 10 and answer["largest_correction_deg"] == pytest.approx(2, abs=0.01)
+    assert answer["largest_correction_mm"] > 10 and answer[
+        "largest_correction_deg"
+    ] == pytest.approx(2, abs=0.01)
     assert [rows[0][f"q{k}_deg"] for k in range(1, 7)] == [""] * 6 and rows[0]["refused"] == "1"
     assert "Target 1 is refused" in " ".join(done.stdout.split())
 
 
-@pytest.mark.parametrize("words", [("--force",), ("--max-correction-mm", "50", "--max-correction-deg", "3")])
+@pytest.mark.parametrize(
+    "words", [("--force",), ("--max-correction-mm", "50", "--max-correction-deg", "3")]
+)
 def test_wider_limits_or_force_let_it_pass(workbench, tmp_path, words):
-    solution(tmp_path / "arm", changes={"joint-3.theta3": load_robot(ABB).geometry[2, 0] + np.deg2rad(2)})
-    answer, rows, _ = answer_of(workbench, tmp_path, f"{JOINTS}\n0,10,10,0,30,0\n", *words, status=0)
+    solution(
+        tmp_path / "arm", changes={"joint-3.theta3": load_robot(ABB).geometry[2, 0] + np.deg2rad(2)}
+    )
+    answer, rows, _ = answer_of(
+        workbench, tmp_path, f"{JOINTS}\n0,10,10,0,30,0\n", *words, status=0
+    )
     assert answer["refused"] == [] and float(rows[0]["q3_deg"]) == pytest.approx(8, abs=0.01)
     assert any("--force: 1 targets" in one for one in answer["warnings"]) == (words == ("--force",))
 
@@ -78,9 +113,20 @@ def test_only_the_implausible_rows_are_refused(workbench, tmp_path):
     """And notes with commas, line ends and formulas move no joint into another column."""
     elastic(tmp_path / "arm")
     notes = ["weld, left 5", "line\nend", "=1+1"]
-    lines = [f'"{note}",{angles},{load}' for note, angles, load in zip(notes, ["0,10,10,0,30,0", "1,0,0,0,40,0", "2,0,0,0,40,0"], [1, 5000, 2])]
-    answer, rows, _ = answer_of(workbench, tmp_path, f"note,{JOINTS},payload_kg\n" + "\n".join(lines) + "\n")
-    assert [one["row"] for one in answer["refused"]] == [2] and answer["corrected_count"] == 2 and answer["count"] == 3
+    lines = [
+        f'"{note}",{angles},{load}'
+        for note, angles, load in zip(
+            notes, ["0,10,10,0,30,0", "1,0,0,0,40,0", "2,0,0,0,40,0"], [1, 5000, 2]
+        )
+    ]
+    answer, rows, _ = answer_of(
+        workbench, tmp_path, f"note,{JOINTS},payload_kg\n" + "\n".join(lines) + "\n"
+    )
+    assert (
+        [one["row"] for one in answer["refused"]] == [2]
+        and answer["corrected_count"] == 2
+        and answer["count"] == 3
+    )
     assert [row["q1_deg"] == "" for row in rows] == [False, True, False]
     assert [row["note"] for row in rows] == [*notes[:2], "'=1+1"]
     np.testing.assert_allclose([float(rows[k]["q5_deg"]) for k in (0, 2)], [30, 40], atol=0.2)
@@ -88,12 +134,19 @@ def test_only_the_implausible_rows_are_refused(workbench, tmp_path):
 
 def test_an_exact_arm_keeps_its_targets(workbench, tmp_path):
     solution(tmp_path / "arm")
-    answer, _, _ = answer_of(workbench, tmp_path, f"{JOINTS}\n0,10,10,0,30,0\n10,0,0,0,40,0\n", status=0)
+    answer, _, _ = answer_of(
+        workbench, tmp_path, f"{JOINTS}\n0,10,10,0,30,0\n10,0,0,0,40,0\n", status=0
+    )
     assert answer["refused"] == [] and answer["corrected_count"] == 2
-    assert 0 < answer["largest_correction_mm"] < 2 and answer["largest_correction_deg"] == pytest.approx(np.rad2deg(1e-3), rel=1e-3)
+    assert 0 < answer["largest_correction_mm"] < 2 and answer[
+        "largest_correction_deg"
+    ] == pytest.approx(np.rad2deg(1e-3), rel=1e-3)
 
 
-@pytest.mark.parametrize(("option", "value"), [("--max-correction-mm", "0"), ("--max-correction-deg", "-1"), ("--max-sigma-mm", "nan")])
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--max-correction-mm", "0"), ("--max-correction-deg", "-1"), ("--max-sigma-mm", "nan")],
+)
 def test_a_limit_that_is_none_is_a_sentence(workbench, tmp_path, option, value):
     solution(tmp_path / "arm")
     (tmp_path / "t.csv").write_text(f"{JOINTS}\n0,10,10,0,30,0\n")
@@ -107,13 +160,22 @@ def test_a_limit_that_is_none_is_a_sentence(workbench, tmp_path, option, value):
 def test_parameters_far_from_nominal_refuse_the_solution(workbench, tmp_path):
     """The parameters of the recording whose advice negated a joint that was right."""
     robot = load_robot(ABB)
-    changes = {"joint-5.theta5": robot.geometry[4, 0] + np.deg2rad(13.5), "joint-4.d4": robot.geometry[3, 1] + 5.9}
+    changes = {
+        "joint-5.theta5": robot.geometry[4, 0] + np.deg2rad(13.5),
+        "joint-4.d4": robot.geometry[3, 1] + 5.9,
+    }
     solution(tmp_path / "arm", changes=changes)
     (tmp_path / "t.csv").write_text(f"{JOINTS}\n0,10,10,0,30,0\n")
-    for words in (("compensate", "arm", "t.csv"), ("export", "arm", "--to", "urdf", "--out", "a.urdf")):
+    for words in (
+        ("compensate", "arm", "t.csv"),
+        ("export", "arm", "--to", "urdf", "--out", "a.urdf"),
+    ):
         done = workbench(*words)
         assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1
-        assert "parameter joint-5.theta5 is 13.5 deg from nominal, 7.9 prior standard deviations" in done.stderr
+        assert (
+            "parameter joint-5.theta5 is 13.5 deg from nominal, 7.9 prior standard deviations"
+            in done.stderr
+        )
         assert not (tmp_path / "a.urdf").exists() and not (tmp_path / "runs").exists()
     assert workbench("export", "arm", "--to", "urdf", "--out", "a.urdf", "--force").returncode == 0
 
@@ -131,7 +193,10 @@ def test_many_parameters_together_refuse_the_solution(tmp_path):
 def test_an_undetermined_parameter_does_not_count(tmp_path):
     """Its value is the prior's or a matter of gauge; base and tool have no nominal value at all."""
     nominal, prior = geometry_priors(load_robot(ABB))["joint-6.theta6"]
-    folder = solution(tmp_path / "arm", changes={"joint-6.theta6": nominal + 9 * prior, "base.x": 4e3, "base.rz": 2.0})
+    folder = solution(
+        tmp_path / "arm",
+        changes={"joint-6.theta6": nominal + 9 * prior, "base.x": 4e3, "base.rz": 2.0},
+    )
     keys = json.loads((folder / "solution.json").read_text())
     assert "joint-6.theta6" in doubt_about(read_solution(folder), Limits())
     covariance = np.array(keys["covariance"])
@@ -148,14 +213,32 @@ def test_an_effect_far_beyond_its_prior_counts(tmp_path):
         assert (COMPLIANCE in doubt_about(arm, Limits())) == is_far
 
 
-@pytest.mark.parametrize(("more", "words"), [
-    ({"held_out": {"rms_mm": 12.0}, "nominal": {"rms_mm": 90.0}}, "held-out RMS position error of 12 mm is above"),
-    ({"held_out": {"rms_mm": 0.05, "rotation_rms_deg": 88.0}}, "held-out RMS orientation error of 88 deg is above"),
-    ({"held_out": {"rms_mm": 4.6}, "nominal": {"rms_mm": 9.0}}, "153 times the stated noise of 0.03 mm"),
-    ({"converged": False, "outcome": "stopped after 50 steps"}, "the solve stopped after 50 steps"),
-    ({"held_out": {"rms_mm": 1.5}}, "is not below that of the nominal arm"),
-    ({"warnings": ["left and right are swapped"]}, "its recording is in doubt (left and right are swapped)"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (
+            {"held_out": {"rms_mm": 12.0}, "nominal": {"rms_mm": 90.0}},
+            "held-out RMS position error of 12 mm is above",
+        ),
+        (
+            {"held_out": {"rms_mm": 0.05, "rotation_rms_deg": 88.0}},
+            "held-out RMS orientation error of 88 deg is above",
+        ),
+        (
+            {"held_out": {"rms_mm": 4.6}, "nominal": {"rms_mm": 9.0}},
+            "153 times the stated noise of 0.03 mm",
+        ),
+        (
+            {"converged": False, "outcome": "stopped after 50 steps"},
+            "the solve stopped after 50 steps",
+        ),
+        ({"held_out": {"rms_mm": 1.5}}, "is not below that of the nominal arm"),
+        (
+            {"warnings": ["left and right are swapped"]},
+            "its recording is in doubt (left and right are swapped)",
+        ),
+    ],
+)
 def test_a_doubtful_solution_is_refused_unless_forced(tmp_path, more, words):
     arm = read_solution(solution(tmp_path / "arm", **more))
     with pytest.raises(InputError) as found:
@@ -171,15 +254,30 @@ def elastic(folder, **more):
     return solution(folder, (COMPLIANT,), {COMPLIANCE: 2e-5}, **more)
 
 
-@pytest.mark.parametrize(("payload", "status", "words"), [
-    (2.0, 0, ""), (3.2, 0, ""), (5.0, 0, "the load on the flange is outside 0.5 to 3 kg"),
-    (7.0, 1, "the load on the flange of 7 kg is far outside 0.5 to 3 kg"), (5000.0, 1, "far outside 0.5 to 3 kg"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("payload", "status", "words"),
+    [
+        (2.0, 0, ""),
+        (3.2, 0, ""),
+        (5.0, 0, "the load on the flange is outside 0.5 to 3 kg"),
+        (7.0, 1, "the load on the flange of 7 kg is far outside 0.5 to 3 kg"),
+        (5000.0, 1, "far outside 0.5 to 3 kg"),
+    ],
+)
 def test_a_load_is_extrapolated_a_little_and_no_more(workbench, tmp_path, payload, status, words):
     """5000 kg once gave a correction of 205 mm and status 0."""
     elastic(tmp_path / "arm")
     text = f"{JOINTS},payload_kg\n0,10,10,0,30,0,{payload}\n"
-    answer, rows, _ = answer_of(workbench, tmp_path, text, "--max-correction-mm", "1e9", "--max-correction-deg", "1e9", status=status)
+    answer, rows, _ = answer_of(
+        workbench,
+        tmp_path,
+        text,
+        "--max-correction-mm",
+        "1e9",
+        "--max-correction-deg",
+        "1e9",
+        status=status,
+    )
     said = answer["warnings"] + [one["why"] for one in answer["refused"]]
     assert (words in " ".join(said)) if words else not said
     assert (rows[0]["q1_deg"] == "") == (status == 1)
@@ -195,19 +293,34 @@ def test_a_load_that_cannot_be_is_a_sentence(workbench, tmp_path, cell):
 
 def test_a_rigid_model_warns_of_a_load_that_it_does_not_know(workbench, tmp_path):
     solution(tmp_path / "arm")
-    answer, _, _ = answer_of(workbench, tmp_path, f"{JOINTS},payload_kg\n0,10,10,0,30,0,40\n", status=0)
-    assert any("the load on the flange is outside" in one and "the arm may" in one for one in answer["warnings"])
+    answer, _, _ = answer_of(
+        workbench, tmp_path, f"{JOINTS},payload_kg\n0,10,10,0,30,0,40\n", status=0
+    )
+    assert any(
+        "the load on the flange is outside" in one and "the arm may" in one
+        for one in answer["warnings"]
+    )
 
 
 def warm(folder):
     ranges = RANGE | {"temperature_c": [20.0, 30.0], "payload_kg": [0.0, 0.0]}
-    return solution(folder, (WARM,), {"joint-3.joint-thermal-drift.per_unit": 1e-5}, fitted_range=ranges)
+    return solution(
+        folder, (WARM,), {"joint-3.joint-thermal-drift.per_unit": 1e-5}, fitted_range=ranges
+    )
 
 
-@pytest.mark.parametrize(("temperature", "status", "words"), [
-    (25, 0, ""), (35, 0, "temperature_c is outside 20 to 30"), (60, 1, "temperature_c of 60"), (-20, 1, "temperature_c of -20"),
-])  # fmt: skip
-def test_a_temperature_is_extrapolated_a_little_and_no_more(workbench, tmp_path, temperature, status, words):
+@pytest.mark.parametrize(
+    ("temperature", "status", "words"),
+    [
+        (25, 0, ""),
+        (35, 0, "temperature_c is outside 20 to 30"),
+        (60, 1, "temperature_c of 60"),
+        (-20, 1, "temperature_c of -20"),
+    ],
+)
+def test_a_temperature_is_extrapolated_a_little_and_no_more(
+    workbench, tmp_path, temperature, status, words
+):
     warm(tmp_path / "arm")
     text = f"{JOINTS},temperature_c\n0,10,10,0,30,0,{temperature}\n"
     answer, _, _ = answer_of(workbench, tmp_path, text, status=status)
@@ -226,23 +339,42 @@ def test_a_column_that_the_model_reads_must_be_there(workbench, tmp_path):
 
 
 def test_several_effects_of_one_kind_at_one_joint_are_no_obstacle(tmp_path):
-    waves = [{"effect": "transmission-harmonic", "where": "joint-2", "order": order} for order in (1, 2)]
+    waves = [
+        {"effect": "transmission-harmonic", "where": "joint-2", "order": order} for order in (1, 2)
+    ]
     backlash = {"effect": "backlash", "where": "joint-4"}
-    names = [f"joint-2.transmission-harmonic.{name}{order}" for name in ("cos", "sin") for order in (1, 2)]
+    names = [
+        f"joint-2.transmission-harmonic.{name}{order}"
+        for name in ("cos", "sin")
+        for order in (1, 2)
+    ]
     changes = dict.fromkeys([*names, "joint-4.backlash.half_gap"], 1e-5)
-    ranges = RANGE | {"approach4": [-1.0, 1.0], "approach3": [-1.0, 1.0], "temperature_c": [20.0, 30.0]}
-    arm = read_solution(solution(tmp_path / "arm", [*waves, backlash], changes, fitted_range=ranges))
+    ranges = RANGE | {
+        "approach4": [-1.0, 1.0],
+        "approach3": [-1.0, 1.0],
+        "temperature_c": [20.0, 30.0],
+    }
+    arm = read_solution(
+        solution(tmp_path / "arm", [*waves, backlash], changes, fitted_range=ranges)
+    )
     assert covariates_read(arm) == {"approach4"}
 
 
 # ------------------------------------------------------------------------------------------ joints and uncertainty
 
 
-@pytest.mark.parametrize(("angle", "status", "words"), [(35, 0, ""), (60, 0, "q1_deg is outside -30 to 30"), (150, 1, "q1_deg of 150")])
-def test_targets_far_from_the_recorded_joint_readings_are_refused(workbench, tmp_path, angle, status, words):
+@pytest.mark.parametrize(
+    ("angle", "status", "words"),
+    [(35, 0, ""), (60, 0, "q1_deg is outside -30 to 30"), (150, 1, "q1_deg of 150")],
+)
+def test_targets_far_from_the_recorded_joint_readings_are_refused(
+    workbench, tmp_path, angle, status, words
+):
     ranges = RANGE | {"q1_deg": [-30.0, 30.0]}
     solution(tmp_path / "arm", fitted_range=ranges)
-    answer, _, _ = answer_of(workbench, tmp_path, f"{JOINTS}\n{angle},10,10,0,30,0\n", status=status)
+    answer, _, _ = answer_of(
+        workbench, tmp_path, f"{JOINTS}\n{angle},10,10,0,30,0\n", status=status
+    )
     said = " ".join(answer["warnings"] + [one["why"] for one in answer["refused"]])
     assert words in said and bool(said) == bool(words)
 
@@ -251,7 +383,10 @@ def test_a_target_that_is_too_uncertain_is_refused(workbench, tmp_path):
     solution(tmp_path / "arm", sigma=1e-3)  # a millirad of every joint: a mm at the flange
     text = f"{JOINTS}\n0,10,10,0,30,0\n"
     answer, _, _ = answer_of(workbench, tmp_path, text)
-    assert "the standard uncertainty of" in answer["refused"][0]["why"] and "exceeds 0.15 mm" in answer["refused"][0]["why"]
+    assert (
+        "the standard uncertainty of" in answer["refused"][0]["why"]
+        and "exceeds 0.15 mm" in answer["refused"][0]["why"]
+    )
     answer, _, _ = answer_of(workbench, tmp_path, text, "--max-sigma-mm", "5", status=0)
     assert answer["refused"] == [] and answer["sigma_rms_mm"] > 0.15
 
@@ -266,8 +401,12 @@ def test_the_expected_error_is_compared_with_the_tolerance(workbench, tmp_path):
     solution(tmp_path / "arm")
     text = f"{JOINTS}\n0,10,10,0,30,0\n"
     for tolerance, status in (("0.1mm", 0), ("0.01", 1)):
-        answer, rows, done = answer_of(workbench, tmp_path, text, "--tolerance", tolerance, status=status)
-        assert answer["verdict"]["pass"] is (status == 0) and answer["verdict"]["residual"] == pytest.approx(0.05, rel=0.05)
+        answer, rows, done = answer_of(
+            workbench, tmp_path, text, "--tolerance", tolerance, status=status
+        )
+        assert answer["verdict"]["pass"] is (status == 0) and answer["verdict"][
+            "residual"
+        ] == pytest.approx(0.05, rel=0.05)
         assert "Verdict:" in done.stdout and rows[0]["q1_deg"]
 
 
@@ -298,7 +437,9 @@ def test_an_older_solution_is_read_and_the_missing_ranges_are_said(workbench, tm
     for name in ("fitted_range", "priors", "noise_rms_mm"):
         del keys[name]
     (tmp_path / "arm" / "solution.json").write_text(json.dumps(keys))
-    answer, _, _ = answer_of(workbench, tmp_path, f"{JOINTS},payload_kg\n0,10,10,0,30,0,9\n", status=0)
+    answer, _, _ = answer_of(
+        workbench, tmp_path, f"{JOINTS},payload_kg\n0,10,10,0,30,0,9\n", status=0
+    )
     assert any("states no ranges" in one for one in answer["warnings"])
 
 
@@ -310,13 +451,23 @@ def test_broken_ranges_are_a_sentence(tmp_path, ranges):
 
 def test_joints_that_stood_still_do_not_take_part_where_others_can(tmp_path):
     """A rail before a six-axis arm: its axis is unknown where it never moved, and the six reach the target alone."""
-    robot = {"name": "rail and arm", "convention": "distal", "joint": [
-        {"theta_deg": 0.0, "d_mm": 0.0, "a_mm": 0.0, "alpha_deg": 90.0, "kind": "prismatic"}, *_rows(ABB)]}
+    robot = {
+        "name": "rail and arm",
+        "convention": "distal",
+        "joint": [
+            {"theta_deg": 0.0, "d_mm": 0.0, "a_mm": 0.0, "alpha_deg": 90.0, "kind": "prismatic"},
+            *_rows(ABB),
+        ],
+    }
     arm = load_robot(robot)
     values = {key: nominal for key, (nominal, _) in geometry_priors(arm).items()}
-    values |= {f"base.{c}": 0.0 for c in ("x", "y", "z", "rx", "ry", "rz")} | {"joint-4.theta4": values["joint-4.theta4"] + 0.01}
+    values |= {f"base.{c}": 0.0 for c in ("x", "y", "z", "rx", "ry", "rz")} | {
+        "joint-4.theta4": values["joint-4.theta4"] + 0.01
+    }
     ranges = {"q1_mm": [100.0, 100.0]} | {f"q{k}_deg": [-100.0, 100.0] for k in range(2, 8)}
-    folder = solution(tmp_path / "arm", robot=robot, values=values, free=[], covariance=[], fitted_range=ranges)
+    folder = solution(
+        tmp_path / "arm", robot=robot, values=values, free=[], covariance=[], fitted_range=ranges
+    )
     readings = np.array([[100.0, *np.deg2rad([10, 10, 10, 10, 40, 0])]])
     found = compensate(read_solution(folder), readings)
     assert found.reached.all() and abs(found.readings[0, 0] - 100) < 1e-3
@@ -327,5 +478,9 @@ def _rows(spec):
     import tomllib
     from importlib import resources
 
-    text = resources.files("robot_model").joinpath("robots", f"{spec['builtin']}.toml").read_text(encoding="utf-8")
+    text = (
+        resources.files("robot_model")
+        .joinpath("robots", f"{spec['builtin']}.toml")
+        .read_text(encoding="utf-8")
+    )
     return tomllib.loads(text)["joint"]

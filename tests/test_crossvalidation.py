@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenes import model_of, observed, scene
-from workbench.jobs.calibrate import calibrate
 from workbench.core.least_squares.solver import solve
 from workbench.fitting.cross_validation import (
     HeldOut,
@@ -17,6 +16,7 @@ from workbench.fitting.cross_validation import (
     error_summary,
     hold_out,
 )
+from workbench.jobs.calibrate import calibrate
 
 poses = st.lists(st.integers(0, 12), min_size=1, max_size=60).map(np.array)
 
@@ -70,13 +70,17 @@ def test_poison_in_a_held_out_fold_does_not_reach_its_prediction(loss, poisoned)
     spoilt = cross_validate(shifted(model, bad, poison), free, fold, loss)
     # predicted minus measured: the poison itself, and not a micrometre of reaction to it
     np.testing.assert_allclose(spoilt.residual[:, bad], clean.residual[:, bad] - poison, atol=1e-9)
-    assert np.abs(spoilt.residual[:, ~bad] - clean.residual[:, ~bad]).max() > (1e-3 if loss == "huber" else 1)
+    assert np.abs(spoilt.residual[:, ~bad] - clean.residual[:, ~bad]).max() > (
+        1e-3 if loss == "huber" else 1
+    )
 
 
 def test_poison_in_named_test_samples_does_not_reach_their_prediction():
     model, free = started()
     test = np.arange(60) % 4 == 0
-    clean, spoilt = (hold_out(m, free, test, ~test, "linear") for m in (model, shifted(model, test, 30.0)))
+    clean, spoilt = (
+        hold_out(m, free, test, ~test, "linear") for m in (model, shifted(model, test, 30.0))
+    )
     np.testing.assert_allclose(spoilt.residual[:, test], clean.residual[:, test] - 30, atol=1e-9)
     assert np.isnan(clean.residual[:, ~test]).all() and (clean.fold == np.where(test, 0, -1)).all()
 
@@ -87,13 +91,17 @@ def test_each_fold_is_predicted_by_a_fit_of_the_others():
     found = cross_validate(model, free, fold, "linear")
     for k in range(5):
         fit = solve(model.at(fold != k), free)
-        np.testing.assert_allclose(found.residual[:, fold == k], model.at(fold == k).residual(fit.parameters), atol=1e-12)
+        np.testing.assert_allclose(
+            found.residual[:, fold == k], model.at(fold == k).residual(fit.parameters), atol=1e-12
+        )
 
 
 def test_samples_of_no_fold_are_neither_fitted_nor_predicted():
     model, free = started()
     fold = np.where(np.arange(60) < 12, -1, blocks(np.arange(60), 4))
-    clean, spoilt = (cross_validate(m, free, fold, "linear") for m in (model, shifted(model, fold < 0, 30.0)))
+    clean, spoilt = (
+        cross_validate(m, free, fold, "linear") for m in (model, shifted(model, fold < 0, 30.0))
+    )
     np.testing.assert_allclose(spoilt.residual[:, 12:], clean.residual[:, 12:], atol=1e-9)
     assert np.isnan(clean.residual[:, :12]).all()
 
@@ -156,4 +164,6 @@ def test_a_calibration_tests_on_what_is_named_and_fits_on_the_rest():
     assert (np.isfinite(result.held_out_residual[0]) == tested).all()
     columns["y_mm"] = columns["y_mm"] + np.where(tested, 5.0, 0)
     spoilt = calibrate(replace(made.recording, columns=columns), plan=(), test_samples=named)
-    np.testing.assert_allclose(spoilt.solution.parameters.values, result.solution.parameters.values, atol=1e-6)
+    np.testing.assert_allclose(
+        spoilt.solution.parameters.values, result.solution.parameters.values, atol=1e-6
+    )

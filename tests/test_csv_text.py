@@ -23,9 +23,34 @@ from workbench.files.targets import as_csv
 
 # What a UTF-8 file can hold; NUL is refused by every reader of text files.
 CHARACTERS = st.characters(blacklist_categories=("Cs",), blacklist_characters="\0")
-AWKWARD = st.sampled_from(["=1+1", "+49 30", "-", "@cmd", "'=x", "''-y", "a, b", 'say "no"', "a\nb", "a\rb", "\r\n", "\t=1",
-                           "＝1", "-5", "1e5", "", "Шов 球", ";", "'"])  # fmt: skip
-TEXTS = st.one_of(AWKWARD, st.text(CHARACTERS, max_size=30), st.builds(str.__add__, AWKWARD, st.text(CHARACTERS, max_size=9)))
+AWKWARD = st.sampled_from(
+    [
+        "=1+1",
+        "+49 30",
+        "-",
+        "@cmd",
+        "'=x",
+        "''-y",
+        "a, b",
+        'say "no"',
+        "a\nb",
+        "a\rb",
+        "\r\n",
+        "\t=1",
+        "＝1",
+        "-5",
+        "1e5",
+        "",
+        "Шов 球",
+        ";",
+        "'",
+    ]
+)
+TEXTS = st.one_of(
+    AWKWARD,
+    st.text(CHARACTERS, max_size=30),
+    st.builds(str.__add__, AWKWARD, st.text(CHARACTERS, max_size=9)),
+)
 STARTS_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
 
 
@@ -45,7 +70,12 @@ def test_a_protected_cell_is_no_formula_and_comes_back(text):
 
 
 def test_numbers_are_not_touched():
-    assert [protect_cell(cell) for cell in ("-5", "+1.5e-3", "-inf", "-.5")] == ["-5", "+1.5e-3", "-inf", "-.5"]
+    assert [protect_cell(cell) for cell in ("-5", "+1.5e-3", "-inf", "-.5")] == [
+        "-5",
+        "+1.5e-3",
+        "-inf",
+        "-.5",
+    ]
     assert protect_cell(-5.0) == -5.0 and protect_cell(None) is None
 
 
@@ -53,7 +83,10 @@ def test_numbers_are_not_touched():
 def test_python_reads_the_rows_that_were_written(rows):
     text = csv_text(["a", "b"], rows)
     read = list(csv.reader(io.StringIO(text, newline=""), strict=True))
-    assert [[unprotect_cell(cell) for cell in row] for row in read] == [["a", "b"], *map(list, rows)]
+    assert [[unprotect_cell(cell) for cell in row] for row in read] == [
+        ["a", "b"],
+        *map(list, rows),
+    ]
 
 
 @settings(max_examples=150)
@@ -65,7 +98,9 @@ def test_a_programme_written_and_read_again_keeps_every_joint_in_its_column(tmp_
     columns = {"note": np.array(notes), "q1_deg": np.array(angles), "q2_deg": -np.array(angles)}
     path.write_text(as_csv(columns), encoding="utf-8", newline="")
     table = read_table(path, "programme.csv", ("note",))
-    assert table.columns["note"].tolist() == [note if protect_cell(note) != note else note.strip() for note in notes]
+    assert table.columns["note"].tolist() == [
+        note if protect_cell(note) != note else note.strip() for note in notes
+    ]
     np.testing.assert_allclose(table.columns["q1_deg"], angles, rtol=1e-9)
     np.testing.assert_allclose(table.columns["q2_deg"], -np.array(angles), rtol=1e-9)
 
@@ -83,7 +118,9 @@ def test_a_recording_with_an_awkward_note_and_column_comes_back(tmp_path):
 def test_texts_of_a_study_and_of_a_proof_are_protected(tmp_path):
     import pyarrow
 
-    table = protect_text_columns(pyarrow.table({"=case": ["=a", "b", None], "size": [1.0, -2.0, None]}))
+    table = protect_text_columns(
+        pyarrow.table({"=case": ["=a", "b", None], "size": [1.0, -2.0, None]})
+    )
     assert table.column_names == ["'=case", "size"]
     assert table.column(0).to_pylist() == ["'=a", "b", None]
     assert table.column(1).to_pylist() == [1.0, -2.0, None]
@@ -97,7 +134,9 @@ def written_by_hand(path: Path) -> list[int]:
             continue
         owner, name = node.func.value, node.func.attr
         joins = name == "join" and isinstance(owner, ast.Constant) and owner.value == ","
-        own_writer = name in ("writer", "DictWriter") and isinstance(owner, ast.Name) and owner.id == "csv"
+        own_writer = (
+            name in ("writer", "DictWriter") and isinstance(owner, ast.Name) and owner.id == "csv"
+        )
         if joins or own_writer:
             found.append(node.lineno)
     return found
@@ -107,8 +146,14 @@ def written_by_hand(path: Path) -> list[int]:
 def test_every_table_of_the_product_goes_through_one_writer(package):
     """The makers of recordings write numbers only, and may not import the workbench."""
     allowed = {ROOT / "workbench/core/text/csv_text.py"}
-    paths = [path for path in (ROOT / package).rglob("*.py") if "makers" not in path.parts and path not in allowed]
-    found = {str(path.relative_to(ROOT)): lines for path in paths if (lines := written_by_hand(path))}
+    paths = [
+        path
+        for path in (ROOT / package).rglob("*.py")
+        if "makers" not in path.parts and path not in allowed
+    ]
+    found = {
+        str(path.relative_to(ROOT)): lines for path in paths if (lines := written_by_hand(path))
+    }
     # Column names of our own and numbers, written by numpy for speed.
     found.pop("workbench/files/results.py", None)
     assert found == {}

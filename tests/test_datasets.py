@@ -9,24 +9,41 @@ import pytest
 import datasets
 from datasets import registry
 
-VARIANTS = [f"{s.name}:{v}" if v else s.name for s in registry.sources().values() for v in s.variants
-            if s.measures == "external-point"]
-ROWS = {"irb120_faro": 5982, "irb120_wu_arm": 148, "motoman_leica_ctu:right": 212, "motoman_leica_ctu:left": 208,
-        "fanuc165f_innopolis": 720, "hilti_jaibot_tilt:flat": 444}
+VARIANTS = [
+    f"{s.name}:{v}" if v else s.name
+    for s in registry.sources().values()
+    for v in s.variants
+    if s.measures == "external-point"
+]
+ROWS = {
+    "irb120_faro": 5982,
+    "irb120_wu_arm": 148,
+    "motoman_leica_ctu:right": 212,
+    "motoman_leica_ctu:left": 208,
+    "fanuc165f_innopolis": 720,
+    "hilti_jaibot_tilt:flat": 444,
+}
 
 
 def real(name: str):
     """The real recording, or a skip that says what is missing."""
     if registry.find(name) is None:
-        pytest.skip(f"{name.partition(':')[0]} is in neither of {registry.places()}; set {registry.SETTING}")
+        pytest.skip(
+            f"{name.partition(':')[0]} is in neither of {registry.places()}; set {registry.SETTING}"
+        )
     return datasets.read(name)
 
 
 def apart(recording, a: int, b: int) -> np.ndarray:
     """Distance of two reflectors in every pose that shows both, mm."""
     pose = recording.columns["pose"]
-    places = {k: dict(zip(pose[recording.reflector == k], recording.points[recording.reflector == k])) for k in (a, b)}
-    return np.array([np.linalg.norm(p - places[b][key]) for key, p in places[a].items() if key in places[b]])
+    places = {
+        k: dict(zip(pose[recording.reflector == k], recording.points[recording.reflector == k]))
+        for k in (a, b)
+    }
+    return np.array(
+        [np.linalg.norm(p - places[b][key]) for key, p in places[a].items() if key in places[b]]
+    )
 
 
 def test_every_set_is_named_with_source_terms_and_checksums():
@@ -38,7 +55,9 @@ def test_every_set_is_named_with_source_terms_and_checksums():
             if not file.remote:
                 assert source.by_hand
                 continue
-            assert source.url_of(file).startswith(f"https://raw.githubusercontent.com/{source.repository}/{source.commit}/")
+            assert source.url_of(file).startswith(
+                f"https://raw.githubusercontent.com/{source.repository}/{source.commit}/"
+            )
             assert " " not in source.url_of(file)
 
 
@@ -61,7 +80,10 @@ def test_missing_set_says_how_to_get_it(monkeypatch, tmp_path):
         datasets.read("irb120_faro")
 
 
-@pytest.mark.parametrize(("name", "words"), [("irb120_faro:nonsense", "read-back"), ("motoman_leica_ctu", "motoman_leica_ctu:left")])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("irb120_faro:nonsense", "read-back"), ("motoman_leica_ctu", "motoman_leica_ctu:left")],
+)
 def test_unknown_variant_names_the_known_ones(name, words):
     with pytest.raises(datasets.InputError, match=words):
         datasets.read(name)
@@ -78,7 +100,16 @@ def test_changed_file_is_refused(monkeypatch, tmp_path):
 
 def small_source(content: bytes) -> registry.Source:
     file = registry.RemoteFile("data/a.bin", hashlib.sha256(content).hexdigest(), "x/a b.bin")
-    return registry.Source("small", "a small set", "external-point", "CC0", ("",), (file,), "someone/something", "0" * 40)
+    return registry.Source(
+        "small",
+        "a small set",
+        "external-point",
+        "CC0",
+        ("",),
+        (file,),
+        "someone/something",
+        "0" * 40,
+    )
 
 
 def serve(monkeypatch, answer):
@@ -110,7 +141,9 @@ def test_get_fetches_checks_and_keeps(monkeypatch, tmp_path):
     assert (folder / "data" / "a.bin").read_bytes() == b"good"
     assert [p.name for p in (folder / "data").iterdir()] == ["a.bin"]
     datasets.get("small", tmp_path)
-    assert asked == ["https://raw.githubusercontent.com/someone/something/" + "0" * 40 + "/x/a%20b.bin"]
+    assert asked == [
+        "https://raw.githubusercontent.com/someone/something/" + "0" * 40 + "/x/a%20b.bin"
+    ]
 
 
 def test_get_refuses_changed_content(monkeypatch, tmp_path):
@@ -138,7 +171,11 @@ def test_real_set_reads_in_plausible_units(name):
     assert np.all(np.abs(joints[:, prismatic:]) < 7.0) and np.ptp(joints, axis=0).max() > 1e-5
     assert 500 < np.abs(recording.points).max() < 20000
     assert np.all(recording.sigma > 0) and np.all(recording.sigma < 1)
-    assert recording.source.startswith("https://github.com/") and recording.licence and len(recording.sha256) == 64
+    assert (
+        recording.source.startswith("https://github.com/")
+        and recording.licence
+        and len(recording.sha256) == 64
+    )
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -182,7 +219,11 @@ def test_faro_read_back_is_near_the_command():
 def test_wu_points_keep_their_distance_and_sets_are_named():
     recording = real("irb120_wu_arm")
     assert [np.sum(recording.columns["set"] == k) for k in (0, 1, 2)] == [108, 10, 30]
-    assert [len(set(recording.poses[recording.columns["set"] == k])) for k in (0, 1, 2)] == [36, 10, 30]
+    assert [len(set(recording.poses[recording.columns["set"] == k])) for k in (0, 1, 2)] == [
+        36,
+        10,
+        30,
+    ]
     for pair, length in (((1, 2), 18.1), ((1, 3), 22.3), ((2, 3), 18.1)):
         assert abs(apart(recording, *pair).mean() - length) < 0.1
         assert apart(recording, *pair).std() < 0.15
@@ -197,7 +238,10 @@ def test_motoman_repeats_are_one_pose():
 def test_fanuc_repeats_and_markers():
     recording = real("fanuc165f_innopolis")
     assert len(set(recording.poses)) == 24
-    spread = [np.std(recording.points[(recording.poses == g) & (recording.reflector == 1)], axis=0).max() for g in range(24)]
+    spread = [
+        np.std(recording.points[(recording.poses == g) & (recording.reflector == 1)], axis=0).max()
+        for g in range(24)
+    ]
     assert 0.005 < np.median(spread) < 0.1
     assert apart(recording, 1, 2).std() < 0.03
 
@@ -209,7 +253,10 @@ def test_ur10_poses_are_in_order_of_time_with_unit_quaternions():
     assert sorted(recording.sample_ids) == list(range(1, 11912))
     quaternion = np.stack([recording.columns[f"q{c}"] for c in "wxyz"])
     np.testing.assert_allclose(np.linalg.norm(quaternion, axis=0), 1, atol=1e-12)
-    assert 22 < recording.columns["temperature_c"].min() and recording.columns["temperature_c"].max() < 25
+    assert (
+        22 < recording.columns["temperature_c"].min()
+        and recording.columns["temperature_c"].max() < 25
+    )
     assert np.abs(recording.points - np.median(recording.points, axis=0)).max() < 1000
     assert recording.licence == "MIT" and recording.source.startswith("https://github.com/")
 
@@ -226,9 +273,14 @@ def test_ur10_orientations_agree_with_the_joint_readings():
 def test_hilti_lift_and_tilt():
     recording = real("hilti_jaibot_tilt:seesaw")
     assert np.all(np.diff(recording.columns["time_s"]) >= 0) and recording.columns["time_s"][0] == 0
-    np.testing.assert_allclose(recording.columns["q1_mm"], recording.columns["column_height_mm"], atol=12)
+    np.testing.assert_allclose(
+        recording.columns["q1_mm"], recording.columns["column_height_mm"], atol=12
+    )
     gravity = np.linalg.norm([recording.columns[f"accel_base_{a}_m_s2"] for a in "xyz"], axis=0)
     assert np.all(np.abs(gravity - 9.81) < 0.05)
-    assert set(recording.columns["set"]) == {0, 1} and set(recording.columns["upside_down"]) == {0, 1}
+    assert set(recording.columns["set"]) == {0, 1} and set(recording.columns["upside_down"]) == {
+        0,
+        1,
+    }
     lift = [m["ratio"] for m in recording.robot["mimic"].values()]
     assert sum(lift) == 1 and sum(m["offset"] for m in recording.robot["mimic"].values()) == -1.442

@@ -19,7 +19,9 @@ def test_unknown_paper_is_a_sentence():
         papers.load("gubankov")
 
 
-@pytest.mark.parametrize(("cloud", "published"), [("identified", 0.2262), ("controller", 0.2562), ("nominal", 0.6715)])
+@pytest.mark.parametrize(
+    ("cloud", "published"), [("identified", 0.2262), ("controller", 0.2562), ("nominal", 0.6715)]
+)
 def test_gubankov_table_1_registers_as_published(cloud, published):
     """Centring and a rigid turn give the published spread to its last digit."""
     paper = papers.load("gubankov-2022")
@@ -56,16 +58,28 @@ def test_ye_tables_fit_one_another():
     assert balls.shape == (4, 5) and np.all(np.abs(balls[:, 4] - 15) < 0.003)
     for experiment in ("ball_experiment", "tracker_experiment"):
         mdh = np.array(paper[experiment]["mdh"])
-        nominal = np.array([[np.nan, np.nan, 50, -90], [-90, 0, 330, 180], [0, 0, 35, -90], [0, -335, 0, 90], [180, 0, 0, 90]])
+        nominal = np.array(
+            [
+                [np.nan, np.nan, 50, -90],
+                [-90, 0, 330, 180],
+                [0, 0, 35, -90],
+                [0, -335, 0, 90],
+                [180, 0, 0, 90],
+            ]
+        )
         difference = (mdh - nominal + 180) % 360 - 180
         assert np.nanmax(np.abs(difference)) < 0.8
         for method in paper[experiment]["check_mm"].values():
-            assert math.isclose(method["rms"] ** 2, method["mean"] ** 2 + method["std"] ** 2, rel_tol=0.1)
+            assert math.isclose(
+                method["rms"] ** 2, method["mean"] ** 2 + method["std"] ** 2, rel_tol=0.1
+            )
 
 
 def test_liu_means_are_the_means_of_their_intersections():
     table = papers.load("liu-2014")["table_2"]
-    np.testing.assert_allclose(np.mean(table["intersections_mm"], axis=1), table["means_mm"], atol=2e-6)
+    np.testing.assert_allclose(
+        np.mean(table["intersections_mm"], axis=1), table["means_mm"], atol=2e-6
+    )
 
 
 def test_mathematics_partial_poses_see_what_they_can():
@@ -75,4 +89,7 @@ def test_mathematics_partial_poses_see_what_they_can():
     assert abs(x_axis[5, 3]) < 1e-12 < 1e-4 < abs(y_axis[5, 3])
     others = np.ones_like(full, bool)
     others[4:] = False
-    assert np.abs((full - x_axis)[others]).max() < 3e-3 and np.abs((full - y_axis)[others]).max() < 5e-3
+    assert (
+        np.abs((full - x_axis)[others]).max() < 3e-3
+        and np.abs((full - y_axis)[others]).max() < 5e-3
+    )

@@ -14,16 +14,16 @@ import pytest
 from degenerate_scenes import Case, draw, recording
 from robot_model import load_robot
 from robot_model.measurements import looks_of, samples_of
+from workbench.core.errors import InputError
+from workbench.diagnosis import diagnose
+from workbench.files.solution_file import read_solution, solution_keys
 from workbench.fitting import checked_samples
 from workbench.jobs.calibrate import calibrate
 from workbench.jobs.compare import compare
 from workbench.jobs.compensate import compensate
-from workbench.core.errors import InputError
-from workbench.diagnosis import diagnose
 from workbench.jobs.identify import identifiability
 from workbench.jobs.poses import CRITERIA, choose_poses
 from workbench.jobs.significance import significance
-from workbench.files.solution_file import read_solution, solution_keys
 
 FAST, SLOW, A_TEST = 30, 520, 20
 DIAGNOSED = 60
@@ -39,7 +39,9 @@ def numpy_warnings_are_errors():
 def not_finite(value, path="") -> list[str]:
     """Paths of all numbers in a JSON object that are not finite."""
     if isinstance(value, dict):
-        return [found for key, inner in value.items() for found in not_finite(inner, f"{path}.{key}")]
+        return [
+            found for key, inner in value.items() for found in not_finite(inner, f"{path}.{key}")
+        ]
     if isinstance(value, list | tuple):
         return [found for inner in value for found in not_finite(inner, f"{path}[]")]
     return [path] if isinstance(value, float) and not math.isfinite(value) else []
@@ -97,12 +99,16 @@ def _judged(case, folder):
     readings = np.concatenate([look.joints for look in looks_of(samples_of(made))])
     commands = {
         "calibrate": lambda: check_both(case, made, folder),
-        "significance": lambda: significance(load_robot(made.robot), points=4, readings=readings).as_json(),
+        "significance": lambda: significance(
+            load_robot(made.robot), points=4, readings=readings
+        ).as_json(),
     }
     if case.seed % 3 == 0:
         commands["identifiability"] = lambda: identifiability(made, trust_data=True)
     if case.seed % 3 == 1:
-        commands["poses"] = lambda: choose_poses(made, 3, criterion, tasks, trust_data=True).as_json()
+        commands["poses"] = lambda: choose_poses(
+            made, 3, criterion, tasks, trust_data=True
+        ).as_json()
     if case.seed % 25 == 0:
         plans = ["default", "geometry-compliance-bending"]
         commands["compare"] = lambda: compare(made, plans, folds=2, trust_data=True).as_json()
@@ -142,7 +148,9 @@ def in_parts(first: int, end: int, size: int) -> list:
 
 @pytest.mark.parametrize("first", in_parts(FAST, FAST + SLOW, A_TEST))
 def test_hundreds_of_recordings_that_determine_little(first, tmp_path):
-    assert [found for seed in range(first, first + A_TEST) for found in judge(draw(seed), tmp_path)] == []
+    assert [
+        found for seed in range(first, first + A_TEST) for found in judge(draw(seed), tmp_path)
+    ] == []
 
 
 @pytest.mark.parametrize("first", in_parts(0, DIAGNOSED, 6))
@@ -165,12 +173,20 @@ EXACT = {
     "one joint stands still": CONSTANT,
     "the wrist stands still, stated sigma far below rounding": STILL_WRIST,
     "all poses within a hundredth of a degree": Case("external-pose", region_deg=0.01, seed=3),
-    "few poses, each five times, to the last digit": Case("external-point", count=30, copies=5, identical=True, noise=0.0, seed=4),
-    "lengths of an arm without lengths": Case("distance", arm="no length", on_axis=True, targets=1, seed=5),
-    "coordinates of kilometres": Case("external-point", arm="nine joints", scale=1e6, sigma_mm=1e-12, seed=6),
+    "few poses, each five times, to the last digit": Case(
+        "external-point", count=30, copies=5, identical=True, noise=0.0, seed=4
+    ),
+    "lengths of an arm without lengths": Case(
+        "distance", arm="no length", on_axis=True, targets=1, seed=5
+    ),
+    "coordinates of kilometres": Case(
+        "external-point", arm="nine joints", scale=1e6, sigma_mm=1e-12, seed=6
+    ),
     "points on one line": Case("external-point", path="line", targets=1, on_axis=True, seed=7),
-    "a touched point, hardly moved from": Case("touch-point", region_deg=0.01, targets=1, sigma_mm=1e-12, seed=8),
-}  # fmt: skip
+    "a touched point, hardly moved from": Case(
+        "touch-point", region_deg=0.01, targets=1, sigma_mm=1e-12, seed=8
+    ),
+}
 
 
 @pytest.mark.parametrize("name", EXACT)
@@ -185,7 +201,9 @@ def test_what_such_recordings_leave_undetermined_is_named(name, tmp_path):
 
 def test_a_joint_that_stands_still_leaves_less_determined():
     """Links on both sides of it are then one: fewer parameters, and the sentences name some of theirs."""
-    still, moving = (identifiability(recording(replace(CONSTANT, held=held)))["stages"][0] for held in ((3,), ()))
+    still, moving = (
+        identifiability(recording(replace(CONSTANT, held=held)))["stages"][0] for held in ((3,), ())
+    )
     assert still["identifiable"] < moving["identifiable"]
     assert any("joint 4" in words for words in still["undetermined"])
 

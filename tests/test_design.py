@@ -11,8 +11,8 @@ from robot_model.system import bind, geometry_free
 from scenes import model_of, scene
 from workbench.core.least_squares.design import choose, observability
 from workbench.core.least_squares.identifiability import identifiability, independent
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import normal_matrix
+from workbench.core.model import Model
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5")
 
@@ -50,7 +50,9 @@ def test_observability_is_that_of_the_identifiability():
     known = identifiability(normal_matrix(model, free), free)
     assert known.rank == len(known.keys)
     expected = known.observability(40)
-    np.testing.assert_allclose(observability(known.singular, 40), [expected[f"O{k}"] for k in range(1, 6)])
+    np.testing.assert_allclose(
+        observability(known.singular, 40), [expected[f"O{k}"] for k in range(1, 6)]
+    )
 
 
 def arm_rows(n, seed=0):
@@ -69,7 +71,9 @@ def test_forty_of_three_hundred_tell_much_more_than_random_and_soon():
     rows = arm_rows(300)
     began = time.process_time()
     found = choose(rows, 40)
-    assert time.process_time() - began < 5  # a slow machine under load; about half a second on its own
+    assert (
+        time.process_time() - began < 5
+    )  # a slow machine under load; about half a second on its own
     assert found.gain >= 1.24
 
 
@@ -78,7 +82,9 @@ def test_poses_for_the_tasks_of_a_cell_beat_twice_as_many_random_ones():
     made = scene("external-point", n=1040, reflectors={1: (30.0, -40.0, 100.0)})
     columns, rng = dict(made.recording.columns), np.random.default_rng(3)
     for k, middle in enumerate((10.0, 15, -10, 5, 45, 0), 1):
-        columns[f"q{k}_deg"] = np.concatenate([middle + rng.uniform(-17, 17, 40), columns[f"q{k}_deg"][40:]])
+        columns[f"q{k}_deg"] = np.concatenate(
+            [middle + rng.uniform(-17, 17, 40), columns[f"q{k}_deg"][40:]]
+        )
     start = bind(made.robot, made.recording).start
     model = Model(bind(made.robot, replace(made.recording, columns=columns), start))
     free = model.parameters.free("base.*", "tool.*", *geometry_free(made.robot))
@@ -86,5 +92,7 @@ def test_poses_for_the_tasks_of_a_cell_beat_twice_as_many_random_ones():
     rows = whitened(model, free)
     tasks, rows = rows[:40], rows[40:]
     found = choose(rows, 40, "task", tasks)
-    random = [-value(rows, rng.choice(len(rows), 80, replace=False), "task", tasks) for _ in range(50)]
+    random = [
+        -value(rows, rng.choice(len(rows), 80, replace=False), "task", tasks) for _ in range(50)
+    ]
     assert found.value < np.median(random)

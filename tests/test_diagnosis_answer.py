@@ -18,9 +18,17 @@ from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdi
 from workbench.diagnosis.robot import bench_of
 from workbench.jobs.simulate import simulate
 
-SCENE = {"robot": "abb_irb120", "samples": 90, "seed": 4, "sigma_mm": 0.02, "reflectors": [[0.0, 30.0, 120.0]],
-         "share_of_limits": 0.6, "approach": True, "payload_kg": [0.0, 0.5],
-         "errors": {"length_mm": 0.1, "angle_deg": 0.02}}  # fmt: skip
+SCENE = {
+    "robot": "abb_irb120",
+    "samples": 90,
+    "seed": 4,
+    "sigma_mm": 0.02,
+    "reflectors": [[0.0, 30.0, 120.0]],
+    "share_of_limits": 0.6,
+    "approach": True,
+    "payload_kg": [0.0, 0.5],
+    "errors": {"length_mm": 0.1, "angle_deg": 0.02},
+}
 GAP = {"effect": "backlash", "where": "joint-2", "values": {"half_gap": 2e-4}}
 
 
@@ -52,7 +60,14 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
     q = np.linalg.qr(columns)[0]
 
     class Problem:
-        basis, residual, sample, weights, sigma, n = q, y, np.arange(40), np.ones(40), np.ones(40), 40
+        basis, residual, sample, weights, sigma, n = (
+            q,
+            y,
+            np.arange(40),
+            np.ones(40),
+            np.ones(40),
+            40,
+        )
         rotation = None
 
         @staticmethod
@@ -61,7 +76,9 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
 
     again = np.empty(40)
     for k in range(5):
-        again[fold == k] = y[fold == k] - columns[fold == k] @ np.linalg.lstsq(columns[fold != k], y[fold != k])[0]
+        again[fold == k] = (
+            y[fold == k] - columns[fold == k] @ np.linalg.lstsq(columns[fold != k], y[fold != k])[0]
+        )
     assert np.allclose(heldout.left_out(Problem, fold), np.abs(again))
 
 
@@ -77,7 +94,9 @@ def test_paired_gains_count_poses_and_not_samples():
     rng = np.random.default_rng(1)
     before, after = np.sqrt(rng.uniform(1, 3, 50)), np.sqrt(rng.uniform(0.8, 2.8, 50))
     once = heldout.paired(np.arange(50), before, after, np.ones(50, bool))
-    often = heldout.paired(np.repeat(np.arange(50), 7), np.repeat(before, 7), np.repeat(after, 7), np.ones(350, bool))
+    often = heldout.paired(
+        np.repeat(np.arange(50), 7), np.repeat(before, 7), np.repeat(after, 7), np.ones(350, bool)
+    )
     assert often == pytest.approx(once)
 
 
@@ -89,19 +108,31 @@ def test_a_few_poses_far_off_do_not_hide_what_helps_all_others():
     before[far], after[far] = 12.0, 12.0 * rng.uniform(0.6, 1.4, 6)
     usual, pose = np.ones(300, bool), np.arange(300)
     squares = before**2 - after**2
-    assert squares.mean() / squares.std(ddof=1) * np.sqrt(300) < 3 < 10 < heldout.paired(pose, before, after, usual)
-    assert heldout.paired(pose, after, before, usual) == pytest.approx(-heldout.paired(pose, before, after, usual))
+    assert (
+        squares.mean() / squares.std(ddof=1) * np.sqrt(300)
+        < 3
+        < 10
+        < heldout.paired(pose, before, after, usual)
+    )
+    assert heldout.paired(pose, after, before, usual) == pytest.approx(
+        -heldout.paired(pose, before, after, usual)
+    )
 
 
 def held_out_errors(rng, shown, noise, true=1.0, count=60):
     """Poses, errors without and with an effect that makes `shown` (p,) sigmas at a pose and is `true` large, and
     sigmas (n,); its size is fitted to the other four fifths of the poses."""
     pose = np.repeat(np.arange(len(shown)), count)
-    sigma, effect = np.resize(noise, len(pose)), np.repeat(shown, count) * rng.choice([-1, 1], len(pose))
+    sigma, effect = (
+        np.resize(noise, len(pose)),
+        np.repeat(shown, count) * rng.choice([-1, 1], len(pose)),
+    )
     error, left = rng.normal(size=len(pose)) + true * effect, np.empty(len(pose))
     for fold in range(5):
         out = pose % 5 == fold
-        left[out] = error[out] - effect[out] * (effect[~out] @ error[~out]) / (effect[~out] @ effect[~out])
+        left[out] = error[out] - effect[out] * (effect[~out] @ error[~out]) / (
+            effect[~out] @ effect[~out]
+        )
     return pose, np.abs(error) * sigma, np.abs(left) * sigma, sigma
 
 
@@ -116,7 +147,9 @@ def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
         plain.append(heldout.paired(pose, before, after, usual))
         told.append(heldout.paired(pose, before, after, usual, sigma))
     assert min(plain) < 2 < min(told)
-    assert np.median(told) > 1.2 * np.median(plain)  # told as a normal would have it, of about nine poses that show it
+    assert np.median(told) > 1.2 * np.median(
+        plain
+    )  # told as a normal would have it, of about nine poses that show it
 
 
 def test_what_is_not_there_and_what_one_pose_alone_shows_prove_nothing_beside_what_could_show():
@@ -136,19 +169,31 @@ def test_where_few_poses_show_most_luck_proves_no_more_often():
     for _ in range(1500):
         moves = 0.5 * np.exp(rng.normal(size=5)) * rng.choice([-1, 1], 5)
         before = rng.normal(size=5) + moves / 2
-        t.append(heldout._beside_what_shows(20 * (before**2 - (before - moves) ** 2), 20 * moves**2))
+        t.append(
+            heldout._beside_what_shows(20 * (before**2 - (before - moves) ** 2), 20 * moves**2)
+        )
     assert np.mean(np.array(t) > 2) < 0.03
     assert max(t) < 4
 
 
 @pytest.mark.parametrize(
     ("ratio", "order", "kept"),
-    [(np.nan, 200.0, False), (np.nan, 199.0, True), (100.0, 200.0, True), (121.0, 200.0, False), (121.0, 242.0, True)],
+    [
+        (np.nan, 200.0, False),
+        (np.nan, 199.0, True),
+        (100.0, 200.0, True),
+        (121.0, 200.0, False),
+        (121.0, 242.0, True),
+    ],
 )
 def test_a_wave_of_the_last_order_is_refused_unless_it_is_a_motors(ratio, order, kept):
     options, mass = _orders(ratio)
-    scan = SimpleNamespace(effect="transmission-harmonic", where="joint-2", options=options, mass=mass)
-    finding = Finding("transmission-harmonic", "joint-2", "", (SimpleNamespace(order=order),), 0.0, 1.0, 1.0, 1.0)
+    scan = SimpleNamespace(
+        effect="transmission-harmonic", where="joint-2", options=options, mass=mass
+    )
+    finding = Finding(
+        "transmission-harmonic", "joint-2", "", (SimpleNamespace(order=order),), 0.0, 1.0, 1.0, 1.0
+    )
     stay, gone = proof._inside(SimpleNamespace(scans=(scan,)), [Term(finding)], [])
     assert (len(stay), len(gone)) == (int(kept), int(not kept))
 
@@ -174,7 +219,10 @@ def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
     few = folds.thinned(np.arange(3000) // 125, every)
     many = folds.thinned(np.arange(3000) // 3, every)
     assert few.sum() <= folds._SEARCHED and len(np.unique((np.arange(3000) // 125)[few])) == 24
-    assert many.sum() <= folds._SEARCHED and (many.reshape(1000, 3).all(1) | ~many.reshape(1000, 3).any(1)).all()
+    assert (
+        many.sum() <= folds._SEARCHED
+        and (many.reshape(1000, 3).all(1) | ~many.reshape(1000, 3).any(1)).all()
+    )
 
 
 def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(bench):
@@ -188,7 +236,9 @@ def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(
 def test_a_real_cause_passes_its_control_and_a_wrong_one_gains_nothing(bench):
     (permuted,) = controls(bench, (), (gap(),))
     assert permuted.passed and permuted.share < 0.05 and permuted.p_value <= 0.01
-    wrong = [controls(bench, (gap(),), (CATALOGUE["backlash"](f"joint-{k}"),))[0] for k in (1, 3, 5, 6)]
+    wrong = [
+        controls(bench, (gap(),), (CATALOGUE["backlash"](f"joint-{k}"),))[0] for k in (1, 3, 5, 6)
+    ]
     assert sum(one.passed for one in wrong) == 0
 
 
@@ -199,18 +249,25 @@ def step(after):
 @pytest.mark.parametrize("after", [445.0, 205.0, 755.0])
 def test_a_real_step_passes_its_controls_or_they_say_that_they_cannot_tell(tmp_path, after):
     made_of = bench_of(made(tmp_path, effect=[step(after)], payload_kg=[0.0, 0.0]))
-    found = {c.kind: c for c in controls(made_of, (), (CATALOGUE["zero-shift"]("joint-3", after=after),))}
+    found = {
+        c.kind: c for c in controls(made_of, (), (CATALOGUE["zero-shift"]("joint-3", after=after),))
+    }
     assert set(found) == {PERMUTED, REVERSED, ROTATED}
     assert found[PERMUTED].passed and found[ROTATED].passed and found[REVERSED].passed is not False
     middle = after == 445.0  # the same step backwards: no control of this kind can tell
-    assert (found[REVERSED].passed is None) == middle and ("cannot tell" in found[REVERSED].why) == middle
+    assert (found[REVERSED].passed is None) == middle and (
+        "cannot tell" in found[REVERSED].why
+    ) == middle
 
 
 def test_a_slow_wander_taken_for_a_step_fails_the_control_that_moves_the_clock(tmp_path):
     slow = {"effect": "joint-thermal-drift", "where": "joint-3", "values": {"per_unit": 0.02}}
     made_of = bench_of(made(tmp_path, effect=[slow], payload_kg=[0.0, 0.0]))
     for after in (205.0, 755.0):
-        found = {c.kind: c for c in controls(made_of, (), (CATALOGUE["zero-shift"]("joint-3", after=after),))}
+        found = {
+            c.kind: c
+            for c in controls(made_of, (), (CATALOGUE["zero-shift"]("joint-3", after=after),))
+        }
         assert found[ROTATED].passed is False and found[REVERSED].passed is not True
 
 
@@ -221,8 +278,16 @@ def test_what_reads_the_clock_is_known(bench):
 
 def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
     problem = bench.problem(()).keeping()
-    rows = visible.smallest(problem, problem.sigma, lambda c: [p.unit for e in c.effects for p in e.parameters(bench.chain)])
-    k = next(i for i, c in enumerate(problem.candidates) if (c.effect, c.where) == ("backlash", "joint-3"))
+    rows = visible.smallest(
+        problem,
+        problem.sigma,
+        lambda c: [p.unit for e in c.effects for p in e.parameters(bench.chain)],
+    )
+    k = next(
+        i
+        for i, c in enumerate(problem.candidates)
+        if (c.effect, c.where) == ("backlash", "joint-3")
+    )
     column = problem.clear(problem.candidates[k].columns[:, 0] * rows[k].parameter)
     level = 1 - (1 - visible.FAMILY) ** (1 / len(rows))
     from scipy.stats import chi2
@@ -244,20 +309,32 @@ def test_noise_comes_from_replicates_else_from_what_is_stated():
     residual = 0.03 * rng.normal(size=(3, 200)) + np.repeat(rng.normal(size=(3, 20)), 10, 1)
     found, source = replicates.noise(np.arange(200) // 10, np.zeros(200), residual, 0.5, 600)
     assert source == "from replicates" and found == pytest.approx(np.sqrt(3) * 0.03, rel=0.1)
-    assert replicates.noise(np.arange(200), np.zeros(200), residual, 0.5, 600) == (np.sqrt(3) * 0.5, "as the recording states")
+    assert replicates.noise(np.arange(200), np.zeros(200), residual, 0.5, 600) == (
+        np.sqrt(3) * 0.5,
+        "as the recording states",
+    )
     lack = replicates.lack_of_fit(np.arange(200) // 10, np.zeros(200), residual, 6)
     assert lack["p_value"] < 1e-6 and lack["f"] > 10
 
 
 def test_shares_of_a_difference_add_up_and_only_structure_is_missing_physics(recording, tmp_path):
     path = tmp_path / "other.toml"
-    path.write_text(tomli_w.dumps(SCENE | {"seed": 9, "base": {"xyz_mm": [1.0, 0.0, 0.0]}}), encoding="utf-8")
+    path.write_text(
+        tomli_w.dumps(SCENE | {"seed": 9, "base": {"xyz_mm": [1.0, 0.0, 0.0]}}), encoding="utf-8"
+    )
     reference = against.reference_of(path, None)
     model, values = against.bound(reference, recording)
-    found = against.shares(model, values, lambda residual, degrees: np.sqrt(3) * 0.02, reference.name)
-    assert found.parameters_mm2 + found.noise_mm2 + found.structure_mm2 == pytest.approx(found.total_mm2, rel=1e-9)
+    found = against.shares(
+        model, values, lambda residual, degrees: np.sqrt(3) * 0.02, reference.name
+    )
+    assert found.parameters_mm2 + found.noise_mm2 + found.structure_mm2 == pytest.approx(
+        found.total_mm2, rel=1e-9
+    )
     assert found.noise_mm2 == pytest.approx(3 * 0.02**2, rel=0.01)
-    assert found.structure_mm2 == pytest.approx(_of_gap(recording), rel=0.5) and found.placing_mm2 > 0.9
+    assert (
+        found.structure_mm2 == pytest.approx(_of_gap(recording), rel=0.5)
+        and found.placing_mm2 > 0.9
+    )
 
 
 def _of_gap(recording):
@@ -268,8 +345,13 @@ def _of_gap(recording):
 
 
 def test_a_second_load_tells_two_compliances_apart(bench):
-    doubt = Doubt((CATALOGUE["joint-compliance"]("joint-2"),), np.array([2e-6]),
-                  (CATALOGUE["link-self-weight"]("joint-2"),), "one", "other")  # fmt: skip
+    doubt = Doubt(
+        (CATALOGUE["joint-compliance"]("joint-2"),),
+        np.array([2e-6]),
+        (CATALOGUE["link-self-weight"]("joint-2"),),
+        "one",
+        "other",
+    )
     rows = compared(bench, (), doubt)
     assert rows[0][0]["plan"] == "the same poses with more load"
     assert rows[0][0]["apart_then_sigma"] > 1.5 * rows[0][0]["apart_now_sigma"]
@@ -278,12 +360,16 @@ def test_a_second_load_tells_two_compliances_apart(bench):
 
 def test_what_is_proposed_separates_as_far_as_was_said(bench):
     """The stated distance is what a fit of the whole plan finds: no step is lost between the two."""
-    doubt = Doubt((gap(),), np.array([1e-5]), (CATALOGUE["joint-thermal-drift"]("joint-2"),), "one", "other")
+    doubt = Doubt(
+        (gap(),), np.array([1e-5]), (CATALOGUE["joint-thermal-drift"]("joint-2"),), "one", "other"
+    )
     rows = compared(bench, (), doubt)
     assert all(row["apart_then_sigma"] >= row["apart_now_sigma"] for row, _ in rows)
 
 
-@pytest.mark.parametrize("name, kind", [*CATALOGUE.items(), *(("sensor " + n, k) for n, k in SENSOR.items())])
+@pytest.mark.parametrize(
+    "name, kind", [*CATALOGUE.items(), *(("sensor " + n, k) for n, k in SENSOR.items())]
+)
 def test_every_effect_has_a_sentence_with_its_place(name, kind):
     place = kind.places[0]
     where = f"{place}-3" if place in ("joint", "link", "ball") else place
@@ -293,16 +379,25 @@ def test_every_effect_has_a_sentence_with_its_place(name, kind):
         assert f"{place} 3".lower() in said.lower()
 
 
-@pytest.mark.parametrize("value, std, unit, said", [
-    (1.3e-4, 1e-5, "rad", "0.130 ± 0.010 mrad"), (-2.04e-6, 3e-7, "rad/(N m)", "−2.04 ± 0.30 µrad/(N m)"),
-    (1.2e-5, 1e-6, "1/K", "12.0 ± 1.0 ppm/K"), (0.25, None, "mm", "0.25 mm"), (0.0, 0.0, "mm", "0 µm"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "value, std, unit, said",
+    [
+        (1.3e-4, 1e-5, "rad", "0.130 ± 0.010 mrad"),
+        (-2.04e-6, 3e-7, "rad/(N m)", "−2.04 ± 0.30 µrad/(N m)"),
+        (1.2e-5, 1e-6, "1/K", "12.0 ± 1.0 ppm/K"),
+        (0.25, None, "mm", "0.25 mm"),
+        (0.0, 0.0, "mm", "0 µm"),
+    ],
+)
 def test_figures_are_told_in_units_without_rows_of_zeros(value, std, unit, said):
     assert words.measured(value, std, unit) == said
 
 
 def term(probability, *others, effect="backlash", depends=()):
-    rivals = tuple(Alternative(name, "joint-3", "", p, 1.0, "same signature in these poses") for name, p in others)
+    rivals = tuple(
+        Alternative(name, "joint-3", "", p, 1.0, "same signature in these poses")
+        for name, p in others
+    )
     found = Finding(effect, "joint-3", "", (), 1e-9, probability, 0.3, 40.0, depends, rivals)
     row = {"name": "half_gap", "label": "half gap", "value": 1.3e-4, "std": 1e-5, "unit": "rad"}
     return Term(found, (row,), 0.08, 5.2, 4.1, 0.013, 9, 9)
@@ -310,9 +405,11 @@ def term(probability, *others, effect="backlash", depends=()):
 
 def test_the_statement_names_effect_place_size_and_proof():
     said = words.statement(term(0.99), "the ball", "mm")
-    assert said == ("Joint 3 stops short of its reading on the side that it came from: half gap 0.130 ± 0.010 mrad, "
-                    "0.08 mm RMS at the ball. It takes 0.013 mm off the held-out error (t = 5.2), and the search found it "
-                    "again in 9 of 9 folds.")  # fmt: skip
+    assert said == (
+        "Joint 3 stops short of its reading on the side that it came from: half gap 0.130 ± 0.010 mrad, "
+        "0.08 mm RMS at the ball. It takes 0.013 mm off the held-out error (t = 5.2), and the search found it "
+        "again in 9 of 9 folds."
+    )
     doubtful = words.statement(term(0.6, ("zero-shift", 0.4)), "the ball", "mm")
     assert "its name is not certain: this (0.60) or zero-shift at joint 3 (0.40)" in doubtful
 
@@ -322,7 +419,10 @@ def test_the_verdict_follows_from_the_terms():
     assert verdict_of((), 1e-9) == "unexplained"
     assert verdict_of((term(0.99),), 1e-9) == "explained"
     assert verdict_of((term(0.6, ("zero-shift", 0.4)),), 1e-9) == "ambiguous"
-    assert verdict_of((term(0.99), term(0.9, effect="unknown", depends=("q2",))), 1e-9) == "unexplained"
+    assert (
+        verdict_of((term(0.99), term(0.9, effect="unknown", depends=("q2",))), 1e-9)
+        == "unexplained"
+    )
 
 
 @pytest.mark.parametrize("after, left", [(0.03, False), (0.15, True), (0.2, True)])
@@ -335,31 +435,48 @@ def test_what_leaves_most_of_the_mismatch_has_not_explained_it(after, left):
 def test_options_are_told_as_json_takes_them(bench):
     wave = CATALOGUE["transmission-harmonic"]("joint-2", order=3.0)
     assert options_of((wave,)) == {"order": 3.0}
-    assert options_of((CATALOGUE["backlash"]("joint-2", seat="gravity", width=0.2),)) == {"seat": "gravity", "width": 0.2}
+    assert options_of((CATALOGUE["backlash"]("joint-2", seat="gravity", width=0.2),)) == {
+        "seat": "gravity",
+        "width": 0.2,
+    }
     assert options_of((bench.loose[0].effect,)) == {"masses_found": True}
 
 
 def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
     problem = bench.problem(())
-    hidden = Alternative("backlash", "joint-3", "", 0.5, 1.0, "needs what was not recorded", "approach")
+    hidden = Alternative(
+        "backlash", "joint-3", "", 0.5, 1.0, "needs what was not recorded", "approach"
+    )
     moving = Term(Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)))
     said = next_experiment(bench, (moving,), problem, 1e-9).sentence
-    assert said == "Record the side from which each joint came beside every sample; without it this stays open."
+    assert (
+        said
+        == "Record the side from which each joint came beside every sample; without it this stays open."
+    )
     assert missing_of((moving,)) == ("approach",)
     unknown = Term(Finding("unknown", "joint-1", "", (), 1e-9, 0.99, 0.3, 40.0, ("move1",)))
     said = next_experiment(bench, (unknown,), problem, 1e-9).sentence
-    assert "the last move of joint 1" in said and "othing" not in said.replace("nothing else does", "")
+    assert "the last move of joint 1" in said and "othing" not in said.replace(
+        "nothing else does", ""
+    )
     assert next_experiment(bench, (), problem, 1e-9).sentence.startswith("Measure more poses")
     assert next_experiment(bench, (), problem, 0.5).sentence.startswith("Nothing is missing")
 
 
 def test_what_the_noise_does_is_told_in_words():
     hidden = Alternative("backlash", "joint-3", "", 0.5, 1.0, "", "approach")
-    moving = Term(Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)), size=0.03)
+    moving = Term(
+        Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)), size=0.03
+    )
     said = words.statement(moving, "the ball", "mm")
     assert "moves from sample to sample" in said and "the side from which each joint came" in said
-    spread = Term(Finding("noise-heteroscedastic", "noise", "", (), 1e-9, 1.0, 0.0, 0.0, ("range_mm",)))
-    assert words.statement(spread, "the ball", "mm") == "The noise is not the same everywhere: its spread goes with the range."
+    spread = Term(
+        Finding("noise-heteroscedastic", "noise", "", (), 1e-9, 1.0, 0.0, 0.0, ("range_mm",))
+    )
+    assert (
+        words.statement(spread, "the ball", "mm")
+        == "The noise is not the same everywhere: its spread goes with the range."
+    )
 
 
 def test_the_catalogue_page_has_every_effect_and_its_small_picture():

@@ -26,8 +26,14 @@ def recorded(seed: int, effects=(), values=(), n: int = 220, more=None) -> Recor
     rng = np.random.default_rng(seed)
     joints = rng.uniform(-1.4, 1.4, (n, 6))
     columns = {f"q{k}_deg": np.rad2deg(q) for k, q in enumerate(joints.T, 1)}
-    columns |= {"time_s": 20.0 * np.arange(n), **dict.fromkeys(("x_mm", "y_mm", "z_mm"), np.zeros(n)), **(more or {})}
-    recording = Recording("external-point", columns, elastic_arm.robot(), sigma_mm=SIGMA, name="made")
+    columns |= {
+        "time_s": 20.0 * np.arange(n),
+        **dict.fromkeys(("x_mm", "y_mm", "z_mm"), np.zeros(n)),
+        **(more or {}),
+    }
+    recording = Recording(
+        "external-point", columns, elastic_arm.robot(), sigma_mm=SIGMA, name="made"
+    )
     start = np.array([300.0, -200.0, 100.0, 0.1, -0.2, 0.3, 40.0, -30.0, 90.0])
     chain = bind(load_robot(elastic_arm.robot(), "made"), recording, start)
     model = Model(chain, tuple(effects))
@@ -35,7 +41,11 @@ def recorded(seed: int, effects=(), values=(), n: int = 220, more=None) -> Recor
     truth[6:36] += (rng.uniform(-1, 1, (6, 5)) * [0.005, 0.5, 0.5, 0.005, 0]).ravel()
     truth[36 + 3 :] = values
     residual = model.residual(replace(model.parameters, values=truth))
-    return replace(recording, columns=columns | chain.measurement.columns(residual + rng.normal(0, SIGMA, residual.shape)))
+    return replace(
+        recording,
+        columns=columns
+        | chain.measurement.columns(residual + rng.normal(0, SIGMA, residual.shape)),
+    )
 
 
 def found(*args, **given):
@@ -49,7 +59,9 @@ def test_evidence_is_the_marginal_likelihood():
     scores = judge(Moments((z.T @ z)[None], (z.T @ y)[None], np.array([20.0])), float(y @ y), 12)
     logs, anchor = np.linspace(-4, 4, 4001), 4.0
     variance = np.exp(logs)
-    weight = variance ** (-anchor / 2) * np.exp(-anchor / 2 / variance)  # inverse gamma, d variance / variance
+    weight = variance ** (-anchor / 2) * np.exp(
+        -anchor / 2 / variance
+    )  # inverse gamma, d variance / variance
 
     def likelihood(covariance):
         base = multivariate_normal(np.zeros(12), covariance)
@@ -58,14 +70,21 @@ def test_evidence_is_the_marginal_likelihood():
         return np.trapezoid(weight * np.exp(level - 6 * logs - whitened / 2 / variance), logs)
 
     likely = 1 / np.maximum(1, SIZES / 3)
-    averaged = sum(p * likelihood(np.eye(12) + s**2 * z @ z.T) for p, s in zip(likely / likely.sum(), SIZES))
+    averaged = sum(
+        p * likelihood(np.eye(12) + s**2 * z @ z.T) for p, s in zip(likely / likely.sum(), SIZES)
+    )
     assert scores.evidence[0] == pytest.approx(np.log(averaged / likelihood(np.eye(12))), abs=1e-3)
 
 
 def test_p_values_are_uniform_when_nothing_is_there():
     rng = np.random.default_rng(2)
     z, y = rng.normal(size=(60, 3)), rng.normal(size=(4000, 60))
-    p = np.array([judge(Moments((z.T @ z)[None], (z.T @ row)[None], np.array([99.0])), row @ row, 60).p[0] for row in y])
+    p = np.array(
+        [
+            judge(Moments((z.T @ z)[None], (z.T @ row)[None], np.array([99.0])), row @ row, 60).p[0]
+            for row in y
+        ]
+    )
     counts = np.histogram(p, 10, (0, 1))[0]
     assert ((counts - 400) ** 2 / 400).sum() < 27.9  # 0.1 % of chi-square with 9
 
@@ -75,7 +94,11 @@ def test_projecting_takes_out_what_the_baseline_makes():
     problem = bench.problem()
     assert np.allclose(problem.basis.T @ problem.basis, np.eye(problem.basis.shape[1]), atol=1e-10)
     assert problem.basis.shape[1] == 30 - 3  # base and tool shift as lengths do
-    offset = next(c for c in problem.candidates if c.effect == "transmission-harmonic" and c.where == "joint-3")
+    offset = next(
+        c
+        for c in problem.candidates
+        if c.effect == "transmission-harmonic" and c.where == "joint-3"
+    )
     left = problem.clear(offset.columns)
     assert 0 < (left**2).sum() < 0.5 * (offset.columns**2).sum()
 
@@ -89,7 +112,9 @@ def test_steps_and_waves_agree_with_their_columns():
     for scan in problem.scans:
         moments, i = scan_moments(projected, scan), len(scan.options) // 3
         columns = problem.clear(columns_of((scan, scan.options[i]), problem))
-        assert moments.gram[i] == pytest.approx(columns.T @ columns, rel=1e-6, abs=1e-6 * moments.raw[i])
+        assert moments.gram[i] == pytest.approx(
+            columns.T @ columns, rel=1e-6, abs=1e-6 * moments.raw[i]
+        )
         assert moments.score[i] == pytest.approx(columns.T @ projected.y, rel=1e-6, abs=1e-5)
 
 
@@ -115,9 +140,15 @@ def test_names_what_is_there(effect, where, options, values):
 
 @pytest.mark.slow
 def test_finds_two_at_once_and_when_the_joint_slipped():
-    pair = [CATALOGUE["zero-shift"]("joint-4", after=1510.0), CATALOGUE["joint-compliance"]("joint-2")]
+    pair = [
+        CATALOGUE["zero-shift"]("joint-4", after=1510.0),
+        CATALOGUE["joint-compliance"]("joint-2"),
+    ]
     answer = found(6, pair, [1e-3, 1.5e-5])
-    assert {(f.effect, f.where) for f in answer.findings} == {("zero-shift", "joint-4"), ("joint-compliance", "joint-2")}
+    assert {(f.effect, f.where) for f in answer.findings} == {
+        ("zero-shift", "joint-4"),
+        ("joint-compliance", "joint-2"),
+    }
     slip = next(f for f in answer.findings if f.effect == "zero-shift")
     assert slip.effects[0].after == pytest.approx(1510.0, abs=60)
 
@@ -152,7 +183,9 @@ def test_spread_that_grows_is_seen_and_heavy_tails_are_not_taken_for_it():
     name, p = spread_with(rng.normal(size=(3, 400)) * np.exp(0.6 * x["range"]), x)
     assert name == "range"
     assert p < 1e-4
-    assert np.mean([spread_with(rng.standard_t(5, (3, 400)), x)[1] < 0.01 for _ in range(200)]) <= 0.03
+    assert (
+        np.mean([spread_with(rng.standard_t(5, (3, 400)), x)[1] < 0.01 for _ in range(200)]) <= 0.03
+    )
 
 
 def test_weights_fall_only_far_out():
@@ -199,7 +232,9 @@ def test_what_moves_by_chance_is_located_and_the_missing_covariate_named():
     answer = found(12, [Random("joint-2", joint=4)], [2e-4])
     assert not answer.findings
     assert [(f.effect, f.where) for f in answer.spread] == [("unknown", "joint-2")]
-    assert {"temperature", "approach", "speed"} <= {a.missing for a in answer.spread[0].alternatives}
+    assert {"temperature", "approach", "speed"} <= {
+        a.missing for a in answer.spread[0].alternatives
+    }
     assert answer.located[0].where == "joint-2"
 
 
@@ -212,4 +247,6 @@ def test_noise_that_grows_with_the_load_is_named_and_makes_no_function_of_it():
     columns = {c: recording.columns[c] + row for c, row in zip(("x_mm", "y_mm", "z_mm"), noise)}
     answer = find(bench_of(replace(recording, columns={**recording.columns, **columns})))
     assert not answer.findings
-    assert [(f.effect, f.depends_on[0].startswith("payload")) for f in answer.spread] == [("noise-heteroscedastic", True)]
+    assert [(f.effect, f.depends_on[0].startswith("payload")) for f in answer.spread] == [
+        ("noise-heteroscedastic", True)
+    ]

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from workbench.commands.shared import answer
 from workbench.commands.robot.diagnose import show
+from workbench.commands.shared import answer
 from workbench.diagnosis import words
 from workbench.diagnosis.files import save
 from workbench.diagnosis.problem import Alternative, Finding, Found, Located
@@ -24,8 +24,8 @@ from workbench.diagnosis.result import (
     with_statements,
 )
 from workbench.diagnosis.visible import Visible
-from workbench.report.diagnosis import figures as figures
 from workbench.report import style
+from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.page import page
 from workbench.report.diagnosis.summary_image import picture
 from workbench.report.page import write_sheet

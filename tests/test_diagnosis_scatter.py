@@ -48,14 +48,19 @@ def test_repeats_of_a_pose_that_err_together_are_no_movement_by_chance():
     pose = np.arange(240) // 6
     for _ in range(12):
         shared = rng.normal(size=(3, 40))[:, pose] + 0.3 * rng.normal(size=(3, 240))
-        found = scattered(replace(plain, residual=plain.clear(shared.ravel()), weights=np.ones(240), pose=pose), 1.0)
+        found = scattered(
+            replace(plain, residual=plain.clear(shared.ravel()), weights=np.ones(240), pose=pose),
+            1.0,
+        )
         smallest.append(1.0 if found is None else found.p_value)
     assert min(smallest) > 0.01
 
 
 def test_what_goes_with_time_asks_for_what_changes_with_time():
     problem = bench_of(recorded(5, n=60)).problem()
-    asked = {a.missing for a in unrecorded(problem, Located("joint-3", "joint", ("time",), 0.3, 1e-9))}
+    asked = {
+        a.missing for a in unrecorded(problem, Located("joint-3", "joint", ("time",), 0.3, 1e-9))
+    }
     assert asked == {"temperature", "payload"}
     assert not unrecorded(problem, Located("joint-3", "joint", ("q3",), 0.3, 1e-9))
 
@@ -64,7 +69,10 @@ def test_what_goes_with_time_asks_for_what_changes_with_time():
 def test_what_the_baseline_holds_is_no_candidate(kind):
     recording = recorded(5, n=60)
     bare = {(c.effect, c.where) for c in getattr(bench_of(recording).problem(), kind)}
-    yields = {(c.effect, c.where) for c in getattr(bench_of(recording, "joint-compliance").problem(), kind)}
+    yields = {
+        (c.effect, c.where)
+        for c in getattr(bench_of(recording, "joint-compliance").problem(), kind)
+    }
     gone = {pair for pair in bare if pair[0] == "joint-compliance"}
     assert gone
     assert not yields & gone
@@ -75,7 +83,9 @@ def test_outliers_beside_an_unknown_hold_more_than_it_may_miss(share, stay):
     problem = bench_of(recorded(8, n=60)).problem()
     outliers = np.arange(60) < 3
     gain = far_off(problem, outliers) / (1 - LAW) / share
-    search = SimpleNamespace(accepted=[SimpleNamespace(unnamed=("q4",))], everyone=(0,), beside=lambda i: (gain, 0.0))
+    search = SimpleNamespace(
+        accepted=[SimpleNamespace(unnamed=("q4",))], everyone=(0,), beside=lambda i: (gain, 0.0)
+    )
     said = (SimpleNamespace(effect="outliers"), SimpleNamespace(effect="noise-heteroscedastic"))
     left, data = _beyond_functions(search, problem, outliers, said)
     assert (left == (outliers & stay)).all()

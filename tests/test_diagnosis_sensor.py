@@ -38,7 +38,9 @@ def measured(name, seed=0, times=1.0):
     """Chains with an effect at `times` its size, and the effect."""
     where, options, values = CASES[name]
     effect = CATALOGUE[name](where, **options)
-    return simulated(true(), (effect,), {f"{where}.{name}.{key}": times * v for key, v in values.items()}, seed), effect
+    return simulated(
+        true(), (effect,), {f"{where}.{name}.{key}": times * v for key, v in values.items()}, seed
+    ), effect
 
 
 @cache
@@ -46,16 +48,38 @@ def clean():
     return sensor.SensorBench(simulated(true(), (), {}, 7))
 
 
-@pytest.mark.parametrize("port, slot", [("pixel", 0), ("pixel", 1), ("ray", 0), ("ray", 2), ("mirror", 0), ("plane", 1),
-                                        ("plane", 3), ("plane", 4), ("point", 2), ("target", 1)])  # fmt: skip
+@pytest.mark.parametrize(
+    "port, slot",
+    [
+        ("pixel", 0),
+        ("pixel", 1),
+        ("ray", 0),
+        ("ray", 2),
+        ("mirror", 0),
+        ("plane", 1),
+        ("plane", 3),
+        ("plane", 4),
+        ("point", 2),
+        ("target", 1),
+    ],
+)
 def test_derivatives_of_the_ball_chain_by_its_ports_are_those_of_its_values(port, slot):
     balls = true().balls
-    step = {"pixel": 1e-3, "ray": 1e-6, "mirror": 1e-6, "plane": 1e-6, "point": 1e-3, "target": 1e-3}[port]
+    step = {
+        "pixel": 1e-3,
+        "ray": 1e-6,
+        "mirror": 1e-6,
+        "plane": 1e-6,
+        "point": 1e-3,
+        "target": 1e-3,
+    }[port]
     step = 1e-8 if (port, slot) == ("plane", 4) else step
     values = balls.parameters.values
 
     def residual(by):
-        return balls.evaluate(values, {port: (np.array([slot]), np.full((1, balls.n), by))}).residual[0]
+        return balls.evaluate(
+            values, {port: (np.array([slot]), np.full((1, balls.n), by))}
+        ).residual[0]
 
     numeric = (residual(step) - residual(-step)) / (2 * step)
     rows = balls.evaluate(values, {}).rows(port, np.array([slot]))[0, 0]
@@ -68,10 +92,18 @@ def test_derivatives_of_the_ball_chain_by_camera_mirror_and_centres_are_those_of
     rows = Model(balls).linearise(table)[1][:, 0]
     for k, key in enumerate(table.keys):
         h = 1e-5 * table.typical[k]
-        up, down = (Model(balls).residual(table.update({key: table.values[k] + s * h}))[0] for s in (1, -1))
-        assert np.abs((up - down) / (2 * h) - rows[k]).max() < 1e-3 * max(np.abs(rows[k]).max(), 1e-9), key
+        up, down = (
+            Model(balls).residual(table.update({key: table.values[k] + s * h}))[0] for s in (1, -1)
+        )
+        assert np.abs((up - down) / (2 * h) - rows[k]).max() < 1e-3 * max(
+            np.abs(rows[k]).max(), 1e-9
+        ), key
     by_centre = balls.evaluate(table.values, {}).family_rows("ball")[:, 0]
-    moved = balls.with_families({"ball": balls.centres + [0, 0, 1e-4]}).evaluate(table.values, {}).residual[0]
+    moved = (
+        balls.with_families({"ball": balls.centres + [0, 0, 1e-4]})
+        .evaluate(table.values, {})
+        .residual[0]
+    )
     assert np.abs(moved / 1e-4 - by_centre[2]).max() < 1e-3 * np.abs(by_centre[2]).max()
 
 
@@ -84,7 +116,11 @@ def test_noise_is_read_from_neighbours_and_a_concealed_effect_does_not_raise_it(
 def test_a_problem_is_whitened_and_its_basis_holds_every_pose_and_ball():
     problem = clean().problem()
     left = problem.clear(problem.residual)
-    assert len(problem.sample) == len(problem.residual) == 2 * clean().chains.counts[0] + sum(clean().chains.counts[1:])
+    assert (
+        len(problem.sample)
+        == len(problem.residual)
+        == 2 * clean().chains.counts[0] + sum(clean().chains.counts[1:])
+    )
     assert (left**2).sum() / problem.degrees == pytest.approx(1.0, abs=0.06)
     assert problem.basis.shape[1] >= 6 * 12 + 3 * 18 + 9 + 7
     assert np.allclose(problem.basis.T @ problem.basis, np.eye(problem.basis.shape[1]), atol=1e-10)
@@ -95,10 +131,18 @@ def test_an_effects_columns_are_what_the_baseline_leaves_of_it():
     bench = sensor.SensorBench(chains)
     still = sensor.SensorBench(simulated(true(), (), {}, 0))
     problem, without = bench.problem(), still.problem()
-    column = next(c.columns for c in problem.candidates if c.effect == "plane-bow" and c.label == "the same all along")
-    change = problem.clear(problem.residual / np.sqrt(problem.weights)[problem.sample]) - without.clear(without.residual)
+    column = next(
+        c.columns
+        for c in problem.candidates
+        if c.effect == "plane-bow" and c.label == "the same all along"
+    )
+    change = problem.clear(
+        problem.residual / np.sqrt(problem.weights)[problem.sample]
+    ) - without.clear(without.residual)
     expected = problem.clear(column[:, 0]) * 1e-5
-    assert change @ expected / (expected @ expected) == pytest.approx(-1.0, abs=0.1)  # the prediction lacks it
+    assert change @ expected / (expected @ expected) == pytest.approx(
+        -1.0, abs=0.1
+    )  # the prediction lacks it
 
 
 def test_a_search_inside_a_fold_sees_all_of_the_other_placements():
@@ -177,27 +221,63 @@ def test_a_wobble_so_large_that_it_is_not_linear_is_named_or_declared_beside_its
     fine = sensor_virtual.chains(2, steps=24, boards=14, stripe_px=0.008, corner_px=0.004)
     values = {"tilt_cos1": 0.0163, "shift_cos1": -0.56, "tilt_sin1": -0.0022, "shift_sin1": -0.61}
     values |= {"tilt_cos2": -0.0035, "shift_cos2": 0.22, "tilt_sin2": -0.0116, "shift_sin2": -0.64}
-    chains = simulated(fine, (effect,), {f"mirror.mirror-wobble.{k}": v for k, v in values.items()}, 2)
+    chains = simulated(
+        fine, (effect,), {f"mirror.mirror-wobble.{k}": v for k, v in values.items()}, 2
+    )
     found = find(sensor.SensorBench(chains)).findings
     twins = {("mirror-wobble", "mirror"), ("mirror-encoder-harmonic", "mirror")}
-    said = {(found[0].effect, found[0].where), *((a.effect, a.where) for a in found[0].alternatives)}
+    said = {
+        (found[0].effect, found[0].where),
+        *((a.effect, a.where) for a in found[0].alternatives),
+    }
     assert len(found) == 1
     assert ("mirror-wobble", "mirror") in said
     assert said <= twins
 
 
-@pytest.mark.parametrize("where, evidence, size, declared", [("mirror", 30.0, True, True), ("mirror", 30.0, False, False),
-                                                             ("mirror", 10.0, True, False), ("laser", 30.0, True, False)])  # fmt: skip
-def test_a_large_law_that_is_likelier_stands_beside_a_function_at_its_place(monkeypatch, where, evidence, size, declared):
+@pytest.mark.parametrize(
+    "where, evidence, size, declared",
+    [
+        ("mirror", 30.0, True, True),
+        ("mirror", 30.0, False, False),
+        ("mirror", 10.0, True, False),
+        ("laser", 30.0, True, False),
+    ],
+)
+def test_a_large_law_that_is_likelier_stands_beside_a_function_at_its_place(
+    monkeypatch, where, evidence, size, declared
+):
     label = "a smooth function of mirror and along"
-    law = Hypothesis("a law", where, "", "", (), (), "", False, None, -3.0, 0.1, evidence, 1e-9, 80.0, 3)
-    own = Hypothesis("unknown", "mirror", label, "", (), ("mirror", "along"), "", True, None, -5.0, 0.1, 20.0, 1e-9, 100.0, 16)
+    law = Hypothesis(
+        "a law", where, "", "", (), (), "", False, None, -3.0, 0.1, evidence, 1e-9, 80.0, 3
+    )
+    own = Hypothesis(
+        "unknown",
+        "mirror",
+        label,
+        "",
+        (),
+        ("mirror", "along"),
+        "",
+        True,
+        None,
+        -5.0,
+        0.1,
+        20.0,
+        1e-9,
+        100.0,
+        16,
+    )
     bare = SimpleNamespace(keeping=lambda: None)
     monkeypatch.setattr(sensor_review, "judged", lambda problem: [law, own])
     monkeypatch.setattr(sensor_review, "large", lambda *about: size)
-    finding = Finding("unknown", "mirror", label, ("a function",), 1e-9, 0.99, 1.0, 100.0, ("mirror", "along"))
+    finding = Finding(
+        "unknown", "mirror", label, ("a function",), 1e-9, 0.99, 1.0, 100.0, ("mirror", "along")
+    )
     found = Found((finding,), bare, bare, 0.0, 0.0, (), (), np.zeros(1, bool))
     (told,) = sensor_review.reviewed(SimpleNamespace(problem=lambda *about: bare), found).findings
     assert [a.effect for a in told.alternatives] == ["a law"] * declared
-    assert told.probability + sum(a.probability for a in told.alternatives) == pytest.approx(1.0 if declared else 0.99)
+    assert told.probability + sum(a.probability for a in told.alternatives) == pytest.approx(
+        1.0 if declared else 0.99
+    )
     assert (told.effect, told.depends_on) == ("unknown", ("mirror", "along"))

@@ -20,7 +20,10 @@ from workbench.diagnosis.sets import Sets
 
 def solved():
     """A problem solved with two effects, with the clock and a slip in the recording."""
-    effects = CATALOGUE["joint-compliance"]("joint-3"), CATALOGUE["zero-shift"]("joint-1", after=2000.0)
+    effects = (
+        CATALOGUE["joint-compliance"]("joint-3"),
+        CATALOGUE["zero-shift"]("joint-1", after=2000.0),
+    )
     bench = bench_of(recorded(31, effects, [4e-6, 3e-4], n=120))
     return bench.problem(effects)
 
@@ -33,7 +36,9 @@ def test_a_table_beside_what_is_kept_is_that_made_anew(kept):
     shared = problem.keeping(kept)
     fresh = replace(shared, known={}, made={}, bare=None)
     found, expected = judged(shared), judged(fresh)
-    own = {(h.effect, h.where, h.label): (h.evidence, h.gain, h.rank, np.log(h.p)) for h in expected}
+    own = {
+        (h.effect, h.where, h.label): (h.evidence, h.gain, h.rank, np.log(h.p)) for h in expected
+    }
     assert len(found) == len(expected) > 500
     for h in found:
         made = h.evidence, h.gain, h.rank, np.log(h.p)
@@ -54,12 +59,16 @@ def test_a_set_less_a_member_is_the_smaller_set():
     start = np.concatenate([[0], np.cumsum(widths)])
     columns = rng.normal(size=(60, start[-1])) * rng.uniform(1, 30, start[-1])
     groups = tuple(start[:-1][widths == w][:, None] + np.arange(w) for w in np.unique(widths))
-    table = Table(columns.T @ columns, columns.T @ rng.normal(size=60), np.geomspace(100, 1e-4, 5), groups)
+    table = Table(
+        columns.T @ columns, columns.T @ rng.normal(size=60), np.geomspace(100, 1e-4, 5), groups
+    )
     held = np.r_[start[1] : start[2], start[4] : start[5], start[5] : start[6]]
     for member in (slice(0, 3), slice(3, 4), slice(4, 10)):
         less = Beside(table, held).without(member)
         own = Beside(table, np.delete(held, member)).whole
-        assert np.allclose(less.spent, own.spent, rtol=1e-9) and np.allclose(less.gained, own.gained, rtol=1e-9)
+        assert np.allclose(less.spent, own.spent, rtol=1e-9) and np.allclose(
+            less.gained, own.gained, rtol=1e-9
+        )
         assert np.allclose(less.left, own.left, rtol=1e-7, atol=1e-7)
         assert all(np.allclose(a, b, rtol=1e-7, atol=1e-7) for a, b in zip(less.blocks, own.blocks))
 
@@ -75,7 +84,9 @@ def test_the_weight_of_a_set_is_that_of_its_columns():
     again, same = Sets.of(projected, problem, short).grown((0, 2))
     assert own == pytest.approx(same, rel=1e-9)
     seen = np.isfinite(again)
-    assert (seen == np.isfinite(weights)).all() and np.allclose(weights[seen], again[seen], rtol=1e-9)
+    assert (seen == np.isfinite(weights)).all() and np.allclose(
+        weights[seen], again[seen], rtol=1e-9
+    )
 
 
 def test_what_moves_nothing_makes_nothing():
@@ -104,21 +115,30 @@ def test_several_points_turn_as_each_does():
 def test_a_law_stays_where_what_took_its_place_does_not(monkeypatch):
     """What is exchanged for a law and then left out itself as too small has beaten nothing."""
     effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
-    search = Search(bench_of(recorded(32, effects, [4e-6, 4e-6], n=120)), None, select.LEVEL, lambda text: None)
+    search = Search(
+        bench_of(recorded(32, effects, [4e-6, 4e-6], n=120)), None, select.LEVEL, lambda text: None
+    )
     search.solve()
     own = {(h.effect, h.where): h for h in search.table(()) if not h.label}
     search.accepted = tuple(own[e.effect, e.where] for e in effects)
     search.solve()
     weak = next(h for h in reversed(search.table((0, 1))) if h.effect == "joint-coupling")
-    monkeypatch.setattr(select, "_likelier", lambda s, i, slack, failed: None if i or failed else weak)
+    monkeypatch.setattr(
+        select, "_likelier", lambda s, i, slack, failed: None if i or failed else weak
+    )
     select._beaten(search)
-    assert {name_of(h) for h in search.accepted} == {("joint-compliance", "joint-2", ""), ("joint-compliance", "joint-3", "")}
+    assert {name_of(h) for h in search.accepted} == {
+        ("joint-compliance", "joint-2", ""),
+        ("joint-compliance", "joint-3", ""),
+    }
     assert any("stays" in line for line in search.trail)
 
 
 def test_twins_are_not_left_out_at_once_as_each_is_small_beside_the_other(monkeypatch):
     """The first two make the same: each gains little beside the other, both together much."""
-    monkeypatch.setattr(Search, "together", lambda self, members: 100.0 if {0, 1} <= set(members) else 9.0)
+    monkeypatch.setattr(
+        Search, "together", lambda self, members: 100.0 if {0, 1} <= set(members) else 9.0
+    )
     search = Search(None, None, select.LEVEL, lambda text: None)
     assert search.too_small(np.array([4.0, 5.0, 6.0, 500.0]), 50.0) == {0, 2}
     assert search.too_small(np.array([4.0, 40.0, 45.0, 500.0]), 50.0) == {0}
@@ -130,7 +150,12 @@ def test_one_function_takes_the_place_of_laws_that_make_less_of_the_same():
         def basis(self, state):
             return np.sin(2 * state.variables[3] * state.variables[5])[None, None]
 
-    search = Search(bench_of(recorded(33, [Odd("joint-5", joint=4)], [6e-4])), None, select.LEVEL, lambda text: None)
+    search = Search(
+        bench_of(recorded(33, [Odd("joint-5", joint=4)], [6e-4])),
+        None,
+        select.LEVEL,
+        lambda text: None,
+    )
     search.solve()
     law = next(h for h in search.table(()) if h.effects and h.where == "joint-5" and h.label)
     search.accepted = (law,)
@@ -141,7 +166,9 @@ def test_one_function_takes_the_place_of_laws_that_make_less_of_the_same():
 
 def test_laws_that_make_all_of_it_are_not_outdone():
     slip = CATALOGUE["zero-shift"]("joint-4", after=1510.0)
-    search = Search(bench_of(recorded(34, [slip], [1e-3], n=120)), None, select.LEVEL, lambda text: None)
+    search = Search(
+        bench_of(recorded(34, [slip], [1e-3], n=120)), None, select.LEVEL, lambda text: None
+    )
     search.solve()
     search.accepted = tuple(h for h in search.table(()) if h.effects)[:1]
     search.solve()

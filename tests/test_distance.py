@@ -13,11 +13,11 @@ from robot_model.effects import CATALOGUE
 from robot_model.measurements import measurement_of, samples_of
 from robot_model.system import bind
 from scenes import ABB, assert_rows, differences
-from workbench.jobs.calibrate import calibrate
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.fitting.cross_validation import blocks
+from workbench.jobs.calibrate import calibrate
 from workbench.jobs.identify import identifiability
 from workbench.jobs.poses import choose_poses, write_poses
 from workbench.report.calibration.errors import errors_of, noise_sentence
@@ -34,11 +34,17 @@ def lengths(pairs=40, ids=(1,), sigma=0.01, seed=0):
     flanges = np.array([frames_of(robot, row)[-1] for row in q])
     places = np.array([f[:3, :3] @ REFLECTORS[r] + f[:3, 3] for f, r in zip(flanges, reflector)])
     apart = np.linalg.norm(places[:pairs] - places[pairs:], axis=1)
-    columns = {"pair": np.tile(np.arange(1.0, pairs + 1), 2), "length_mm": np.tile(apart, 2),
-               "reflector": reflector.astype(float), "payload_kg": rng.uniform(0, 2, 2 * pairs)}  # fmt: skip
+    columns = {
+        "pair": np.tile(np.arange(1.0, pairs + 1), 2),
+        "length_mm": np.tile(apart, 2),
+        "reflector": reflector.astype(float),
+        "payload_kg": rng.uniform(0, 2, 2 * pairs),
+    }
     columns |= {f"q{k + 1}_deg": np.rad2deg(column) for k, column in enumerate(q.T)}
     order = rng.permutation(2 * pairs)
-    columns = {"sample": np.arange(1.0, 2 * pairs + 1)} | {name: column[order] for name, column in columns.items()}
+    columns = {"sample": np.arange(1.0, 2 * pairs + 1)} | {
+        name: column[order] for name, column in columns.items()
+    }
     return Recording("distance", columns, ABB, sigma_mm=sigma, name="bar")
 
 
@@ -53,14 +59,22 @@ def test_exact_lengths_start_at_the_reflectors(ids, pairs):
 
 def test_the_jacobian_is_the_derivative_with_effects_on_every_port():
     """What acts differently at the two ends, of loads that differ, adds up to the one length."""
-    rows = [("joint-compliance", "joint-2", {}), ("bearing-compliance", "joint-3", {}), ("first-moment", "link-3", {}),
-            ("transmission-harmonic", "joint-4", {"order": 1})]  # fmt: skip
-    model = Model(bind(load_robot(ABB), samples_of(lengths(12, (1, 4)))), make_effects(CATALOGUE, rows))
+    rows = [
+        ("joint-compliance", "joint-2", {}),
+        ("bearing-compliance", "joint-3", {}),
+        ("first-moment", "link-3", {}),
+        ("transmission-harmonic", "joint-4", {"order": 1}),
+    ]
+    model = Model(
+        bind(load_robot(ABB), samples_of(lengths(12, (1, 4)))), make_effects(CATALOGUE, rows)
+    )
     start = model.parameters
     free = start.only(~np.isin(start.keys, [*UNSEEN, *LEVERLESS]))
     free = free.unpack(free.pack() + 0.02 * free.typical[free.mask])
     size = free.typical[free.mask]
-    expected = differences(lambda x: model.residual(free.unpack(x * size)), free.pack() / size, 1e-4)
+    expected = differences(
+        lambda x: model.residual(free.unpack(x * size)), free.pack() / size, 1e-4
+    )
     assert expected.shape[2] == 12
     assert_rows(model.linearise(free)[1] * size[:, None, None], expected, 1e-4)
 
@@ -68,10 +82,14 @@ def test_the_jacobian_is_the_derivative_with_effects_on_every_port():
 def test_some_lengths_are_the_same_chain():
     chain = bind(load_robot(ABB), samples_of(lengths(20, (1, 4))))
     part, values = np.array([2, 5, 17]), chain.parameters.update({"joint-3.a3": 261.0})
-    np.testing.assert_allclose(Model(chain).at(part).residual(values), Model(chain).residual(values)[:, part])
+    np.testing.assert_allclose(
+        Model(chain).at(part).residual(values), Model(chain).residual(values)[:, part]
+    )
     mask = np.isin(np.arange(20), part)
     assert np.array_equal(chain.at(mask).variables, chain.at(part).variables)
-    points, arrows = chain.to_root(values.values, chain.evaluate(values.values, {}), np.full((3, 20), 0.5)[:1])
+    points, arrows = chain.to_root(
+        values.values, chain.evaluate(values.values, {}), np.full((3, 20), 0.5)[:1]
+    )
     assert points.shape == arrows.shape == (3, 20)
     np.testing.assert_allclose(np.linalg.norm(arrows, axis=0), 0.5)
 
@@ -112,26 +130,41 @@ def test_no_base_is_known_and_the_program_says_so():
 
 def test_lengths_of_an_arm_that_the_model_did_not_make(tmp_path):
     """MuJoCo's elastic arm, 0.005 mm: nominal 1.8 mm, unseen lengths to 1.4 times the noise, through the files."""
-    lengths_maker = pytest.importorskip("datasets.makers.lengths", reason="MuJoCo is not installed", exc_type=ImportError)
+    lengths_maker = pytest.importorskip(
+        "datasets.makers.lengths", reason="MuJoCo is not installed", exc_type=ImportError
+    )
     made = lengths_maker.lengths(250, noise_mm=0.005)
     answer = calibrate(read(write(made.recording(), tmp_path / "bar")), folds=5).as_json()
     assert answer["samples"] == 250 and answer["nominal"]["rms_mm"] > 1
     assert answer["held_out"]["rms_mm"] < 1.4 * 0.005
     true, found = made.truth["arm"].geometry, {row["name"]: row for row in answer["parameters"]}
-    for joint, name in ((0, "a1"), (1, "a2"), (2, "a3")):  # what its pedestal and links do is only nearly in the model
+    for joint, name in (
+        (0, "a1"),
+        (1, "a2"),
+        (2, "a3"),
+    ):  # what its pedestal and links do is only nearly in the model
         off, before = (found[name][key] - true[joint, 2] for key in ("value", "nominal"))
         assert found[name]["identifiable"] and abs(off) < 0.1 * abs(before)
 
 
 def test_stated_sigmas_hold_their_parameters():
     """A stiff arm within the model: standardised errors of what is determined, over lengths that are not few."""
-    lengths_maker = pytest.importorskip("datasets.makers.lengths", reason="MuJoCo is not installed", exc_type=ImportError)
+    lengths_maker = pytest.importorskip(
+        "datasets.makers.lengths", reason="MuJoCo is not installed", exc_type=ImportError
+    )
     made = lengths_maker.lengths(300, noise_mm=0.01, stiff=True, seed=4)
     found = calibrate(made.recording(), folds=5)
     assert found.held_out["rms_mm"] == pytest.approx(0.01, rel=0.15)
-    true = {f"{name}{k + 1}": made.truth["arm"].geometry[k, c] for k in range(6)
-            for c, name in enumerate(("theta", "d", "a", "alpha", "beta"))}  # fmt: skip
-    inner = [row for row in found.parameters if row["identifiable"] and row["name"] in ("a1", "a2", "a3", "d4", "a4")]
+    true = {
+        f"{name}{k + 1}": made.truth["arm"].geometry[k, c]
+        for k in range(6)
+        for c, name in enumerate(("theta", "d", "a", "alpha", "beta"))
+    }
+    inner = [
+        row
+        for row in found.parameters
+        if row["identifiable"] and row["name"] in ("a1", "a2", "a3", "d4", "a4")
+    ]
     assert len(inner) >= 4
     assert all(abs(row["value"] - true[row["name"]]) < 4 * row["std"] for row in inner)
 
@@ -144,7 +177,9 @@ def test_lengths_that_differ_within_a_pair_are_a_sentence(tmp_path):
     recording = lengths(10)
     length = recording.columns["length_mm"].copy()
     length[3] += 0.5
-    with pytest.raises(InputError, match="column length_mm: expected .* as in the pair's other row, found"):
+    with pytest.raises(
+        InputError, match="column length_mm: expected .* as in the pair's other row, found"
+    ):
         broken(recording, tmp_path, length_mm=length)
 
 
@@ -153,14 +188,19 @@ def test_a_pair_of_one_row_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="column pair: expected two rows with one pair, found 1"):
         broken(recording.select(np.arange(19)), tmp_path / "one")
     fixed = np.array(["tool"] * 19 + ["floor"])
-    with pytest.raises(InputError, match="expected two rows of the tool with one pair, found 1 with"):
+    with pytest.raises(
+        InputError, match="expected two rows of the tool with one pair, found 1 with"
+    ):
         calibrate(broken(recording, tmp_path, fixed_to=fixed))
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (1 / 25.4, "inches")])
 def test_other_units_are_named(factor, unit):
     recording = lengths(40)
-    wrong = replace(recording, columns=recording.columns | {"length_mm": factor * recording.columns["length_mm"]})
+    wrong = replace(
+        recording,
+        columns=recording.columns | {"length_mm": factor * recording.columns["length_mm"]},
+    )
     with pytest.raises(InputError, match=f"column length_mm holds {unit}; multiply it by"):
         calibrate(wrong)
 

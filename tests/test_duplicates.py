@@ -11,19 +11,22 @@ from datasets.duplicates import first_of_equal_rows
 from erring_scenes import erring
 from robot_model.measurements import samples_of
 from scenes import KINDS, scene
+from workbench.diagnosis.answer import diagnose
+from workbench.fitting.plans import geometry
 from workbench.jobs.calibrate import calibrate
 from workbench.jobs.calibrate_large import calibrate_chunks
 from workbench.jobs.compare import compare
-from workbench.diagnosis.answer import diagnose
 from workbench.jobs.identify import identifiability
-from workbench.fitting.plans import geometry
 from workbench.study.resampling import by_poses
 
 
 def joined(recording, rows, **columns):
     """The recording with some of its rows once more, under sample numbers of their own."""
     again = recording.select(rows)
-    own = {name: np.concatenate([column, again.columns[name]]) for name, column in recording.columns.items()}
+    own = {
+        name: np.concatenate([column, again.columns[name]])
+        for name, column in recording.columns.items()
+    }
     own["sample"] = np.arange(1.0, len(own["sample"]) + 1)
     return replace(recording, columns=own | columns)
 
@@ -65,10 +68,14 @@ def test_the_same_reading_of_another_reflector_is_no_copy():
 
 def test_replicates_that_agree_by_coarse_rounding_are_no_copies():
     """Rounded to 0.1 mm, most replicates with a noise of 0.03 mm agree exactly."""
-    recording = scene("external-point", n=20, seed=3, reflectors={1: (30.0, -40.0, 100.0)}).recording
+    recording = scene(
+        "external-point", n=20, seed=3, reflectors={1: (30.0, -40.0, 100.0)}
+    ).recording
     repeated = joined(recording, np.repeat(np.arange(20), 5))
     noise = 0.03 * np.random.default_rng(0).standard_normal((3, repeated.n))
-    columns = {c: (repeated.columns[c] + e).round(1) for c, e in zip(("x_mm", "y_mm", "z_mm"), noise)}
+    columns = {
+        c: (repeated.columns[c] + e).round(1) for c, e in zip(("x_mm", "y_mm", "z_mm"), noise)
+    }
     assert samples_of(replace(repeated, columns={**repeated.columns, **columns})).n == repeated.n
 
 
@@ -76,7 +83,9 @@ def test_copies_among_replicates_are_found():
     recording = scene("external-point", n=20, seed=3).recording
     repeated = joined(recording, np.repeat(np.arange(20), 2))
     noise = 0.03 * np.random.default_rng(0).standard_normal((3, repeated.n))
-    columns = {c: (repeated.columns[c] + e).round(4) for c, e in zip(("x_mm", "y_mm", "z_mm"), noise)}
+    columns = {
+        c: (repeated.columns[c] + e).round(4) for c, e in zip(("x_mm", "y_mm", "z_mm"), noise)
+    }
     repeated = replace(repeated, columns={**repeated.columns, **columns})
     copied = joined(repeated, np.arange(10))
     assert samples_of(copied).n == repeated.n
@@ -124,4 +133,6 @@ def test_a_long_recording_counts_a_copy_once(doubled, tmp_path):
     plan = (geometry(robot),)
     single, copied = (calibrate_chunks(tmp_path / name, plan, 3) for name in ("once", "twice"))
     np.testing.assert_allclose(copied.solution.covariance, single.solution.covariance, rtol=1e-6)
-    assert any("60 of 120 moving rows repeat" in warning for warning in copied.as_json()["warnings"])
+    assert any(
+        "60 of 120 moving rows repeat" in warning for warning in copied.as_json()["warnings"]
+    )

@@ -14,17 +14,56 @@ from workbench.core.rigid import rotation_matrix
 
 # the robot's, sensor's and data rows of spec/effects.md
 VOCABULARY = {
-    "transmission-harmonic", "joint-compliance", "link-self-weight", "link-compliance", "backlash", "joint-coupling",
-    "zero-shift", "encoder-quantisation", "link-thermal-growth", "joint-thermal-drift", "pedestal-compliance",
-    "base-drift", "mount-tilt", "tool-deflection", "time-offset", "axis-run-out", "range-scale", "field-bias",
-    "incidence-bias", "subsurface-scatter", "lens-residual", "camera-thermal-drift", "window-refraction", "plane-bow",
-    "mirror-wobble", "mirror-encoder-harmonic", "mirror-hysteresis", "frame-sync", "board-bow", "ball-position",
-    "ball-radius", "artefact-expansion", "outliers", "noise-heteroscedastic", "unit-or-frame", "unknown",
-}  # fmt: skip
+    "transmission-harmonic",
+    "joint-compliance",
+    "link-self-weight",
+    "link-compliance",
+    "backlash",
+    "joint-coupling",
+    "zero-shift",
+    "encoder-quantisation",
+    "link-thermal-growth",
+    "joint-thermal-drift",
+    "pedestal-compliance",
+    "base-drift",
+    "mount-tilt",
+    "tool-deflection",
+    "time-offset",
+    "axis-run-out",
+    "range-scale",
+    "field-bias",
+    "incidence-bias",
+    "subsurface-scatter",
+    "lens-residual",
+    "camera-thermal-drift",
+    "window-refraction",
+    "plane-bow",
+    "mirror-wobble",
+    "mirror-encoder-harmonic",
+    "mirror-hysteresis",
+    "frame-sync",
+    "board-bow",
+    "ball-position",
+    "ball-radius",
+    "artefact-expansion",
+    "outliers",
+    "noise-heteroscedastic",
+    "unit-or-frame",
+    "unknown",
+}
 # Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term, tilts
 # that an accelerometer has recorded, readings taken while the arm still brakes.
 ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt", "reading-lag"}
-PORT_SIZES = {"joint": 6, "geometry": 30, "frame": 48, "gravity": 3, "mass": 21, "sensor": 3, "target": 3, "noise": 1}
+PORT_SIZES = {
+    "joint": 6,
+    "geometry": 30,
+    "frame": 48,
+    "gravity": 3,
+    "mass": 21,
+    "sensor": 3,
+    "target": 3,
+    "noise": 1,
+}
 
 CASES = (
     ("transmission-harmonic", "joint-2", {"order": 1}),
@@ -62,10 +101,19 @@ CASES = (
     ("artefact-expansion", "artefact", {}),
     ("noise-heteroscedastic", "noise", {"covariate": "range_mm", "mean": 250.0, "spread": 30.0}),
 )
-EVERY = pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(str(part) for part in (case[0], case[1], *case[2].values())))
+EVERY = pytest.mark.parametrize(
+    "case",
+    CASES,
+    ids=lambda case: "-".join(str(part) for part in (case[0], case[1], *case[2].values())),
+)
 POINTS = pytest.mark.parametrize("measures", ["ball-centre", "external-point"])
 # what lets gravity and masses be seen
-SOFT = (("joint-compliance", "joint-2", {}), ("link-compliance", "link-3", {}), ("ye-compliance", "joint-4", {}), ("tool-deflection", "tool", {}))
+SOFT = (
+    ("joint-compliance", "joint-2", {}),
+    ("link-compliance", "link-3", {}),
+    ("ye-compliance", "joint-4", {}),
+    ("tool-deflection", "tool", {}),
+)
 MISSING = {
     ("backlash", "joint-3"): ("approach3", {}),
     ("time-offset", "time"): ("qdot1_deg_s", {}),
@@ -78,7 +126,11 @@ MISSING = {
 def with_effect(case, measures="external-point", arm=ABB, n=40):
     """The model with the case's effect first, and behind it what lets it be seen."""
     made = scene(measures, n=n, arm=arm, seed=3)
-    needed = [soft for soft in SOFT if soft[:2] != case[:2]] if CATALOGUE[case[0]].port in STATE_PORTS else []
+    needed = (
+        [soft for soft in SOFT if soft[:2] != case[:2]]
+        if CATALOGUE[case[0]].port in STATE_PORTS
+        else []
+    )
     return model_of(made, case, *needed)
 
 
@@ -107,7 +159,10 @@ def test_every_effect_of_the_catalogue_is_in_the_table():
 def test_its_name_is_in_the_vocabulary_and_says_where_it_is_from(case):
     kind = CATALOGUE[case[0]]
     assert kind.effect in VOCABULARY | ADDITIONS
-    assert kind.effect == case[0] or case[0] in ("ye-compliance", "mount-tilt-torsion")  # variants of laws
+    assert kind.effect == case[0] or case[0] in (
+        "ye-compliance",
+        "mount-tilt-torsion",
+    )  # variants of laws
     assert kind.port in PORT_SIZES
     assert kind.__doc__.strip() and kind.equation and kind.source
 
@@ -122,7 +177,9 @@ def test_parameters_carry_key_unit_null_size_and_label(case):
         assert parameter.unit and parameter.label.strip() and name
         assert parameter.null == 0 and parameter.typical > 0
         assert parameter.prior is None or parameter.prior >= parameter.typical
-        if case[0] != "ye-compliance":  # which sits at all six joints at once, and has two laws of the vocabulary
+        if (
+            case[0] != "ye-compliance"
+        ):  # which sits at all six joints at once, and has two laws of the vocabulary
             assert (where, effect) == (case[1], CATALOGUE[case[0]].effect)
         assert effect in VOCABULARY | ADDITIONS
 
@@ -158,13 +215,17 @@ def test_it_is_exactly_absent_at_null(case, measures):
 def test_its_jacobian_is_the_derivative_of_the_residual(case, measures, sizes):
     """At null, and where everything else that it needs is switched on."""
     model = with_effect(case, measures)
-    parameters = started(model, np.where(np.arange(len(model.parameters)) < own_part(model).stop, sizes, 1.5))
+    parameters = started(
+        model, np.where(np.arange(len(model.parameters)) < own_part(model).stop, sizes, 1.5)
+    )
     own = own_part(model)
     mask = np.zeros(len(parameters), bool)
     mask[own] = True
     free = parameters.only(mask)
     found = model.jacobian(free).T.reshape(own.stop - own.start, *model.residual(free).shape)
-    expected = differences(lambda x: model.residual(free.unpack(x)), free.pack(), 1e-2 * free.typical[own])
+    expected = differences(
+        lambda x: model.residual(free.unpack(x)), free.pack(), 1e-2 * free.typical[own]
+    )
     assert_rows(found, expected)
 
 
@@ -172,7 +233,9 @@ def test_its_jacobian_is_the_derivative_of_the_residual(case, measures, sizes):
 @POINTS
 def test_it_moves_the_point_or_widens_the_noise(case, measures):
     model = with_effect(case, measures)
-    before = started(model, np.where(np.arange(len(model.parameters)) < own_part(model).stop, 0.0, 1.5))
+    before = started(
+        model, np.where(np.arange(len(model.parameters)) < own_part(model).stop, 0.0, 1.5)
+    )
     after = started(model, 1.5)
     if model.effects[0].port == NOISE:
         growth = np.log(model.sigma(after) / model.sigma(before))
@@ -189,8 +252,12 @@ def test_a_part_of_the_samples_means_the_same(case):
     model = with_effect(case)
     part = np.arange(0, 40, 3)
     parameters = started(model, 1.3)
-    np.testing.assert_allclose(model.at(part).residual(parameters), model.residual(parameters)[:, part], rtol=1e-12)
-    np.testing.assert_allclose(model.at(part).sigma(parameters), model.sigma(parameters)[:, part], rtol=1e-12)
+    np.testing.assert_allclose(
+        model.at(part).residual(parameters), model.residual(parameters)[:, part], rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        model.at(part).sigma(parameters), model.sigma(parameters)[:, part], rtol=1e-12
+    )
 
 
 @EVERY
@@ -207,14 +274,22 @@ def test_a_missing_covariate_is_a_sentence(place):
     column, options = MISSING[place]
     made = scene("external-point", n=20)
     columns = {k: v for k, v in made.recording.columns.items() if k != column}
-    model = model_of(replace(made, recording=replace(made.recording, columns=columns)), (*place, options))
+    model = model_of(
+        replace(made, recording=replace(made.recording, columns=columns)), (*place, options)
+    )
     assert column in model.effects[0].needs
-    with pytest.raises(InputError, match=f"samples.csv .* column '{column}' is needed .* add the column"):
+    with pytest.raises(
+        InputError, match=f"samples.csv .* column '{column}' is needed .* add the column"
+    ):
         model.residual(started(model, 1.0)), model.sigma(started(model, 1.0))
 
 
 def test_every_effect_that_names_a_need_is_in_the_table_of_missing_ones():
-    needy = {(e.effect, e.where) for e in make_effects(CATALOGUE, [(n, w, o) for n, w, o in CASES]) if e.needs}
+    needy = {
+        (e.effect, e.where)
+        for e in make_effects(CATALOGUE, [(n, w, o) for n, w, o in CASES])
+        if e.needs
+    }
     assert needy == set(MISSING)
 
 
@@ -225,7 +300,9 @@ def test_a_wrong_place_is_a_sentence(case):
         make_effects(CATALOGUE, [(name, "mirror", options)])
 
 
-@pytest.mark.parametrize("where", ["joint", "joint-", "joint-x", "joint-0", "joint--1", "joint-2.5"])
+@pytest.mark.parametrize(
+    "where", ["joint", "joint-", "joint-x", "joint-0", "joint--1", "joint-2.5"]
+)
 def test_a_place_without_a_proper_number_is_a_sentence(where):
     with pytest.raises(InputError, match="joint"):
         make_effects(CATALOGUE, [("zero-offset", where, {})])
@@ -237,74 +314,131 @@ def test_a_number_where_none_belongs_is_a_sentence(where):
         make_effects(CATALOGUE, [("mount-tilt", where, {})])
 
 
-@pytest.mark.parametrize(("name", "where"), [("zero-offset", "joint-7"), ("link-compliance", "link-9"), ("first-moment", "link-7")])
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [("zero-offset", "joint-7"), ("link-compliance", "link-9"), ("first-moment", "link-7")],
+)
 def test_a_joint_that_the_arm_has_not_is_a_sentence(name, where):
     model = model_of(scene("external-point", n=20), (name, where, {}))
     with pytest.raises(InputError, match=where):
         model.effects[0].slots(model.chain)
 
 
-@pytest.mark.parametrize(("name", "where"), [("joint-compliance", "joint-99"), ("link-compliance", "link-9"), ("ball-position", "ball-9")])
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [("joint-compliance", "joint-99"), ("link-compliance", "link-9"), ("ball-position", "ball-9")],
+)
 @POINTS
 def test_a_place_that_is_not_there_is_a_sentence_of_the_parameters(name, where, measures):
-    with pytest.raises(InputError, match=f"{name} at {where}: expected .* one of .*, found '{where}'; correct the place"):
+    with pytest.raises(
+        InputError,
+        match=f"{name} at {where}: expected .* one of .*, found '{where}'; correct the place",
+    ):
         model_of(scene(measures, n=20), (name, where, {})).parameters
 
 
 @pytest.mark.parametrize("name", ["transmission-harmonic", "axis-run-out"])
 def test_what_speaks_of_a_turn_does_not_sit_at_a_slide(name):
-    with pytest.raises(InputError, match=f"{name} .*at joint-2: expected a joint that turns, found one that slides"):
+    with pytest.raises(
+        InputError, match=f"{name} .*at joint-2: expected a joint that turns, found one that slides"
+    ):
         model_of(scene("external-point", n=20, arm=SLIDING), (name, "joint-2", {})).parameters
 
 
-@pytest.mark.parametrize(("name", "options"), [("zero-offset", {}), ("backlash", {}), ("zero-shift", {"after": 90.0}), ("joint-coupling", {"joint": 4}),
-                                               ("joint-coupling", {"joint": 1}), ("joint-thermal-drift", {}), ("joint-compliance", {}), ("link-self-weight", {})])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("zero-offset", {}),
+        ("backlash", {}),
+        ("zero-shift", {"after": 90.0}),
+        ("joint-coupling", {"joint": 4}),
+        ("joint-coupling", {"joint": 1}),
+        ("joint-thermal-drift", {}),
+        ("joint-compliance", {}),
+        ("link-self-weight", {}),
+    ],
+)
 def test_a_slides_error_is_in_millimetres(name, options):
-    model = model_of(scene("external-point", n=20, arm=SLIDING), (name, "joint-2", options), (name, "joint-3", options))
+    model = model_of(
+        scene("external-point", n=20, arm=SLIDING),
+        (name, "joint-2", options),
+        (name, "joint-3", options),
+    )
     slide, turn = model.parameters.table[-2:]
-    per = {"joint-coupling": "/mm" if options.get("joint") == 4 else "/rad", "joint-thermal-drift": "/K"}.get(name, "")
-    force = {"joint-compliance": ("/N", "/(N m)"), "link-self-weight": ("/N", "/(N m)")}.get(name, (per, per))
+    per = {
+        "joint-coupling": "/mm" if options.get("joint") == 4 else "/rad",
+        "joint-thermal-drift": "/K",
+    }.get(name, "")
+    force = {"joint-compliance": ("/N", "/(N m)"), "link-self-weight": ("/N", "/(N m)")}.get(
+        name, (per, per)
+    )
     assert (slide.unit, turn.unit) == ("mm" + force[0], "rad" + force[1])
-    assert slide.typical == pytest.approx(turn.typical * (1 if name in ("joint-compliance", "link-self-weight") else 1000))
+    assert slide.typical == pytest.approx(
+        turn.typical * (1 if name in ("joint-compliance", "link-self-weight") else 1000)
+    )
 
 
 def test_yes_law_wants_six_joints():
     arm = SLIDING | {"joint": SLIDING["joint"][:5]}
-    with pytest.raises(InputError, match="'ye-compliance': expected an arm of six joints, found .* with 5"):
-        model_of(scene("external-point", n=20, arm=arm), ("ye-compliance", "joint-1", {})).parameters
+    with pytest.raises(
+        InputError, match="'ye-compliance': expected an arm of six joints, found .* with 5"
+    ):
+        model_of(
+            scene("external-point", n=20, arm=arm), ("ye-compliance", "joint-1", {})
+        ).parameters
 
 
 @pytest.mark.parametrize("arm", [ABB, CRAIG, SLIDING], ids=["abb", "craig", "sliding"])
 @pytest.mark.parametrize("number", [1, 3, 6])
 def test_an_axis_runs_out_across_itself(arm, number):
     """The cosine's x shifts what is beyond joint K by A cos q along one direction that its turn leaves alone."""
-    model = model_of(scene("external-point", n=30, arm=arm), ("axis-run-out", f"joint-{number}", {}))
+    model = model_of(
+        scene("external-point", n=30, arm=arm), ("axis-run-out", f"joint-{number}", {})
+    )
     before = model.parameters
     base = rotation_matrix(before.values[3:6])
-    moved = base.T @ (model.residual(before.update({f"joint-{number}.axis-run-out.x_cos": 0.1})) - model.residual(before))
+    moved = base.T @ (
+        model.residual(before.update({f"joint-{number}.axis-run-out.x_cos": 0.1}))
+        - model.residual(before)
+    )
     frames = state_of(model).frames
     np.testing.assert_allclose((moved * frames.z[number - 1]).sum(0), 0, atol=1e-12)
     cosine = np.cos(state_of(model).variables[number - 1])
     np.testing.assert_allclose(np.sqrt((moved**2).sum(0)), 0.1 * np.abs(cosine), atol=1e-12)
-    if arm is CRAIG:  # whose frame before the joint is not at hand otherwise: the x axis of joint K's twist
+    if (
+        arm is CRAIG
+    ):  # whose frame before the joint is not at hand otherwise: the x axis of joint K's twist
         np.testing.assert_allclose(moved, 0.1 * cosine * frames.x[number - 1], atol=1e-12)
 
 
 def test_a_slides_speed_is_in_millimetres():
     made = scene("external-point", n=20, arm=SLIDING)
-    basis = (effect := model_of(made, ("time-offset", "time", {}))).effects[0].basis(state_of(effect))[0]
+    basis = (
+        (effect := model_of(made, ("time-offset", "time", {})))
+        .effects[0]
+        .basis(state_of(effect))[0]
+    )
     columns = made.recording.columns
     np.testing.assert_allclose(basis[1], columns["qdot2_mm_s"])
     np.testing.assert_allclose(basis[0], np.deg2rad(columns["qdot1_deg_s"]))
 
 
-@pytest.mark.parametrize("case", [("joint-thermal-drift", "joint-2"), ("link-thermal-growth", "link-2"), ("artefact-expansion", "artefact")])
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("joint-thermal-drift", "joint-2"),
+        ("link-thermal-growth", "link-2"),
+        ("artefact-expansion", "artefact"),
+    ],
+)
 def test_growth_an_hour_is_taken_to_be_larger_than_growth_a_kelvin(case):
     """10 K an hour of aluminium, 2.4e-5 a kelvin, must lie within one sigma of the prior."""
     made = scene("external-point", n=20)
     cold = {k: v for k, v in made.recording.columns.items() if k != "temperature_c"}
     warm = model_of(made, (*case, {})).parameters.table[-1]
-    hours = model_of(replace(made, recording=replace(made.recording, columns=cold)), (*case, {})).parameters.table[-1]
+    hours = model_of(
+        replace(made, recording=replace(made.recording, columns=cold)), (*case, {})
+    ).parameters.table[-1]
     assert warm.unit.endswith("/K") and hours.unit.endswith("/h")
     assert hours.prior >= 24 * warm.typical and hours.typical > warm.typical
 
@@ -320,22 +454,35 @@ def test_a_balls_error_moves_that_ball_alone():
     model = model_of(scene("ball-centre", n=40), ("ball-position", "ball-4", {}))
     moved = model.residual(started(model, 1.0)) - model.residual(model.parameters)
     own = model.chain.state.index == 4
-    np.testing.assert_allclose(np.sqrt((moved**2).sum(0)), np.where(own, 0.05 * np.sqrt(3), 0), atol=1e-12)
+    np.testing.assert_allclose(
+        np.sqrt((moved**2).sum(0)), np.where(own, 0.05 * np.sqrt(3), 0), atol=1e-12
+    )
 
 
 def test_heat_falls_back_from_place_to_ambient_to_time():
     made = scene("external-point", n=20)
     ambient, time = made.recording.columns["temperature_c"], made.recording.columns["time_s"]
-    named = replace(made.recording, columns=made.recording.columns | {"temperature_j2_c": ambient + 7})
-    cold = replace(made.recording, columns={k: v for k, v in made.recording.columns.items() if k != "temperature_c"})
-    for recording, expected in ((named, ambient + 7 - 20), (made.recording, ambient - 20), (cold, time / 3600)):
+    named = replace(
+        made.recording, columns=made.recording.columns | {"temperature_j2_c": ambient + 7}
+    )
+    cold = replace(
+        made.recording,
+        columns={k: v for k, v in made.recording.columns.items() if k != "temperature_c"},
+    )
+    for recording, expected in (
+        (named, ambient + 7 - 20),
+        (made.recording, ambient - 20),
+        (cold, time / 3600),
+    ):
         model = model_of(replace(made, recording=recording), ("joint-thermal-drift", "joint-2", {}))
         np.testing.assert_allclose(model.effects[0].basis(state_of(model))[0, 0], expected)
 
 
 def test_base_drift_is_a_smooth_function_of_time_without_a_constant():
     """Legendre polynomials have no mean over the span, so that the base pose keeps its meaning."""
-    model = model_of(scene("external-point", n=501), ("base-drift", "base", {"start": 0.0, "end": 5000.0}))
+    model = model_of(
+        scene("external-point", n=501), ("base-drift", "base", {"start": 0.0, "end": 5000.0})
+    )
     waves = model.effects[0].basis(state_of(model))[::6, 0]
     assert np.abs(waves.mean(1)).max() < 5e-3
     assert waves.max() == pytest.approx(1) and waves.min() == pytest.approx(-1)
@@ -343,7 +490,10 @@ def test_base_drift_is_a_smooth_function_of_time_without_a_constant():
 
 def test_yes_law_is_its_equations():
     """Ye 2024 eq. 24-27 written out for one sample; joint 3 is the other way round, its axis being opposite."""
-    model = model_of(scene("external-point", n=5, reflectors={1: REFLECTORS[1]}), ("ye-compliance", "joint-1", {}))
+    model = model_of(
+        scene("external-point", n=5, reflectors={1: REFLECTORS[1]}),
+        ("ye-compliance", "joint-1", {}),
+    )
     p, state = np.array([1e-4, 2e-4, -1e-4, 3e-4, 1e-4, 2e-4, 900.0, 400.0]), state_of(model)
     found, lever = model.effects[0].delta(p, state)[:, 3], state.unit_load_torque[:, 3]
     q = state.variables[:, 3]

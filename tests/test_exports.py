@@ -28,7 +28,9 @@ from workbench.files.solution_file import CalibratedArm
 
 BROWN = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.05), (1280, 1024))
 RADTAN = Camera(3421.5, 3415.25, 640.5, 511.75, (-0.2, 0.11, 0.0013, -0.0021, 0.0), (1280, 1024))
-RATIONAL = Camera(800.0, 801.0, 320.0, 240.0, (-0.2, 0.11, 0.0013, -0.0021, 0.05, 0.1, 0.02, 0.003), (640, 480))
+RATIONAL = Camera(
+    800.0, 801.0, 320.0, 240.0, (-0.2, 0.11, 0.0013, -0.0021, 0.05, 0.1, 0.02, 0.003), (640, 480)
+)
 
 
 def arm_of(spec, seed=0) -> CalibratedArm:
@@ -36,8 +38,11 @@ def arm_of(spec, seed=0) -> CalibratedArm:
     robot = load_robot(spec)
     rng = np.random.default_rng(seed)
     moved = robot.geometry + rng.normal(size=robot.geometry.shape) * [1e-2, 1, 1, 1e-2, 1e-2]
-    values = {f"joint-{k + 1}.{name}{k + 1}": moved[k, c] for k in range(robot.joints)
-              for c, name in enumerate(("theta", "d", "a", "alpha", "beta"))}
+    values = {
+        f"joint-{k + 1}.{name}{k + 1}": moved[k, c]
+        for k in range(robot.joints)
+        for c, name in enumerate(("theta", "d", "a", "alpha", "beta"))
+    }
     return CalibratedArm(robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.05, True, "", {})
 
 
@@ -50,7 +55,9 @@ def flanges(robot, readings, geometry=None):
 @pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS.keys())
 def test_a_table_read_back_is_the_same_arm(spec, write):
     arm = arm_of(spec)
-    np.testing.assert_allclose(read_mdh(write(arm), arm.robot), calibrated_geometry(arm), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        read_mdh(write(arm), arm.robot), calibrated_geometry(arm), rtol=0, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS.keys())
@@ -122,7 +129,10 @@ def test_kalibr_gets_the_nearest_camera_that_it_can_hold():
     u, v = np.random.default_rng(0).uniform(0, 1, (2, 500)) * np.array([[1279], [1023]])
     points = BROWN.rays(np.stack([u, v])).T
     none = np.zeros(3)
-    seen = [cv2.projectPoints(points, none, none, c.matrix, np.array(c.distortion))[0][:, 0] for c in (BROWN, again)]
+    seen = [
+        cv2.projectPoints(points, none, none, c.matrix, np.array(c.distortion))[0][:, 0]
+        for c in (BROWN, again)
+    ]
     assert 0 < np.linalg.norm(seen[0] - seen[1], axis=1).max() <= off < 1e-3
     np.testing.assert_allclose(seen[0], np.column_stack([u, v]), atol=1e-6)
     assert as_held(RADTAN, "kalibr") == (RADTAN, 0.0) and as_held(BROWN, "ros") == (BROWN, 0.0)
@@ -141,8 +151,16 @@ def hand_eye_run(folder, kind="in-hand", **more):
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_rotvec([0.3, -1.2, 2.0]).as_matrix()
     matrix[:3, 3] = 12.5, -80.25, 1e-3
-    keys = {"format": "hand-eye/1", "kind": kind, "transform": {"in-hand": "T_flange_sensor", "to-hand": "T_base_sensor"}[kind],
-            "matrix": matrix.tolist(), "std_mm": [0.1, 0.1, 0.2], "std_deg": [0.01] * 3, "undetermined": [], "suspicions": []}  # fmt: skip
+    keys = {
+        "format": "hand-eye/1",
+        "kind": kind,
+        "transform": {"in-hand": "T_flange_sensor", "to-hand": "T_base_sensor"}[kind],
+        "matrix": matrix.tolist(),
+        "std_mm": [0.1, 0.1, 0.2],
+        "std_deg": [0.01] * 3,
+        "undetermined": [],
+        "suspicions": [],
+    }
     folder.mkdir(exist_ok=True)
     (folder / "hand-eye.toml").write_text(tomli_w.dumps(keys | more))
     return matrix
@@ -151,9 +169,11 @@ def hand_eye_run(folder, kind="in-hand", **more):
 def ros_matrix(translation, rotation):
     """(4, 4) m of a geometry_msgs/Transform, by the textbook formula of a unit quaternion."""
     x, y, z, w = (float(rotation[k]) for k in "xyzw")
-    turn = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]  # fmt: skip
+    turn = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
     made = np.eye(4)
     made[:3, :3], made[:3, 3] = turn, [float(translation[k]) for k in "xyz"]
     return made
@@ -172,14 +192,20 @@ def test_a_hand_eye_run_goes_to_ros(workbench, tmp_path, kind, parent, source):
     assert (keys["header"]["frame_id"], keys["child_frame_id"]) == (parent, "sensor")
     metres = matrix * np.array([[1, 1, 1, 1e-3]])
     metres[3, 3] = 1
-    np.testing.assert_allclose(ros_matrix(keys["transform"]["translation"], keys["transform"]["rotation"]), metres, atol=1e-12)
+    np.testing.assert_allclose(
+        ros_matrix(keys["transform"]["translation"], keys["transform"]["rotation"]),
+        metres,
+        atol=1e-12,
+    )
     node = yaml.safe_load((tmp_path / "he.launch.yaml").read_text())["launch"][0]["node"]
     assert (node["pkg"], node["exec"]) == ("tf2_ros", "static_transform_publisher")
     words = node["args"].split()
     options = dict(zip(words[::2], words[1::2]))
     assert (options["--frame-id"], options["--child-frame-id"]) == (parent, "sensor")
     rotation = {k: options[f"--q{k}"] for k in "xyzw"}
-    np.testing.assert_allclose(ros_matrix({k: options[f"--{k}"] for k in "xyz"}, rotation), metres, atol=1e-12)
+    np.testing.assert_allclose(
+        ros_matrix({k: options[f"--{k}"] for k in "xyz"}, rotation), metres, atol=1e-12
+    )
     assert done.stdout.strip().splitlines()[-2:] == ["he.launch.yaml", "he.yaml"]
 
 
@@ -187,19 +213,42 @@ def test_frames_are_named_by_the_user(workbench, tmp_path):
     import yaml
 
     hand_eye_run(tmp_path / "run")
-    words = ("export", "run", "--to", "ros", "--out", "he.yaml", "--parent-frame", "tool0", "--child-frame")
+    words = (
+        "export",
+        "run",
+        "--to",
+        "ros",
+        "--out",
+        "he.yaml",
+        "--parent-frame",
+        "tool0",
+        "--child-frame",
+    )
     assert workbench(*words, "camera_optical_frame").returncode == 0
     keys = yaml.safe_load((tmp_path / "he.yaml").read_text())
     assert (keys["header"]["frame_id"], keys["child_frame_id"]) == ("tool0", "camera_optical_frame")
-    for name, sentence in (("/camera", "expected a frame of ROS"), ("a b", "expected a frame of ROS"), ("tool0", "expected another frame")):
+    for name, sentence in (
+        ("/camera", "expected a frame of ROS"),
+        ("a b", "expected a frame of ROS"),
+        ("tool0", "expected another frame"),
+    ):
         done = workbench(*words, name)
         assert done.returncode == 2 and sentence in done.stderr
 
 
-@pytest.mark.parametrize(("more", "sentence"), [
-    ({"suspicions": ["the poses are permuted"]}, "its recording is in doubt (the poses are permuted)"),
-    ({"std_mm": [0.1, float("inf"), 0.1], "undetermined": ["y is not known"]}, "not determined (y is not known)"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (
+            {"suspicions": ["the poses are permuted"]},
+            "its recording is in doubt (the poses are permuted)",
+        ),
+        (
+            {"std_mm": [0.1, float("inf"), 0.1], "undetermined": ["y is not known"]},
+            "not determined (y is not known)",
+        ),
+    ],
+)
 def test_a_doubtful_hand_eye_is_exported_only_by_force(workbench, tmp_path, more, sentence):
     hand_eye_run(tmp_path / "run", **more)
     done = workbench("export", "run", "--to", "ros", "--out", "he.yaml")
@@ -207,24 +256,41 @@ def test_a_doubtful_hand_eye_is_exported_only_by_force(workbench, tmp_path, more
     assert workbench("export", "run", "--to", "ros", "--out", "he.yaml", "--force").returncode == 0
 
 
-@pytest.mark.parametrize(("matrix", "transform"), [
-    (np.eye(3).tolist(), "T_flange_sensor"), ((2 * np.eye(4)).tolist(), "T_flange_sensor"), ("x", "T_flange_sensor"),
-    (np.diag([1.0, 1, -1, 1]).tolist(), "T_flange_sensor"), (np.eye(4).tolist(), "T_sensor_flange"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("matrix", "transform"),
+    [
+        (np.eye(3).tolist(), "T_flange_sensor"),
+        ((2 * np.eye(4)).tolist(), "T_flange_sensor"),
+        ("x", "T_flange_sensor"),
+        (np.diag([1.0, 1, -1, 1]).tolist(), "T_flange_sensor"),
+        (np.eye(4).tolist(), "T_sensor_flange"),
+    ],
+)
 def test_a_broken_hand_eye_file_is_a_sentence(tmp_path, matrix, transform):
     hand_eye_run(tmp_path / "run", matrix=matrix, transform=transform)
     with pytest.raises(InputError, match="hand-eye.toml, key"):
         read_hand_eye(tmp_path / "run" / "hand-eye.toml")
 
 
-@pytest.mark.parametrize(("files", "to", "words"), [
-    (["hand-eye.toml"], "urdf", "it gives of its hand-eye transform ros"),
-    (["camera.toml"], "mdh-csv", "it gives of its calibrated camera ros, opencv, kalibr"),
-    (["solution.json"], "ros", "it gives of its calibrated arm urdf, mdh-json, mdh-csv"),
-    (["solution.json", "camera.toml"], "none", "expected one of urdf, mdh-json, mdh-csv, ros, opencv, kalibr"),
-    (["answer.json"], "ros", "expected a run folder of `workbench calibrate`, `camera`, `scanner` or `handeye`"),
-    ([], "urdf", "found none of them"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("files", "to", "words"),
+    [
+        (["hand-eye.toml"], "urdf", "it gives of its hand-eye transform ros"),
+        (["camera.toml"], "mdh-csv", "it gives of its calibrated camera ros, opencv, kalibr"),
+        (["solution.json"], "ros", "it gives of its calibrated arm urdf, mdh-json, mdh-csv"),
+        (
+            ["solution.json", "camera.toml"],
+            "none",
+            "expected one of urdf, mdh-json, mdh-csv, ros, opencv, kalibr",
+        ),
+        (
+            ["answer.json"],
+            "ros",
+            "expected a run folder of `workbench calibrate`, `camera`, `scanner` or `handeye`",
+        ),
+        ([], "urdf", "found none of them"),
+    ],
+)
 def test_a_run_says_which_formats_it_can_give(workbench, tmp_path, files, to, words):
     (tmp_path / "run").mkdir()
     for name in files:

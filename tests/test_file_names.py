@@ -7,12 +7,48 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from workbench.jobs import scan
 from workbench.core.text.file_names import LONGEST, differ_in_case_only, file_name, identifier_of
+from workbench.jobs import scan
 
-AWKWARD = st.sampled_from(["left/1", "right/1", "left", "Left", "LEFT", "Шов", "球", "..", ".", "con", "CON", "con.x", "COM1",
-                           "nul", "a b", "a%20b", "a+b", "-rf", "~", "%", "", "x.", "é", "é", "K", "K", "ſ", "s", "S"])  # fmt: skip
-IDS = st.one_of(AWKWARD, st.text(max_size=20), st.text("aAbB/.", max_size=4), st.text("é球x", min_size=60, max_size=90))
+AWKWARD = st.sampled_from(
+    [
+        "left/1",
+        "right/1",
+        "left",
+        "Left",
+        "LEFT",
+        "Шов",
+        "球",
+        "..",
+        ".",
+        "con",
+        "CON",
+        "con.x",
+        "COM1",
+        "nul",
+        "a b",
+        "a%20b",
+        "a+b",
+        "-rf",
+        "~",
+        "%",
+        "",
+        "x.",
+        "é",
+        "é",
+        "K",
+        "K",
+        "ſ",
+        "s",
+        "S",
+    ]
+)
+IDS = st.one_of(
+    AWKWARD,
+    st.text(max_size=20),
+    st.text("aAbB/.", max_size=4),
+    st.text("é球x", min_size=60, max_size=90),
+)
 WINDOWS = set('<>:"/\\|?*') | {chr(code) for code in range(32)}
 
 
@@ -44,7 +80,13 @@ def test_a_name_is_safe_on_every_system(identifier):
     assert name and name.isascii() and not set(name) & WINDOWS
     assert not name.startswith((".", "-")) and not name.endswith((".", " "))
     device = name.partition(".")[0].lower()
-    assert device not in {"con", "prn", "aux", "nul", *(f"{kind}{k}" for kind in ("com", "lpt") for k in range(10))}
+    assert device not in {
+        "con",
+        "prn",
+        "aux",
+        "nul",
+        *(f"{kind}{k}" for kind in ("com", "lpt") for k in range(10)),
+    }
 
 
 def test_a_long_name_is_cut_and_still_unique():
@@ -61,7 +103,9 @@ def test_plain_names_stay_as_they_are():
 def test_every_scan_gets_a_cloud_of_its_own(ids, tmp_path, monkeypatch):
     """`left/1` and `right/1` were both written as 1.ply, and the answer named that file twice."""
     written = {}
-    monkeypatch.setattr(scan, "write_cloud", lambda path, points: written.setdefault(path.name.casefold(), points))
+    monkeypatch.setattr(
+        scan, "write_cloud", lambda path, points: written.setdefault(path.name.casefold(), points)
+    )
     monkeypatch.setattr(scan, "reconstructed", lambda *_: (np.zeros((3, 1)), ""))
     empty = np.zeros((2, 1)), np.zeros(1, int), np.ones(1), np.zeros((2, 1)), {}, {}, ()
     monkeypatch.setattr(scan._Work, "stripes", lambda self, rows: empty)

@@ -11,7 +11,9 @@ from workbench.core.errors import InputError
 
 
 def written(path, cells):
-    path.write_text("sample,reflector\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells, 1)))
+    path.write_text(
+        "sample,reflector\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells, 1))
+    )
     return read_table(path, path.name, groups=GROUPS)
 
 
@@ -35,7 +37,9 @@ def test_numbers_stay_numbers(tmp_path):
     assert table.names == {}
 
 
-@pytest.mark.parametrize(("cells", "row"), [(["1", "2", "2a"], 4), (["SMR1", "", "SMR2"], 3), (["1,5", "2", "3"], 2)])
+@pytest.mark.parametrize(
+    ("cells", "row"), [(["1", "2", "2a"], 4), (["SMR1", "", "SMR2"], 3), (["1,5", "2", "3"], 2)]
+)
 def test_a_cell_that_is_neither_is_named(tmp_path, cells, row):
     quoted = [f'"{cell}"' for cell in cells]
     with pytest.raises(InputError, match=f"row {row}, column reflector"):

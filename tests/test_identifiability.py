@@ -6,16 +6,23 @@ import pytest
 from robot_model.system import geometry_free
 from scenes import KINDS, model_of, observed, scene
 from workbench.core.least_squares.identifiability import identifiability, independent
+from workbench.core.least_squares.solver import normal_matrix, solve
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.solution import Solution
-from workbench.core.least_squares.solver import normal_matrix, solve
 
-TOOL = {"ball-centre": "sensor.*", "external-point": "tool.*", "external-pose": "tool.*", "partial-pose": "tool.*"}
+TOOL = {
+    "ball-centre": "sensor.*",
+    "external-point": "tool.*",
+    "external-pose": "tool.*",
+    "partial-pose": "tool.*",
+}
 
 
 def table(count, prior=None, typical=1.0):
     """`count` free parameters p0, p1, ... in mm."""
-    rows = [Parameter(f"joint-1.p{k}", "mm", 0.0, typical, f"number {k}", prior) for k in range(count)]
+    rows = [
+        Parameter(f"joint-1.p{k}", "mm", 0.0, typical, f"number {k}", prior) for k in range(count)
+    ]
     return Parameters.of(rows).only(np.ones(count, bool))
 
 
@@ -34,8 +41,14 @@ def test_joint_1s_offset_is_the_bases_turn_about_z():
     groups = known.groups()
     assert known.rank == len(known.keys) - 1 and len(groups) == 1
     # the base turns about the origin of the instrument, so that its shift comes along
-    assert {"base.rz", "joint-1.theta1"} <= set(groups[0]) <= {"base.rz", "joint-1.theta1", "base.x", "base.y"}
-    assert "joint-1.theta1" in known.tied()["base.rz"] and "base.rz" in known.tied()["joint-1.theta1"]
+    assert (
+        {"base.rz", "joint-1.theta1"}
+        <= set(groups[0])
+        <= {"base.rz", "joint-1.theta1", "base.x", "base.y"}
+    )
+    assert (
+        "joint-1.theta1" in known.tied()["base.rz"] and "base.rz" in known.tied()["joint-1.theta1"]
+    )
     sentence = known.sentences()[0]
     assert "joint 1's zero offset (theta)" in sentence and "base rotation about z" in sentence
 
@@ -43,7 +56,9 @@ def test_joint_1s_offset_is_the_bases_turn_about_z():
 def test_joint_1s_height_is_the_bases_height_in_one_sentence():
     known = known_of(model_of(upright()), "base.*", "tool.*", "joint-1.d1")
     assert [set(group) for group in known.groups()] == [{"base.z", "joint-1.d1"}]
-    assert known.sentences()[0].endswith("are one and the same here: only their combination is determined")
+    assert known.sentences()[0].endswith(
+        "are one and the same here: only their combination is determined"
+    )
     assert not known.determined[list(known.keys).index("base.z")]
     assert known.determined[list(known.keys).index("base.x")]
 
@@ -57,9 +72,13 @@ def test_offsets_along_parallel_axes_are_one():
 def test_a_constant_term_is_the_joints_offset():
     model = model_of(upright(), ("zero-offset", "joint-3", {}))
     known = known_of(model, "base.*", "tool.*", "joint-3.theta3", "*.k0")
-    assert [set(group) for group in known.groups()] == [{"joint-3.theta3", "joint-3.zero-offset.k0"}]
+    assert [set(group) for group in known.groups()] == [
+        {"joint-3.theta3", "joint-3.zero-offset.k0"}
+    ]
     sentence = known.sentences()[0]
-    assert "the constant term of joint 3" in sentence and "joint 3's zero offset (theta)" in sentence
+    assert (
+        "the constant term of joint 3" in sentence and "joint 3's zero offset (theta)" in sentence
+    )
 
 
 def test_a_parameter_that_moves_nothing_is_said_to():
@@ -77,8 +96,15 @@ def test_the_complete_arm_keeps_the_classical_number_of_parameters(measures):
     model = model_of(scene(measures, n=120, reflectors={1: (30.0, -40.0, 100.0)}))
     free = model.parameters.free("base.*", TOOL[measures], *geometry_free(model.chain.robot))
     kept, tied = independent(normal_matrix(model, free), free)
-    assert kept.mask.sum() == {"ball-centre": 30, "external-point": 27, "external-pose": 30, "partial-pose": 29}[measures]
-    assert set(tied) == {key for key, on, was in zip(free.keys, kept.mask, free.mask) if was and not on}
+    assert (
+        kept.mask.sum()
+        == {"ball-centre": 30, "external-point": 27, "external-pose": 30, "partial-pose": 29}[
+            measures
+        ]
+    )
+    assert set(tied) == {
+        key for key, on, was in zip(free.keys, kept.mask, free.mask) if was and not on
+    }
 
 
 def test_singular_values_and_directions_are_those_of_the_scaled_matrix():
@@ -103,7 +129,9 @@ def test_observability_indices_are_their_formulas():
 
 def test_observability_leaves_out_what_is_undetermined():
     whole = identifiability(np.diag([4.0, 25.0]), table(2)).observability(9)
-    assert identifiability(np.diag([4.0, 0.0, 25.0]), table(3)).observability(9) == pytest.approx(whole)
+    assert identifiability(np.diag([4.0, 0.0, 25.0]), table(3)).observability(9) == pytest.approx(
+        whole
+    )
     nothing = identifiability(np.zeros((2, 2)), table(2))
     assert nothing.rank == 0 and set(nothing.observability(9).values()) == {0.0}
 
@@ -119,8 +147,12 @@ def test_rank_is_judged_in_typical_sizes():
 def test_covariance_is_the_inverse_normal_matrix():
     rows = np.random.default_rng(1).normal(size=(40, 4)) * [30, 200, 40, 1000]
     normal = rows.T @ rows
-    np.testing.assert_allclose(identifiability(normal, table(4)).covariance, np.linalg.inv(normal), rtol=1e-6)
-    np.testing.assert_allclose(identifiability(normal, table(4), 2.0).covariance, 4 * np.linalg.inv(normal), rtol=1e-5)
+    np.testing.assert_allclose(
+        identifiability(normal, table(4)).covariance, np.linalg.inv(normal), rtol=1e-6
+    )
+    np.testing.assert_allclose(
+        identifiability(normal, table(4), 2.0).covariance, 4 * np.linalg.inv(normal), rtol=1e-5
+    )
 
 
 def test_covariance_holds_the_prior_and_stays_finite_without():
@@ -132,7 +164,9 @@ def test_covariance_holds_the_prior_and_stays_finite_without():
 
 def test_independent_leaves_out_twins_and_says_whose():
     rows = np.random.default_rng(2).normal(size=(50, 3)) * 100
-    rows = np.column_stack([rows[:, 0], rows[:, 1], 2 * rows[:, 0] - rows[:, 1], rows[:, 2], np.zeros(50)])
+    rows = np.column_stack(
+        [rows[:, 0], rows[:, 1], 2 * rows[:, 0] - rows[:, 1], rows[:, 2], np.zeros(50)]
+    )
     kept, tied = independent(rows.T @ rows, table(5))
     assert kept.mask.tolist() == [True, True, False, True, False]
     assert tied == {"joint-1.p2": ["joint-1.p0", "joint-1.p1"], "joint-1.p4": []}
@@ -140,7 +174,9 @@ def test_independent_leaves_out_twins_and_says_whose():
 
 def test_independent_keeps_first_what_nothing_was_known_about():
     """Of twins the one without a prior stays, though it stands later."""
-    both = Parameters.of([Parameter("joint-1.theta1", "rad", prior=1.0), Parameter("base.rz", "rad")]).only([True, True])
+    both = Parameters.of(
+        [Parameter("joint-1.theta1", "rad", prior=1.0), Parameter("base.rz", "rad")]
+    ).only([True, True])
     kept, tied = independent(np.full((2, 2), 100.0), both)
     assert kept.mask.tolist() == [False, True]
     assert tied == {"joint-1.theta1": ["base.rz"]}
@@ -158,7 +194,9 @@ def test_what_is_left_determines_itself():
     free = model.parameters.free("base.*", "tool.*", *geometry_free(model.chain.robot))
     kept, _ = independent(normal_matrix(model, free), free)
     known = identifiability(normal_matrix(model, kept), kept)
-    assert known.singular[0] > 0.05  # a twin has less than a tenth of a typical size left of its own
+    assert (
+        known.singular[0] > 0.05
+    )  # a twin has less than a tenth of a typical size left of its own
     assert known.rank >= kept.mask.sum() - 2
 
 
@@ -171,8 +209,12 @@ def test_a_solution_carries_covariance_and_sentences():
     place = list(solution.known.keys).index("joint-2.a2")
     assert solution.std["joint-2.a2"] == pytest.approx(np.sqrt(solution.covariance[place, place]))
     assert 1e-3 < solution.std["joint-2.a2"] < 0.05
-    assert len(solution.null_sentences) == 1 and "joint 1's offset (d)" in solution.null_sentences[0]
-    assert solution.converged and solution.history == fit.history and solution.outcome == fit.outcome
+    assert (
+        len(solution.null_sentences) == 1 and "joint 1's offset (d)" in solution.null_sentences[0]
+    )
+    assert (
+        solution.converged and solution.history == fit.history and solution.outcome == fit.outcome
+    )
 
 
 def test_samples_of_one_pose_widen_the_covariance_and_never_narrow_it():

@@ -11,13 +11,13 @@ from conftest import ROOT
 from erring_scenes import erring
 from scenes import CRAIG
 from test_recording_good import write_good
+from workbench.commands.sensor.handeye import command
+from workbench.commands.shared import flow
+from workbench.core.errors import InputError
+from workbench.fitting.plans import geometry
 from workbench.jobs import hand_eye
 from workbench.jobs.calibrate import calibrate
-from workbench.commands.shared import flow
-from workbench.commands.sensor.handeye import command
-from workbench.core.errors import InputError
 from workbench.jobs.identify import identifiability
-from workbench.fitting.plans import geometry
 
 FREE = (-1000.0, 1000.0)
 ARM = CRAIG | {"gravity": [0.0, 0.0, -1.0]}
@@ -48,7 +48,14 @@ def test_a_reading_slightly_beyond_its_limit_is_a_warning(limited):
     robot, recording = limited([FREE, (low, high), *[FREE] * 4])
     (warning,) = recording.warnings
     row = int(q2.argmax()) + 2
-    for word in ("cell-4/samples.csv", f"row {row}", "q2_deg", "2 readings", "used as they are", "limits"):
+    for word in (
+        "cell-4/samples.csv",
+        f"row {row}",
+        "q2_deg",
+        "2 readings",
+        "used as they are",
+        "limits",
+    ):
         assert word in warning
     made = calibrate(recording, [geometry(robot)], folds=3)
     assert made.recording.n == 60 and warning in made.as_json()["warnings"]
@@ -84,7 +91,12 @@ def with_a_wild_cell(folder):
 def test_readings_far_beyond_the_limits_are_read(tmp_path):
     """One wild cell stops nobody from reading the other rows; the fit shows that it is an outlier."""
     (warning,) = datasets.read(with_a_wild_cell(write_good(tmp_path / "cell-4"))).warnings
-    assert "row 8" in warning and "q2_deg" in warning and "1700" in warning and "-190 to 190" in warning
+    assert (
+        "row 8" in warning
+        and "q2_deg" in warning
+        and "1700" in warning
+        and "-190 to 190" in warning
+    )
 
 
 def test_handeye_repeats_what_reading_found(tmp_path, monkeypatch):

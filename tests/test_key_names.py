@@ -18,11 +18,23 @@ JOINT = (
 )
 
 
-@pytest.mark.parametrize("name, meant", [
-    ("centre_mm", "com_mm"), ("center_of_mass_mm", "com_mm"), ("cog_mm", "com_mm"), ("mass", "mass_kg"),
-    ("weight_kg", "mass_kg"), ("type", "kind"), ("range_mm", "limits_mm"), ("theta_rad", "theta_deg"),
-    ("alfa_deg", "alpha_deg"), ("sing", "sign"), ("colour", None), ("note", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, meant",
+    [
+        ("centre_mm", "com_mm"),
+        ("center_of_mass_mm", "com_mm"),
+        ("cog_mm", "com_mm"),
+        ("mass", "mass_kg"),
+        ("weight_kg", "mass_kg"),
+        ("type", "kind"),
+        ("range_mm", "limits_mm"),
+        ("theta_rad", "theta_deg"),
+        ("alfa_deg", "alpha_deg"),
+        ("sing", "sign"),
+        ("colour", None),
+        ("note", None),
+    ],
+)
 def test_the_key_that_was_meant(name, meant):
     assert closest_key(name, JOINT) == meant
 

@@ -10,8 +10,8 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.poses import pose_values
 from robot_model.system import bind
-from workbench.core.least_squares import batched
 from workbench.core.effect import make_effects
+from workbench.core.least_squares import batched
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix, transform
 
@@ -28,7 +28,12 @@ def robot_of(kind):
     arm = load_robot({"builtin": "abb_irb120"}, "robot")
     geometry = arm.geometry + rng.normal(size=arm.geometry.shape) * [0.01, 1, 1, 0.01, 0.01]
     slides = np.arange(6) == 1 if kind == "sliding" else arm.prismatic
-    return replace(arm, geometry=geometry, prismatic=slides, convention="craig" if kind == "craig" else "distal")
+    return replace(
+        arm,
+        geometry=geometry,
+        prismatic=slides,
+        convention="craig" if kind == "craig" else "distal",
+    )
 
 
 def model_of(kind):
@@ -36,11 +41,15 @@ def model_of(kind):
     arm, rng = robot_of(kind), np.random.default_rng(6)
     readings = rng.uniform(-2, 2, (N, 6)) * np.where(arm.prismatic, 80, 1)
     columns = {"sample": np.arange(N, dtype=float), "reflector": np.arange(N) % 2 + 1.0}
-    columns |= {f"q{k}_{'mm' if s else 'deg'}": q if s else np.rad2deg(q)
-                for k, (q, s) in enumerate(zip(readings.T, arm.prismatic), 1)}  # fmt: skip
+    columns |= {
+        f"q{k}_{'mm' if s else 'deg'}": q if s else np.rad2deg(q)
+        for k, (q, s) in enumerate(zip(readings.T, arm.prismatic), 1)
+    }
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), rng.normal(size=(3, N)) * 500))
     start = np.concatenate([pose_values(BASE[:3, :3], BASE[:3, 3]), TOOL.ravel()])
-    chain = bind(arm, Recording("external-point", columns, {"builtin": "abb_irb120"}, sigma_mm=0.05), start)
+    chain = bind(
+        arm, Recording("external-point", columns, {"builtin": "abb_irb120"}, sigma_mm=0.05), start
+    )
     model = Model(chain, make_effects(CATALOGUE, [("joint-compliance", "joint-3", {})]))
     key = "joint-3.joint-compliance.compliance"
     own = [k for k in model.parameters.keys if not k.startswith("base.")]
@@ -49,10 +58,27 @@ def model_of(kind):
 
 def torch_sums(model, single, where="cpu"):
     chain = model.chain
-    arm = batched.Arm(chain.robot.geometry, chain.robot.prismatic, chain.robot.convention, chain.robot.base, chain.robot.flange)
+    arm = batched.Arm(
+        chain.robot.geometry,
+        chain.robot.prismatic,
+        chain.robot.convention,
+        chain.robot.base,
+        chain.robot.flange,
+    )
     bent = [batched.Bent(2, chain.state.torque[2], 1e-4)]
     index = chain.measurement.index
-    return batched.normal_equations(arm, chain.variables, BASE, TOOL, index, chain.measurement.measured, 0.05, bent, where, single)
+    return batched.normal_equations(
+        arm,
+        chain.variables,
+        BASE,
+        TOOL,
+        index,
+        chain.measurement.measured,
+        0.05,
+        bent,
+        where,
+        single,
+    )
 
 
 @pytest.mark.parametrize("kind", ARMS)
@@ -74,7 +100,13 @@ def test_normal_equations_are_those_of_the_arm_in_numpy(kind, single, bound):
 def test_columns_of_the_base_are_its_shift_and_turn(kind):
     model, _ = model_of(kind)
     chain = model.chain
-    arm = batched.Arm(chain.robot.geometry, chain.robot.prismatic, chain.robot.convention, chain.robot.base, chain.robot.flange)
+    arm = batched.Arm(
+        chain.robot.geometry,
+        chain.robot.prismatic,
+        chain.robot.convention,
+        chain.robot.base,
+        chain.robot.flange,
+    )
     variables, index = torch.as_tensor(chain.variables), torch.as_tensor(chain.measurement.index)
 
     def point(base):

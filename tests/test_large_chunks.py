@@ -12,12 +12,12 @@ from benchmarks.large import SCENE, long_recording, plan
 from datasets.chunks import pose_labels, read_chunks
 from robot_model.system import bind
 from workbench import cli
+from workbench.core.errors import InputError
+from workbench.core.least_squares.solver import solve
+from workbench.core.model import Model
+from workbench.files.solution_file import read_solution
 from workbench.jobs import calibrate_large
 from workbench.jobs.calibrate import calibrate
-from workbench.core.errors import InputError
-from workbench.core.model import Model
-from workbench.core.least_squares.solver import solve
-from workbench.files.solution_file import read_solution
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,9 @@ def test_chunks_are_the_recording(folder):
     assert chunks.n == whole.n == sum(part.n for part in parts) and len(parts) > 1
     for name, values in whole.columns.items():
         assert np.array_equal(np.concatenate([part.columns[name] for part in parts]), values)
-    assert np.array_equal(np.concatenate([part.columns["row"] for part in parts]), np.arange(whole.n))
+    assert np.array_equal(
+        np.concatenate([part.columns["row"] for part in parts]), np.arange(whole.n)
+    )
     assert sorted(chunks.each.reflector) == [1, 2, 3]
     assert 2000 <= chunks.thin.n <= 10_000 and np.ptp(chunks.thin.sample_ids) > 0.99 * whole.n
 
@@ -81,7 +83,10 @@ def test_the_whole_calibration_is_right_and_can_be_used(short, tmp_path):
     said = []
     made = calibrate_large.calibrate_chunks(short, plan(), folds=3, progress=said.append)
     sigma = np.sqrt(3) * SCENE.sigma_mm
-    assert made.solution.converged and sigma < made.held_out["rms_mm"] < 1.15 * sigma < made.nominal["rms_mm"]
+    assert (
+        made.solution.converged
+        and sigma < made.held_out["rms_mm"] < 1.15 * sigma < made.nominal["rms_mm"]
+    )
     calibrate_large.save(made, tmp_path)
     arm = read_solution(tmp_path)
     assert arm.trusted and arm.held_out_mm == made.held_out["rms_mm"]
@@ -95,10 +100,19 @@ def test_the_whole_calibration_is_right_and_can_be_used(short, tmp_path):
 
 @pytest.mark.parametrize(("tolerance", "status"), [("100mm", 0), ("0.00001", 1)])
 def test_a_tolerance_decides_the_exit_status(folder, tmp_path, tolerance, status):
-    words = ["calibrate-large", str(folder), "--out", str(tmp_path / "run"), "--tolerance", tolerance]
+    words = [
+        "calibrate-large",
+        str(folder),
+        "--out",
+        str(tmp_path / "run"),
+        "--tolerance",
+        tolerance,
+    ]
     assert cli.run([*words, "--json", str(tmp_path / "a.json")]) == status
     answer = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
-    assert answer["verdict"]["pass"] is (status == 0) and answer["verdict"]["residual_over_noise"] > 0
+    assert (
+        answer["verdict"]["pass"] is (status == 0) and answer["verdict"]["residual_over_noise"] > 0
+    )
     assert answer["noise"]["factor"] == pytest.approx(1, abs=0.2) and answer["warnings"] == []
 
 
@@ -106,7 +120,9 @@ def test_repeats_of_a_pose_stand_in_one_fold(short):
     recording = datasets.read(short)
     twice = recording.select(np.concatenate([np.arange(600), np.arange(600)]))
     label = pose_labels(twice)
-    assert np.array_equal(label[:600], label[600:]) and len(np.unique(label)) == len(np.unique(recording.poses))
+    assert np.array_equal(label[:600], label[600:]) and len(np.unique(label)) == len(
+        np.unique(recording.poses)
+    )
     fold = calibrate_large._folds(label, 5)
     assert np.array_equal(fold[:600], fold[600:]) and np.bincount(fold).min() > 100
 

@@ -10,17 +10,21 @@ import pytest
 
 import datasets
 from sensor_recordings import scanner_recording
-from workbench.jobs import ball_centres, scan
 from workbench.core.errors import InputError
-from workbench.machine.progress import paced
 from workbench.files.spool import Spool
+from workbench.jobs import ball_centres, scan
+from workbench.machine.progress import paced
 
 
 def test_a_spool_is_the_sequence_that_went_in():
     things = [{"number": k, "values": np.arange(k)} for k in range(20)]
     made = Spool(iter(things), kept=5)
     assert len(made) == 20 and made[0] is things[0]
-    assert [one["number"] for one in made] == list(range(20)) == [made[k]["number"] for k in range(-20, 0)]
+    assert (
+        [one["number"] for one in made]
+        == list(range(20))
+        == [made[k]["number"] for k in range(-20, 0)]
+    )
     assert [one["number"] for one in made[3:12:4]] == [3, 7, 11]
     assert all(np.array_equal(one["values"], np.arange(one["number"])) for one in made)
     with pytest.raises(IndexError):
@@ -28,7 +32,9 @@ def test_a_spool_is_the_sequence_that_went_in():
 
 
 def test_a_full_disk_is_named_by_its_folder(monkeypatch, tmp_path):
-    monkeypatch.setattr("workbench.files.spool.tempfile.TemporaryFile", lambda prefix, dir: open("/dev/full", "w+b"))
+    monkeypatch.setattr(
+        "workbench.files.spool.tempfile.TemporaryFile", lambda prefix, dir: open("/dev/full", "w+b")
+    )
     with pytest.raises(InputError, match=f"{tmp_path}.*No space left.*make room"):
         Spool(range(9), kept=2, folder=tmp_path)
 
@@ -58,7 +64,10 @@ def test_scans_are_the_same_from_the_spool_as_from_memory(tmp_path, monkeypatch)
     again = scan.scan(recording, None, _new(tmp_path / "again"), lambda text: None)
     first, second = (ball_centres.as_json(one, tmp_path) for one in (made, again))
     assert {**first, "scans": list(first["scans"])} == {**second, "scans": list(second["scans"])}
-    assert all(one.row == other.row and np.array_equal(one.drawn, other.drawn) for one, other in zip(made.scans, again.scans))
+    assert all(
+        one.row == other.row and np.array_equal(one.drawn, other.drawn)
+        for one, other in zip(made.scans, again.scans)
+    )
     names = [field.name for field in fields(made.scans[0].balls[0])]
     assert names == [field.name for field in fields(again.scans[0].balls[0])]
     assert any(text.startswith("scan 2 of 2") for text in said)
@@ -70,7 +79,11 @@ def test_progress_says_how_many_scans_and_how_long_still():
     for done in (1, 100, 5000):
         clock.now = done * 0.5
         tick(done, 10_000)
-    assert said == ["scan 1 of 10000", "scan 100 of 10000, about 82 min left", "scan 5000 of 10000, about 42 min left"]
+    assert said == [
+        "scan 1 of 10000",
+        "scan 100 of 10000, about 82 min left",
+        "scan 5000 of 10000, about 42 min left",
+    ]
 
 
 def _new(folder):

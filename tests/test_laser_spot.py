@@ -12,9 +12,9 @@ from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences
-from workbench.jobs.calibrate import calibrate
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import solve
+from workbench.core.model import Model
+from workbench.jobs.calibrate import calibrate
 
 BEAM = np.array([12.0, -7.0, 0.0]), Rotation.from_euler("xy", [0.04, 0.11]).as_matrix()[:, 2]
 CENTRE, RADIUS = np.array([700.0, 40.0, 300.0]), 60.0
@@ -44,7 +44,9 @@ def _aim(robot, geometry, place, rng):
         return np.cross(away, BEAM[1])
 
     while True:
-        found = least_squares(gap, rng.uniform(-1.3, 1.3, 6), bounds=(-1.5, 1.5), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = least_squares(
+            gap, rng.uniform(-1.3, 1.3, 6), bounds=(-1.5, 1.5), xtol=1e-15, ftol=1e-15, gtol=1e-15
+        )
         if np.abs(found.fun).max() < 1e-9:
             return found.x
 
@@ -61,8 +63,12 @@ def test_exact_beams_of_the_nominal_arm_start_at_beam_points_and_sphere():
     chain = bind(robot, beams(robot, robot.geometry))
     assert np.abs(chain.evaluate(chain.parameters.values, {}).residual).max() < 1e-3
     np.testing.assert_allclose(chain.parameters["artefact.sphere1_radius"], RADIUS, atol=0.01)
-    np.testing.assert_allclose([chain.parameters[f"artefact.sphere1_{a}"] for a in "xyz"], CENTRE, atol=0.01)
-    direction = Rotation.from_rotvec([chain.parameters[f"tool.r{a}"] for a in "xyz"]).as_matrix()[:, 2]
+    np.testing.assert_allclose(
+        [chain.parameters[f"artefact.sphere1_{a}"] for a in "xyz"], CENTRE, atol=0.01
+    )
+    direction = Rotation.from_rotvec([chain.parameters[f"tool.r{a}"] for a in "xyz"]).as_matrix()[
+        :, 2
+    ]
     assert abs(direction @ BEAM[1]) == pytest.approx(1, abs=1e-9)
 
 
@@ -93,6 +99,8 @@ def test_the_main_job_takes_beams(arm):
     robot, geometry = arm
     answer = calibrate(beams(robot, geometry, points=12, each=10, sigma=0.02), folds=5).as_json()
     assert answer["measures"] == "laser-spot" and answer["nominal"]["rms_mm"] > 0.2
-    assert answer["held_out"]["rms_mm"] < 0.05  # sigma 0.02 in each of two directions across the beam is 0.028
+    assert (
+        answer["held_out"]["rms_mm"] < 0.05
+    )  # sigma 0.02 in each of two directions across the beam is 0.028
     tied = {row["name"]: row for row in answer["parameters"]}
     assert not any(tied[name]["identifiable"] for name in ("d1", "theta1", "d6"))

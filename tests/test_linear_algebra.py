@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from workbench.core.least_squares import linear_algebra
 from workbench.core.errors import InputError
+from workbench.core.least_squares import linear_algebra
 from workbench.core.least_squares.linear_algebra import (
     covariance_of,
     inverse_positive,
@@ -38,7 +38,9 @@ def deficient(rng, size=12, rank=7, scale=1.0):
 def test_regular_systems_are_solved_as_numpy_does(rng, stack):
     rows = rng.normal(size=(*stack, 20, 5))
     matrix, right = np.swapaxes(rows, -1, -2) @ rows, rng.normal(size=(*stack, 5, 2))
-    np.testing.assert_allclose(solve_positive(matrix, right), np.linalg.solve(matrix, right), rtol=1e-9)
+    np.testing.assert_allclose(
+        solve_positive(matrix, right), np.linalg.solve(matrix, right), rtol=1e-9
+    )
     np.testing.assert_allclose(inverse_positive(matrix), np.linalg.inv(matrix), rtol=1e-8)
     prior = np.full(5, 1e-3)
     expected = np.linalg.inv(matrix + np.diag(prior))
@@ -52,17 +54,23 @@ def test_badly_scaled_systems_are_solved_to_the_accuracy_of_well_scaled_ones(rng
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-9, 1.0, 1e9, 1e150])
-def test_a_singular_system_is_solved_with_nothing_moved_along_what_it_does_not_determine(rng, scale):
+def test_a_singular_system_is_solved_with_nothing_moved_along_what_it_does_not_determine(
+    rng, scale
+):
     matrix = deficient(rng, scale=np.sqrt(scale))
     wanted = rng.normal(size=12)
     found = solve_positive(matrix, matrix @ wanted)
     np.testing.assert_allclose(matrix @ found, matrix @ wanted, rtol=1e-7, atol=1e-9 * scale)
-    assert np.abs(found).max() < 1e3  # unit diagonal is not unit length: not the least norm, but of its size
+    assert (
+        np.abs(found).max() < 1e3
+    )  # unit diagonal is not unit length: not the least norm, but of its size
 
 
 def test_columns_of_zeros_stay_where_they_are():
     matrix = np.diag([4.0, 0.0, 1.0])
-    np.testing.assert_array_equal(solve_positive(matrix, np.array([4.0, 0.0, 2.0])), [1.0, 0.0, 2.0])
+    np.testing.assert_array_equal(
+        solve_positive(matrix, np.array([4.0, 0.0, 2.0])), [1.0, 0.0, 2.0]
+    )
 
 
 def test_what_no_data_determine_keeps_the_variance_of_its_prior():
@@ -91,15 +99,24 @@ def test_the_covariance_of_something_undetermined_is_large_and_not_zero(rng):
 def test_rank_deficient_least_squares(rng):
     rows = rng.normal(size=(30, 4)) @ rng.normal(size=(4, 6)) * 10.0 ** np.arange(6)
     wanted = rng.normal(size=6) / 10.0 ** np.arange(6)
-    np.testing.assert_allclose(rows @ least_squares(rows, rows @ wanted), rows @ wanted, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(
+        rows @ least_squares(rows, rows @ wanted), rows @ wanted, rtol=1e-8, atol=1e-9
+    )
     assert least_squares(np.zeros((0, 3)), np.zeros(0)).tolist() == [0.0, 0.0, 0.0]
     assert least_squares(np.zeros((4, 3)), np.ones(4)).tolist() == [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("function", [
-    lambda bad: solve_positive(bad, np.ones(3)), inverse_positive, symmetric_eigen, thin_svd,
-    lambda bad: covariance_of(bad, np.ones(3)), lambda bad: least_squares(bad, np.ones(3)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda bad: solve_positive(bad, np.ones(3)),
+        inverse_positive,
+        symmetric_eigen,
+        thin_svd,
+        lambda bad: covariance_of(bad, np.ones(3)),
+        lambda bad: least_squares(bad, np.ones(3)),
+    ],
+)
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_numbers_that_are_not_finite_are_a_sentence(function, value):
     bad = np.eye(3)
@@ -129,8 +146,14 @@ def test_another_algorithm_takes_over_where_divide_and_conquer_does_not_converge
 def test_entries_near_the_limits_of_floating_point_neither_overflow_nor_vanish(rng):
     matrix = deficient(rng, 5, 5)
     for factor in (1e-300, 1e300):
-        np.testing.assert_allclose(symmetric_eigen(factor * matrix)[0] / factor, np.linalg.eigvalsh(matrix), rtol=1e-9)
-        np.testing.assert_allclose(thin_svd(factor * matrix)[1] / factor, np.linalg.svd(matrix, compute_uv=False), rtol=1e-9)
+        np.testing.assert_allclose(
+            symmetric_eigen(factor * matrix)[0] / factor, np.linalg.eigvalsh(matrix), rtol=1e-9
+        )
+        np.testing.assert_allclose(
+            thin_svd(factor * matrix)[1] / factor,
+            np.linalg.svd(matrix, compute_uv=False),
+            rtol=1e-9,
+        )
 
 
 def test_a_root_is_found_where_there_is_one_and_the_nearer_end_otherwise():

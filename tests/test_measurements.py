@@ -11,12 +11,29 @@ from robot_model.measurements import KINDS as REGISTERED
 from robot_model.measurements import measurement_of
 from robot_model.measurements.closure import rigid_fit, solve_linear_start
 from robot_model.system import bind
-from scenes import ABB, ARMS, BALLS, KINDS, REFLECTORS, assert_rows, differences, model_of, random_pose, scene
+from scenes import (
+    ABB,
+    ARMS,
+    BALLS,
+    KINDS,
+    REFLECTORS,
+    assert_rows,
+    differences,
+    model_of,
+    random_pose,
+    scene,
+)
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 
 EVERY_KIND = pytest.mark.parametrize("measures", KINDS)
-CLOSED = {"touch-point", "laser-spot", "plane-touch", "ball-surface", "distance"}  # each has a test file of its own
+CLOSED = {
+    "touch-point",
+    "laser-spot",
+    "plane-touch",
+    "ball-surface",
+    "distance",
+}  # each has a test file of its own
 COPLANAR = {k: (x, y, 0.0, r) for k, (x, y, _, r) in BALLS.items()}
 
 
@@ -34,9 +51,13 @@ def assert_started(made, chain, atol=1e-6):
     if chain.measurement.place == "tool" and made.recording.measures == "external-point":
         expected = [REFLECTORS[i] for i in chain.measurement.ids]
         np.testing.assert_allclose(own_values(chain).reshape(-1, 3), expected, atol=atol)
-    elif made.recording.measures == "partial-pose":  # its turn about the measured axis is nowhere seen
+    elif (
+        made.recording.measures == "partial-pose"
+    ):  # its turn about the measured axis is nowhere seen
         seen = [1, 3]
-        np.testing.assert_allclose(pose_of(own_values(chain))[:, seen], made.tool[:, seen], atol=atol)
+        np.testing.assert_allclose(
+            pose_of(own_values(chain))[:, seen], made.tool[:, seen], atol=atol
+        )
     else:
         np.testing.assert_allclose(pose_of(own_values(chain)), made.tool, atol=atol)
 
@@ -81,13 +102,19 @@ def test_coplanar_balls_start_right_side_up(seed):
     assert_started(made, bind(made.robot, made.recording))
 
 
-@pytest.mark.parametrize("balls", [{3: (0.0, 0.0, 0.0, 15.0)}, {3: (50.0, -20.0, 10.0, 15.0)}], ids=["origin", "elsewhere"])
+@pytest.mark.parametrize(
+    "balls",
+    [{3: (0.0, 0.0, 0.0, 15.0)}, {3: (50.0, -20.0, 10.0, 15.0)}],
+    ids=["origin", "elsewhere"],
+)
 def test_one_ball_gives_the_hand_eye_and_its_place_though_not_the_artefacts_attitude(balls):
     made = scene("ball-centre", seed=2, balls=balls)
     chain = bind(made.robot, made.recording)
     np.testing.assert_allclose(pose_of(own_values(chain)), made.tool, atol=1e-6)
     ball = [*balls[3][:3], 1]
-    np.testing.assert_allclose(np.linalg.inv(pose_of(chain.start[:6])) @ ball, np.linalg.inv(made.base) @ ball, atol=1e-6)
+    np.testing.assert_allclose(
+        np.linalg.inv(pose_of(chain.start[:6])) @ ball, np.linalg.inv(made.base) @ ball, atol=1e-6
+    )
     assert np.abs(chain.evaluate(chain.parameters.values, {}).residual).max() < 1e-6
 
 
@@ -102,11 +129,16 @@ def test_two_balls_leave_only_the_turn_about_their_line():
 def test_noise_moves_the_start_a_little(measures):
     made = scene(measures, seed=6, n=200)
     rng = np.random.default_rng(1)
-    noisy = {k: v + rng.normal(0, 0.05, made.recording.n) if k in ("x_mm", "y_mm", "z_mm") else v
-             for k, v in made.recording.columns.items()}  # fmt: skip
+    noisy = {
+        k: v + rng.normal(0, 0.05, made.recording.n) if k in ("x_mm", "y_mm", "z_mm") else v
+        for k, v in made.recording.columns.items()
+    }
     chain = bind(made.robot, replace(made.recording, columns=noisy))
     np.testing.assert_allclose(pose_of(chain.start[:6])[:3, 3], made.base[:3, 3], atol=0.5)
-    assert np.sqrt((chain.evaluate(chain.parameters.values, {}).residual[:3] ** 2).sum(0).mean()) < 0.12
+    assert (
+        np.sqrt((chain.evaluate(chain.parameters.values, {}).residual[:3] ** 2).sum(0).mean())
+        < 0.12
+    )
 
 
 @EVERY_KIND
@@ -118,7 +150,9 @@ def test_the_jacobian_of_base_and_tool_is_the_derivative(measures, angle, away):
     start = model.parameters.free("base.*", "tool.*" if measures != "ball-centre" else "sensor.*")
     free = start.unpack(start.pack() + away * start.typical[start.mask])
     found = model.linearise(free)[1]
-    assert_rows(found, differences(lambda x: model.residual(free.unpack(x)), free.pack(), 1e-5), 1e-6)
+    assert_rows(
+        found, differences(lambda x: model.residual(free.unpack(x)), free.pack(), 1e-5), 1e-6
+    )
 
 
 @EVERY_KIND
@@ -140,7 +174,9 @@ def test_some_samples_are_the_same_chain(measures):
     chain = bind(made.robot, made.recording)
     part = np.array([3, 4, 17, 29])
     values = chain.parameters.values + 0.01
-    np.testing.assert_allclose(chain.at(part).evaluate(values, {}).residual, chain.evaluate(values, {}).residual[:, part])
+    np.testing.assert_allclose(
+        chain.at(part).evaluate(values, {}).residual, chain.evaluate(values, {}).residual[:, part]
+    )
     assert chain.at(part).sigma.shape == (chain.sigma.shape[0], 4)
     mask = np.isin(np.arange(30), part)
     assert np.array_equal(chain.at(mask).state.measured, chain.at(part).state.measured)
@@ -173,7 +209,9 @@ def test_sample_numbers_are_those_of_the_file():
 
 def test_a_kind_that_moves_no_chain_is_a_sentence():
     made = scene("external-point", n=12)
-    with pytest.raises(InputError, match="'board-images' cannot be calibrated; expected one of ball-centre"):
+    with pytest.raises(
+        InputError, match="'board-images' cannot be calibrated; expected one of ball-centre"
+    ):
         measurement_of(replace(made.recording, measures="board-images"))
 
 
@@ -202,7 +240,9 @@ def test_rigid_fit_finds_pose_and_never_mirrors():
 
 def test_linear_start_takes_the_shortest_of_many_solutions():
     ones = np.ones((4, 1))
-    np.testing.assert_allclose(solve_linear_start([ones, ones, 0 * ones], 2 * ones[:, 0]), [1, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        solve_linear_start([ones, ones, 0 * ones], 2 * ones[:, 0]), [1, 1, 0], atol=1e-12
+    )
 
 
 def test_one_attitude_only_is_finite_all_the_same():

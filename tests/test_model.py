@@ -28,7 +28,9 @@ MIXED = (
 def switched_on(model, size=1.0, seed=1):
     """Parameters with every effect's set to random signs times `size` typical sizes."""
     start, own = model.parameters, len(model.chain.parameters)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(start)) * (np.arange(len(start)) >= own)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(start)) * (
+        np.arange(len(start)) >= own
+    )
     return replace(start, values=start.values + size * signs * start.typical)
 
 
@@ -42,7 +44,9 @@ def test_the_jacobian_of_everything_is_the_derivative(measures, arm):
     parameters = switched_on(model)
     free = parameters.only(np.ones(len(parameters), bool))
     rows = model.linearise(free)[1]
-    expected = differences(lambda x: model.residual(free.unpack(x)), free.pack(), 1e-3 * free.typical)
+    expected = differences(
+        lambda x: model.residual(free.unpack(x)), free.pack(), 1e-3 * free.typical
+    )
     assert_rows(rows, expected, 5e-3)
 
 
@@ -75,18 +79,26 @@ def test_the_order_of_effects_does_not_matter():
     model, turned = model_of(made, *MIXED), model_of(made, *MIXED[::-1])
     parameters = switched_on(model)
     np.testing.assert_allclose(
-        turned.residual(turned.parameters.take_over(parameters)), model.residual(parameters), atol=1e-9
+        turned.residual(turned.parameters.take_over(parameters)),
+        model.residual(parameters),
+        atol=1e-9,
     )
 
 
 def test_load_effects_do_nothing_where_nothing_yields():
-    model = model_of(scene("external-point", n=15), ("mount-tilt", "base", {}), ("first-moment", "tool", {}))
+    model = model_of(
+        scene("external-point", n=15), ("mount-tilt", "base", {}), ("first-moment", "tool", {})
+    )
     parameters = switched_on(model)
     assert np.array_equal(model.residual(parameters), model.residual(model.parameters))
-    assert not model.jacobian(parameters.only(np.arange(len(parameters)) >= len(model.chain.parameters))).any()
+    assert not model.jacobian(
+        parameters.only(np.arange(len(parameters)) >= len(model.chain.parameters))
+    ).any()
 
 
-@pytest.mark.parametrize("cause", [("mount-tilt", "base", {}), ("first-moment", "link-4", {})], ids=lambda c: c[0])
+@pytest.mark.parametrize(
+    "cause", [("mount-tilt", "base", {}), ("first-moment", "link-4", {})], ids=lambda c: c[0]
+)
 def test_a_load_effect_is_the_same_as_another_robot(cause):
     """A tilt of gravity, or a shifted mass, entered as a number or as a robot that has it from the start."""
     soft = ("joint-compliance", "joint-2", {}), ("link-compliance", "link-3", {})
@@ -104,7 +116,9 @@ def test_a_load_effect_is_the_same_as_another_robot(cause):
     plain = model_of(made, *soft)
     plain = replace(plain, chain=replace(plain.chain, state=other), _bases={})
     np.testing.assert_allclose(
-        model.residual(parameters), plain.residual(plain.parameters.take_over(parameters)), atol=1e-9
+        model.residual(parameters),
+        plain.residual(plain.parameters.take_over(parameters)),
+        atol=1e-9,
     )
 
 
@@ -112,7 +126,9 @@ def test_part_of_the_samples_is_part_of_the_answer():
     model = model_of(scene("ball-centre", n=30), *MIXED)
     parameters = switched_on(model)
     part = np.arange(30) % 4 == 0
-    np.testing.assert_allclose(model.at(part).residual(parameters), model.residual(parameters)[:, part], atol=1e-9)
+    np.testing.assert_allclose(
+        model.at(part).residual(parameters), model.residual(parameters)[:, part], atol=1e-9
+    )
 
 
 def test_more_effects_join_and_none_stands_twice():
@@ -154,5 +170,7 @@ def test_an_effect_that_is_not_linear_is_differentiated_numerically():
 
 
 def test_numeric_derivative_of_a_polynomial():
-    found = numeric_derivative(lambda p: np.array([p[0] ** 2, p[0] * p[1]]), np.array([3.0, 5.0]), [1e-4, 1e-3])
+    found = numeric_derivative(
+        lambda p: np.array([p[0] ** 2, p[0] * p[1]]), np.array([3.0, 5.0]), [1e-4, 1e-3]
+    )
     np.testing.assert_allclose(found, [[6, 5], [0, 3]], atol=1e-9)

@@ -1,11 +1,14 @@
 """The MuJoCo arm obeys textbook kinematics and statics, and the bundled recording is what it makes."""
+
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco", reason="the independent engine needs the package mujoco (extra proof)")
+pytest.importorskip(
+    "mujoco", reason="the independent engine needs the package mujoco (extra proof)"
+)
 
 from datasets.makers import elastic_arm, folder, ye
 from datasets.mujoco_arm import (
@@ -68,7 +71,9 @@ def test_rigid_arm_is_plain_dh(arm, readings):
 
 def test_vanishing_compliance_tends_to_rigid(arm, readings):
     soft = replace(rigid(arm), joint_compliance=1e-12)
-    np.testing.assert_allclose(place(rest(soft, readings).flange), place(rest(rigid(arm), readings).flange), atol=1e-6)
+    np.testing.assert_allclose(
+        place(rest(soft, readings).flange), place(rest(rigid(arm), readings).flange), atol=1e-6
+    )
 
 
 def test_mixing_couples_readings(arm, readings):
@@ -81,8 +86,16 @@ def test_mixing_couples_readings(arm, readings):
 
 def test_pendulum_sags_by_its_weight_times_lever():
     geometry = np.array([[0.0, 0, 500, 0, 0]])
-    arm = Arm(geometry, np.array([3.0]), np.array([[-200.0, 0, 0]]), np.eye(1), 1.0, (0, 0, 0),
-              joint_compliance=1e-5, gravity=(0, -1, 0))
+    arm = Arm(
+        geometry,
+        np.array([3.0]),
+        np.array([[-200.0, 0, 0]]),
+        np.eye(1),
+        1.0,
+        (0, 0, 0),
+        joint_compliance=1e-5,
+        gravity=(0, -1, 0),
+    )
     still = rest(arm, np.array([[0.4]]), payload_kg=0.5)
     angle = 0.4 + still.deflection[0, 2]
     torque = -STANDARD_GRAVITY * np.cos(angle) * (3.0 * 0.3 + 1.5 * 0.5)
@@ -90,26 +103,49 @@ def test_pendulum_sags_by_its_weight_times_lever():
 
 
 def test_cantilever_bends_at_its_middle():
-    arm = Arm(np.array([[0.0, 0, 400, 0, 0]]), np.zeros(1), np.zeros((1, 3)), np.eye(1), 2.0,
-              link_compliance=1e-5, gravity=(0, 0, -1))
+    arm = Arm(
+        np.array([[0.0, 0, 400, 0, 0]]),
+        np.zeros(1),
+        np.zeros((1, 3)),
+        np.eye(1),
+        2.0,
+        link_compliance=1e-5,
+        gravity=(0, 0, -1),
+    )
     still = rest(arm, np.zeros((1, 1)))
     # a weight at the tip, 200 mm from the hinge at mid-link
-    assert place(still.flange)[0, 2] == pytest.approx(-200 * 1e-5 * 2.0 * STANDARD_GRAVITY * 0.2, rel=1e-6)
+    assert place(still.flange)[0, 2] == pytest.approx(
+        -200 * 1e-5 * 2.0 * STANDARD_GRAVITY * 0.2, rel=1e-6
+    )
 
 
 def test_pedestal_leans_toward_the_load():
-    arm = Arm(np.array([[0.0, 500, 300, 0, 0]]), np.zeros(1), np.zeros((1, 3)), np.eye(1), 2.0,
-              pedestal_compliance=(0.0, 1e-5))
+    arm = Arm(
+        np.array([[0.0, 500, 300, 0, 0]]),
+        np.zeros(1),
+        np.zeros((1, 3)),
+        np.eye(1),
+        2.0,
+        pedestal_compliance=(0.0, 1e-5),
+    )
     moved = place(rest(arm, np.zeros((1, 1))).flange)[0] - [300, 0, 500]
     tilt = 1e-5 * 2.0 * STANDARD_GRAVITY * 0.3
     np.testing.assert_allclose(moved, [500 * tilt, 0, -300 * tilt], rtol=1e-3, atol=1e-9)
 
 
 def test_deflection_doubles_with_compliance(arm, readings):
-    stiff = replace(arm, joint_compliance=arm.joint_compliance / 100, link_compliance=arm.link_compliance / 100,
-                    pedestal_compliance=tuple(np.array(arm.pedestal_compliance) / 100))
-    soft = replace(arm, joint_compliance=arm.joint_compliance / 50, link_compliance=arm.link_compliance / 50,
-                   pedestal_compliance=tuple(np.array(arm.pedestal_compliance) / 50))
+    stiff = replace(
+        arm,
+        joint_compliance=arm.joint_compliance / 100,
+        link_compliance=arm.link_compliance / 100,
+        pedestal_compliance=tuple(np.array(arm.pedestal_compliance) / 100),
+    )
+    soft = replace(
+        arm,
+        joint_compliance=arm.joint_compliance / 50,
+        link_compliance=arm.link_compliance / 50,
+        pedestal_compliance=tuple(np.array(arm.pedestal_compliance) / 50),
+    )
     still = place(rest(rigid(arm), readings).flange)
     one, two = (place(rest(a, readings).flange) - still for a in (stiff, soft))
     np.testing.assert_allclose(two, 2 * one, atol=1e-3 * np.abs(two).max())
@@ -133,23 +169,33 @@ def test_gravity_torque_is_the_slope_of_potential_energy(arm, readings):
         height = (flange[:, :3, :3] @ np.array(arm.tool_com) + place(flange))[:, 2] / 1e3
         return (payload + 0.4) * STANDARD_GRAVITY * height
 
-    slope = np.column_stack([(energy(readings + h * u) - energy(readings - h * u)) / (2 * h) for u in np.eye(6)])
+    slope = np.column_stack(
+        [(energy(readings + h * u) - energy(readings - h * u)) / (2 * h) for u in np.eye(6)]
+    )
     np.testing.assert_allclose(torque, -slope, atol=1e-6)
 
 
 def test_rest_is_a_minimum_of_energy(readings):
     """Total energy, springs and weight, is stationary at rest for a load on elastic joints."""
-    arm = replace(elastic_arm.true_arm(np.random.default_rng(3)), mass=np.zeros(6), link_compliance=0.0,
-                  pedestal_compliance=(0.0, 0.0))
+    arm = replace(
+        elastic_arm.true_arm(np.random.default_rng(3)),
+        mass=np.zeros(6),
+        link_compliance=0.0,
+        pedestal_compliance=(0.0, 0.0),
+    )
     still = rest(arm, readings)
     bend, h = still.deflection[:, 2::3], 1e-5
 
     def energy(b):
         flange = rest(rigid(arm), readings, b).flange
         height = (flange[:, :3, :3] @ np.array(arm.tool_com) + place(flange))[:, 2] / 1e3
-        return arm.tool_mass * STANDARD_GRAVITY * height + 0.5 * np.sum(b**2 / arm.joint_compliance, axis=1)
+        return arm.tool_mass * STANDARD_GRAVITY * height + 0.5 * np.sum(
+            b**2 / arm.joint_compliance, axis=1
+        )
 
-    slope = np.column_stack([(energy(bend + h * u) - energy(bend - h * u)) / (2 * h) for u in np.eye(6)])
+    slope = np.column_stack(
+        [(energy(bend + h * u) - energy(bend - h * u)) / (2 * h) for u in np.eye(6)]
+    )
     assert np.abs(slope).max() < 1e-5 * np.abs(still.torque).max()
 
 
@@ -166,7 +212,9 @@ def test_other_conventions_are_refused():
 def test_drive_errors_follow_their_laws():
     q = np.deg2rad([[10.0, 20], [30, 40], [50, 60]])
     approach = np.array([[1.0, 1], [-1, -1], [0, 1]])
-    error = drive_errors(q, [Harmonic(2, 2, 1e-3, 2e-3)], [Slip(1, 1, 5e-4)], [Gap(1, 1e-4)], approach)
+    error = drive_errors(
+        q, [Harmonic(2, 2, 1e-3, 2e-3)], [Slip(1, 1, 5e-4)], [Gap(1, 1e-4)], approach
+    )
     np.testing.assert_allclose(error[:, 0], [1e-4, 5e-4 - 1e-4, 5e-4])
     np.testing.assert_allclose(error[:, 1], 1e-3 * np.cos(2 * q[:, 1]) + 2e-3 * np.sin(2 * q[:, 1]))
 
@@ -185,7 +233,9 @@ def test_points_are_seen_in_their_frames(arm, readings):
     back = [artefact @ f @ hand_eye @ [*p, 1] for f, p in zip(flange, seen)]
     np.testing.assert_allclose(np.array(back)[:, :3], ball, atol=1e-9)
     origin = reflector_points(flange, hand_eye[:3, 3], artefact)
-    np.testing.assert_allclose(origin, [(artefact @ f @ hand_eye)[:3, 3] for f in flange], atol=1e-9)
+    np.testing.assert_allclose(
+        origin, [(artefact @ f @ hand_eye)[:3, 3] for f in flange], atol=1e-9
+    )
 
 
 def test_ye_arm_has_the_torques_of_equation_25():
@@ -205,7 +255,9 @@ def test_ye_arm_has_the_torques_of_equation_25():
 
 def test_ye_second_experiment_is_reproducible_and_noisy_as_told():
     quiet, noisy = (ye.ye_second_experiment(200, seed=5, noise_mm=s) for s in (1e-9, 0.02))
-    points = [np.column_stack([m.columns[c] for c in ("x_mm", "y_mm", "z_mm")]) for m in (quiet, noisy)]
+    points = [
+        np.column_stack([m.columns[c] for c in ("x_mm", "y_mm", "z_mm")]) for m in (quiet, noisy)
+    ]
     assert np.std(points[1] - points[0]) == pytest.approx(0.02, rel=0.1)
     assert np.ptp(quiet.columns["q2_deg"]) > 40
     again = ye.ye_second_experiment(200, seed=5, noise_mm=0.02)

@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from noise_scenes import SIGMA, XYZ, geometry_of, heavy, normal, recorded
-from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.core.errors import InputError
-from workbench.fitting.verdicts.noise_report import ALARM, NONE, NOTICE
 from workbench.files.solution_file import solution_keys
+from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
+from workbench.fitting.verdicts.noise_report import ALARM, NONE, NOTICE
 
 
 def with_columns(recording, **columns):
@@ -38,7 +38,9 @@ def metres(points, rng):
 
 
 def rounded(recording):
-    return with_columns(recording, **{f"q{k}_deg": np.round(recording.columns[f"q{k}_deg"]) for k in range(1, 7)})
+    return with_columns(
+        recording, **{f"q{k}_deg": np.round(recording.columns[f"q{k}_deg"]) for k in range(1, 7)}
+    )
 
 
 def gon(recording):
@@ -62,7 +64,9 @@ def test_a_faulty_recording_is_never_silent(fault):
     except InputError:
         return  # refused before the fit: loud enough
     answer = made.as_json()
-    assert answer["warnings"], "a fit that is hundreds of times worse than the noise ends without a warning"
+    assert answer["warnings"], (
+        "a fit that is hundreds of times worse than the noise ends without a warning"
+    )
     assert answer["noise"]["factor"] > 20 and answer["noise"]["level"] == ALARM
     verdict = calibration_verdict(made.held_out, made.noise)
     assert verdict.residual_over_noise > 20 and "times the noise" in verdict.sentence
@@ -121,7 +125,9 @@ def repeated(times, effect=0.0):
     wrong = np.rad2deg(effect) * np.sin(3 * np.deg2rad(q2))
     one = {k: np.ones(200) for k in several.columns if k.startswith(("payload", "approach"))}
     sample = np.arange(1.0, 201.0)
-    return with_columns(several, sample=sample, repeat=rows.astype(float), q2_deg=q2 + wrong, **points, **one)
+    return with_columns(
+        several, sample=sample, repeat=rows.astype(float), q2_deg=q2 + wrong, **points, **one
+    )
 
 
 def test_repeats_that_scatter_more_than_stated_prove_the_statement_wrong():
@@ -140,7 +146,9 @@ def test_repeats_that_scatter_as_stated_prove_an_unmodelled_effect():
 
 def test_copies_of_a_row_are_no_replicates():
     several = repeated(1.0)
-    copied = with_columns(several, **{k: several.columns[k][several.columns["repeat"].astype(int) * 5] for k in XYZ})
+    copied = with_columns(
+        several, **{k: several.columns[k][several.columns["repeat"].astype(int) * 5] for k in XYZ}
+    )
     assert geometry_of(copied).noise.findings.replicates is None
 
 
@@ -155,7 +163,9 @@ def test_an_unmodelled_joint_error_is_told_from_wrong_noise():
 
 def test_a_drifting_instrument_is_seen_in_the_order_of_the_samples():
     def drifting(points, rng):
-        return points + 0.3 * np.linspace(0, 1, points.shape[1]) ** 2 * np.array([[1.0], [1.0], [0.0]])
+        return points + 0.3 * np.linspace(0, 1, points.shape[1]) ** 2 * np.array(
+            [[1.0], [1.0], [0.0]]
+        )
 
     noise = geometry_of(recorded(12, n=160, change=drifting)).noise
     assert "the order of the samples" in noise.findings.structure.depends_on
@@ -190,7 +200,10 @@ def test_orientations_are_compared_with_their_own_stated_noise():
     calibration = geometry_of(right)
     assert calibration.noise.warnings == ()
     verdict = calibration_verdict(calibration.held_out, calibration.noise)
-    assert verdict.parts[1].noise == pytest.approx(np.sqrt(3) * 0.02) and "agrees" in verdict.parts[1].sentence
+    assert (
+        verdict.parts[1].noise == pytest.approx(np.sqrt(3) * 0.02)
+        and "agrees" in verdict.parts[1].sentence
+    )
     wrong = geometry_of(with_columns(right, sigma_deg=np.full(60, 0.005)))
     (warning,) = wrong.noise.warnings
     assert warning.startswith("Orientations: the fit leaves 4")

@@ -12,25 +12,25 @@ from scipy.spatial.transform import Rotation
 import datasets
 from robot_model.system import bind, geometry_free
 from scenes import model_of, scene
-from workbench.jobs.calibrate import calibrate, save
-from workbench.jobs.calibrate_large import calibrate_chunks
 from workbench.commands.robot import compare as compare_command
 from workbench.commands.robot import diagnose as diagnose_command
-from workbench.jobs.compare import compare
-from workbench.jobs.compare import save as save_comparison
 from workbench.core.errors import InputError
 from workbench.core.least_squares.identifiability import identifiability, independent
+from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
-from workbench.core.least_squares.solver import normal_matrix
-from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.files import save as save_diagnosis
 from workbench.diagnosis.heldout import Errors
 from workbench.diagnosis.robot import bench_of
+from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary
+from workbench.jobs.calibrate import calibrate, save
+from workbench.jobs.calibrate_large import calibrate_chunks
+from workbench.jobs.compare import compare
+from workbench.jobs.compare import save as save_comparison
 from workbench.jobs.poses import choose_poses
-from workbench.report.diagnosis.page import page as diagnosis_page
 from workbench.jobs.simulate import simulate
+from workbench.report.diagnosis.page import page as diagnosis_page
 
 ROTATION_KEYS = ("rotation_rms_deg", "rotation_mean_deg", "rotation_p95_deg", "rotation_max_deg")
 SIGMA_RAD = 2e-3
@@ -46,7 +46,10 @@ def noisy(measures, n=60, seed=4):
     turn = Rotation.from_rotvec(rng.normal(0, SIGMA_RAD, (n, 3)))
     if measures == "external-pose":
         quaternion = np.stack([columns[f"q{c}"] for c in "xyzw"], -1)
-        columns |= {f"q{c}": row for c, row in zip("xyzw", (turn * Rotation.from_quat(quaternion)).as_quat().T)}
+        columns |= {
+            f"q{c}": row
+            for c, row in zip("xyzw", (turn * Rotation.from_quat(quaternion)).as_quat().T)
+        }
     else:
         axis = turn.apply(np.stack([columns[f"o{c}"] for c in "xyz"], -1))
         columns |= {f"o{c}": row for c, row in zip("xyz", axis.T)}
@@ -66,7 +69,11 @@ def test_every_error_block_of_poses_has_rotation_figures(calibration):
     for block in ("fit", "held_out", "nominal"):
         assert set(ROTATION_KEYS) <= set(answer[block])
         assert answer[block]["rotation_rms_deg"] == pytest.approx(expected, rel=0.15)
-        assert answer[block]["rotation_max_deg"] >= answer[block]["rotation_p95_deg"] >= answer[block]["rotation_mean_deg"]
+        assert (
+            answer[block]["rotation_max_deg"]
+            >= answer[block]["rotation_p95_deg"]
+            >= answer[block]["rotation_mean_deg"]
+        )
 
 
 def test_stages_have_rotation_figures():
@@ -84,14 +91,18 @@ def test_residual_table_holds_the_rotation_of_every_sample(calibration, tmp_path
         angle = np.sqrt(sum(table[f"{block}_{name}_deg"] ** 2 for name in names))
         found = getattr(calibration, block)["rotation_rms_deg"]
         # the figure of the nominal robot is held out, its residuals are those of the fit
-        assert np.sqrt((angle**2).mean()) == pytest.approx(found, rel=0.05 if block == "nominal" else 1e-4)
+        assert np.sqrt((angle**2).mean()) == pytest.approx(
+            found, rel=0.05 if block == "nominal" else 1e-4
+        )
     assert "rotation_rms_deg" in json.loads((tmp_path / "calibration.json").read_text())["fit"]
 
 
 def test_recordings_of_points_have_no_rotation_figures(tmp_path):
     found = calibrate(scene("external-point", n=60, seed=4).recording, plan=(), folds=5)
     answer = found.as_json()
-    assert not any(key in answer[block] for key in ROTATION_KEYS for block in ("fit", "held_out", "nominal"))
+    assert not any(
+        key in answer[block] for key in ROTATION_KEYS for block in ("fit", "held_out", "nominal")
+    )
     assert all(not len(rows) for rows in found.rotation.values())
     save(found, tmp_path)
     assert "deg" not in (tmp_path / "residuals.csv").read_text().splitlines()[0]
@@ -102,7 +113,9 @@ def test_rotation_figures_are_of_the_angle():
     residual[3:, 0] = np.deg2rad([3.0, 0.0, 4.0])
     residual[:, 2] = np.nan
     found = error_summary(residual)
-    assert found["rotation_max_deg"] == pytest.approx(5) and found["rotation_mean_deg"] == pytest.approx(2.5)
+    assert found["rotation_max_deg"] == pytest.approx(5) and found[
+        "rotation_mean_deg"
+    ] == pytest.approx(2.5)
     assert found["rms_mm"] == 0
     assert "rotation_rms_deg" not in error_summary(residual[:3])
 
@@ -125,7 +138,9 @@ def test_residual_of_an_axis_is_the_angle_between_the_axes(degrees):
     across = measurement.across[0]
     angle = np.deg2rad(degrees)
     axis = np.cos(angle) * measurement.axis + np.sin(angle) * across
-    leaning = replace(model, chain=replace(model.chain, measurement=replace(measurement, axis=axis)), _bases={})
+    leaning = replace(
+        model, chain=replace(model.chain, measurement=replace(measurement, axis=axis)), _bases={}
+    )
     truth = model.parameters
     clean = model.residual(truth)[3:]
     np.testing.assert_allclose(clean, 0, atol=1e-7)
@@ -147,7 +162,9 @@ def test_residual_of_an_axis_is_differentiated_at_large_angles():
         moved[k] = step
         up, down = (model.residual(start.unpack(start.pack() + sign * moved)) for sign in (1, -1))
         expected = (up - down)[3:] / (2 * step)
-        np.testing.assert_allclose(rows[k, 3:], expected, atol=1e-5 * max(1, np.abs(expected).max()))
+        np.testing.assert_allclose(
+            rows[k, 3:], expected, atol=1e-5 * max(1, np.abs(expected).max())
+        )
 
 
 def held_out(position, rotation, seed=0, sigma=None):
@@ -220,8 +237,12 @@ def test_a_calibration_in_chunks_reports_orientation(tmp_path):
     chunked = calibrate_chunks(folder, tmp_path / "frames.toml", folds=3).as_json()
     for block in ("fit", "held_out", "nominal"):
         assert set(ROTATION_KEYS) <= set(chunked[block])
-    assert chunked["fit"]["rotation_rms_deg"] == pytest.approx(whole.fit["rotation_rms_deg"], rel=0.01)
-    assert chunked["held_out"]["rotation_rms_deg"] == pytest.approx(whole.held_out["rotation_rms_deg"], rel=0.03)
+    assert chunked["fit"]["rotation_rms_deg"] == pytest.approx(
+        whole.fit["rotation_rms_deg"], rel=0.01
+    )
+    assert chunked["held_out"]["rotation_rms_deg"] == pytest.approx(
+        whole.held_out["rotation_rms_deg"], rel=0.03
+    )
 
 
 SCENE = """
@@ -267,12 +288,18 @@ def test_the_files_and_the_page_of_a_diagnosis_show_orientation(diagnosis, tmp_p
     rows = list(csv.DictReader((tmp_path / "residuals.csv").open()))
     assert len(rows) == diagnosis.samples and None not in rows[0]
     angle = np.array([float(row["held_out_after_deg"]) for row in rows])
-    assert np.sqrt((angle**2).mean()) == pytest.approx(diagnosis.as_json()["held_out"]["after_deg"], rel=1e-4)
+    assert np.sqrt((angle**2).mean()) == pytest.approx(
+        diagnosis.as_json()["held_out"]["after_deg"], rel=1e-4
+    )
     position = np.array([[float(row[f"after_{axis}_mm"]) for axis in "xyz"] for row in rows])
     assert 0.03 < position.std() < 0.07
     names = [section.name for section in diagnosis_page(diagnosis).sections]
-    figures = [block["name"] for section in diagnosis_page(diagnosis).sections for block in section.blocks
-               if block["kind"] == "figure"]  # fmt: skip
+    figures = [
+        block["name"]
+        for section in diagnosis_page(diagnosis).sections
+        for block in section.blocks
+        if block["kind"] == "figure"
+    ]
     assert "proof" in names and "heldout-rotation" in figures
     console = Console(record=True, width=100)
     diagnose_command.show(console, diagnosis.as_json())
@@ -319,5 +346,7 @@ def test_a_simulated_pose_recording_states_the_noise_of_its_orientation(tmp_path
     assert "sigma_deg" not in simulate(tmp_path / "point.toml").columns
     assert "sigma_deg" not in recording.covariates
     recording.columns["sigma_deg"][3] = 0.0
-    with pytest.raises(InputError, match=r"row 5 .*column sigma_deg: expected a number above 0, found 0"):
+    with pytest.raises(
+        InputError, match=r"row 5 .*column sigma_deg: expected a number above 0, found 0"
+    ):
         datasets.read(datasets.write(recording, tmp_path / "zero"))

@@ -43,9 +43,18 @@ def test_the_signs_that_the_copy_lost_agree_with_what_the_paper_found(exact):
     np.testing.assert_allclose(d[[3, 4]], rows[[3, 4], 2], atol=0.011)
     assert abs(d[1] + d[2] - rows[1:3, 2].sum()) < 0.011
     # joint 6 and tip only show together: alpha6 is found as -0.078 deg, and the tip is where the truth has it
-    turn, a6, d6, twist = np.deg2rad(rows[5, 0] - 180), rows[5, 1], rows[5, 2], -np.deg2rad(rows[5, 3])
+    turn, a6, d6, twist = (
+        np.deg2rad(rows[5, 0] - 180),
+        rows[5, 1],
+        rows[5, 2],
+        -np.deg2rad(rows[5, 3]),
+    )
     x, y, z = PAPER["rv2fb"]["tcp_identified_mm"]
-    x, y, z = x + a6, y * np.cos(twist) - z * np.sin(twist), y * np.sin(twist) + z * np.cos(twist) + d6
+    x, y, z = (
+        x + a6,
+        y * np.cos(twist) - z * np.sin(twist),
+        y * np.sin(twist) + z * np.cos(twist) + d6,
+    )
     x, y = x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)
     tip = exact.truth["tip"] + [a[5], 0, d[5]]
     np.testing.assert_allclose([x, y, z], tip, atol=0.012)
@@ -66,7 +75,9 @@ def test_a_made_recording_touches_its_points(make):
 def test_driving_errors_are_as_large_as_said(driven):
     places = gubankov.tips(driven.truth["geometry"], driven.truth["tip"], driven.recording().joints)
     off = np.linalg.norm(places - driven.truth["points"][driven.columns["point"] - 1], axis=1)
-    assert 0.14 < off.max() < 0.16 + 1e-9 and gallery.rms(off) == pytest.approx(0.16 / np.sqrt(3), rel=0.15)
+    assert 0.14 < off.max() < 0.16 + 1e-9 and gallery.rms(off) == pytest.approx(
+        0.16 / np.sqrt(3), rel=0.15
+    )
 
 
 def test_the_published_start_of_the_tip_is_near_the_published_one(exact):
@@ -82,10 +93,16 @@ def test_the_pair_objective_is_the_published_sum(exact):
     """J of eq. 7 by the letter, minimised in fewer iterations to less than the paper says."""
     fit, table = gallery.pairs(exact), PAPER["rv2fb"]
     assert len(fit.kept) == table["pairs"] and fit.kept.all()
-    for values, geometry, tip in ((fit.objective[0], gallery.nominal(exact), gallery.start_of(exact)),
-                                  (fit.objective[-1], fit.geometry, fit.tip)):  # fmt: skip
-        assert values == pytest.approx((gallery.pair_gaps(exact, geometry, tip) ** 2).sum(), rel=1e-3)
-    assert fit.objective[-1] < table["objective_after_mm2"] and fit.iterations <= table["iterations"]
+    for values, geometry, tip in (
+        (fit.objective[0], gallery.nominal(exact), gallery.start_of(exact)),
+        (fit.objective[-1], fit.geometry, fit.tip),
+    ):
+        assert values == pytest.approx(
+            (gallery.pair_gaps(exact, geometry, tip) ** 2).sum(), rel=1e-3
+        )
+    assert (
+        fit.objective[-1] < table["objective_after_mm2"] and fit.iterations <= table["iterations"]
+    )
 
 
 def test_the_least_pair_objective_is_an_arm_of_no_size(driven):
@@ -123,7 +140,9 @@ def test_with_driving_errors_it_beats_the_paper_where_nobody_touched(driven):
 
 
 def test_the_pair_objective_shrinks_the_arm_and_rejection_does_not_help(driven):
-    stopped, further, near = (gallery.pairs(driven, **o) for o in ({}, {"least_fall": 1e-3}, {"radius": 0.16}))
+    stopped, further, near = (
+        gallery.pairs(driven, **o) for o in ({}, {"least_fall": 1e-3}, {"radius": 0.16})
+    )
     assert 0 < near.kept.sum() < near.kept.size
     assert gallery.size_error(driven, stopped.geometry) < -5e-4
     assert gallery.size_error(driven, near.geometry) < -5e-4
@@ -134,9 +153,18 @@ def test_the_pair_objective_shrinks_the_arm_and_rejection_does_not_help(driven):
 def test_what_cannot_be_told_is_said(driven):
     known = gallery.ours(driven).solution.all_known
     tied = known.tied()
-    assert {"joint-1.d1", "joint-1.theta1", "joint-6.d6", "joint-6.a6", "joint-6.theta6", "joint-6.alpha6"} <= set(tied)
+    assert {
+        "joint-1.d1",
+        "joint-1.theta1",
+        "joint-6.d6",
+        "joint-6.a6",
+        "joint-6.theta6",
+        "joint-6.alpha6",
+    } <= set(tied)
     assert {"joint-2.a2", "joint-4.d4"} <= set(tied)  # the arm's size
-    assert "joint 6's offset (d) and tip z on the flange are one and the same" in " ".join(known.sentences())
+    assert "joint 6's offset (d) and tip z on the flange are one and the same" in " ".join(
+        known.sentences()
+    )
     assert tied["joint-3.d3"] == ["joint-2.d2"] and tied["joint-2.d2"] == ["joint-3.d3"]
     d3 = next(p for p in gallery.ours(driven).parameters if p["name"] == "d3")
     assert d3["std"] is None and d3["std_given_tied"] > 0  # a sigma of the sum is none of d3
@@ -163,14 +191,19 @@ def test_icp_and_closed_form_agree_with_the_paper(cloud):
 def test_a_user_can_run_it(tmp_path):
     folder = write(gubankov.rv2fb(0.16, 3).recording(), tmp_path / "touches")
     answer = calibrate(read(folder)).as_json()
-    assert answer["measures"] == "touch-point" and answer["held_out"]["rms_mm"] < 0.15 < 1 < answer["nominal"]["rms_mm"]
+    assert (
+        answer["measures"] == "touch-point"
+        and answer["held_out"]["rms_mm"] < 0.15 < 1 < answer["nominal"]["rms_mm"]
+    )
 
 
 @pytest.mark.slow
 def test_lengths_are_not_shrunk_over_a_hundred_recordings():
     pair, further, ours, error = gallery.paired(100).T
     assert wilcoxon(pair, ours, alternative="less").pvalue < 1e-6
-    wanted = gallery.size_error(gubankov.rv2fb(0.0), gallery.found(gallery.ours(gubankov.rv2fb(0.0)))[0])
+    wanted = gallery.size_error(
+        gubankov.rv2fb(0.0), gallery.found(gallery.ours(gubankov.rv2fb(0.0)))[0]
+    )
     assert np.abs(ours - wanted).max() < 1e-5  # what the nominal lengths say, whatever the noise
     assert pair.mean() < -5e-4 and further.mean() < -0.5
     assert gallery.rms(error) < 0.08

@@ -26,23 +26,42 @@ def exact():
 
 def off(made, geometry):
     """What beams can show of a geometry, less the truth, at the true size; mm and deg."""
-    return gallery.shown(gallery.errors_found(made, geometry) - gallery.errors_found(made, made.truth["geometry"]))
+    return gallery.shown(
+        gallery.errors_found(made, geometry) - gallery.errors_found(made, made.truth["geometry"])
+    )
 
 
 def test_made_beams_pass_their_places_and_the_places_lie_on_the_sphere(exact):
     joints, point = exact.recording().joints, exact.columns["point"] - 1
-    assert np.abs(liu.misses(exact.truth["geometry"], joints, exact.truth["points"][point])).max() < 1e-9
+    assert (
+        np.abs(liu.misses(exact.truth["geometry"], joints, exact.truth["points"][point])).max()
+        < 1e-9
+    )
     away = np.linalg.norm(exact.truth["points"] - exact.truth["centre"], axis=1)
     np.testing.assert_allclose(away, exact.truth["radius"])
     noisy = liu.irb120(6, 7, NOISE)
-    misses = liu.misses(noisy.truth["geometry"], noisy.recording().joints, noisy.truth["points"][noisy.columns["point"] - 1])
+    misses = liu.misses(
+        noisy.truth["geometry"],
+        noisy.recording().joints,
+        noisy.truth["points"][noisy.columns["point"] - 1],
+    )
     assert np.sqrt((misses**2).mean()) == pytest.approx(NOISE, rel=0.25)
 
 
 def test_the_errors_are_those_that_the_paper_recovered():
     """Second column of table 3, as far as it can be read: within 0.0105 of what is taken as the truth."""
-    recovered = {(0, 1): 0.0491, (0, 3): -0.0480, (1, 1): -0.1105, (1, 3): -0.0494, (2, 2): -0.0501, (2, 1): -0.0400,
-                 (2, 3): -0.0499, (3, 2): 0.0399, (3, 3): -0.0500, (4, 2): 0.0430}  # fmt: skip
+    recovered = {
+        (0, 1): 0.0491,
+        (0, 3): -0.0480,
+        (1, 1): -0.1105,
+        (1, 3): -0.0494,
+        (2, 2): -0.0501,
+        (2, 1): -0.0400,
+        (2, 3): -0.0499,
+        (3, 2): 0.0399,
+        (3, 3): -0.0500,
+        (4, 2): 0.0430,
+    }
     for (joint, column), value in recovered.items():
         assert abs(liu.ERRORS[joint][column] - value) < 0.0106
 
@@ -98,7 +117,9 @@ def test_one_detector_is_a_special_case():
     made, new = liu.irb120(40, 1, NOISE), gallery.unseen()
     answer = gallery.ours(made.recording())
     assert answer.model.chain.measurement.spheres == 0
-    assert gallery.beam_error(new, *gallery.found(answer)) < 0.1 * gallery.beam_error(new, load_robot(new.robot).geometry)
+    assert gallery.beam_error(new, *gallery.found(answer)) < 0.1 * gallery.beam_error(
+        new, load_robot(new.robot).geometry
+    )
 
 
 def test_a_user_can_run_it(tmp_path):

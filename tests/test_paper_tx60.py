@@ -11,8 +11,8 @@ from datasets.makers import poses
 from datasets.makers.tx60 import geometries, tx60
 from robot_model import load_robot
 from robot_model.chain import forward
-from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
+from workbench.jobs.calibrate import calibrate
 from workbench.jobs.identify import identifiability
 from workbench.jobs.significance import robot_called, significance
 
@@ -43,7 +43,9 @@ def test_the_published_errors_make_the_published_start():
     made, (nominal, _) = tx60("op"), geometries()
     place = poses.forward(nominal, made.recording().joints)[:, :3, 3]
     off = np.linalg.norm(place - made.truth["flange"][:, :3, 3], axis=1)
-    assert off[:100].mean() == pytest.approx(0.585, abs=0.05) and off[100:].mean() == pytest.approx(0.547, abs=0.05)
+    assert off[:100].mean() == pytest.approx(0.585, abs=0.05) and off[100:].mean() == pytest.approx(
+        0.547, abs=0.05
+    )
     assert np.abs(place - [550, 0, 550]).max() < 501
 
 
@@ -64,7 +66,10 @@ def test_np_leaves_alpha6_open_and_op_finds_it():
 
 def test_it_is_said_before_anybody_measures():
     """A plan of the measurement, nominal arm, no noise: NP leaves alpha6 open in words, OP and full poses nothing."""
-    said = {kind: identifiability(tx60(kind, planned=True).recording(), PLAN)["stages"][0] for kind in ("np", "op", "full")}
+    said = {
+        kind: identifiability(tx60(kind, planned=True).recording(), PLAN)["stages"][0]
+        for kind in ("np", "op", "full")
+    }
     assert said["np"]["undetermined"] == [OPEN] and said["np"]["identifiable"] == 23
     assert said["op"]["undetermined"] == said["full"]["undetermined"] == []
     assert said["op"]["free"] == said["op"]["identifiable"] == 24
@@ -72,7 +77,10 @@ def test_it_is_said_before_anybody_measures():
 
 def test_without_the_plan_the_tool_takes_up_joint_6():
     stage = identifiability(tx60("op", planned=True).recording())["stages"][0]
-    assert any("joint 6's twist (alpha)" in s and "tool rotation about x" in s for s in stage["undetermined"])
+    assert any(
+        "joint 6's twist (alpha)" in s and "tool rotation about x" in s
+        for s in stage["undetermined"]
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -80,7 +88,11 @@ def test_average_significance(seed):
     """Section 2.2: alpha6 and theta6 do not move the place; no length turns an axis; n misses alpha6, a theta6, o nothing."""
     found = significance(load_robot("staubli_tx60"), points=50, seed=seed)
     unseen = found.unseen()
-    lengths = {key for key in found.keys if key.split(".")[1][0] == "d" or key.split(".")[1] in {f"a{k}" for k in range(1, 7)}}
+    lengths = {
+        key
+        for key in found.keys
+        if key.split(".")[1][0] == "d" or key.split(".")[1] in {f"a{k}" for k in range(1, 7)}
+    }
     assert len(found.keys) == 24 and set(unseen["position"]) == {"joint-6.theta6", "joint-6.alpha6"}
     assert set(unseen["x"]) == lengths | {"joint-6.alpha6"}
     assert set(unseen["y"]) == lengths and set(unseen["z"]) == lengths | {"joint-6.theta6"}
@@ -101,7 +113,11 @@ def test_significance_by_plain_matrix_products():
 
 def test_what_a_plan_holds_stays_held():
     found = calibrated("op")
-    assert all(found.solution.parameters[f"{place}.{axis}"] == 0 for place in ("base", "tool") for axis in ("x", "rz"))
+    assert all(
+        found.solution.parameters[f"{place}.{axis}"] == 0
+        for place in ("base", "tool")
+        for axis in ("x", "rz")
+    )
 
 
 def test_a_recording_is_asked_about_its_own_poses(tmp_path):
@@ -112,11 +128,15 @@ def test_a_recording_is_asked_about_its_own_poses(tmp_path):
     assert whole.points == 40
     row = whole.index[whole.keys.index("joint-3.a3")]
     assert row[0] == pytest.approx(0.1) and row[1:] == pytest.approx([0, 0, 0], abs=1e-12)
-    assert robot_called("elastic-arm")[1].shape == (300, 6) and robot_called("staubli_tx60")[1] is None
+    assert (
+        robot_called("elastic-arm")[1].shape == (300, 6) and robot_called("staubli_tx60")[1] is None
+    )
 
 
 def test_significance_of_nothing_known_is_a_sentence(tmp_path):
-    with pytest.raises(InputError, match="nosuch: expected a robot .*abb_irb120.* or a recording .*elastic-arm"):
+    with pytest.raises(
+        InputError, match="nosuch: expected a robot .*abb_irb120.* or a recording .*elastic-arm"
+    ):
         robot_called("nosuch")
     with pytest.raises(InputError, match="nothing.toml"):
         robot_called(str(tmp_path / "nothing.toml"))

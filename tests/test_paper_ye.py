@@ -9,13 +9,15 @@ import pytest
 
 import datasets
 from conftest import ROOT
+from workbench.fitting.plans import read_plan
 from workbench.jobs.calibrate import calibrate
 from workbench.jobs.compare import compare
-from workbench.fitting.plans import read_plan
 
 sys.path.insert(0, str(ROOT / "tools"))
 
-ye = pytest.importorskip("datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError)
+ye = pytest.importorskip(
+    "datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError
+)
 pytest.importorskip("mujoco")
 
 import gallery_ye as gallery  # noqa: E402
@@ -36,26 +38,38 @@ def in_order(values):
 @pytest.fixture(scope="module")
 def quiet():
     """Five hundred views of the balls without noise."""
-    return replace(ye.ye_first_experiment(500, seed=1, noise_mm=0.0).recording(), sigma_mm=0.005, name="balls")
+    return replace(
+        ye.ye_first_experiment(500, seed=1, noise_mm=0.0).recording(), sigma_mm=0.005, name="balls"
+    )
 
 
 def noisy(quiet, seed):
     """200 of them with noise, in another order."""
     rng = np.random.default_rng(seed)
     order = rng.permutation(quiet.n)[:200]
-    columns = {key: column[order] for key, column in quiet.columns.items()} | {"sample": np.arange(1.0, 201)}
-    columns |= {f"{axis}_mm": columns[f"{axis}_mm"] + rng.normal(0, NOISE_MM, 200) for axis in "xyz"}
+    columns = {key: column[order] for key, column in quiet.columns.items()} | {
+        "sample": np.arange(1.0, 201)
+    }
+    columns |= {
+        f"{axis}_mm": columns[f"{axis}_mm"] + rng.normal(0, NOISE_MM, 200) for axis in "xyz"
+    }
     return replace(quiet, columns=columns, sigma_mm=NOISE_MM)
 
 
 def held_out(recording, plan):
     ids = recording.sample_ids
-    return calibrate(recording, Path(plan), fit_samples=ids[:100], test_samples=ids[100:]).held_out["rms_mm"]
+    return calibrate(recording, Path(plan), fit_samples=ids[:100], test_samples=ids[100:]).held_out[
+        "rms_mm"
+    ]
 
 
 def test_order_of_the_models_without_noise_in_both_experiments(quiet):
     """What the printed parameters make: each model leaves some of it, the whole one nothing."""
-    second = replace(ye.ye_second_experiment(400, seed=1, noise_mm=0.0).recording(), sigma_mm=0.005, name="tracker")
+    second = replace(
+        ye.ye_second_experiment(400, seed=1, noise_mm=0.0).recording(),
+        sigma_mm=0.005,
+        name="tracker",
+    )
     for recording in (quiet, second):
         left = [calibrate(recording, Path(plan), folds=2).fit["rms_mm"] for plan in MODELS]
         assert in_order(left) and left[3] < 3e-4
@@ -72,7 +86,9 @@ def test_order_and_residual_of_the_first_experiment(quiet):
 def test_our_plan_is_no_worse_than_the_whole_model_and_near_the_noise(quiet):
     """The truth lies within its effects: within a tenth of the noise floor, and not above "all" by a hundredth."""
     draws = [noisy(quiet, seed) for seed in range(5, 10)]
-    ours, whole = (np.sqrt(np.mean([held_out(r, p) ** 2 for r in draws])) for p in ("arm-torsion", "ye-2024"))
+    ours, whole = (
+        np.sqrt(np.mean([held_out(r, p) ** 2 for r in draws])) for p in ("arm-torsion", "ye-2024")
+    )
     assert ours < 1.01 * whole
     assert NOISE_MM * np.sqrt(3) < ours < 1.1 * NOISE_MM * np.sqrt(3)
 
@@ -82,10 +98,15 @@ def test_order_and_ratios_of_the_second_experiment_over_the_arms_reach():
     made, found = gallery.noise_free(2, reading=True).recording(), []
     for seed in range(21, 25):
         recording = gallery.noisy(made, gallery.NOISE[2], seed, 1000)
-        split = dict(fit_samples=recording.sample_ids[:100], test_samples=recording.sample_ids[100:])
+        split = dict(
+            fit_samples=recording.sample_ids[:100], test_samples=recording.sample_ids[100:]
+        )
         mdh = calibrate(recording, Path("ye-mdh"), **split)
         waves = gallery._after(mdh, read_plan(Path("ye-ntm"))[-1], 100)
-        others = (calibrate(recording, Path(plan), **split).held_out["rms_mm"] for plan in ("ye-rfcm", "ye-2024"))
+        others = (
+            calibrate(recording, Path(plan), **split).held_out["rms_mm"]
+            for plan in ("ye-rfcm", "ye-2024")
+        )
         found.append((mdh.held_out["rms_mm"], waves, *others))
     found = np.sqrt(np.mean(np.square(found), axis=0))
     assert in_order(found)

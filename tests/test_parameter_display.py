@@ -7,8 +7,8 @@ import pytest
 from rich.console import Console
 
 from scenes import scene
-from workbench.jobs.calibrate import calibrate
 from workbench.commands.shared import tables
+from workbench.jobs.calibrate import calibrate
 from workbench.report.calibration import parameters as page
 
 
@@ -45,13 +45,20 @@ def test_every_parameter_has_one_status(calibration, rows):
 
 def test_sentence_counts_only_parameters_without_an_estimate(rows):
     """Identifiable coordinates of base and tool were counted as left open, too."""
-    frames = [row for row in rows if row["identifiable"] and row["where"] in ("base", "tool") and "." not in row["name"]]
+    frames = [
+        row
+        for row in rows
+        if row["identifiable"] and row["where"] in ("base", "tool") and "." not in row["name"]
+    ]
     assert frames
     missing = [row for row in rows if not row["identifiable"]]
     held = [row for row in missing if row["status"] == "held"]
     said = tables.unidentified(rows)
     assert f"{len(missing)} of {len(rows)} parameters" in said
-    assert f"{len(missing) - len(held)} not identifiable" in said and f"{len(held)} held by the plan" in said
+    assert (
+        f"{len(missing) - len(held)} not identifiable" in said
+        and f"{len(held)} held by the plan" in said
+    )
     assert tables.unidentified([row for row in rows if row["identifiable"]]) == ""
 
 
@@ -83,12 +90,23 @@ def test_page_counts_what_the_terminal_counts(calibration, rows):
     assert "undetermined" not in str(page.section(calibration))
 
 
-@pytest.mark.parametrize(("unit", "value", "std", "shown"), [
-    ("rad", 0.0021, 1.2e-5, ["deg", "0.12032", "+0.12032", "0.00069"]),
-    ("rad", -1.571, 2e-5, ["deg", "-90.0117", "-90.0117", "0.0011"]),
-    ("mm", 270.4, 0.011, ["mm", "270.400", "+270.400", "0.011"]),
-    ("rad/(N m)", 3.1e-5, 2e-6, ["µrad/(N·m)", "31.0", "+31.0", "2"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("unit", "value", "std", "shown"),
+    [
+        ("rad", 0.0021, 1.2e-5, ["deg", "0.12032", "+0.12032", "0.00069"]),
+        ("rad", -1.571, 2e-5, ["deg", "-90.0117", "-90.0117", "0.0011"]),
+        ("mm", 270.4, 0.011, ["mm", "270.400", "+270.400", "0.011"]),
+        ("rad/(N m)", 3.1e-5, 2e-6, ["µrad/(N·m)", "31.0", "+31.0", "2"]),
+    ],
+)
 def test_numbers_of_a_parameter_have_two_digits_of_their_std(unit, value, std, shown):
-    row = {"where": "joint-3", "name": "p", "unit": unit, "value": value, "std": std, "nominal": 0.0, "deviation": value}
+    row = {
+        "where": "joint-3",
+        "name": "p",
+        "unit": unit,
+        "value": value,
+        "std": std,
+        "nominal": 0.0,
+        "deviation": value,
+    }
     assert tables._parameter(row)[2:] == shown

@@ -40,7 +40,9 @@ def test_patterns_free_and_fix(parameters):
 
 def test_a_pattern_that_matches_nothing_is_a_sentence(parameters):
     for act in (parameters.free, parameters.fix, parameters.matching):
-        with pytest.raises(InputError, match=r"no parameter matches 'joint-9\.\*': the model has base\.x"):
+        with pytest.raises(
+            InputError, match=r"no parameter matches 'joint-9\.\*': the model has base\.x"
+        ):
             act("base.*", "joint-9.*")
 
 
@@ -73,7 +75,10 @@ def test_two_of_one_name_are_a_sentence():
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 
-@given(values=st.lists(numbers, min_size=4, max_size=4), mask=st.lists(st.booleans(), min_size=4, max_size=4))
+@given(
+    values=st.lists(numbers, min_size=4, max_size=4),
+    mask=st.lists(st.booleans(), min_size=4, max_size=4),
+)
 def test_toml_brings_back_every_bit(values, mask):
     start = Parameters.of(TABLE)
     written = replace(start, values=np.array(values), mask=np.array(mask))
@@ -85,8 +90,14 @@ def test_toml_brings_back_every_bit(values, mask):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ('"base.q" = { value = 1.0, unit = "mm", free = true }', "parameter 'base.q' is not in this model, which has base.x"),
-        ('"base.x" = { value = 1.0, unit = "m", free = true }', "parameter 'base.x' is in mm, not in m"),
+        (
+            '"base.q" = { value = 1.0, unit = "mm", free = true }',
+            "parameter 'base.q' is not in this model, which has base.x",
+        ),
+        (
+            '"base.x" = { value = 1.0, unit = "m", free = true }',
+            "parameter 'base.x' is in mm, not in m",
+        ),
         ('"base.x" = { value = 1.0, unit = "mm" }', "base.x"),
         ('"base.x" = { value = "one", unit = "mm", free = true }', "base.x"),
         ('"base.x" = 1.0', "base.x"),

@@ -12,13 +12,16 @@ from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences
-from workbench.jobs.calibrate import calibrate
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import solve
+from workbench.core.model import Model
+from workbench.jobs.calibrate import calibrate
 
 TIP = np.array([20.0, -15.0, 150.0])
-PLANES = {1: (Rotation.from_euler("xy", [3, -4], degrees=True), 250.0), 2: (Rotation.from_euler("xy", [60, 5], degrees=True), 180.0),
-          5: (Rotation.from_euler("xy", [5, 70], degrees=True), 420.0)}
+PLANES = {
+    1: (Rotation.from_euler("xy", [3, -4], degrees=True), 250.0),
+    2: (Rotation.from_euler("xy", [60, 5], degrees=True), 180.0),
+    5: (Rotation.from_euler("xy", [5, 70], degrees=True), 420.0),
+}
 
 
 def touches(robot, geometry, each=30, sigma=0.0, seed=0):
@@ -28,7 +31,9 @@ def touches(robot, geometry, each=30, sigma=0.0, seed=0):
     for number, (turn, offset) in PLANES.items():
         normal = turn.as_matrix()[:, 2]
         while len(labels) < each * (list(PLANES).index(number) + 1):
-            readings.append(_reach(robot, geometry, normal, offset + sigma * rng.standard_normal(), rng))
+            readings.append(
+                _reach(robot, geometry, normal, offset + sigma * rng.standard_normal(), rng)
+            )
             labels.append(float(number))
     columns = {"sample": np.arange(1.0, len(labels) + 1), "plane": np.array(labels)}
     columns |= {f"q{k + 1}_deg": np.rad2deg(q) for k, q in enumerate(np.array(readings).T)}
@@ -40,7 +45,9 @@ def _reach(robot, geometry, normal, offset, rng):
         return normal @ forward(robot, q[:, None], geometry).point(TIP)[:, 0] - offset
 
     while True:
-        found = least_squares(gap, rng.uniform(-1.3, 1.3, 6), bounds=(-1.6, 1.6), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = least_squares(
+            gap, rng.uniform(-1.3, 1.3, 6), bounds=(-1.6, 1.6), xtol=1e-15, ftol=1e-15, gtol=1e-15
+        )
         if np.abs(found.fun).max() < 1e-9:
             return found.x
 

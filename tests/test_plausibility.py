@@ -354,6 +354,8 @@ def test_rounded_readings_of_coupled_joints_are_named():
     arm = random_arm(np.random.default_rng(2))
     arm["joint"][2]["coupled"] = {"joint": 2, "ratio": 1.0}
     robot, recording = erring("external-point", 5, n=90, arm=arm)
-    readings = {name: np.round(2 * recording.columns[name]) / 2 for name in joint_columns(recording.columns)}
+    readings = {
+        name: np.round(2 * recording.columns[name]) / 2 for name in joint_columns(recording.columns)
+    }
     found = suspicions(robot, changed(recording, **readings))
     assert [one.cause for one in found] == ["rounding"], found

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pose_scenes import SPREADS_DEG, pose_scene
-from workbench.fitting.checked_samples import check_samples
 from workbench.core.errors import InputError
+from workbench.fitting.checked_samples import check_samples
 
 RECORDINGS, LEAST_NAMED = 200, 0.98
 POSES, REGIONS_MM = (12, 25, 40, 100), (250.0, 120.0, 60.0)
@@ -54,7 +54,10 @@ def test_a_negated_joint_is_named(seed):
     assert is_named(seed)
 
 
-COUNTS = [pytest.param(30, marks=pytest.mark.slow), pytest.param(RECORDINGS, marks=pytest.mark.long)]
+COUNTS = [
+    pytest.param(30, marks=pytest.mark.slow),
+    pytest.param(RECORDINGS, marks=pytest.mark.long),
+]
 
 
 @pytest.mark.parametrize("count", COUNTS)

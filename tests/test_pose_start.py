@@ -11,13 +11,13 @@ from pose_scenes import SPREADS_DEG, pose_scene
 from robot_model.measurements.external_pose import ExternalPose
 from robot_model.system import bind, geometry_free
 from scenes import BALLS, KINDS, scene
-from workbench.jobs.calibrate import calibrate
-from workbench.fitting.checked_samples import check_samples
+from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.solution import Stage
-from workbench.core.least_squares.solver import Fit, solve
+from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import frames_of
 from workbench.fitting.start_ambiguity import ambiguity_sentence
+from workbench.jobs.calibrate import calibrate
 
 # what the geometry errors of the scenes leave, with base and tool fitted
 LARGEST_MM, LARGEST_DEG = 8.0, 1.2
@@ -86,7 +86,9 @@ def test_rank_deficient_recordings_start_without_an_exception(measures, still):
 
 def half_turns(rng):
     """Frames of a flange that stays in place and is turned by 180 degrees about each of its axes, twice each."""
-    turns = np.array([np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))] * 2, float)
+    turns = np.array(
+        [np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))] * 2, float
+    )
     origin = np.repeat(rng.uniform(-500, 500, (3, 1)), 8, 1)
     return SimpleNamespace(end=tuple(turns.transpose(2, 1, 0)), end_origin=origin), turns
 
@@ -125,6 +127,8 @@ def test_a_plan_that_frees_the_whole_geometry_fits_as_well_as_the_default_geomet
     scene = pose_scene(seed, 180.0, poses=120)
     every = Stage("geometry", "all of it", free=("base.*", "tool.*", "joint-*.*"), earn=False)
     convention = replace(every, free=("base.*", "tool.*", *geometry_free(scene.robot)))
-    errors = [calibrate(scene.recording, [stage]).held_out["rms_mm"] for stage in (every, convention)]
+    errors = [
+        calibrate(scene.recording, [stage]).held_out["rms_mm"] for stage in (every, convention)
+    ]
     assert errors[0] < 1.02 * errors[1]
     assert errors[1] < 1.5 * np.sqrt(3) * scene.recording.sigma_mm

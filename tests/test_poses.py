@@ -10,13 +10,13 @@ from robot_model import load_robot
 from robot_model.clearance import hidden_by_others, segment_distance, self_clearance
 from robot_model.system import bind, geometry_free
 from scenes import scene
-from workbench.jobs.calibrate import calibrate
-from workbench.core.least_squares.design import choose
 from workbench.core.errors import InputError
+from workbench.core.least_squares.design import choose
 from workbench.core.least_squares.identifiability import identifiability, independent
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import normal_matrix
+from workbench.core.model import Model
 from workbench.fitting.plans import geometry
+from workbench.jobs.calibrate import calibrate
 from workbench.jobs.poses import choose_poses, write_poses
 
 
@@ -31,7 +31,9 @@ def candidates():
 def test_chosen_poses_are_candidates_and_better_than_random(candidates):
     found = choose_poses(candidates, 30, link_radius_mm=0)
     answer = found.as_json()
-    assert len(set(found.samples)) == 30 and set(found.samples) <= set(candidates.sample_ids.tolist())
+    assert len(set(found.samples)) == 30 and set(found.samples) <= set(
+        candidates.sample_ids.tolist()
+    )
     assert answer["gain_over_random"] > 1.2 and answer["candidates"] == 150
     assert any("base" in sentence for sentence in answer["undetermined"])
 
@@ -39,7 +41,11 @@ def test_chosen_poses_are_candidates_and_better_than_random(candidates):
 def test_poses_of_several_reflectors_come_whole():
     recording = scene("external-point", n=90).recording
     columns = dict(recording.columns) | {"pose": np.repeat(np.arange(30.0), 3)}
-    columns |= {k: np.repeat(v[::3], 3) for k, v in recording.columns.items() if k.startswith("q") and k.endswith("_deg")}
+    columns |= {
+        k: np.repeat(v[::3], 3)
+        for k, v in recording.columns.items()
+        if k.startswith("q") and k.endswith("_deg")
+    }
     found = choose_poses(replace(recording, columns=columns), 10, link_radius_mm=0)
     assert len(found.samples) == 30 and len(found.design.chosen) == 10
 
@@ -53,11 +59,20 @@ def test_what_cannot_be_driven_to_is_no_candidate(candidates):
 
 
 def test_an_arm_folded_onto_itself_is_in_its_own_way():
-    robot = load_robot({"name": "four links", "convention": "distal",
-                        "joint": [{"theta_deg": 0.0, "d_mm": 0.0, "a_mm": 300.0, "alpha_deg": 0.0} for _ in range(4)]})  # fmt: skip
+    robot = load_robot(
+        {
+            "name": "four links",
+            "convention": "distal",
+            "joint": [
+                {"theta_deg": 0.0, "d_mm": 0.0, "a_mm": 300.0, "alpha_deg": 0.0} for _ in range(4)
+            ],
+        }
+    )
     readings = np.deg2rad([[0, 0, 0, 0], [0, 90, 90, 90], [0, 100, 100, 100]]).T
     clear = self_clearance(robot, readings, 30.0)
-    assert clear[0] == pytest.approx(300) and clear[1] == pytest.approx(0, abs=1e-9) and clear[2] < 60
+    assert (
+        clear[0] == pytest.approx(300) and clear[1] == pytest.approx(0, abs=1e-9) and clear[2] < 60
+    )
 
 
 def test_segments_are_as_far_apart_as_a_fine_search_says():
@@ -96,9 +111,16 @@ def test_impossible_wishes_are_sentences(candidates, n, criterion):
 
 
 def test_tasks_of_another_kind_or_tool_are_a_sentence(candidates):
-    for other in (scene("ball-centre", n=30), scene("external-point", n=30, reflectors={1: (0, 0, 90.0), 2: (9.0, 0, 0)})):
-        with pytest.raises(InputError, match="expected poses of the candidates' robot, tool and targets"):
-            choose_poses(candidates, 30, "task", replace(other.recording, name="tasks"), link_radius_mm=0)
+    for other in (
+        scene("ball-centre", n=30),
+        scene("external-point", n=30, reflectors={1: (0, 0, 90.0), 2: (9.0, 0, 0)}),
+    ):
+        with pytest.raises(
+            InputError, match="expected poses of the candidates' robot, tool and targets"
+        ):
+            choose_poses(
+                candidates, 30, "task", replace(other.recording, name="tasks"), link_radius_mm=0
+            )
 
 
 def task_rows(seed):
@@ -112,7 +134,9 @@ def task_rows(seed):
 def test_no_set_at_all_is_below_the_bound_and_the_best_is_near_it(seed, repeats):
     rows, tasks, known = task_rows(seed)
     found = choose(rows, 5, "task", tasks, known=known, repeats=repeats, bounded=True)
-    sets = combinations(range(11), 5) if repeats == 1 else combinations_with_replacement(range(11), 5)
+    sets = (
+        combinations(range(11), 5) if repeats == 1 else combinations_with_replacement(range(11), 5)
+    )
     every = np.array([some for some in sets if np.bincount(some).max() <= repeats])
     grams = np.swapaxes(rows, 1, 2) @ rows
     inverse = np.linalg.inv(grams[every].sum(1) + known)
@@ -127,7 +151,9 @@ def cell():
     made = scene("external-point", n=1030, reflectors={1: (30.0, -40.0, 100.0)})
     rng, columns = np.random.default_rng(3), dict(made.recording.columns)
     for k, middle in enumerate((10.0, 15, -10, 5, 45, 0), 1):
-        columns[f"q{k}_deg"] = np.concatenate([middle + rng.uniform(-6, 6, 30), columns[f"q{k}_deg"][30:]])
+        columns[f"q{k}_deg"] = np.concatenate(
+            [middle + rng.uniform(-6, 6, 30), columns[f"q{k}_deg"][30:]]
+        )
     return exact(made, columns)
 
 
@@ -148,12 +174,17 @@ def exact(made, columns):
 
 def measured(tasks, candidates, rows, rng):
     """(3, 30) mm errors at the exact tasks after a calibration on some candidates measured with noise."""
-    columns = {key: np.concatenate([own[rows], tasks.columns[key]]) for key, own in candidates.columns.items()}
+    columns = {
+        key: np.concatenate([own[rows], tasks.columns[key]])
+        for key, own in candidates.columns.items()
+    }
     for key in ("x_mm", "y_mm", "z_mm"):
         columns[key][: len(rows)] += rng.normal(0, candidates.sigma_mm, len(rows))
     columns["sample"] = ids = np.arange(1.0, len(rows) + tasks.n + 1)
     both = replace(candidates, columns=columns)
-    done = calibrate(both, [geometry(load_robot(both.robot))], ids[: len(rows)], ids[len(rows) :], folds=2)
+    done = calibrate(
+        both, [geometry(load_robot(both.robot))], ids[: len(rows)], ids[len(rows) :], folds=2
+    )
     return done.held_out_residual[:, len(rows) :]
 
 
@@ -165,7 +196,9 @@ def test_forty_for_a_cell_beat_eighty_random_ones_once_measured_and_err_as_predi
     told, rng, squares = found.predicted(), np.random.default_rng(1), []
     for _ in range(80):
         random = rng.choice(candidates.n, 80, replace=False)
-        squares.append([(measured(tasks, candidates, some, rng) ** 2).sum(0).mean() for some in (rows, random)])
+        squares.append(
+            [(measured(tasks, candidates, some, rng) ** 2).sum(0).mean() for some in (rows, random)]
+        )
     mine, twice = np.sqrt(np.mean(squares, 0))
     assert found.candidates == candidates.n and told["share_of_twice_beaten"] > 0.95
     assert mine < 0.95 * twice
@@ -176,11 +209,19 @@ def test_forty_for_a_cell_beat_eighty_random_ones_once_measured_and_err_as_predi
 def test_a_pose_may_be_measured_again_where_asked(candidates, cell, tmp_path):
     tasks, anywhere = cell
     few = anywhere.select(np.arange(60))
-    once, often = (choose_poses(few, 40, "task", tasks, link_radius_mm=0, repeats=k) for k in (1, 3))
+    once, often = (
+        choose_poses(few, 40, "task", tasks, link_radius_mm=0, repeats=k) for k in (1, 3)
+    )
     counts = np.unique(often.samples, return_counts=True)[1]
-    assert 1 < counts.max() <= 3 and len(often.samples) == 40 and often.design.value < once.design.value
+    assert (
+        1 < counts.max() <= 3
+        and len(often.samples) == 40
+        and often.design.value < once.design.value
+    )
     assert once.predicted()["random_twice_mm"] is None
-    lines = [line.split(",")[0] for line in write_poses(often, tmp_path).read_text().splitlines()[1:]]
+    lines = [
+        line.split(",")[0] for line in write_poses(often, tmp_path).read_text().splitlines()[1:]
+    ]
     assert sorted(map(float, lines)) == sorted(often.samples)
     assert choose_poses(candidates, 40, link_radius_mm=0).predicted() is None
 
@@ -201,7 +242,9 @@ def test_the_predicted_error_is_that_of_a_calibrations_covariance(cell):
     at_tasks = Model(bind(model.chain.robot, tasks, model.chain.start))
     rows = at_tasks.linearise(at_tasks.parameters.only(free.mask))[1]
     expected = np.sqrt(np.einsum("fmt,fg,gmt->", rows, covariance, rows) / tasks.n)
-    assert choose_poses(candidates, 40, "task", tasks, link_radius_mm=0).predicted()["all_mm"] == pytest.approx(expected)
+    assert choose_poses(candidates, 40, "task", tasks, link_radius_mm=0).predicted()[
+        "all_mm"
+    ] == pytest.approx(expected)
 
 
 def test_candidates_that_tell_nothing_or_must_all_be_taken_break_no_bound():
@@ -211,4 +254,6 @@ def test_candidates_that_tell_nothing_or_must_all_be_taken_break_no_bound():
         found = choose(rows, n, "task", tasks, known=known, repeats=repeats, bounded=True)
         assert np.bincount(found.chosen).max() <= repeats and len(found.chosen) == n
         assert 0 < found.bound <= found.value * (1 + 1e-9)
-    assert choose(rows, 11, "task", tasks, known=known, bounded=True).bound == pytest.approx(found.everything, rel=1e-3)
+    assert choose(rows, 11, "task", tasks, known=known, bounded=True).bound == pytest.approx(
+        found.everything, rel=1e-3
+    )

@@ -5,21 +5,30 @@ import json
 import numpy as np
 import pytest
 
-from workbench.proving import protocol, prove
 from workbench.core.errors import InputError
-from workbench.proving import board, figures, scoring, stages, tasks
+from workbench.proving import board, figures, protocol, prove, scoring, stages, tasks
 
 TRUE = {"effect": "backlash", "where": "joint-3"}
 
 
 def claim(effect="backlash", where="joint-3", probability=0.99, alternatives=(), **more):
     rows = [{"effect": e, "where": w, "why": ""} for e, w in alternatives]
-    return {"effect": effect, "where": where, "probability": probability, "alternatives": rows, **more}
+    return {
+        "effect": effect,
+        "where": where,
+        "probability": probability,
+        "alternatives": rows,
+        **more,
+    }
 
 
 def record(*claims, verdict="explained", located=(), **more):
-    answer = {"verdict": verdict, "effects": list(claims), "located": [{"where": w} for w in located],
-              "held_out": {"before_mm": 0.05, "after_mm": 0.03, "noise_mm": 0.03, "folds": 5}}  # fmt: skip
+    answer = {
+        "verdict": verdict,
+        "effects": list(claims),
+        "located": [{"where": w} for w in located],
+        "held_out": {"before_mm": 0.05, "after_mm": 0.03, "noise_mm": 0.03, "folds": 5},
+    }
     return {"answer": answer, "refused": "", "failed": "", "opened": [], "seconds": 1.0} | more
 
 
@@ -45,7 +54,11 @@ def test_outcomes_of_one_concealed_effect(outcome, said):
 
 @pytest.mark.parametrize(
     ("outcome", "said"),
-    [("right", record(verdict="consistent")), ("false alarm", record(claim())), ("false alarm", record(verdict="unexplained"))],
+    [
+        ("right", record(verdict="consistent")),
+        ("false alarm", record(claim())),
+        ("false alarm", record(verdict="unexplained")),
+    ],
 )
 def test_outcomes_of_a_clean_case(outcome, said):
     assert scoring.score({"effects": []}, said)["outcome"] == outcome
@@ -61,14 +74,29 @@ def test_outcomes_of_two_effects():
 
 
 def test_outcomes_of_what_has_no_name():
-    one = {"effect": "unknown", "where": "joint-5", "places": [], "depends_on": ["q4_deg", "torque5"]}
+    one = {
+        "effect": "unknown",
+        "where": "joint-5",
+        "places": [],
+        "depends_on": ["q4_deg", "torque5"],
+    }
     truth = {"effects": [one]}
     right = record(claim("unknown", "joint-5", depends_on=["q4"]), verdict="unexplained")
     scored = scoring.score(truth, right)
     assert scored["outcome"] == "exact" and scored["covariates_right"]
-    assert scoring.score(truth, record(claim("unknown", "base", depends_on=["time"]), verdict="unexplained"))["outcome"] == "abstained"
+    assert (
+        scoring.score(
+            truth, record(claim("unknown", "base", depends_on=["time"]), verdict="unexplained")
+        )["outcome"]
+        == "abstained"
+    )
     assert scoring.score(truth, record(claim()))["outcome"] == "wrong"
-    assert scoring.score(truth, record(claim(), claim("unknown", "joint-5"), verdict="unexplained"))["outcome"] == "more"
+    assert (
+        scoring.score(truth, record(claim(), claim("unknown", "joint-5"), verdict="unexplained"))[
+            "outcome"
+        ]
+        == "more"
+    )
 
 
 def test_confidently_wrong_is_a_sure_name_that_declares_no_truth():
@@ -109,44 +137,85 @@ def test_a_withheld_covariate_is_asked_for_by_one_of_its_words():
 
 
 def test_to_ask_where_nothing_was_withheld_is_counted():
-    rows = [row("covariate-withheld", asks_for_it=True, asks=1), row(asks=1), row("clean", "right", effects=[], asks=0)]
-    told = {f.name: (f.hits, f.cases) for f in figures.table(rows) if f.suite == "covariate-withheld"}
+    rows = [
+        row("covariate-withheld", asks_for_it=True, asks=1),
+        row(asks=1),
+        row("clean", "right", effects=[], asks=0),
+    ]
+    told = {
+        f.name: (f.hits, f.cases) for f in figures.table(rows) if f.suite == "covariate-withheld"
+    }
     assert told["the missing covariate is asked for, and no other"] == (1, 1)
     assert told["control: something is asked for where nothing was withheld"] == (1, 2)
 
 
 def test_a_mistake_in_the_file_may_be_refused_with_a_sentence():
     said = record() | {"answer": None, "refused": "samples.csv: q4_deg …"}
-    assert scoring.score({"effects": [{"effect": "unit-or-frame", "where": "samples"}]}, said)["outcome"] == "exact"
+    assert (
+        scoring.score({"effects": [{"effect": "unit-or-frame", "where": "samples"}]}, said)[
+            "outcome"
+        ]
+        == "exact"
+    )
     assert scoring.score({"effects": [TRUE]}, said)["outcome"] == "failed"
 
 
 def test_wilson_against_published_values():
     """Newcombe, Stat. Med. 17 (1998), table I: 81/263, 15/148, 0/20 and 1/29."""
-    for hits, cases, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0, 0.1611), (1, 29, 0.0061, 0.1718)):
+    for hits, cases, low, high in (
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ):
         assert figures.wilson(hits, cases) == pytest.approx((low, high), abs=1e-4)
     assert figures.wilson(0, 0) == (0.0, 1.0)
 
 
 def row(suite="library", outcome="exact", **more):
     base = {
-        "case": "c", "seal": "s", "suite": suite, "index": 0, "outcome": outcome, "effects": [TRUE], "concealed": ["x"],
-        "survives_sigma": 2.0, "detected": outcome != "missed", "located": outcome != "missed", "verdict": "explained",
-        "claims": [], "seconds": 1.0, "confidently_wrong": False, "samples": 100, "beliefs": [],
-        "first": {"effect": "backlash", "where": "joint-3"}, "note": "",
-    }  # fmt: skip
+        "case": "c",
+        "seal": "s",
+        "suite": suite,
+        "index": 0,
+        "outcome": outcome,
+        "effects": [TRUE],
+        "concealed": ["x"],
+        "survives_sigma": 2.0,
+        "detected": outcome != "missed",
+        "located": outcome != "missed",
+        "verdict": "explained",
+        "claims": [],
+        "seconds": 1.0,
+        "confidently_wrong": False,
+        "samples": 100,
+        "beliefs": [],
+        "first": {"effect": "backlash", "where": "joint-3"},
+        "note": "",
+    }
     return base | more
 
 
 def test_figures_say_what_was_reached():
-    rows = [row() for _ in range(95)] + [row(outcome="missed") for _ in range(5)] + [row(outcome="missed", survives_sigma=0.2)]
+    rows = (
+        [row() for _ in range(95)]
+        + [row(outcome="missed") for _ in range(5)]
+        + [row(outcome="missed", survives_sigma=0.2)]
+    )
     told = {f.name: f for f in figures.table(rows)}
     seen = told["detected, surviving size ≥ 0.3 σ"]
     assert (seen.hits, seen.cases, seen.reached) == (95, 100, True)
-    assert told["confidently wrong"].reached and told["right name or declared group, of detected"].value == 1.0
+    assert (
+        told["confidently wrong"].reached
+        and told["right name or declared group, of detected"].value == 1.0
+    )
     clean = [row("clean", "right", effects=[])] * 98 + [row("clean", "false alarm", effects=[])] * 2
     told = figures.table(clean)
-    assert told[0].value == 0.02 and told[0].reached is False and told[1].value == pytest.approx(0.0700, abs=1e-3)
+    assert (
+        told[0].value == 0.02
+        and told[0].reached is False
+        and told[1].value == pytest.approx(0.0700, abs=1e-3)
+    )
 
 
 def test_gain_is_a_share_of_the_oracles():
@@ -170,23 +239,51 @@ def test_reliability_and_detection_count_cases():
 def test_the_failed_cases_stand_first_and_every_case_is_in_the_files(tmp_path):
     from pyarrow import parquet
 
-    rows = [row(case="a"), row(case="b", outcome="missed"), row(case="c", outcome="exact", confidently_wrong=True), row(case="d", outcome="failed")]
+    rows = [
+        row(case="a"),
+        row(case="b", outcome="missed"),
+        row(case="c", outcome="exact", confidently_wrong=True),
+        row(case="d", outcome="failed"),
+    ]
     made = board.board(rows, {"sensor": "why"}, 1, "workbench prove")
     assert [r["case"] for r in made.rows] == ["c", "d", "b", "a"]
     board.save(made, tmp_path)
-    assert parquet.read_table(tmp_path / "results.parquet")["case"].to_pylist() == ["c", "d", "b", "a"]
+    assert parquet.read_table(tmp_path / "results.parquet")["case"].to_pylist() == [
+        "c",
+        "d",
+        "b",
+        "a",
+    ]
     assert (tmp_path / "results.csv").read_text().count("\n") == 5
     told = json.loads(json.dumps(stages.plain(made.as_json())))
-    assert told["command"] == "prove" and len(told["results"]) == 4 and told["skipped"] == {"sensor": "why"}
+    assert (
+        told["command"] == "prove"
+        and len(told["results"]) == 4
+        and told["skipped"] == {"sensor": "why"}
+    )
 
 
 def test_the_page_is_written_from_the_board_alone(tmp_path):
     from workbench.report.scoreboard.html_page import write_scoreboard
 
-    rows = [row(case=f"c{k}", before_mm=0.05, after_mm=0.03, noise_mm=0.03, oracle_before_mm=0.05, oracle_after_mm=0.031,
-                beliefs=[(0.97, True)]) for k in range(3)] + [row("clean", "right", effects=[], concealed=[])]  # fmt: skip
-    text = write_scoreboard(board.board(rows, {}, 4, "workbench prove --seed 4"), tmp_path).read_text()
-    assert "workbench prove --seed 4" in text and "c2" in text and (tmp_path / "summary.png").exists()
+    rows = [
+        row(
+            case=f"c{k}",
+            before_mm=0.05,
+            after_mm=0.03,
+            noise_mm=0.03,
+            oracle_before_mm=0.05,
+            oracle_after_mm=0.031,
+            beliefs=[(0.97, True)],
+        )
+        for k in range(3)
+    ] + [row("clean", "right", effects=[], concealed=[])]
+    text = write_scoreboard(
+        board.board(rows, {}, 4, "workbench prove --seed 4"), tmp_path
+    ).read_text()
+    assert (
+        "workbench prove --seed 4" in text and "c2" in text and (tmp_path / "summary.png").exists()
+    )
 
 
 def test_plans_name_what_they_leave_out_and_refuse_unknown_suites(monkeypatch, tmp_path):
@@ -200,7 +297,9 @@ def test_plans_name_what_they_leave_out_and_refuse_unknown_suites(monkeypatch, t
 
 
 def test_clean_cases_are_at_least_three_in_ten():
-    assert tasks.COUNTS["clean"] >= 300 and tasks.COUNTS["clean"] / sum(tasks.COUNTS.values()) >= 0.3
+    assert (
+        tasks.COUNTS["clean"] >= 300 and tasks.COUNTS["clean"] / sum(tasks.COUNTS.values()) >= 0.3
+    )
 
 
 # ------------------------------------------------------------- end to end
@@ -236,7 +335,9 @@ def test_a_folder_of_ones_own_is_checked(tmp_path):
 
 def test_an_examination_is_not_mixed_with_another(tmp_path):
     (tmp_path / "exam").mkdir()
-    (tmp_path / "exam" / "settings.json").write_text(json.dumps({"seed": 1, "own": None, "planned": {}}))
+    (tmp_path / "exam" / "settings.json").write_text(
+        json.dumps({"seed": 1, "own": None, "planned": {}})
+    )
     with pytest.raises(InputError, match="holds an examination of seed 1"):
         prove.prove(tmp_path / "exam", ["clean"], 1, seed=2)
     (tmp_path / "full").mkdir()
@@ -254,7 +355,9 @@ def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
     folder = tmp_path / "exam"
     said = []
     made = prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1, say=said.append)
-    assert len(made.rows) == 2 and all(r["outcome"] != "failed" for r in made.rows), [r["note"] for r in made.rows]
+    assert len(made.rows) == 2 and all(r["outcome"] != "failed" for r in made.rows), [
+        r["note"] for r in made.rows
+    ]
     assert not any(json.loads(p.read_text())["opened"] for p in folder.glob("cases/*/answer.json"))
     stamps = {p: p.stat().st_mtime_ns for p in folder.glob("cases/*/*.json")}
     again = prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1)
@@ -273,7 +376,9 @@ def test_the_proof_in_small(tmp_path):
     The seed is one whose cases have few samples.
     """
     pytest.importorskip("mujoco")
-    rows = prove.prove(tmp_path / "exam", ["clean=2", "library=3", "swallowed=1", "outside=1"], seed=68).rows
+    rows = prove.prove(
+        tmp_path / "exam", ["clean=2", "library=3", "swallowed=1", "outside=1"], seed=68
+    ).rows
     hidden = [r for r in rows if r["effects"]]
     assert not any(r.get("confidently_wrong") for r in rows)
     assert not any(r["outcome"] == "false alarm" for r in rows)

@@ -13,17 +13,25 @@ from workbench.jobs.simulate import simulate
 
 STILL = np.array([1e-4, 1e-4])
 SCENE = {
-    "robot": "abb_irb120", "measures": "external-point", "samples": 120, "seed": 4, "sigma_mm": 0.02,
-    "reflectors": [[0.0, 30.0, 120.0], [40.0, -20.0, 100.0]], "share_of_limits": 0.5,
-    "base": {"xyz_mm": [1500.0, 200.0, -400.0]}, "errors": {"length_mm": 0.2, "angle_deg": 0.05},
+    "robot": "abb_irb120",
+    "measures": "external-point",
+    "samples": 120,
+    "seed": 4,
+    "sigma_mm": 0.02,
+    "reflectors": [[0.0, 30.0, 120.0], [40.0, -20.0, 100.0]],
+    "share_of_limits": 0.5,
+    "base": {"xyz_mm": [1500.0, 200.0, -400.0]},
+    "errors": {"length_mm": 0.2, "angle_deg": 0.05},
     "effect": [{"effect": "reading-lag", "where": "time", "values": {"short": 8e-4}}],
-}  # fmt: skip
+}
 
 
 def test_rows_of_one_configuration_share_how_it_was_reached():
     q = np.array([[0.0, 0.0, 0.5, 0.5, 0.5, 0.2], [1.0, 1.0, 1.0, 1.0, 1.0, 1.4]])
     expected = [[0.0, 0.0, 0.5, 0.5, 0.5, -0.3], [0.0, 0.0, 0.0, 0.0, 0.0, 0.4]]
-    np.testing.assert_allclose(last_moves(q, np.arange(6.0), STILL, np.arange(6)), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        last_moves(q, np.arange(6.0), STILL, np.arange(6)), expected, atol=1e-12
+    )
 
 
 def test_readings_that_jitter_within_a_pose_are_no_move():
@@ -34,7 +42,9 @@ def test_readings_that_jitter_within_a_pose_are_no_move():
 
 def test_the_clock_and_not_the_row_says_what_came_before():
     q = np.array([[0.2, 0.0, 0.5]])
-    np.testing.assert_allclose(last_moves(q, np.array([2.0, 0.0, 1.0]), STILL[:1], np.arange(3)), [[-0.3, 0.0, 0.5]])
+    np.testing.assert_allclose(
+        last_moves(q, np.array([2.0, 0.0, 1.0]), STILL[:1], np.arange(3)), [[-0.3, 0.0, 0.5]]
+    )
 
 
 @pytest.mark.parametrize(("law", "expected"), [("braking", [0.5, -1.0]), ("share", [0.2, -0.4])])
@@ -57,7 +67,9 @@ def _bench(tmp_path, scene):
 
 def test_a_lag_is_named_from_the_order_of_rows_alone(tmp_path):
     found = find(_bench(tmp_path, SCENE))
-    assert [(f.effect, f.where, f.label) for f in found.findings] == [("reading-lag", "time", "read while braking")]
+    assert [(f.effect, f.where, f.label) for f in found.findings] == [
+        ("reading-lag", "time", "read while braking")
+    ]
 
 
 def test_a_lag_of_chance_size_scatters_along_the_last_moves(tmp_path):
@@ -66,7 +78,9 @@ def test_a_lag_of_chance_size_scatters_along_the_last_moves(tmp_path):
     plain = bench.problem()
     row = places(plain)[-1].rows[0]
     assert places(plain)[-1].where == "time"
-    pushed = plain.residual + 8e-4 * row * np.random.default_rng(2).normal(size=plain.n)[plain.sample]
+    pushed = (
+        plain.residual + 8e-4 * row * np.random.default_rng(2).normal(size=plain.n)[plain.sample]
+    )
     assert scattered(plain, 1e-4) is None
     found = scattered(type(plain)(**{**plain.__dict__, "residual": pushed}), 1e-4)
     assert found.site.where == "time"

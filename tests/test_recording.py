@@ -23,7 +23,17 @@ def test_written_and_read_again_is_the_same(tmp_path, measures, samples):
     assert list(second.columns) == list(first.columns)
     for name, values in first.columns.items():
         np.testing.assert_array_equal(second.columns[name], values)
-    for key in ("measures", "robot", "balls", "images", "board", "guess", "sigma_mm", "title", "name"):
+    for key in (
+        "measures",
+        "robot",
+        "balls",
+        "images",
+        "board",
+        "guess",
+        "sigma_mm",
+        "title",
+        "name",
+    ):
         assert getattr(second, key) == getattr(first, key), key
 
 
@@ -63,7 +73,12 @@ def test_poses_without_columns_stand_alone():
 
 def test_rows_with_the_same_readings_are_one_pose_without_a_column():
     """Read-back joints differ by an encoder count; a tenth of a degree is another pose."""
-    assert list(made(q1_deg=[1.0, 2.0, 1.0004, 1.1], q2_deg=[5.0, 6.0, 5.0, 5.0]).poses) == [0, 1, 0, 2]
+    assert list(made(q1_deg=[1.0, 2.0, 1.0004, 1.1], q2_deg=[5.0, 6.0, 5.0, 5.0]).poses) == [
+        0,
+        1,
+        0,
+        2,
+    ]
 
 
 def test_sigma_of_the_row_comes_first():
@@ -75,7 +90,14 @@ def test_sigma_of_the_row_comes_first():
 
 
 def test_covariates_are_what_nobody_modelled():
-    recording = made(q1_deg=[1.0], x_mm=[1.0], pose=[1.0], temperature_j2_c=[30.0], humidity=[0.4], fixed_to=["tool"])
+    recording = made(
+        q1_deg=[1.0],
+        x_mm=[1.0],
+        pose=[1.0],
+        temperature_j2_c=[30.0],
+        humidity=[0.4],
+        fixed_to=["tool"],
+    )
     assert set(recording.covariates) == {"temperature_j2_c", "humidity"}
 
 

@@ -38,8 +38,16 @@ def write_example(folder: Path, measures: str) -> None:
     (folder / "robot.toml").write_text(blocks(section("## robot.toml"), "toml")[0])
     (folder / "artefact.csv").write_text(blocks(section("## artefact.csv"), "csv")[0])
     tables = blocks(section(f"#### `{measures}`"), "csv")
-    lines = ['format = "recording/1"', f'measures = "{measures}"', "[robot]", 'file = "robot.toml"', "[artefact]",
-             'file = "artefact.csv"', "[samples]", 'file = "samples.csv"']  # fmt: skip
+    lines = [
+        'format = "recording/1"',
+        f'measures = "{measures}"',
+        "[robot]",
+        'file = "robot.toml"',
+        "[artefact]",
+        'file = "artefact.csv"',
+        "[samples]",
+        'file = "samples.csv"',
+    ]
     if KINDS[measures].images:
         lines += [
             "[images]",

@@ -12,12 +12,40 @@ from hypothesis import strategies as st
 import datasets
 from test_recording_good import write_good
 
-QUICK = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+QUICK = settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 TEXTS = ("recording.toml", "robot.toml", "samples.csv", "artefact.csv", "images.csv")
-MEASURES = {"ball-centre": TEXTS[:4], "external-pose": TEXTS[:3], "scan-images": (*TEXTS[:3], "images.csv", "images/a.png")}
+MEASURES = {
+    "ball-centre": TEXTS[:4],
+    "external-pose": TEXTS[:3],
+    "scan-images": (*TEXTS[:3], "images.csv", "images/a.png"),
+}
 CELLS = st.one_of(
-    st.text(max_size=12), st.floats(width=64).map(str), st.integers().map(str),
-    st.sampled_from(["", "nan", "-inf", "1e999", "9" * 400, "0x10", "1_0", '"', "\0", "\r", "-0", "None", "true", "½", "٣", "../x", "=1+1"]),
+    st.text(max_size=12),
+    st.floats(width=64).map(str),
+    st.integers().map(str),
+    st.sampled_from(
+        [
+            "",
+            "nan",
+            "-inf",
+            "1e999",
+            "9" * 400,
+            "0x10",
+            "1_0",
+            '"',
+            "\0",
+            "\r",
+            "-0",
+            "None",
+            "true",
+            "½",
+            "٣",
+            "../x",
+            "=1+1",
+        ]
+    ),
 )
 
 
@@ -25,7 +53,9 @@ CELLS = st.one_of(
 def good(tmp_path_factory):
     """One good folder a kind, with its samples also as Parquet."""
     made = {m: write_good(tmp_path_factory.mktemp("good") / m, m) for m in MEASURES}
-    whole = datasets.write(datasets.read(made["external-pose"]), made["external-pose"].parent / "parquet", "parquet")
+    whole = datasets.write(
+        datasets.read(made["external-pose"]), made["external-pose"].parent / "parquet", "parquet"
+    )
     return made | {"parquet": whole}
 
 
@@ -45,7 +75,14 @@ def read_changed(folder: Path, file: str, content: bytes) -> None:
 
 def _use(recording) -> None:
     """What was read can be used."""
-    arrays = [recording.sample_ids, recording.joints, recording.moving, recording.reflector, recording.ball, recording.poses]
+    arrays = [
+        recording.sample_ids,
+        recording.joints,
+        recording.moving,
+        recording.reflector,
+        recording.ball,
+        recording.poses,
+    ]
     assert {len(a) for a in arrays} == {recording.n}
 
 
@@ -57,7 +94,7 @@ def test_mutated_bytes(good, data):
     content = bytearray((good[measures] / file).read_bytes())
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(content)))
-        content[at:at + data.draw(st.integers(0, 8))] = data.draw(st.binary(max_size=8))
+        content[at : at + data.draw(st.integers(0, 8))] = data.draw(st.binary(max_size=8))
     read_changed(good[measures], file, bytes(content))
 
 
@@ -66,7 +103,7 @@ def test_mutated_bytes(good, data):
 def test_mutated_parquet(good, data):
     content = bytearray((good["parquet"] / "samples.parquet").read_bytes())
     at = data.draw(st.integers(0, len(content) - 1))
-    content[at:at + data.draw(st.integers(1, 6))] = data.draw(st.binary(max_size=6))
+    content[at : at + data.draw(st.integers(1, 6))] = data.draw(st.binary(max_size=6))
     read_changed(good["parquet"], "samples.parquet", bytes(content))
 
 
@@ -79,7 +116,9 @@ def test_mutated_cells(good, data):
     for _ in range(data.draw(st.integers(1, 3))):
         row = data.draw(st.sampled_from(rows))
         row[data.draw(st.integers(0, len(row) - 1))] = data.draw(CELLS)
-    read_changed(good[measures], file, "\n".join(map(",".join, rows)).encode("utf-8", "surrogatepass"))
+    read_changed(
+        good[measures], file, "\n".join(map(",".join, rows)).encode("utf-8", "surrogatepass")
+    )
 
 
 @QUICK
@@ -89,8 +128,31 @@ def test_mutated_values(good, data):
     file = data.draw(st.sampled_from(TEXTS[:2]))
     lines = (good["ball-centre"] / file).read_text().splitlines()
     at = data.draw(st.sampled_from([k for k, line in enumerate(lines) if "=" in line]))
-    value = data.draw(st.sampled_from(["0", "-1", "1e308", "nan", "inf", '""', '"x"', "true", "[]", "{}", "[[1]]", "9" * 400, "1979-05-27",
-                                       '"../../x"', '"\\u0000"', "'~'", "[" * 2000 + "]" * 2000, '["a", 1]', '"' + "a" * 5000 + '"']))
+    value = data.draw(
+        st.sampled_from(
+            [
+                "0",
+                "-1",
+                "1e308",
+                "nan",
+                "inf",
+                '""',
+                '"x"',
+                "true",
+                "[]",
+                "{}",
+                "[[1]]",
+                "9" * 400,
+                "1979-05-27",
+                '"../../x"',
+                '"\\u0000"',
+                "'~'",
+                "[" * 2000 + "]" * 2000,
+                '["a", 1]',
+                '"' + "a" * 5000 + '"',
+            ]
+        )
+    )
     lines[at] = lines[at].split("=")[0] + "= " + value
     read_changed(good["ball-centre"], file, "\n".join(lines).encode())
 

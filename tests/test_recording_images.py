@@ -16,8 +16,12 @@ from test_recording_good import write_good
 
 IMG, CSV, TOML = "images.csv", "samples.csv", "recording.toml"
 HEADER = "image,role,placement,scan,step,mirror_deg,sample,sweep,mirror_speed_deg_s,time_s,temperature_c,note"
-ROWS = ("images/a.png,board,1,,,,1,,,0.5,21.0,by hand", "images/b.png,board-laser,1,,0,1.5,,-1,3.0,1.0,21.0,",
-        "images/d.png,board-laser,1,,0,1.5,,1,3.0,1.5,21.0,", "images/c.png,scan,,1,1,2.5,2,1,3.0,2.0,21.5,")
+ROWS = (
+    "images/a.png,board,1,,,,1,,,0.5,21.0,by hand",
+    "images/b.png,board-laser,1,,0,1.5,,-1,3.0,1.0,21.0,",
+    "images/d.png,board-laser,1,,0,1.5,,1,3.0,1.5,21.0,",
+    "images/c.png,scan,,1,1,2.5,2,1,3.0,2.0,21.5,",
+)
 
 
 def write_pictures(folder, measures="scan-images"):
@@ -35,17 +39,35 @@ def with_flange(folder, measures="ball-surface"):
         drop(f"q{number}_deg")(folder)
     for name, value in zip(FLANGE, ("500.5", "-20", "310", "0.5", "0.5", "-0.5", "0.5")):
         add(name, value)(folder)
-    sub(TOML, r'\[robot\]\nfile.*\n', "")(folder)
+    sub(TOML, r"\[robot\]\nfile.*\n", "")(folder)
     (folder / "robot.toml").unlink()
     return folder
 
 
 def test_every_column_of_images_is_read(tmp_path):
     rows = datasets.read(write_pictures(tmp_path / "good")).images
-    assert rows[0] == {"image": "images/a.png", "role": "board", "placement": "1", "scan": "", "sample": 1, "time_s": 0.5,
-                       "temperature_c": 21.0, "note": "by hand"}
-    assert rows[1]["step"] == 0 and isinstance(rows[1]["step"], int) and rows[1]["mirror_deg"] == 1.5 and rows[1]["sweep"] == -1
-    assert rows[3]["sample"] == 2 and rows[3]["scan"] == "1" and rows[3]["mirror_speed_deg_s"] == 3.0 and "sample" not in rows[2]
+    assert rows[0] == {
+        "image": "images/a.png",
+        "role": "board",
+        "placement": "1",
+        "scan": "",
+        "sample": 1,
+        "time_s": 0.5,
+        "temperature_c": 21.0,
+        "note": "by hand",
+    }
+    assert (
+        rows[1]["step"] == 0
+        and isinstance(rows[1]["step"], int)
+        and rows[1]["mirror_deg"] == 1.5
+        and rows[1]["sweep"] == -1
+    )
+    assert (
+        rows[3]["sample"] == 2
+        and rows[3]["scan"] == "1"
+        and rows[3]["mirror_speed_deg_s"] == 3.0
+        and "sample" not in rows[2]
+    )
 
 
 def test_scans_of_an_arm_need_no_points(tmp_path):
@@ -54,7 +76,11 @@ def test_scans_of_an_arm_need_no_points(tmp_path):
     sub(TOML, r"\[images\]", '[artefact]\nfile = "artefact.csv"\n[images]')(folder)
     (folder / "artefact.csv").write_text("ball,x_mm,y_mm,z_mm,radius_mm\n1,0,0,0,15\n")
     found = datasets.read(folder)
-    assert found.joints.shape == (12, 6) and found.balls == {1: (0.0, 0.0, 0.0, 15.0)} and "x_mm" not in found.columns
+    assert (
+        found.joints.shape == (12, 6)
+        and found.balls == {1: (0.0, 0.0, 0.0, 15.0)}
+        and "x_mm" not in found.columns
+    )
     with pytest.raises(InputError, match="measured points, found none in a scan-images recording"):
         found.points
 
@@ -62,13 +88,19 @@ def test_scans_of_an_arm_need_no_points(tmp_path):
 def test_flange_poses_instead_of_joints(tmp_path):
     found = datasets.read(with_flange(tmp_path / "good"))
     assert found.flange.shape == (12, 4, 4) and found.joints.shape == (12, 0) and found.robot == {}
-    np.testing.assert_allclose(found.flange[3], [[0, -1, 0, 500.5], [0, 0, -1, -20], [1, 0, 0, 310], [0, 0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(
+        found.flange[3],
+        [[0, -1, 0, 500.5], [0, 0, -1, -20], [1, 0, 0, 310], [0, 0, 0, 1]],
+        atol=1e-12,
+    )
     assert not set(found.covariates) & set(FLANGE)
     assert datasets.read(write_good(tmp_path / "joints")).flange is None
 
 
 def test_rows_of_one_flange_pose_are_one_pose():
-    columns = {name: np.array([value] * 4) for name, value in zip(FLANGE, (500.0, 0, 300, 1, 0, 0, 0))}
+    columns = {
+        name: np.array([value] * 4) for name, value in zip(FLANGE, (500.0, 0, 300, 1, 0, 0, 0))
+    }
     columns["flange_x_mm"] = np.array([500.0, 500.0, 510.0, 500.00001])
     assert list(Recording("ball-surface", columns, {}).poses) == [0, 0, 1, 0]
 
@@ -82,8 +114,25 @@ def test_written_and_read_again_is_the_same(tmp_path, made):
         np.testing.assert_array_equal(second.columns[name], values)
 
 
-BOARDS = [{"kind": "charuco", "columns": 7, "rows": 5, "square_mm": 10.0, "marker_mm": 7.5, "dictionary": "DICT_5X5_250", "legacy": True},
-          {"kind": "circles", "columns": 4, "rows": 11, "square_mm": 20.0, "asymmetric": True, "fixed_to": "tool"}]
+BOARDS = [
+    {
+        "kind": "charuco",
+        "columns": 7,
+        "rows": 5,
+        "square_mm": 10.0,
+        "marker_mm": 7.5,
+        "dictionary": "DICT_5X5_250",
+        "legacy": True,
+    },
+    {
+        "kind": "circles",
+        "columns": 4,
+        "rows": 11,
+        "square_mm": 20.0,
+        "asymmetric": True,
+        "fixed_to": "tool",
+    },
+]
 
 
 def in_place(folder, board=BOARDS[0]):
@@ -92,8 +141,20 @@ def in_place(folder, board=BOARDS[0]):
     rows = []
     for k in range(3):
         cv2.imwrite(str(folder / "images" / f"{k}.png"), np.full((12, 16), k, np.uint8))
-        rows.append({"image": f"images/{k}.png", "role": "board", "placement": str(k)} | ({"time_s": 2.5} if k else {}))
-    return Recording("board-images", {}, {}, title="made", images=tuple(rows), board=board, name="made", folder=folder)
+        rows.append(
+            {"image": f"images/{k}.png", "role": "board", "placement": str(k)}
+            | ({"time_s": 2.5} if k else {})
+        )
+    return Recording(
+        "board-images",
+        {},
+        {},
+        title="made",
+        images=tuple(rows),
+        board=board,
+        name="made",
+        folder=folder,
+    )
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda b: b["kind"])
@@ -102,7 +163,15 @@ def test_written_beside_pictures_that_are_there(tmp_path, board):
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "made" / "images").iterdir()}
     assert datasets.write(made, tmp_path / "made") == tmp_path / "made"
     found = datasets.read(tmp_path / "made")
-    assert found.images == tuple({"image": r["image"], "role": "board", "placement": r["placement"], **({"time_s": 2.5} if "time_s" in r else {})} for r in made.images)
+    assert found.images == tuple(
+        {
+            "image": r["image"],
+            "role": "board",
+            "placement": r["placement"],
+            **({"time_s": 2.5} if "time_s" in r else {}),
+        }
+        for r in made.images
+    )
     assert found.board == board
     assert before == {p: p.stat().st_mtime_ns for p in (tmp_path / "made" / "images").iterdir()}
     with pytest.raises(InputError, match="new or empty folder"):
@@ -130,7 +199,9 @@ def picture(row, column, value):
 
 def board(line):
     """One more key under [board], which stands last."""
-    return lambda folder: bool((folder / TOML).write_text((folder / TOML).read_text() + line + "\n"))
+    return lambda folder: bool(
+        (folder / TOML).write_text((folder / TOML).read_text() + line + "\n")
+    )
 
 
 def charuco(*lines):
@@ -143,53 +214,205 @@ def half_a_bmp(folder):
 
 
 CASES = [
-    Case("picture listed twice", picture(3, "image", "images/a.png"), (IMG, "row 3", "column image", "again (first in row 2)", "delete the copy")),
-    Case("picture listed twice by another path", picture(3, "image", "images/./a.png"), (IMG, "row 3", "every picture once", "row 2")),
-    Case("picture elsewhere", picture(2, "image", "../../a.png"), (IMG, "row 2", "leaves it", "copy the file")),
-    Case("picture at an absolute path", picture(2, "image", "/data/a.png"), (IMG, "row 2", "absolute path", "copy the file")),
-    Case("picture without a name", picture(2, "image", ""), (IMG, "row 2", "a file name", "name a file")),
-    Case("picture is a folder", picture(2, "image", "images"), (IMG, "row 2", "a folder", "correct the name")),
-    Case("picture of another kind", half_a_bmp, (IMG, "row 2", "another kind of file", "save it as PNG")),
-    Case("picture truncated", lambda f: write("images/d.png", (f / "images/d.png").read_bytes()[:-12])(f), (IMG, "row 4", "no end", "copy it again")),
-    Case("picture empty", write("images/d.png", b""), (IMG, "row 4", "images/d.png", "an empty file")),
+    Case(
+        "picture listed twice",
+        picture(3, "image", "images/a.png"),
+        (IMG, "row 3", "column image", "again (first in row 2)", "delete the copy"),
+    ),
+    Case(
+        "picture listed twice by another path",
+        picture(3, "image", "images/./a.png"),
+        (IMG, "row 3", "every picture once", "row 2"),
+    ),
+    Case(
+        "picture elsewhere",
+        picture(2, "image", "../../a.png"),
+        (IMG, "row 2", "leaves it", "copy the file"),
+    ),
+    Case(
+        "picture at an absolute path",
+        picture(2, "image", "/data/a.png"),
+        (IMG, "row 2", "absolute path", "copy the file"),
+    ),
+    Case(
+        "picture without a name",
+        picture(2, "image", ""),
+        (IMG, "row 2", "a file name", "name a file"),
+    ),
+    Case(
+        "picture is a folder",
+        picture(2, "image", "images"),
+        (IMG, "row 2", "a folder", "correct the name"),
+    ),
+    Case(
+        "picture of another kind",
+        half_a_bmp,
+        (IMG, "row 2", "another kind of file", "save it as PNG"),
+    ),
+    Case(
+        "picture truncated",
+        lambda f: write("images/d.png", (f / "images/d.png").read_bytes()[:-12])(f),
+        (IMG, "row 4", "no end", "copy it again"),
+    ),
+    Case(
+        "picture empty", write("images/d.png", b""), (IMG, "row 4", "images/d.png", "an empty file")
+    ),
     Case("no image column", drop("image", IMG), (IMG, "column image", "no such column", "add it")),
     Case("no role column", drop("role", IMG), (IMG, "column role", "no such column", "add it")),
-    Case("role misspelt", picture(3, "role", "board_laser"), (IMG, "row 3", "column role", "'board_laser'", "board-laser")),
-    Case("role empty", picture(3, "role", ""), (IMG, "row 3", "column role", "''", "write one of these")),
-    Case("laser without a placement", picture(3, "placement", ""), (IMG, "row 3", "which placement", "add a placement")),
-    Case("scan without a number", picture(5, "scan", ""), (IMG, "row 5", "which scan", "add a scan")),
-    Case("laser where no board was seen", picture(3, "placement", "9"), (IMG, "row 3", "a picture of role board", "none at '9'", "add that picture")),
-    Case("step twice", picture(4, "sweep", "-1"), (IMG, "row 4", "column step", "every step of a placement once", "row 3")),
-    Case("step not whole", picture(3, "step", "0.5"), (IMG, "row 3", "column step", "0.5", "number them")),
-    Case("step is a word", picture(3, "step", "first"), (IMG, "row 3", "column step", "'first'", "correct it")),
+    Case(
+        "role misspelt",
+        picture(3, "role", "board_laser"),
+        (IMG, "row 3", "column role", "'board_laser'", "board-laser"),
+    ),
+    Case(
+        "role empty",
+        picture(3, "role", ""),
+        (IMG, "row 3", "column role", "''", "write one of these"),
+    ),
+    Case(
+        "laser without a placement",
+        picture(3, "placement", ""),
+        (IMG, "row 3", "which placement", "add a placement"),
+    ),
+    Case(
+        "scan without a number", picture(5, "scan", ""), (IMG, "row 5", "which scan", "add a scan")
+    ),
+    Case(
+        "laser where no board was seen",
+        picture(3, "placement", "9"),
+        (IMG, "row 3", "a picture of role board", "none at '9'", "add that picture"),
+    ),
+    Case(
+        "step twice",
+        picture(4, "sweep", "-1"),
+        (IMG, "row 4", "column step", "every step of a placement once", "row 3"),
+    ),
+    Case(
+        "step not whole",
+        picture(3, "step", "0.5"),
+        (IMG, "row 3", "column step", "0.5", "number them"),
+    ),
+    Case(
+        "step is a word",
+        picture(3, "step", "first"),
+        (IMG, "row 3", "column step", "'first'", "correct it"),
+    ),
     Case("sample not whole", picture(2, "sample", "1.5"), (IMG, "row 2", "column sample", "1.5")),
-    Case("sample unknown", picture(2, "sample", "99"), (IMG, "row 2", "a sample of samples.csv", "99", "correct the number")),
-    Case("sweep is a speed", picture(3, "sweep", "3"), (IMG, "row 3", "column sweep", "-1, 0 or 1", "direction")),
-    Case("mirror angle not finite", picture(3, "mirror_deg", "nan"), (IMG, "row 3", "mirror_deg", "nan", "correct the cell")),
-    Case("time infinite", picture(3, "time_s", "inf"), (IMG, "row 3", "time_s", "finite", "correct the cell")),
-    Case("temperature with a comma", picture(3, "temperature_c", '"21;5"'), (IMG, "row 3", "temperature_c", "a number")),
-    Case("mirror angle without a unit", sub(IMG, "mirror_deg", "mirror"), (IMG, "column mirror", "mirror_deg", "rename")),
-    Case("mirror angle in radians", sub(IMG, "mirror_deg", "mirror_rad"), (IMG, "column mirror_rad", "mirror_deg", "convert it")),
+    Case(
+        "sample unknown",
+        picture(2, "sample", "99"),
+        (IMG, "row 2", "a sample of samples.csv", "99", "correct the number"),
+    ),
+    Case(
+        "sweep is a speed",
+        picture(3, "sweep", "3"),
+        (IMG, "row 3", "column sweep", "-1, 0 or 1", "direction"),
+    ),
+    Case(
+        "mirror angle not finite",
+        picture(3, "mirror_deg", "nan"),
+        (IMG, "row 3", "mirror_deg", "nan", "correct the cell"),
+    ),
+    Case(
+        "time infinite",
+        picture(3, "time_s", "inf"),
+        (IMG, "row 3", "time_s", "finite", "correct the cell"),
+    ),
+    Case(
+        "temperature with a comma",
+        picture(3, "temperature_c", '"21;5"'),
+        (IMG, "row 3", "temperature_c", "a number"),
+    ),
+    Case(
+        "mirror angle without a unit",
+        sub(IMG, "mirror_deg", "mirror"),
+        (IMG, "column mirror", "mirror_deg", "rename"),
+    ),
+    Case(
+        "mirror angle in radians",
+        sub(IMG, "mirror_deg", "mirror_rad"),
+        (IMG, "column mirror_rad", "mirror_deg", "convert it"),
+    ),
     Case("no picture at all", write(IMG, (HEADER + "\n").encode()), (IMG, "at least one row")),
-    Case("sample without samples", sub(TOML, r"\[samples\]\nfile.*\n", ""), (IMG, "row 2", "a sample of samples.csv", "add [samples]")),
+    Case(
+        "sample without samples",
+        sub(TOML, r"\[samples\]\nfile.*\n", ""),
+        (IMG, "row 2", "a sample of samples.csv", "add [samples]"),
+    ),
     # [board]
-    Case("unknown dictionary", charuco('dictionary = "DICT_9X9"', "marker_mm = 3.0"), (TOML, "dictionary", "DICT_5X5_250", "'DICT_9X9'")),
-    Case("ChArUco without markers", charuco('dictionary = "DICT_5X5_250"'), (TOML, "key marker_mm", "none", "add it")),
-    Case("ChArUco without dictionary", charuco("marker_mm = 3.0"), (TOML, "key dictionary", "none", "add it")),
-    Case("marker as large as its square", charuco("marker_mm = 5.0", 'dictionary = "DICT_5X5_250"'), (TOML, "marker_mm", "smaller than its square of 5 mm", "measure both")),
-    Case("asymmetric chessboard", board("asymmetric = true"), (TOML, "key asymmetric", "circles only", "remove it")),
-    Case("asymmetric is a word", board('asymmetric = "yes"'), (TOML, "key asymmetric", "true or false", "correct")),
-    Case("board on the ceiling", board('fixed_to = "ceiling"'), (TOML, "key fixed_to", "tool, base, floor", "correct")),
+    Case(
+        "unknown dictionary",
+        charuco('dictionary = "DICT_9X9"', "marker_mm = 3.0"),
+        (TOML, "dictionary", "DICT_5X5_250", "'DICT_9X9'"),
+    ),
+    Case(
+        "ChArUco without markers",
+        charuco('dictionary = "DICT_5X5_250"'),
+        (TOML, "key marker_mm", "none", "add it"),
+    ),
+    Case(
+        "ChArUco without dictionary",
+        charuco("marker_mm = 3.0"),
+        (TOML, "key dictionary", "none", "add it"),
+    ),
+    Case(
+        "marker as large as its square",
+        charuco("marker_mm = 5.0", 'dictionary = "DICT_5X5_250"'),
+        (TOML, "marker_mm", "smaller than its square of 5 mm", "measure both"),
+    ),
+    Case(
+        "asymmetric chessboard",
+        board("asymmetric = true"),
+        (TOML, "key asymmetric", "circles only", "remove it"),
+    ),
+    Case(
+        "asymmetric is a word",
+        board('asymmetric = "yes"'),
+        (TOML, "key asymmetric", "true or false", "correct"),
+    ),
+    Case(
+        "board on the ceiling",
+        board('fixed_to = "ceiling"'),
+        (TOML, "key fixed_to", "tool, base, floor", "correct"),
+    ),
 ]
 FLANGES = [
-    Case("flange without a quaternion", drop("flange_qz"), (CSV, "column flange_qz", "no such column", "add it beside")),
+    Case(
+        "flange without a quaternion",
+        drop("flange_qz"),
+        (CSV, "column flange_qz", "no such column", "add it beside"),
+    ),
     Case("flange without a place", drop("flange_y_mm"), (CSV, "column flange_y_mm", "add it")),
-    Case("flange named in metres", sub(CSV, "flange_x_mm", "flange_x_m"), (CSV, "column flange_x_mm", "flange_x_m", "convert")),
-    Case("flange in metres", both(*(both(*(cell(row, name, value) for row in range(2, 14))) for name, value in zip(FLANGE, ("0.5", "-0.02", "0.3")))),
-         (CSV, "flange_x_mm", "as if in metres", "multiply them by 1000")),
-    Case("flange turned by no rotation", cell(3, "flange_qw", "0.9"), (CSV, "row 3", "flange_qw", "length 1", "divide")),
-    Case("flange not finite", cell(4, "flange_z_mm", "nan"), (CSV, "row 4", "flange_z_mm", "nan", "correct")),
-    Case("neither joints nor flange", both(*map(drop, FLANGE)), (CSV, "q1_deg", "or flange poses", "add them")),
+    Case(
+        "flange named in metres",
+        sub(CSV, "flange_x_mm", "flange_x_m"),
+        (CSV, "column flange_x_mm", "flange_x_m", "convert"),
+    ),
+    Case(
+        "flange in metres",
+        both(
+            *(
+                both(*(cell(row, name, value) for row in range(2, 14)))
+                for name, value in zip(FLANGE, ("0.5", "-0.02", "0.3"))
+            )
+        ),
+        (CSV, "flange_x_mm", "as if in metres", "multiply them by 1000"),
+    ),
+    Case(
+        "flange turned by no rotation",
+        cell(3, "flange_qw", "0.9"),
+        (CSV, "row 3", "flange_qw", "length 1", "divide"),
+    ),
+    Case(
+        "flange not finite",
+        cell(4, "flange_z_mm", "nan"),
+        (CSV, "row 4", "flange_z_mm", "nan", "correct"),
+    ),
+    Case(
+        "neither joints nor flange",
+        both(*map(drop, FLANGE)),
+        (CSV, "q1_deg", "or flange poses", "add them"),
+    ),
 ]
 
 
@@ -199,7 +422,12 @@ def check(folder, case):
     with pytest.raises(InputError) as caught:
         datasets.read(folder)
     sentence = str(caught.value)
-    assert "\n" not in sentence and sentence.endswith(".") and ": expected " in sentence and ", found " in sentence
+    assert (
+        "\n" not in sentence
+        and sentence.endswith(".")
+        and ": expected " in sentence
+        and ", found " in sentence
+    )
     for word in case.words:
         assert word in sentence, sentence
     assert str(folder.parent) not in sentence
@@ -230,31 +458,56 @@ def real_set(real, name):
     return datasets.read(name)
 
 
-@pytest.mark.parametrize(("name", "roles"), [
-    ("opencv_stereo_chess:left", {"board": 13}), ("opencv_stereo_chess:right", {"board": 13}),
-    ("linelaser_circlegrid_zhao", {"board": 12, "board-laser": 12}), ("handeye_open3dv:in-hand", {"board": 8}),
-    ("handeye_open3dv:to-hand", {"board": 5})])
+@pytest.mark.parametrize(
+    ("name", "roles"),
+    [
+        ("opencv_stereo_chess:left", {"board": 13}),
+        ("opencv_stereo_chess:right", {"board": 13}),
+        ("linelaser_circlegrid_zhao", {"board": 12, "board-laser": 12}),
+        ("handeye_open3dv:in-hand", {"board": 8}),
+        ("handeye_open3dv:to-hand", {"board": 5}),
+    ],
+)
 def test_real_pictures_are_named_where_they_lie(real, name, roles):
     """By reference: every row names a picture in the set's own folder, and no placement is without its board."""
     found = real_set(real, name)
-    assert {role: sum(r["role"] == role for r in found.images) for role in {r["role"] for r in found.images}} == roles
-    assert all((found.folder / row["image"]).is_file() for row in found.images) and found.folder == registry.find(name)
+    assert {
+        role: sum(r["role"] == role for r in found.images)
+        for role in {r["role"] for r in found.images}
+    } == roles
+    assert all(
+        (found.folder / row["image"]).is_file() for row in found.images
+    ) and found.folder == registry.find(name)
     assert found.licence and found.source.startswith("https://") and len(found.sha256) == 64
-    assert {r["placement"] for r in found.images} == {r["placement"] for r in found.images if r["role"] == "board"}
+    assert {r["placement"] for r in found.images} == {
+        r["placement"] for r in found.images if r["role"] == "board"
+    }
 
 
 def test_real_flange_poses_turn_rightly(real):
     """The hand's camera looks down on its board: so does the flange's z axis, within 20 degrees; samples name pictures."""
     found = real_set(real, "handeye_open3dv:in-hand")
-    assert np.all(found.flange[:, 2, 2] < -0.93) and [row["sample"] for row in found.images] == list(found.sample_ids)
-    assert found.board["square_mm"] == 10.0 and real_set(real, "handeye_open3dv:to-hand").board["fixed_to"] == "tool"
+    assert np.all(found.flange[:, 2, 2] < -0.93) and [
+        row["sample"] for row in found.images
+    ] == list(found.sample_ids)
+    assert (
+        found.board["square_mm"] == 10.0
+        and real_set(real, "handeye_open3dv:to-hand").board["fixed_to"] == "tool"
+    )
 
 
-@pytest.mark.parametrize(("name", "profiles", "radius"), [("spherescan_handeye_pan:r40", 15, 40.0), ("spherescan_handeye_pan:r12", 10, 12.7)])
+@pytest.mark.parametrize(
+    ("name", "profiles", "radius"),
+    [("spherescan_handeye_pan:r40", 15, 40.0), ("spherescan_handeye_pan:r12", 10, 12.7)],
+)
 def test_real_profiles_are_arcs_of_the_ball(real, name, profiles, radius):
     """Every profile is plane, and its best circle is no larger than the ball."""
     found = real_set(real, name)
-    assert len(set(found.poses)) == profiles and not found.points[:, 1].any() and found.balls[1][3] == radius
+    assert (
+        len(set(found.poses)) == profiles
+        and not found.points[:, 1].any()
+        and found.balls[1][3] == radius
+    )
     radii = []
     for pose in range(profiles):
         x, _, z = found.points[found.poses == pose].T
@@ -265,5 +518,8 @@ def test_real_profiles_are_arcs_of_the_ball(real, name, profiles, radius):
 
 
 def test_set_that_cannot_be_fetched_says_how_it_is_made(tmp_path):
-    with pytest.raises(InputError, match=r"opencv_stereo_chess/.*packages.debian.org.*unpack the Debian package opencv-doc"):
+    with pytest.raises(
+        InputError,
+        match=r"opencv_stereo_chess/.*packages.debian.org.*unpack the Debian package opencv-doc",
+    ):
         datasets.get("opencv_stereo_chess", tmp_path)

@@ -15,14 +15,18 @@ from scipy.stats import norm
 from robot_model.system import geometry_free
 from scenes import model_of, observed, scene
 from workbench.core.least_squares.identifiability import independent
+from workbench.core.least_squares.solver import normal_matrix, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution
-from workbench.core.least_squares.solver import normal_matrix, solve
 
 SHARE = norm.cdf(1) - norm.cdf(-1)
-WAVES = tuple(("transmission-harmonic", f"joint-{k}", {"order": n}) for k in (1, 2, 4) for n in (1, 2))
-SOFT = tuple(("joint-compliance", f"joint-{k}", {}) for k in (2, 3)) + (("link-compliance", "link-2", {}),)
+WAVES = tuple(
+    ("transmission-harmonic", f"joint-{k}", {"order": n}) for k in (1, 2, 4) for n in (1, 2)
+)
+SOFT = tuple(("joint-compliance", f"joint-{k}", {}) for k in (2, 3)) + (
+    ("link-compliance", "link-2", {}),
+)
 CASES = {
     "geometry": ("external-point", ()),
     "geometry by balls": ("ball-centre", ()),

@@ -10,69 +10,153 @@ import pytest
 
 from datasets.recording import Recording
 from robot_model import load_robot
-from workbench.report.calibration import errors as spread
 from workbench.report import provenance, text, write_report
+from workbench.report.calibration import errors as spread
 from workbench.report.calibration import (
     history,
     parameters,
-    summary_image,
     residuals,
     scene,
     stages,
+    summary_image,
 )
 
 SECTIONS = ("stages", "spread", "parameters", "residuals", "scene", "history", "provenance")
 
 
 def stage(name, held_out, earned=True, history=(900.0, 40.0, 12.0)):
-    return SimpleNamespace(name=name, why=f"why {name} <is> there", free=30, identifiable=28, rms_mm=0.9 * held_out,
-                           held_out_rms_mm=held_out, earned=earned, outcome="converged: nothing moves",
-                           sentence=f"{name}: held-out {held_out} mm", history=history)
+    return SimpleNamespace(
+        name=name,
+        why=f"why {name} <is> there",
+        free=30,
+        identifiable=28,
+        rms_mm=0.9 * held_out,
+        held_out_rms_mm=held_out,
+        earned=earned,
+        outcome="converged: nothing moves",
+        sentence=f"{name}: held-out {held_out} mm",
+        history=history,
+    )
 
 
 def parameter(name, where, value, unit="mm", **more):
-    row = {"name": name, "where": where, "value": value, "unit": unit, "std": 0.004, "nominal": 0.0, "identifiable": True,
-           "tied_to": [], "free": True, "label": f"{where}'s {name}", "why": "", "status": "estimated", **more}
+    row = {
+        "name": name,
+        "where": where,
+        "value": value,
+        "unit": unit,
+        "std": 0.004,
+        "nominal": 0.0,
+        "identifiable": True,
+        "tied_to": [],
+        "free": True,
+        "label": f"{where}'s {name}",
+        "why": "",
+        "status": "estimated",
+        **more,
+    }
     return row | {"deviation": None if where == "base" else value - row["nominal"]}
 
 
 PARAMETERS = (
     parameter("x", "base", 1200.5),
     parameter("theta3", "joint-3", 0.0021, "rad", std=1.2e-5),
-    parameter("d3", "joint-3", 0.013, identifiable=False, std=None, tied_to=["d2"], status="not identifiable"),
+    parameter(
+        "d3",
+        "joint-3",
+        0.013,
+        identifiable=False,
+        std=None,
+        tied_to=["d2"],
+        status="not identifiable",
+    ),
     parameter("a3", "joint-3", 270.4, nominal=270.0, std=0.011),
-    parameter("beta3", "joint-3", 0.0, "rad", free=False, std=None, why="held at its nominal value by the plan",
-              identifiable=False, status="held"),
+    parameter(
+        "beta3",
+        "joint-3",
+        0.0,
+        "rad",
+        free=False,
+        std=None,
+        why="held at its nominal value by the plan",
+        identifiable=False,
+        status="held",
+    ),
     parameter("bending", "link-2", 3.1e-5, "rad/(N m)", std=2e-6),
 )
 
 
 def summary(residual, **more):
     distance = np.linalg.norm(residual[:, np.isfinite(residual).all(0)], axis=0)
-    return {"rms_mm": float(np.sqrt(np.mean(distance**2))), "mean_mm": float(distance.mean()),
-            "p95_mm": float(np.percentile(distance, 95)), "max_mm": float(distance.max()), **more}
+    return {
+        "rms_mm": float(np.sqrt(np.mean(distance**2))),
+        "mean_mm": float(distance.mean()),
+        "p95_mm": float(np.percentile(distance, 95)),
+        "max_mm": float(distance.max()),
+        **more,
+    }
+
+
+def _columns(q, points):
+    n = len(q)
+    columns = {f"q{k + 1}_deg": q[:, k] for k in range(6)} | dict(
+        zip(("x_mm", "y_mm", "z_mm"), points)
+    )
+    columns |= {
+        "time_s": np.arange(n) * 2.5,
+        "payload_kg": np.full(n, 1.5),
+        "pose": np.repeat(np.arange(n // 2), 2) * 1.0,
+    }
+    return columns
 
 
 def fake(n=240, sigma=0.02, points=None, seed=5):
     """What `workbench.jobs.calibrate` returns, with joint 3 still wrong by a sine and one row never held out."""
     random = np.random.default_rng(seed)
     q = random.uniform(-80, 80, (n, 6))
-    residual = random.normal(0, 0.02, (3, n)) + np.outer([0.04, -0.02, 0], np.sin(np.deg2rad(4 * q[:, 2])))
+    residual = random.normal(0, 0.02, (3, n)) + np.outer(
+        [0.04, -0.02, 0], np.sin(np.deg2rad(4 * q[:, 2]))
+    )
     held_out = np.where(np.arange(n) == 0, np.nan, residual)
-    points = random.normal(0, 250, (3, n)) + np.array([[300], [0], [600]]) if points is None else points
-    columns = {f"q{k + 1}_deg": q[:, k] for k in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), points))
-    columns |= {"time_s": np.arange(n) * 2.5, "payload_kg": np.full(n, 1.5), "pose": np.repeat(np.arange(n // 2), 2) * 1.0}
-    recording = Recording("external-point", columns, {"builtin": "abb_irb120"}, title="A </script> & B", sigma_mm=sigma,
-                          name="fake", source="made for a test")
+    points = (
+        random.normal(0, 250, (3, n)) + np.array([[300], [0], [600]]) if points is None else points
+    )
+    columns = _columns(q, points)
+    recording = Recording(
+        "external-point",
+        columns,
+        {"builtin": "abb_irb120"},
+        title="A </script> & B",
+        sigma_mm=sigma,
+        name="fake",
+        source="made for a test",
+    )
     nominal = 10 * residual
     return SimpleNamespace(
-        recording=recording, robot=load_robot("abb_irb120"), parameters=PARAMETERS,
-        solution=SimpleNamespace(null_sentences=("joint 3's d and joint 2's d are one here",), converged=True,
-                                 outcome="converged: another step would move nothing"),
-        stages=(stage("geometry", 0.3), stage("transmission", 0.31, earned=False), stage("compliance", 0.05)),
-        fit=summary(residual), held_out=summary(held_out, folds=10), nominal=summary(nominal), fit_residual=residual,
-        held_out_residual=held_out, nominal_residual=nominal, fold=np.arange(n) % 10, points=points,
-        residual_in_root=residual, suspects=(17,), provenance={"seed": 1, "versions": {"numpy": "2"}, "command": "calibrate fake"},
+        recording=recording,
+        robot=load_robot("abb_irb120"),
+        parameters=PARAMETERS,
+        solution=SimpleNamespace(
+            null_sentences=("joint 3's d and joint 2's d are one here",),
+            converged=True,
+            outcome="converged: another step would move nothing",
+        ),
+        stages=(
+            stage("geometry", 0.3),
+            stage("transmission", 0.31, earned=False),
+            stage("compliance", 0.05),
+        ),
+        fit=summary(residual),
+        held_out=summary(held_out, folds=10),
+        nominal=summary(nominal),
+        fit_residual=residual,
+        held_out_residual=held_out,
+        nominal_residual=nominal,
+        fold=np.arange(n) % 10,
+        points=points,
+        residual_in_root=residual,
+        suspects=(17,),
+        provenance={"seed": 1, "versions": {"numpy": "2"}, "command": "calibrate fake"},
         rotation={},
     )
 
@@ -90,7 +174,9 @@ def own_text(page):
 
 
 def figures(page):
-    found = re.findall(r'<script type="application/json" data-for="(\w+)">(.*?)</script>', page, flags=re.S)
+    found = re.findall(
+        r'<script type="application/json" data-for="(\w+)">(.*?)</script>', page, flags=re.S
+    )
     return {name: json.loads(data) for name, data in found}
 
 
@@ -113,14 +199,25 @@ def test_library_is_there_once(written):
 def test_every_section_and_its_figures_are_there(written):
     page = written[1]
     assert all(f'<section id="{name}">' in page for name in SECTIONS)
-    assert set(figures(page)) == {"chart", "histogram", "cumulative", "overview", "detail", "space", "walk"}
+    assert set(figures(page)) == {
+        "chart",
+        "histogram",
+        "cumulative",
+        "overview",
+        "detail",
+        "space",
+        "walk",
+    }
     assert all(figure["data"] for figure in figures(page).values())
 
 
 def test_every_axis_has_a_title_with_its_unit(written):
     for name in ("chart", "histogram", "cumulative", "detail"):
-        titles = [axis.get("title", {}).get("text", "") for key, axis in figures(written[1])[name]["layout"].items()
-                  if key.startswith("xaxis")]
+        titles = [
+            axis.get("title", {}).get("text", "")
+            for key, axis in figures(written[1])[name]["layout"].items()
+            if key.startswith("xaxis")
+        ]
         assert re.search(r"\((mm|deg|s|mm, logarithmic|row number)\)", titles[-1]), (name, titles)
 
 
@@ -139,7 +236,10 @@ def test_stage_that_did_not_earn_its_place_is_grey_and_said_so(written):
     made = stages.chart(fake())
     grey = [trace for trace in made.data if trace.name == "held out, not earned"]
     assert list(grey[0].y) == ["transmission"] and list(grey[0].x) == [0.31]
-    assert "1 stage did not lower the held-out error beyond chance" in written[1] and "not earned, left out" in written[1]
+    assert (
+        "1 stage did not lower the held-out error beyond chance" in written[1]
+        and "not earned, left out" in written[1]
+    )
 
 
 def test_all_earned_is_said_too():
@@ -148,7 +248,9 @@ def test_all_earned_is_said_too():
 
 def test_solve_that_did_not_converge_is_a_warning(tmp_path):
     made = fake()
-    made.solution = SimpleNamespace(null_sentences=(), converged=False, outcome="did not converge: allow more steps")
+    made.solution = SimpleNamespace(
+        null_sentences=(), converged=False, outcome="did not converge: allow more steps"
+    )
     page = own_text(write_report(made, tmp_path).read_text(encoding="utf-8"))
     assert '<p class="warning">The solve did not converge: allow more steps.</p>' in page
 
@@ -160,12 +262,21 @@ def test_parameters_are_shown_in_degrees_to_two_digits_of_their_sigma():
 
 def test_small_compliances_are_shown_in_micro():
     row = parameters.row(PARAMETERS[5])
-    assert (row["unit"], row["value"], row["std"], row["sigmas"]) == ("µrad/(N·m)", "31.0", "2.0", "16")
+    assert (row["unit"], row["value"], row["std"], row["sigmas"]) == (
+        "µrad/(N·m)",
+        "31.0",
+        "2.0",
+        "16",
+    )
 
 
 def test_undetermined_parameter_has_no_sigma_and_says_with_what_it_is_tied():
     row = parameters.row(PARAMETERS[2])
-    assert row["std"] == "–" and row["sigmas"] == "–" and row["state"] == "Not identifiable: tied to d2."
+    assert (
+        row["std"] == "–"
+        and row["sigmas"] == "–"
+        and row["state"] == "Not identifiable: tied to d2."
+    )
 
 
 def test_held_parameter_says_why():
@@ -184,14 +295,20 @@ def test_noise_sentence_compares_with_the_rms_of_noise_in_three_directions():
 
 def test_recording_without_sigma_says_so(tmp_path):
     page = write_report(fake(sigma=None), tmp_path).read_text(encoding="utf-8")
-    assert "states no noise" in page and "noise alone" not in json.dumps(figures(page)["cumulative"])
+    assert "states no noise" in page and "noise alone" not in json.dumps(
+        figures(page)["cumulative"]
+    )
 
 
 def test_joint_that_the_residual_depends_on_is_named():
     made = fake()
     found = residuals.section(made, spread.errors_of(made))
-    assert found["kinds"][0]["most"].startswith("joint 3 (deg)") and found["constant"] == ["payload_kg"]
-    assert found["menu"][:6] == [f"joint {k} (deg)" for k in range(1, 7)] and "time_s" in found["menu"]
+    assert found["kinds"][0]["most"].startswith("joint 3 (deg)") and found["constant"] == [
+        "payload_kg"
+    ]
+    assert (
+        found["menu"][:6] == [f"joint {k} (deg)" for k in range(1, 7)] and "time_s" in found["menu"]
+    )
 
 
 def test_share_of_variance_is_that_which_was_put_in_and_nothing_on_noise():
@@ -240,7 +357,10 @@ def test_history_goes_on_from_stage_to_stage():
 
 
 def test_provenance_shows_nested_tables_flat():
-    assert provenance.flat({"versions": {"numpy": "2"}, "seed": 1}) == [("versions: numpy", "2"), ("seed", "1")]
+    assert provenance.flat({"versions": {"numpy": "2"}, "seed": 1}) == [
+        ("versions: numpy", "2"),
+        ("seed", "1"),
+    ]
 
 
 def test_page_is_complete_where_the_picture_cannot_be_drawn(tmp_path, monkeypatch, caplog):
@@ -250,19 +370,44 @@ def test_page_is_complete_where_the_picture_cannot_be_drawn(tmp_path, monkeypatc
     monkeypatch.setattr(summary_image, "picture", no_library)
     with caplog.at_level(logging.WARNING):
         path = write_report(fake(), tmp_path)
-    assert [p.name for p in tmp_path.iterdir()] == [path.name] and "was not drawn, because" in caplog.text
+    assert [p.name for p in tmp_path.iterdir()] == [
+        path.name
+    ] and "was not drawn, because" in caplog.text
 
 
-@pytest.mark.parametrize("value, shown", [(0.06843, "0.0684"), (1.234, "1.23"), (0.0, "0"), (-12.5, "−12.5"), (None, "–"),
-                                          (float("nan"), "–"), (3.14e-6, "3.14·10⁻⁶"), (1234.6, "1235")])
+@pytest.mark.parametrize(
+    "value, shown",
+    [
+        (0.06843, "0.0684"),
+        (1.234, "1.23"),
+        (0.0, "0"),
+        (-12.5, "−12.5"),
+        (None, "–"),
+        (float("nan"), "–"),
+        (3.14e-6, "3.14·10⁻⁶"),
+        (1234.6, "1235"),
+    ],
+)
 def test_numbers_are_shown_with_three_digits(value, shown):
     assert text.rounded(value) == shown
 
 
 def test_long_list_of_ties_is_cut_and_says_how_much():
     keys = [f"joint-{k}.a{k}" for k in range(1, 8)]
-    tied = parameter("d3", "joint-3", 0.01, identifiable=False, std=None, tied_to=keys,
-                     why="undetermined: one and the same here as " + ", ".join(keys))
-    assert parameters.row(tied)["state"].endswith("as joint-1.a1, joint-2.a2, joint-3.a3, joint-4.a4 and 3 more.")
+    tied = parameter(
+        "d3",
+        "joint-3",
+        0.01,
+        identifiable=False,
+        std=None,
+        tied_to=keys,
+        why="undetermined: one and the same here as " + ", ".join(keys),
+    )
+    assert parameters.row(tied)["state"].endswith(
+        "as joint-1.a1, joint-2.a2, joint-3.a3, joint-4.a4 and 3 more."
+    )
     words = "a cannot be told from " + ", ".join("bcdefghijklm") + " and n"
-    assert parameters.shortened(words) == "a cannot be told from b, c, d, e, f, g, h, i and 5 more, which the JSON names"
+    assert (
+        parameters.shortened(words)
+        == "a cannot be told from b, c, d, e, f, g, h, i and 5 more, which the JSON names"
+    )

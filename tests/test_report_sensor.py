@@ -21,7 +21,9 @@ def own_text(page: str) -> str:
 
 
 def figures(page: str) -> dict:
-    found = re.findall(r'<script type="application/json" data-for="([\w-]+)">(.*?)</script>', page, flags=re.S)
+    found = re.findall(
+        r'<script type="application/json" data-for="([\w-]+)">(.*?)</script>', page, flags=re.S
+    )
     return {name: json.loads(data) for name, data in found}
 
 
@@ -33,7 +35,9 @@ def pages(tmp_path_factory):
     def of(command) -> str:
         if command not in made:
             (home / command).mkdir()
-            made[command] = write_sheet(PAGES[command](home / command), home / command).read_text(encoding="utf-8")
+            made[command] = write_sheet(PAGES[command](home / command), home / command).read_text(
+                encoding="utf-8"
+            )
         return made[command]
 
     return of
@@ -65,13 +69,34 @@ def handeye_page(folder: Path) -> Page:
     from workbench.jobs import hand_eye
     from workbench.report.sensor.handeye import page
 
-    return page(hand_eye.calibrate(datasets.read(handeye_recording()[0]), None, None, lambda text: None))
+    return page(
+        hand_eye.calibrate(datasets.read(handeye_recording()[0]), None, None, lambda text: None)
+    )
 
 
 PAGES = {"camera": camera_page, "scan": scan_page, "handeye": handeye_page}
 SHOWN = {
-    "camera": {"perpicture", "coverage", "arrows", "mapu", "mapv", "sigma", "halves", "bow", "bowsigma"},
-    "scan": {"form", "ballmap0", "clouds3d", "space3d", "stripemap", "persteps", "camera-perpicture", "camera-bow"},
+    "camera": {
+        "perpicture",
+        "coverage",
+        "arrows",
+        "mapu",
+        "mapv",
+        "sigma",
+        "halves",
+        "bow",
+        "bowsigma",
+    },
+    "scan": {
+        "form",
+        "ballmap0",
+        "clouds3d",
+        "space3d",
+        "stripemap",
+        "persteps",
+        "camera-perpicture",
+        "camera-bow",
+    },
     "handeye": {"perpose", "space3d"},
 }
 
@@ -82,7 +107,9 @@ def test_page_is_complete_and_asks_for_nothing_from_the_network(command, pages):
     assert SHOWN[command] <= figures(page).keys()
     assert all(figure["data"] for figure in figures(page).values())
     assert len(re.findall(r"\* plotly\.js v", page)) == 1
-    assert not re.search(r'<script[^>]+src=|<link[^>]+href="http|@import|url\(|https?://', own_text(page))
+    assert not re.search(
+        r'<script[^>]+src=|<link[^>]+href="http|@import|url\(|https?://', own_text(page)
+    )
 
 
 @pytest.mark.parametrize("command", PAGES)
@@ -106,16 +133,24 @@ def test_every_flat_figure_has_axes_with_units(command, pages):
         if "scene" in figure["layout"]:
             continue
         titles = [figure["layout"][axis]["title"]["text"] for axis in ("xaxis", "yaxis")]
-        assert all(titles) and any(re.search(r"\((px|mm|µm|deg)\)|px|mm|step|points", title) for title in titles), name
+        assert all(titles) and any(
+            re.search(r"\((px|mm|µm|deg)\)|px|mm|step|points", title) for title in titles
+        ), name
 
 
 def test_text_of_a_recording_cannot_become_markup(pages):
-    assert "small scanner &lt;for&gt; tests" in pages("camera") and "small scanner <for>" not in own_text(pages("camera"))
+    assert "small scanner &lt;for&gt; tests" in pages(
+        "camera"
+    ) and "small scanner <for>" not in own_text(pages("camera"))
 
 
 def test_camera_page_says_what_opencv_counts_and_what_is_held_out(pages):
     text = own_text(pages("camera"))
-    assert "RMS as OpenCV counts" in text and "cv2.calibrateCamera" in text and "Highest over lowest point" in text
+    assert (
+        "RMS as OpenCV counts" in text
+        and "cv2.calibrateCamera" in text
+        and "Highest over lowest point" in text
+    )
 
 
 def test_scan_page_says_what_is_not_determined(pages):
@@ -126,14 +161,33 @@ def test_scan_page_says_what_is_not_determined(pages):
 
 def test_blocks_are_drawn_as_they_are_told(tmp_path):
     blocks = (
-        sections.words("plain <b>"), sections.words("soft", quiet=True), sections.facts([("a", "1"), ("b", "")]),
-        sections.table(["x", "y"], [("one", 2)]), sections.note("Mind", ["this"]), sections.links([("a.html", "there")]),
+        sections.words("plain <b>"),
+        sections.words("soft", quiet=True),
+        sections.facts([("a", "1"), ("b", "")]),
+        sections.table(["x", "y"], [("one", 2)]),
+        sections.note("Mind", ["this"]),
+        sections.links([("a.html", "there")]),
         sections.figure("f", style.figure(200, "x (mm)", "y (mm)"), "caption"),
-    )  # fmt: skip
-    page = Page("over", "title", (("n", "1.0", "mm"),), ("lead",), (Section("s", "S", blocks),), warning="careful")
+    )
+    page = Page(
+        "over",
+        "title",
+        (("n", "1.0", "mm"),),
+        ("lead",),
+        (Section("s", "S", blocks),),
+        warning="careful",
+    )
     text = write_sheet(page, tmp_path).read_text(encoding="utf-8")
-    for part in ("plain &lt;b&gt;", '<p class="quiet">soft</p>', "<td>1</td>", '<td class="n">2</td>', "<li>this</li>",
-                 '<a href="a.html">there</a>', "<dd>1.0<span> mm</span></dd>", '<p class="warning">careful</p>'):  # fmt: skip
+    for part in (
+        "plain &lt;b&gt;",
+        '<p class="quiet">soft</p>',
+        "<td>1</td>",
+        '<td class="n">2</td>',
+        "<li>this</li>",
+        '<a href="a.html">there</a>',
+        "<dd>1.0<span> mm</span></dd>",
+        '<p class="warning">careful</p>',
+    ):
         assert part in text
     assert '<th scope="row">b</th>' not in text  # a fact without words is none
 
@@ -187,7 +241,12 @@ def test_pyramid_passes_through_the_corners_of_the_picture():
 def test_front_page_links_both_reports(tmp_path):
     from workbench.report.front import page
 
-    table = {"held_out": {"rms_mm": 0.07}, "nominal": {"rms_mm": 0.8}, "samples": 3000, "run": tmp_path / "tracker"}
+    table = {
+        "held_out": {"rms_mm": 0.07},
+        "nominal": {"rms_mm": 0.8},
+        "samples": 3000,
+        "run": tmp_path / "tracker",
+    }
     made = page(tmp_path, None, table, "Recording: x.")
     text = write_sheet(made, tmp_path).read_text(encoding="utf-8")
     assert 'href="tracker/report.html"' in text and "0.0700" in text
@@ -203,12 +262,15 @@ def test_time_left_is_told_once_there_is_a_guess():
     assert said == ["picture 1 of 4", "picture 2 of 4, about 10 s left", "picture 4 of 4"]
 
 
-@pytest.mark.parametrize(("radii", "distances", "column", "numbers"), [
-    ([10.0, 20.0], [50.0], None, [1, 3]),        # sizes tell them
-    ([10.0], [], None, [None]),                  # two balls of that size
-    ([10.0], [], 2, [2]),                        # the sample says so
-    ([10.0, 10.1], [40.0], 2, [2, 1]),           # and the other by its distance
-])
+@pytest.mark.parametrize(
+    ("radii", "distances", "column", "numbers"),
+    [
+        ([10.0, 20.0], [50.0], None, [1, 3]),  # sizes tell them
+        ([10.0], [], None, [None]),  # two balls of that size
+        ([10.0], [], 2, [2]),  # the sample says so
+        ([10.0, 10.1], [40.0], 2, [2, 1]),  # and the other by its distance
+    ],
+)
 def test_balls_are_named_only_where_that_is_certain(radii, distances, column, numbers):
     from datasets.recording import Recording
     from workbench.imaging.ball_names import named
@@ -216,9 +278,13 @@ def test_balls_are_named_only_where_that_is_certain(radii, distances, column, nu
     balls = {1: (0.0, 0.0, 0.0, 10.0), 2: (40.0, 0.0, 0.0, 10.0), 3: (0.0, 90.0, 0.0, 20.0)}
     if numbers == [1, 3]:
         balls.pop(2)
-    columns = {"sample": np.array([7.0])} | ({} if column is None else {"ball": np.array([float(column)])})
+    columns = {"sample": np.array([7.0])} | (
+        {} if column is None else {"ball": np.array([float(column)])}
+    )
     centres = [np.zeros(3), *(np.array([d, 0.0, 0.0]) for d in distances)]
-    found, why = named(Recording("scan-images", columns, {}, balls=balls), {"sample": 7}, radii, centres)
+    found, why = named(
+        Recording("scan-images", columns, {}, balls=balls), {"sample": 7}, radii, centres
+    )
     assert found == numbers and bool(why) == (None in numbers)
 
 
@@ -228,9 +294,24 @@ def test_distance_from_the_truth_is_that_after_one_rigid_motion():
 
     true = np.random.default_rng(4).uniform(-30, 30, (6, 3))
     moved = true @ rotation_matrix(np.array([0.01, 0.02, -0.01])).T + [0.1, 0.2, -0.3]
-    rows = [{"scan": str(k), "balls": [{"ball": 1, **dict(zip(("x_mm", "y_mm", "z_mm"), c)), "beyond_calibrated_depths": k == 5}]}
-            for k, c in enumerate(moved)]  # fmt: skip
-    truth = {"scans": [{"scan": k, "balls": [{"ball": 1, "centre_mm": c.tolist()}]} for k, c in enumerate(true)]}
+    rows = [
+        {
+            "scan": str(k),
+            "balls": [
+                {
+                    "ball": 1,
+                    **dict(zip(("x_mm", "y_mm", "z_mm"), c)),
+                    "beyond_calibrated_depths": k == 5,
+                }
+            ],
+        }
+        for k, c in enumerate(moved)
+    ]
+    truth = {
+        "scans": [
+            {"scan": k, "balls": [{"ball": 1, "centre_mm": c.tolist()}]} for k, c in enumerate(true)
+        ]
+    }
     errors = centre_errors(rows, truth)
     assert errors["balls"] == 5 and errors["rms_mm"] < 1e-9
     assert centre_errors(rows[:2], truth)["rms_mm"] is None
@@ -247,9 +328,19 @@ def test_flange_poses_come_from_columns_or_from_joints():
     robot = load_robot("abb_irb120")
     pose = flange_poses(Recording("board-images", columns, {"builtin": "abb_irb120"}))[0]
     frames = forward(robot, robot.mixing @ q.T)
-    assert np.allclose(pose[:3, 3], frames.end_origin[:, 0]) and np.allclose(pose[:3, 0], frames.end[0][:, 0])
-    other = {"sample": np.array([1.0]), "flange_x_mm": np.array([1.0]), "flange_y_mm": np.array([2.0]), "flange_z_mm": np.array([3.0]),
-             "flange_qw": np.array([1.0]), "flange_qx": np.zeros(1), "flange_qy": np.zeros(1), "flange_qz": np.zeros(1)}  # fmt: skip
+    assert np.allclose(pose[:3, 3], frames.end_origin[:, 0]) and np.allclose(
+        pose[:3, 0], frames.end[0][:, 0]
+    )
+    other = {
+        "sample": np.array([1.0]),
+        "flange_x_mm": np.array([1.0]),
+        "flange_y_mm": np.array([2.0]),
+        "flange_z_mm": np.array([3.0]),
+        "flange_qw": np.array([1.0]),
+        "flange_qx": np.zeros(1),
+        "flange_qy": np.zeros(1),
+        "flange_qz": np.zeros(1),
+    }
     assert np.allclose(flange_poses(Recording("board-images", other, {}))[0][:3, 3], [1, 2, 3])
 
 
@@ -257,9 +348,14 @@ def test_sigmas_of_each_coordinate_are_used():
     from datasets.recording import Recording
     from robot_model.measurements.closure import position_sigma
 
-    columns = {"sample": np.array([1.0, 2.0])} | {f"sigma_{a}_mm": np.full(2, s) for a, s in zip("xyz", (0.01, 0.02, 0.03))}
+    columns = {"sample": np.array([1.0, 2.0])} | {
+        f"sigma_{a}_mm": np.full(2, s) for a, s in zip("xyz", (0.01, 0.02, 0.03))
+    }
     recording = Recording("ball-centre", columns, {})
-    assert np.allclose(position_sigma(recording), [[0.01] * 2, [0.02] * 2, [0.03] * 2]) and recording.covariates == {}
+    assert (
+        np.allclose(position_sigma(recording), [[0.01] * 2, [0.02] * 2, [0.03] * 2])
+        and recording.covariates == {}
+    )
 
 
 def test_a_step_without_a_plane_is_left_out_and_said(tmp_path):
@@ -270,7 +366,14 @@ def test_a_step_without_a_plane_is_left_out_and_said(tmp_path):
     made = scans(tmp_path)
     scanner = made.scanner
     kept = np.delete(np.arange(12), [5, 6])  # two of those that see the ball
-    fewer = replace(scanner, steps=scanner.steps[kept], planes=scanner.planes[:, kept], mirror=None, angles=None, covariance=None)
+    fewer = replace(
+        scanner,
+        steps=scanner.steps[kept],
+        planes=scanner.planes[:, kept],
+        mirror=None,
+        angles=None,
+        covariance=None,
+    )
     groups = scan.scans_of(made.recording)
     (tmp_path / "again" / "clouds").mkdir(parents=True)
     found = scan._Work(made.recording, fewer, tmp_path / "again")(("1", groups["1"]))

@@ -33,7 +33,11 @@ def test_the_volume_opens_again(places, tmp_path):
     import pyvista
 
     error = np.abs(places[2]) / 1000
-    drawn = write_volume(places, error, np.array([[0.0, 0, 300], [0, 0, 0], [0, 400, 400]]), tmp_path, "workspace")
+    drawn = write_volume(
+        places, error, np.array([[0.0, 0, 300], [0, 0, 0], [0, 400, 400]]), tmp_path, "workspace"
+    )
     again = pyvista.read(tmp_path / "workspace.vti")
     np.testing.assert_array_equal(again["error_mm"], volume(places, error)["error_mm"])
-    assert drawn is None or drawn.stat().st_size > 10_000  # None: a machine that draws nothing, as the log says
+    assert (
+        drawn is None or drawn.stat().st_size > 10_000
+    )  # None: a machine that draws nothing, as the log says

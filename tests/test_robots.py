@@ -11,7 +11,12 @@ X, Y, Z = np.eye(3)
 
 
 def axes_of(robot):
-    return np.array([frame[:3, 2] for frame in frames_of(robot, np.zeros(robot.mixing.shape[1]))[: robot.joints]])
+    return np.array(
+        [
+            frame[:3, 2]
+            for frame in frames_of(robot, np.zeros(robot.mixing.shape[1]))[: robot.joints]
+        ]
+    )
 
 
 # name: readings (deg), flange (mm), flange x axis, flange z axis; from data sheets, controllers and published URDFs
@@ -68,7 +73,9 @@ def test_the_arm_stands_where_its_maker_says(name):
 @pytest.mark.parametrize("name", AXES)
 def test_every_joint_turns_the_way_of_its_maker(name):
     robot = load_robot(name)
-    np.testing.assert_allclose(axes_of(robot) * np.diag(robot.mixing)[:, None], AXES[name], atol=1e-12)
+    np.testing.assert_allclose(
+        axes_of(robot) * np.diag(robot.mixing)[:, None], AXES[name], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", REACH)
@@ -90,7 +97,11 @@ def test_hayati_marks_the_joints_whose_next_axis_is_parallel(name):
     robot = load_robot(name)
     axes = axes_of(robot)
     parallel = np.linalg.norm(np.cross(axes[:-1], axes[1:]), axis=1) < 1e-9
-    assert list(np.flatnonzero(robot.hayati) + 1) == list(np.flatnonzero(parallel) + 1) == PARALLEL[name]
+    assert (
+        list(np.flatnonzero(robot.hayati) + 1)
+        == list(np.flatnonzero(parallel) + 1)
+        == PARALLEL[name]
+    )
 
 
 @pytest.mark.parametrize("name", POSES)
@@ -100,7 +111,9 @@ def test_chain_and_plain_products_agree(name):
     chain = forward(robot, (robot.mixing @ readings)[:, None])
     expected = frames_of(robot, readings)[-1]
     np.testing.assert_allclose(chain.end_origin[:, 0], expected[:3, 3], atol=1e-9)
-    np.testing.assert_allclose(np.column_stack([axis[:, 0] for axis in chain.end]), expected[:3, :3], atol=1e-12)
+    np.testing.assert_allclose(
+        np.column_stack([axis[:, 0] for axis in chain.end]), expected[:3, :3], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", POSES)
@@ -125,8 +138,14 @@ def test_fanucs_forearm_keeps_its_slope_when_joint_2_moves():
 
 def test_masses_lie_within_their_links():
     """ABB's at zero where the published URDF has them; UR's along the arm as UR draws it."""
-    published = {1: [0.1, -0.1, 238.4], 2: [0.8, -2.1, 391.2], 3: [22.8, 1.1, 617.9], 4: [224.7, 0.2, 630.4],
-                 5: [300.9, 0.0, 630.1], 6: [366.9, -0.2, 630.0]}
+    published = {
+        1: [0.1, -0.1, 238.4],
+        2: [0.8, -2.1, 391.2],
+        3: [22.8, 1.1, 617.9],
+        4: [224.7, 0.2, 630.4],
+        5: [300.9, 0.0, 630.1],
+        6: [366.9, -0.2, 630.0],
+    }
     robot = load_robot("abb_irb120")
     frames = frames_of(robot, np.zeros(6))
     for k, centre in published.items():

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 from ball_scenes import cap
-from sensors.acceptance import BEYOND, NOT_JUDGED, UNDECIDED, UNKNOWN, WITHIN, Probed, acceptance, judged, probing_form
+from sensors.acceptance import (
+    BEYOND,
+    NOT_JUDGED,
+    UNDECIDED,
+    UNKNOWN,
+    WITHIN,
+    Probed,
+    acceptance,
+    judged,
+    probing_form,
+)
 from sensors.ball.fit import fit_ball, shell
 from workbench.core.errors import InputError
 
@@ -19,7 +29,15 @@ def balls():
     for k, size in enumerate((RADIUS, RADIUS, RADIUS + 0.02)):
         points = cap(20_000, np.pi / 3, size) + CENTRES[:, k, None] + [[0.05 * (k == 1)], [0], [0]]
         points += random.normal(0, SIGMA, points.shape)
-        made.append(Probed(k + 1, points, fit_ball(points, view=[0, 0, 1], incidence=np.deg2rad(55)), RADIUS, 1e-4))
+        made.append(
+            Probed(
+                k + 1,
+                points,
+                fit_ball(points, view=[0, 0, 1], incidence=np.deg2rad(55)),
+                RADIUS,
+                1e-4,
+            )
+        )
     return made
 
 
@@ -45,18 +63,33 @@ def test_values_are_those_of_the_definitions(balls, plane):
     assert found["probing_size"].value == pytest.approx(0.04, abs=4 * found["probing_size"].std)
     assert abs(found["probing_size"].parts["ball-1"]) < 0.005
     spacing = found["sphere_spacing"]
-    assert spacing.value == pytest.approx(0.05, abs=0.002) and spacing.n == 3 and spacing.std < 0.001
+    assert (
+        spacing.value == pytest.approx(0.05, abs=0.002) and spacing.n == 3 and spacing.std < 0.001
+    )
     assert abs(spacing.parts["ball-1 to ball-3"]) < 0.003
     trimmed = np.mean(np.concatenate([one.fit.reason for one in balls]) > 0)
-    assert found["rejected"].value == pytest.approx(trimmed) and found["rejected"].parts["incidence"] > 0.1
-    assert found["temperature"].value == pytest.approx(20.333, abs=0.001) and found["temperature"].parts["range"] == 1.5
+    assert (
+        found["rejected"].value == pytest.approx(trimmed)
+        and found["rejected"].parts["incidence"] > 0.1
+    )
+    assert (
+        found["temperature"].value == pytest.approx(20.333, abs=0.001)
+        and found["temperature"].parts["range"] == 1.5
+    )
 
 
 def test_symbols_are_those_of_the_standards(balls, plane):
     found = named(acceptance(balls, CENTRES, plane))
     assert found["probing_form"].symbol.startswith("P_Form.Sph.D95%:")
-    assert found["probing_size"].symbol.startswith("P_Size.Sph.All:") and found["probing_size"].vdi == "PS"
-    assert found["sphere_spacing"].vdi == "SD" and found["flat_range"].vdi == "F" and found["probing_range"].vdi == "PF"
+    assert (
+        found["probing_size"].symbol.startswith("P_Size.Sph.All:")
+        and found["probing_size"].vdi == "PS"
+    )
+    assert (
+        found["sphere_spacing"].vdi == "SD"
+        and found["flat_range"].vdi == "F"
+        and found["probing_range"].vdi == "PF"
+    )
 
 
 def test_outliers_count_in_the_form_but_not_in_the_rms(balls):
@@ -66,13 +99,20 @@ def test_outliers_count_in_the_form_but_not_in_the_rms(balls):
     one = Probed(1, points, fit_ball(points))
     found = named(acceptance([one]))
     assert found["probing_range"].value > 0.4 and found["probing_rms"].value < 1.1 * SIGMA
-    assert probing_form([one]).value < 0.1 and found["rejected"].parts["outlier"] == pytest.approx(0.02, abs=0.001)
+    assert probing_form([one]).value < 0.1 and found["rejected"].parts["outlier"] == pytest.approx(
+        0.02, abs=0.001
+    )
 
 
 def test_the_artefacts_own_uncertainty_is_added_to_that_of_the_centres(balls):
     """As the root of the sum of squares, and it decides whether a limit is kept."""
-    measured, whole = (named(acceptance(balls, CENTRES, artefact_std=std))["sphere_spacing"] for std in (0.0, 0.005))
-    assert whole.std == pytest.approx(np.hypot(measured.std, 0.005)) and whole.std > 5 * measured.std
+    measured, whole = (
+        named(acceptance(balls, CENTRES, artefact_std=std))["sphere_spacing"]
+        for std in (0.0, 0.005)
+    )
+    assert (
+        whole.std == pytest.approx(np.hypot(measured.std, 0.005)) and whole.std > 5 * measured.std
+    )
     limit = abs(whole.value) + 0.004
     assert judged(measured, limit).verdict == WITHIN and judged(whole, limit).verdict == UNDECIDED
 
@@ -85,14 +125,20 @@ def test_the_form_is_told_about_the_ball_of_least_squares():
     points += np.random.default_rng(3).normal(0, SIGMA, points.shape)
     one = Probed(1, points, fit_ball(points), RADIUS)
     assert np.abs(one.fit.centre).max() < 0.005 and one.fit.rejected["outlier"] > 1900
-    away = np.vstack([points / RADIUS, np.ones(20_000)])  # one linear least-squares step is enough at this size
+    away = np.vstack(
+        [points / RADIUS, np.ones(20_000)]
+    )  # one linear least-squares step is enough at this size
     move = np.linalg.lstsq(away.T, np.linalg.norm(points, axis=0) - RADIUS, rcond=None)[0]
     found = named(acceptance([one]))
     left = np.sort(np.linalg.norm(points - move[:3, None], axis=0))
-    assert found["probing_form"].value == pytest.approx((left[19_000 - 1 :] - left[: 1001]).min(), rel=0.03)
+    assert found["probing_form"].value == pytest.approx(
+        (left[19_000 - 1 :] - left[:1001]).min(), rel=0.03
+    )
     robust = shell(np.linalg.norm(points - one.fit.centre[:, None], axis=0), 0.95)
     assert abs(found["probing_form"].value - robust) > 0.02
-    assert found["probing_size"].value == pytest.approx(2 * move[3], rel=0.05) and abs(move[3]) > 0.02
+    assert (
+        found["probing_size"].value == pytest.approx(2 * move[3], rel=0.05) and abs(move[3]) > 0.02
+    )
 
 
 def test_what_cannot_be_determined_says_why(balls):
@@ -103,15 +149,24 @@ def test_what_cannot_be_determined_says_why(balls):
     assert found["sphere_spacing"].why == "fewer than two balls were measured"
     assert found["temperature"].why == "no temperature was recorded"
     failed = fit_ball(np.zeros((3, 2)))
-    assert "was fitted" in named(acceptance([Probed(1, np.zeros((3, 2)), failed)]))["probing_form"].why
+    assert (
+        "was fitted" in named(acceptance([Probed(1, np.zeros((3, 2)), failed)]))["probing_form"].why
+    )
 
 
 def test_nothing_passes_without_a_limit(balls, plane):
-    assert all(one.verdict == NOT_JUDGED and one.limit is None for one in acceptance(balls, CENTRES, plane, 20.0))
+    assert all(
+        one.verdict == NOT_JUDGED and one.limit is None
+        for one in acceptance(balls, CENTRES, plane, 20.0)
+    )
 
 
 def test_a_limit_is_judged_with_the_uncertainty(balls):
-    found = named(acceptance(balls, CENTRES, limits={"sphere_spacing": 0.02, "probing_form": 0.1, "flat_form": 0.1}))
+    found = named(
+        acceptance(
+            balls, CENTRES, limits={"sphere_spacing": 0.02, "probing_form": 0.1, "flat_form": 0.1}
+        )
+    )
     assert found["sphere_spacing"].verdict == BEYOND and found["probing_form"].verdict == WITHIN
     assert found["flat_form"].verdict == UNKNOWN and found["probing_size"].verdict == NOT_JUDGED
     spacing = found["sphere_spacing"]

@@ -36,7 +36,9 @@ def covered(draw, sets, free=True, seed=0):
     random, scores = np.random.default_rng(seed), []
     for _ in range(sets):
         fit = draw(random)
-        scores.append(((values(fit) - [0, 0, 0, RADIUS]) / np.where(fit.std > 0, fit.std, 1))[: 3 + free])
+        scores.append(
+            ((values(fit) - [0, 0, 0, RADIUS]) / np.where(fit.std > 0, fit.std, 1))[: 3 + free]
+        )
     return (np.abs(scores) < 1).mean(0), np.std(scores, axis=0)
 
 
@@ -69,13 +71,21 @@ def test_second_order_bias_is_stated_and_taken_off():
     assert flat.bias[2] == pytest.approx(flat.sigma_scale**2 * 0.1**2 / (2 * RADIUS))
 
 
-@pytest.mark.parametrize(("radius", "sets"), [
-    (None, 200), (RADIUS, 150), pytest.param(None, 2000, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("radius", "sets"),
+    [
+        (None, 200),
+        (RADIUS, 150),
+        pytest.param(None, 2000, marks=pytest.mark.slow),
+    ],
+)
 def test_errors_agree_with_the_stated_sigma(radius, sets):
     points = cap(300, SIXTY, RADIUS)
-    share, scatter = covered(lambda random: fit_ball(points + random.normal(0, SIGMA, points.shape), SIGMA, radius),
-                             sets, radius is None)
+    share, scatter = covered(
+        lambda random: fit_ball(points + random.normal(0, SIGMA, points.shape), SIGMA, radius),
+        sets,
+        radius is None,
+    )
     assert WITHIN[0] < share.mean() < WITHIN[1] and np.all(np.abs(scatter - 1) < 0.2)
 
 
@@ -97,7 +107,9 @@ def test_errors_along_lines_leave_no_bias():
     """Distances from the surface are off by more than 1 um where the noise acts along the view; ours along it are not."""
     points, random = cap(1000, SIXTY, RADIUS), np.random.default_rng(3)
     blind = mean_error(lambda p: values(fit_ball(p, SIGMA)), points, along, 40, random)
-    lines = mean_error(lambda p: values(fit_ball(p, SIGMA, direction=TILTED)), points, along, 40, random)
+    lines = mean_error(
+        lambda p: values(fit_ball(p, SIGMA, direction=TILTED)), points, along, 40, random
+    )
     spread = np.outer(TILTED, TILTED) * SIGMA**2 + 1e-6 * np.eye(3)
     full = mean_error(lambda p: values(fit_ball(p, covariance=spread)), points, along, 40, random)
     assert np.abs(blind).max() > 0.001
@@ -109,7 +121,9 @@ def test_covariances_along_lines_hold():
     noisy = lambda random: points + TILTED[:, None] * random.normal(0, SIGMA, 500)  # noqa: E731
     share, scatter = covered(lambda random: fit_ball(noisy(random), SIGMA, direction=TILTED), 150)
     assert WITHIN[0] < share.mean() < WITHIN[1] and np.all(np.abs(scatter - 1) < 0.2)
-    assert fit_ball(noisy(np.random.default_rng(0)), SIGMA, direction=TILTED).sigma_scale == pytest.approx(1, abs=0.1)
+    assert fit_ball(
+        noisy(np.random.default_rng(0)), SIGMA, direction=TILTED
+    ).sigma_scale == pytest.approx(1, abs=0.1)
 
 
 def test_noise_is_weighted_point_by_point():
@@ -117,7 +131,9 @@ def test_noise_is_weighted_point_by_point():
     points, sigma = cap(1000, SIXTY, RADIUS), np.where(np.arange(1000) % 2, 0.01, 0.1)
     noisy = points + np.random.default_rng(4).normal(0, sigma, points.shape)
     assert fit_ball(noisy, sigma).std[2] < 0.25 * fit_ball(noisy, loss="linear").std[2]
-    share, _ = covered(lambda random: fit_ball(points + random.normal(0, sigma, points.shape), sigma), 150)
+    share, _ = covered(
+        lambda random: fit_ball(points + random.normal(0, sigma, points.shape), sigma), 150
+    )
     assert 0.6 < share.mean() < 0.76
 
 
@@ -127,7 +143,10 @@ def test_half_of_the_points_may_be_wrong():
     points[:, ::2] = random.uniform(-20, 20, (3, 1000))
     fit = fit_ball(points, view=[0, 0, 1])
     assert np.abs(values(fit) - [0, 0, 0, RADIUS]).max() < 4 * fit.std.max() < 0.1
-    assert 0.45 < fit.inliers.mean() < 0.53 and fit.rejected["outlier"] + fit.rejected["incidence"] > 990
+    assert (
+        0.45 < fit.inliers.mean() < 0.53
+        and fit.rejected["outlier"] + fit.rejected["incidence"] > 990
+    )
     assert fit.rms == pytest.approx(0.02, rel=0.15)
     again = fit_ball(points, view=[0, 0, 1])
     assert np.array_equal(again.centre, fit.centre) and np.array_equal(again.reason, fit.reason)
@@ -158,11 +177,15 @@ def scanned(random, planes, centre, change, sigma_px, focal=3421.0):
         towards /= np.linalg.norm(towards)
         turn = np.linspace(-1, 1, 60)
         ring = np.outer(towards, np.cos(turn)) + np.outer(np.cross(normal, towards), np.sin(turn))
-        made.append((centre - distance[s] * normal)[:, None] + np.sqrt(RADIUS**2 - distance[s] ** 2) * ring)
+        made.append(
+            (centre - distance[s] * normal)[:, None] + np.sqrt(RADIUS**2 - distance[s] ** 2) * ring
+        )
         steps.append(np.full(60, s))
     points, steps = np.concatenate(made, 1), np.concatenate(steps)
     true = moved(planes, change)[:, steps]
-    shifted = points + pixel_error(points, planes[:, steps], focal) * random.normal(0, sigma_px, len(steps))
+    shifted = points + pixel_error(points, planes[:, steps], focal) * random.normal(
+        0, sigma_px, len(steps)
+    )
     return shifted * (-true[3] / (true[:3] * shifted).sum(0)), steps
 
 
@@ -177,15 +200,22 @@ def test_errors_of_the_light_planes_reach_the_centre():
     spread = np.tile([1e-4, 1e-4, 4e-3], 24)
 
     def draw(random, with_planes=True):
-        points, steps = scanned(random, planes, centre, random.normal(0, spread).reshape(24, 3), 0.05)
+        points, steps = scanned(
+            random, planes, centre, random.normal(0, spread).reshape(24, 3), 0.05
+        )
         error = pixel_error(points, planes[:, steps], 3421.0)
         shared = plane_error(points, planes, steps, np.diag(spread**2)) if with_planes else None
-        fit = fit_ball(points, 0.05 * np.linalg.norm(error, axis=0), RADIUS, direction=error, shared=shared)
+        fit = fit_ball(
+            points, 0.05 * np.linalg.norm(error, axis=0), RADIUS, direction=error, shared=shared
+        )
         return fit.centre - centre, fit.std[:3]
 
     random = np.random.default_rng(6)
     errors, std = np.array([draw(random) for _ in range(80)]).transpose(1, 0, 2)
-    assert np.all(np.abs((errors / std).std(0) - 1) < 0.2) and 0.6 < (np.abs(errors) < std).mean() < 0.78
+    assert (
+        np.all(np.abs((errors / std).std(0) - 1) < 0.2)
+        and 0.6 < (np.abs(errors) < std).mean() < 0.78
+    )
     blind, too_small = np.array([draw(random, False) for _ in range(30)]).transpose(1, 0, 2)
     assert (blind / too_small).std(0).max() > 3 and np.all(blind.std(0) > 1.2 * errors.std(0))
 
@@ -194,7 +224,9 @@ def test_edge_and_incidence_are_trimmed_by_their_own_names():
     """Mixed pixels trail off behind the silhouette; without trimming they pull the depth of a free ball."""
     points = cap(4000, np.deg2rad(88), RADIUS)
     across = np.hypot(*points[:2])
-    points[2] += np.where(across > RADIUS - 0.6, 0.25, 0) + np.random.default_rng(7).normal(0, 0.01, 4000)
+    points[2] += np.where(across > RADIUS - 0.6, 0.25, 0) + np.random.default_rng(7).normal(
+        0, 0.01, 4000
+    )
     trimmed = fit_ball(points, view=[0, 0, 1], edge=0.7, loss="linear")
     assert abs(trimmed.centre[2]) < 0.004 < 0.02 < abs(fit_ball(points, loss="linear").centre[2])
     assert trimmed.rejected["edge"] == pytest.approx((across > RADIUS - 0.7).sum(), rel=0.05)
@@ -207,7 +239,10 @@ def test_what_faces_away_from_the_sensor_is_not_the_ball():
     """A few wrong points on the far side would have more weight on the depth than all the others."""
     points = cap(1000, np.deg2rad(40), RADIUS)
     points[:, ::50] *= -1
-    fit = fit_ball(points + np.random.default_rng(8).normal(0, 0.01, points.shape), view=points + [[0], [0], [300]])
+    fit = fit_ball(
+        points + np.random.default_rng(8).normal(0, 0.01, points.shape),
+        view=points + [[0], [0], [300]],
+    )
     assert fit.rejected["incidence"] == 20
 
 
@@ -220,41 +255,73 @@ def test_form_counts_as_metrologists_do():
 
 
 def test_a_ball_cut_by_the_field_says_so():
-    points = cap(2000, np.deg2rad(70), RADIUS) + np.random.default_rng(10).normal(0, 0.01, (3, 2000))
+    points = cap(2000, np.deg2rad(70), RADIUS) + np.random.default_rng(10).normal(
+        0, 0.01, (3, 2000)
+    )
     left = points[:, points[0] < 2]
     fit = fit_ball(left, at_limit=left[0] > 1.8)
     assert fit and fit.cut and "cut by the field" in fit.outcome
     unknown = fit_ball(left, view=[0, 0, 1])
-    assert not unknown.cut and unknown.coverage < 0.75 and "cut by the field or something" in unknown.outcome
+    assert (
+        not unknown.cut
+        and unknown.coverage < 0.75
+        and "cut by the field or something" in unknown.outcome
+    )
     whole = fit_ball(points, view=[0, 0, 1], at_limit=np.zeros(2000, bool))
     assert not whole.cut and whole.coverage == 1 and "cut" not in whole.outcome
 
 
-@pytest.mark.parametrize(("points", "why"), [
-    (np.zeros((3, 0)), "fewer than"),
-    (cap(4, SIXTY, RADIUS), "fewer than"),
-    (np.full((3, 9), np.nan), "fewer than"),
-    (np.vstack([np.random.default_rng(0).uniform(-9, 9, (2, 500)), np.zeros((1, 500))]), "no ball|too small"),
-    (np.outer([1.0, 2, 3], np.arange(50)), "no ball|too small"),
-    (cap(300, np.deg2rad(3), RADIUS) + np.random.default_rng(0).normal(0, 0.05, (3, 300)), "no ball|too small"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("points", "why"),
+    [
+        (np.zeros((3, 0)), "fewer than"),
+        (cap(4, SIXTY, RADIUS), "fewer than"),
+        (np.full((3, 9), np.nan), "fewer than"),
+        (
+            np.vstack([np.random.default_rng(0).uniform(-9, 9, (2, 500)), np.zeros((1, 500))]),
+            "no ball|too small",
+        ),
+        (np.outer([1.0, 2, 3], np.arange(50)), "no ball|too small"),
+        (
+            cap(300, np.deg2rad(3), RADIUS) + np.random.default_rng(0).normal(0, 0.05, (3, 300)),
+            "no ball|too small",
+        ),
+    ],
+)
 def test_no_ball_is_a_falsy_result_with_its_reason(points, why):
     fit = fit_ball(points)
-    assert not fit and np.isnan(fit.centre).all() and re.search(why, fit.outcome) and not fit.inliers.any()
+    assert (
+        not fit
+        and np.isnan(fit.centre).all()
+        and re.search(why, fit.outcome)
+        and not fit.inliers.any()
+    )
 
 
 def test_missing_points_keep_their_place():
     points = cap(300, SIXTY, RADIUS)
     points[:, 7:9] = np.nan
     fit = fit_ball(points)
-    assert fit.rejected["missing"] == 2 and np.isnan(fit.residual[7:9]).all() and fit.inliers.sum() == 298
+    assert (
+        fit.rejected["missing"] == 2
+        and np.isnan(fit.residual[7:9]).all()
+        and fit.inliers.sum() == 298
+    )
     assert np.abs(values(fit) - [0, 0, 0, RADIUS]).max() < 1e-9
 
 
-@pytest.mark.parametrize("options", [
-    {"radius": -1.0}, {"radius": np.nan}, {"incidence": 1.0}, {"edge": 0.1}, {"loss": "cubic"},
-    {"view": [1.0, 0.0]}, {"sigma": 0.1, "covariance": np.eye(3)},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"radius": -1.0},
+        {"radius": np.nan},
+        {"incidence": 1.0},
+        {"edge": 0.1},
+        {"loss": "cubic"},
+        {"view": [1.0, 0.0]},
+        {"sigma": 0.1, "covariance": np.eye(3)},
+    ],
+)
 def test_options_that_cannot_be_are_named(options):
     with pytest.raises(InputError, match="expected .* found"):
         fit_ball(cap(100, SIXTY, RADIUS), **options)
@@ -269,8 +336,15 @@ def test_ray_cast_ball_with_noise_along_the_rays():
     """An independent scene (Open3D): a coarse mesh is 2 um too small, a fine one is right to 0.2 um."""
     found = {}
     for resolution in (100, 400):
-        points = ray_cast([ball([3.0, -2.0, 125.0], RADIUS, resolution)], 300, 300, 1000.0).reshape(3, -1)
-        found[resolution] = values(fit_ball(points, view=points, incidence=SIXTY)) - [3, -2, 125, RADIUS]
+        points = ray_cast([ball([3.0, -2.0, 125.0], RADIUS, resolution)], 300, 300, 1000.0).reshape(
+            3, -1
+        )
+        found[resolution] = values(fit_ball(points, view=points, incidence=SIXTY)) - [
+            3,
+            -2,
+            125,
+            RADIUS,
+        ]
         noisy = along_rays(points, 0.02, np.random.default_rng(11))
         fit = fit_ball(noisy, 0.02, direction=points, view=points, incidence=SIXTY)
         assert np.all(np.abs(values(fit) - found[resolution] - [3, -2, 125, RADIUS]) < 3 * fit.std)
@@ -310,7 +384,10 @@ def profile(path):
 def test_real_profiles_of_a_ball_of_40_mm(real):
     """Fifteen profiles: noise of 0.011 mm or less in each, up to the incidence of 65 deg."""
     folder = real("spherescan_handeye_pan") / "r40_session"
-    fits = [fit_circle(profile(folder / f"p{k}.yml"), view=[0, -1], incidence=np.deg2rad(65)) for k in range(1, 16)]
+    fits = [
+        fit_circle(profile(folder / f"p{k}.yml"), view=[0, -1], incidence=np.deg2rad(65))
+        for k in range(1, 16)
+    ]
     assert all(fits) and max(fit.rms for fit in fits) <= 0.011
     assert all(fit.radius < 40.05 for fit in fits) and max(fit.radius for fit in fits) > 39.8
 
@@ -319,5 +396,7 @@ def test_real_profiles_with_the_room_behind_the_ball(real):
     """Ball of 12.7 mm: where half of the profile is scattered background, the circle is still found."""
     folder = real("spherescan_handeye_pan") / "r12_session"
     for k in range(1, 11):
-        fit = fit_circle(profile(folder / f"{k}_3C_line.yml"), view=[0, -1], incidence=np.deg2rad(65))
+        fit = fit_circle(
+            profile(folder / f"{k}_3C_line.yml"), view=[0, -1], incidence=np.deg2rad(65)
+        )
         assert fit and 8 < fit.radius < 12.75 and fit.rms < 0.15

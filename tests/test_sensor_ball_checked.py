@@ -27,7 +27,9 @@ def seen(n=3000, half=SIXTY, radius=RADIUS, seed=0, sigma=SIGMA):
 
 def flat(seed, size=20):
     random = np.random.default_rng(seed)
-    return np.vstack([random.uniform(-size, size, (2, 2000)), np.full((1, 2000), 100.0)]) + random.normal(0, SIGMA, (3, 2000))
+    return np.vstack(
+        [random.uniform(-size, size, (2, 2000)), np.full((1, 2000), 100.0)]
+    ) + random.normal(0, SIGMA, (3, 2000))
 
 
 def cylinder():
@@ -42,7 +44,10 @@ def test_a_radius_that_is_two_percent_wrong_is_told_with_what_it_does():
     fit = fit_ball(seen(), SIGMA, 1.02 * RADIUS)
     off = np.linalg.norm(fit.centre - CENTRE)
     assert off > 0.3 and fit.centre_moves == pytest.approx(off, rel=0.05) and fit.radius_gap < -100
-    assert any("radius differs from the stated one by" in one and "the centre moves by" in one for one in fit.warnings)
+    assert any(
+        "radius differs from the stated one by" in one and "the centre moves by" in one
+        for one in fit.warnings
+    )
     assert fit.warnings[-1] in fit.outcome
     assert np.abs(fit.free.centre - CENTRE).max() < 4 * fit.free.std.max()
 
@@ -66,13 +71,17 @@ def test_planes_and_cylinders_are_no_balls(radius, sigma):
     for seed in range(5):
         fit = fit_ball(flat(seed), sigma, radius)
         assert not fit and "plane" in fit.outcome
-    fit = fit_ball(flat(0, size=2), sigma, radius)  # a piece that is hardly curved on the ball either
+    fit = fit_ball(
+        flat(0, size=2), sigma, radius
+    )  # a piece that is hardly curved on the ball either
     assert not fit and ("plane" in fit.outcome or "too small" in fit.outcome)
     fit = fit_ball(cylinder(), sigma, radius)
     assert not fit and "no ball found" in fit.outcome
 
 
-@pytest.mark.parametrize("start", [[0, 0, 0, 1.0], [3, -4, 100, 12.7], [3, -4, 98, 13.0], [3, -4, 50, 5.0]])
+@pytest.mark.parametrize(
+    "start", [[0, 0, 0, 1.0], [3, -4, 100, 12.7], [3, -4, 98, 13.0], [3, -4, 50, 5.0]]
+)
 @pytest.mark.parametrize("radius", [None, RADIUS])
 def test_a_bad_start_ends_at_the_ball_all_the_same(radius, start):
     fit = fit_ball(seen(), SIGMA, radius, start=start)
@@ -102,8 +111,13 @@ def test_form_is_as_probable_as_chance_where_there_is_none():
     for half in (0.2, 1.2):
         normal, random = cap(400, half, 1.0), np.random.default_rng(1)
         rows = np.vstack([normal, np.ones(400)])
-        each = [low_orders(normal, random.normal(0, 2.0, 400), np.full(400, 0.5), rows, 1.0).probability for _ in range(300)]
-        assert np.mean(each) == pytest.approx(0.5, abs=0.05) and np.mean(np.array(each) < 0.1) < 0.16
+        each = [
+            low_orders(normal, random.normal(0, 2.0, 400), np.full(400, 0.5), rows, 1.0).probability
+            for _ in range(300)
+        ]
+        assert (
+            np.mean(each) == pytest.approx(0.5, abs=0.05) and np.mean(np.array(each) < 0.1) < 0.16
+        )
 
 
 def grazed(seed):
@@ -137,10 +151,16 @@ def profiled(seed, length=3.0):
     for y in np.linspace(-4, 4, 12):
         r, turn = np.sqrt(36 - y * y), np.linspace(-1, 1, 200)
         ring = np.stack([r * np.sin(turn), np.full(200, y), 120 - r * np.cos(turn)])
-        error = 0.01 * np.convolve(random.normal(size=224), kernel / np.sqrt((kernel**2).sum()), "valid")
+        error = 0.01 * np.convolve(
+            random.normal(size=224), kernel / np.sqrt((kernel**2).sum()), "valid"
+        )
         points.append(ring * (1 + error / np.linalg.norm(ring, axis=0)))
     points = np.hstack(points)
-    return points, Shared(np.repeat(np.arange(12), 200), (points / np.linalg.norm(points, axis=0))[None], 1e-10 * np.eye(12))
+    return points, Shared(
+        np.repeat(np.arange(12), 200),
+        (points / np.linalg.norm(points, axis=0))[None],
+        1e-10 * np.eye(12),
+    )
 
 
 def test_shared_errors_bring_the_memory_of_a_stripe_with_them():
@@ -170,8 +190,13 @@ def test_sigma_in_the_cameras_frame_holds_the_frames_own():
     told = ball_json(Ball(1, RADIUS, fit, fit.free, seen(), seen()[:2], False), there)
     x, y, z = fit.centre
     spread = FRAME.diagonal()
-    frame = np.sqrt([spread[0] + spread[4] * z**2 + spread[5] * y**2, spread[1] + spread[3] * z**2 + spread[5] * x**2,
-                     spread[2] + spread[3] * y**2 + spread[4] * x**2])  # fmt: skip
+    frame = np.sqrt(
+        [
+            spread[0] + spread[4] * z**2 + spread[5] * y**2,
+            spread[1] + spread[3] * z**2 + spread[5] * x**2,
+            spread[2] + spread[3] * y**2 + spread[4] * x**2,
+        ]
+    )
     assert told["std_in_best_frame_mm"] == pytest.approx(fit.std[:3])
     assert told["std_mm"] == pytest.approx(np.hypot(frame, fit.std[:3]))
     assert np.diag(told["covariance_mm2"]) == pytest.approx(np.square(told["std_mm"]))
@@ -200,11 +225,15 @@ def stripes_on_ball(instrument, centre, radius, steps, wide=0.9):
     return pixels[:, inside], numbers[inside]
 
 
-@pytest.mark.parametrize(("centre", "swept", "cut"), [
-    ((0.0, 0, 128), range(30), False),
-    ((0.0, 17.5, 128), range(30), True),  # beyond the picture's lower edge
-    ((0.0, 0, 128), range(12, 30), True),  # the scan began in the middle of the ball
-], ids=["whole", "picture", "sweep"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("centre", "swept", "cut"),
+    [
+        ((0.0, 0, 128), range(30), False),
+        ((0.0, 17.5, 128), range(30), True),  # beyond the picture's lower edge
+        ((0.0, 0, 128), range(12, 30), True),  # the scan began in the middle of the ball
+    ],
+    ids=["whole", "picture", "sweep"],
+)
 def test_a_ball_at_the_pictures_edge_or_the_sweeps_end_is_cut(centre, swept, cut):
     instrument = scanner()
     pixels, steps = stripes_on_ball(instrument, np.array(centre), 8.0, swept)
@@ -212,7 +241,9 @@ def test_a_ball_at_the_pictures_edge_or_the_sweeps_end_is_cut(centre, swept, cut
     pixels = pixels + np.random.default_rng(0).normal(0, 0.05, pixels.shape) * [[1], [0]]
     points, n = instrument.reconstruct(pixels, steps), len(steps)
     bench = _Work(SimpleNamespace(balls={}, columns={}, name="made"), instrument, None)
-    (ball,), _ = bench.balls(rows, points, pixels, steps, np.full(n, 0.05), np.full((2, n), [[4.0], [20.0]]))
+    (ball,), _ = bench.balls(
+        rows, points, pixels, steps, np.full(n, 0.05), np.full((2, n), [[4.0], [20.0]])
+    )
     assert bool(ball.fit.cut) == cut
     assert ball_json(ball, instrument)["cut_by_field"] == cut
 
@@ -226,7 +257,10 @@ def test_the_fit_with_shared_errors_settles_where_points_come_to_graze(seed):
     pixels[0] += random.normal(0, 0.1, pixels.shape[1])
     points = instrument.reconstruct(pixels, steps)
     error = instrument.by_stripe(points, steps)
-    shared, sigma = plane_error(points, instrument.planes, steps, 1e-10 * np.eye(90)), 0.1 * np.linalg.norm(error, axis=0)
+    shared, sigma = (
+        plane_error(points, instrument.planes, steps, 1e-10 * np.eye(90)),
+        0.1 * np.linalg.norm(error, axis=0),
+    )
     for radius in (None, 6.0):
         fit = fit_ball(points, sigma, radius, direction=error, shared=shared)
         assert fit and fit.step < 0.003 and (np.abs(fit.centre - centre) < 4 * fit.std[:3]).all()

@@ -14,7 +14,9 @@ from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View, detect, detect_all, relabelled
 from workbench.core.errors import InputError
 
-BOARDS = pytest.mark.parametrize("board", [CHESS, CIRCLES, ASYMMETRIC, CHARUCO], ids=lambda b: b.kind)
+BOARDS = pytest.mark.parametrize(
+    "board", [CHESS, CIRCLES, ASYMMETRIC, CHARUCO], ids=lambda b: b.kind
+)
 
 
 def truth(board, h, view):
@@ -25,7 +27,9 @@ def truth(board, h, view):
     camera = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
     frame = np.linalg.inv(camera) @ h
     centres = frame @ np.vstack([board.points[:2, view.index], np.ones(len(view.index))])
-    u, v, w = camera @ (centres + circles.centre_shift(centres, np.cross(frame[:, 0], frame[:, 1]), view.radius_mm))
+    u, v, w = camera @ (
+        centres + circles.centre_shift(centres, np.cross(frame[:, 0], frame[:, 1]), view.radius_mm)
+    )
     return np.stack([u, v]) / w
 
 
@@ -59,9 +63,14 @@ def test_origin_is_the_same_from_every_side(board, turn):
     """A board whose origin shows has one; another's x axis points to the right as far as it can."""
     h = homography(board, turn=turn, fill=0.6)
     view = detect(render(board, h, noise=1), board)
-    fits = [np.abs(relabelled(view, board, k).index - view.index).max() == 0 for k in range(board.turns)]
+    fits = [
+        np.abs(relabelled(view, board, k).index - view.index).max() == 0 for k in range(board.turns)
+    ]
     assert fits[0] and not any(fits[1:])
-    gaps = [np.abs(v.pixels - truth(board, h, v)).max() for v in (relabelled(view, board, k) for k in range(board.turns))]
+    gaps = [
+        np.abs(v.pixels - truth(board, h, v)).max()
+        for v in (relabelled(view, board, k) for k in range(board.turns))
+    ]
     assert min(gaps) < 0.1
     if board.turns == 1:
         return
@@ -87,8 +96,13 @@ def test_centre_shift_agrees_with_the_fitted_ellipse():
     normal = np.array([0.3, -0.5, -0.81])
     normal /= np.linalg.norm(normal)
     first = np.cross(normal, [0, 0, 1.0]) / np.linalg.norm(np.cross(normal, [0, 0, 1.0]))
-    centre, turn = np.array([[20.0], [-10.0], [150.0]]), np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    rim = centre + 8 * (np.outer(first, np.cos(turn)) + np.outer(np.cross(normal, first), np.sin(turn)))
+    centre, turn = (
+        np.array([[20.0], [-10.0], [150.0]]),
+        np.linspace(0, 2 * np.pi, 200, endpoint=False),
+    )
+    rim = centre + 8 * (
+        np.outer(first, np.cos(turn)) + np.outer(np.cross(normal, first), np.sin(turn))
+    )
     fitted = cv2.fitEllipseDirect((1000 * rim[:2] / rim[2]).T.astype(np.float32))[0]
     moved = centre + circles.centre_shift(centre, normal, 8.0)
     np.testing.assert_allclose(1000 * (moved[:2] / moved[2])[:, 0], fitted, atol=2e-3)
@@ -107,14 +121,25 @@ def test_charuco_may_be_cut_and_covered():
 @BOARDS
 def test_two_boards_are_said_to_be_two(board):
     """Which of them is meant, nothing says."""
-    two = np.hstack([render(board, homography(board, turn=turn), noise=2, seed=k) for k, turn in enumerate((0.1, 0.4))])
+    two = np.hstack(
+        [
+            render(board, homography(board, turn=turn), noise=2, seed=k)
+            for k, turn in enumerate((0.1, 0.4))
+        ]
+    )
     found = detect(two, board)
-    assert isinstance(found, Rejected) and f"two boards of {board.columns} x {board.rows} {board.marks} found" in found.why
+    assert (
+        isinstance(found, Rejected)
+        and f"two boards of {board.columns} x {board.rows} {board.marks} found" in found.why
+    )
 
 
 @pytest.mark.parametrize("shape", [(300, 400, 3), (300, 400, 1), (300,)])
 def test_only_grey_arrays_are_looked_at(shape):
-    with pytest.raises(InputError, match=r"picture: expected grey values \(H, W\) of 8 or 16 bits, found uint8 of shape"):
+    with pytest.raises(
+        InputError,
+        match=r"picture: expected grey values \(H, W\) of 8 or 16 bits, found uint8 of shape",
+    ):
         detect(np.zeros(shape, np.uint8), CHESS)
     with pytest.raises(InputError, match="found int64 of shape"):
         detect(np.zeros((300, 400), np.int64), CHESS)
@@ -160,36 +185,74 @@ def without(board, *, columns=0, rows=0):
     return replace(board, columns=board.columns + columns, rows=board.rows + rows)
 
 
-@pytest.mark.parametrize(("shown", "expected", "size"), [
-    (CHESS, without(CHESS, columns=-1), (9, 6)), (CHESS, without(CHESS, columns=1), (9, 6)), (CHESS, without(CHESS, rows=-1), (9, 6)),
-    (CHESS, without(CHESS, rows=1), (9, 6)), (CIRCLES, without(CIRCLES, columns=-1), (8, 6)), (CIRCLES, without(CIRCLES, rows=1), (8, 6)),
-    (ASYMMETRIC, without(ASYMMETRIC, rows=-1), (4, 11)), (ASYMMETRIC, without(ASYMMETRIC, columns=1), (4, 11)),
-    (ASYMMETRIC, replace(ASYMMETRIC, columns=11, rows=4), (4, 11)), (CHARUCO, replace(CHARUCO, columns=5, rows=7), (7, 5)),
-    (CHARUCO, without(CHARUCO, columns=1), (7, 5))], ids=lambda v: v.title if isinstance(v, Board) else "")
+@pytest.mark.parametrize(
+    ("shown", "expected", "size"),
+    [
+        (CHESS, without(CHESS, columns=-1), (9, 6)),
+        (CHESS, without(CHESS, columns=1), (9, 6)),
+        (CHESS, without(CHESS, rows=-1), (9, 6)),
+        (CHESS, without(CHESS, rows=1), (9, 6)),
+        (CIRCLES, without(CIRCLES, columns=-1), (8, 6)),
+        (CIRCLES, without(CIRCLES, rows=1), (8, 6)),
+        (ASYMMETRIC, without(ASYMMETRIC, rows=-1), (4, 11)),
+        (ASYMMETRIC, without(ASYMMETRIC, columns=1), (4, 11)),
+        (ASYMMETRIC, replace(ASYMMETRIC, columns=11, rows=4), (4, 11)),
+        (CHARUCO, replace(CHARUCO, columns=5, rows=7), (7, 5)),
+        (CHARUCO, without(CHARUCO, columns=1), (7, 5)),
+    ],
+    ids=lambda v: v.title if isinstance(v, Board) else "",
+)
 def test_wrong_size_of_board_says_which_would_fit(shown, expected, size):
     found = detect(render(shown, homography(shown), noise=2), expected, "a.png")
     assert isinstance(found, Rejected) and found.found == size
-    assert f"{size[0]} x {size[1]} {shown.marks} found, {expected.columns} x {expected.rows} expected" in str(found)
+    assert (
+        f"{size[0]} x {size[1]} {shown.marks} found, {expected.columns} x {expected.rows} expected"
+        in str(found)
+    )
     assert f"if the board has {size[0]} x {size[1]}, correct columns and rows" in found.why
 
 
-@pytest.mark.parametrize(("board", "shift", "seen"), [(CHESS, (115, 0), "7 x 6 corners"), (CHESS, (0, 105), "9 x 4 corners"),
-                                                      (CIRCLES, (115, 0), "6 x 6 circles"), (CIRCLES, (0, 105), "8 x 5 circles")])
+@pytest.mark.parametrize(
+    ("board", "shift", "seen"),
+    [
+        (CHESS, (115, 0), "7 x 6 corners"),
+        (CHESS, (0, 105), "9 x 4 corners"),
+        (CIRCLES, (115, 0), "6 x 6 circles"),
+        (CIRCLES, (0, 105), "8 x 5 circles"),
+    ],
+)
 def test_cut_board_is_said_to_be_cut(board, shift, seen):
     found = detect(render(board, homography(board, shift=shift), noise=2), board)
     assert isinstance(found, Rejected) and found.found is None
-    assert found.why.startswith(seen) and found.why.endswith("the board is cut by the picture's edge")
+    assert found.why.startswith(seen) and found.why.endswith(
+        "the board is cut by the picture's edge"
+    )
 
 
 def swapped_kind(board):
     return replace(board, kind="circles" if board.kind != "circles" else "asymmetric-circles")
 
 
-@pytest.mark.parametrize(("shown", "expected", "why"), [
-    (CIRCLES, CHESS, "no chessboard found"), (CHESS, CIRCLES, "no grid of circles found"), (CHESS, CHARUCO, "no marker of DICT_5X5_250"),
-    (CHARUCO, replace(CHARUCO, legacy=True), "legacy = false"), (CHARUCO, replace(CHARUCO, dictionary="DICT_4X4_250"), "no marker of DICT_4X4_250"),
-    (ASYMMETRIC, swapped_kind(ASYMMETRIC), "an asymmetric grid of 4 x 11 circles found: correct asymmetric"),
-    (CIRCLES, swapped_kind(CIRCLES), "a symmetric grid of 8 x 6 circles found: correct asymmetric")])
+@pytest.mark.parametrize(
+    ("shown", "expected", "why"),
+    [
+        (CIRCLES, CHESS, "no chessboard found"),
+        (CHESS, CIRCLES, "no grid of circles found"),
+        (CHESS, CHARUCO, "no marker of DICT_5X5_250"),
+        (CHARUCO, replace(CHARUCO, legacy=True), "legacy = false"),
+        (CHARUCO, replace(CHARUCO, dictionary="DICT_4X4_250"), "no marker of DICT_4X4_250"),
+        (
+            ASYMMETRIC,
+            swapped_kind(ASYMMETRIC),
+            "an asymmetric grid of 4 x 11 circles found: correct asymmetric",
+        ),
+        (
+            CIRCLES,
+            swapped_kind(CIRCLES),
+            "a symmetric grid of 8 x 6 circles found: correct asymmetric",
+        ),
+    ],
+)
 def test_another_kind_of_board_is_named(shown, expected, why):
     found = detect(render(shown, homography(shown), noise=2), expected)
     assert isinstance(found, Rejected) and why in found.why
@@ -214,21 +277,50 @@ def test_sixteen_bits_and_half_saturated_boards_are_found():
     assert np.abs(view.pixels - truth(CHESS, h, view)).max() < 0.06
 
 
-@pytest.mark.parametrize(("keys", "words"), [
-    ({"kind": "checkers"}, "expected one of chessboard, charuco, circles"), ({"columns": 1}, "keys columns and rows"),
-    ({"columns": 2, "rows": 2}, "6 in all, found 2 and 2"), ({"kind": "charuco"}, "keys marker_mm and dictionary")])
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"kind": "checkers"}, "expected one of chessboard, charuco, circles"),
+        ({"columns": 1}, "keys columns and rows"),
+        ({"columns": 2, "rows": 2}, "6 in all, found 2 and 2"),
+        ({"kind": "charuco"}, "keys marker_mm and dictionary"),
+    ],
+)
 def test_impossible_board_gets_its_sentence(keys, words):
     with pytest.raises(InputError, match=words):
         Board.of({"kind": "chessboard", "columns": 9, "rows": 6, "square_mm": 5.0} | keys)
 
 
 def test_board_of_keys_and_its_points():
-    board = Board.of({"kind": "circles", "asymmetric": True, "columns": 4, "rows": 11, "square_mm": 20.0, "fixed_to": "tool"})
+    board = Board.of(
+        {
+            "kind": "circles",
+            "asymmetric": True,
+            "columns": 4,
+            "rows": 11,
+            "square_mm": 20.0,
+            "fixed_to": "tool",
+        }
+    )
     assert board.kind == "asymmetric-circles" and board.points.shape == (3, 44)
-    np.testing.assert_array_equal(board.points[:, [0, 1, 4, 43]].T, [[0, 0, 0], [40, 0, 0], [20, 20, 0], [120, 200, 0]])
+    np.testing.assert_array_equal(
+        board.points[:, [0, 1, 4, 43]].T, [[0, 0, 0], [40, 0, 0], [20, 20, 0], [120, 200, 0]]
+    )
     assert CHESS.half_diagonal == pytest.approx(np.hypot(80, 50) / 2)
-    turns = [b.turns for b in (CHESS, replace(CHESS, columns=8), replace(CHESS, rows=9), replace(CHESS, columns=6), CIRCLES,
-                               replace(CIRCLES, rows=8), ASYMMETRIC, replace(ASYMMETRIC, rows=10), CHARUCO)]
+    turns = [
+        b.turns
+        for b in (
+            CHESS,
+            replace(CHESS, columns=8),
+            replace(CHESS, rows=9),
+            replace(CHESS, columns=6),
+            CIRCLES,
+            replace(CIRCLES, rows=8),
+            ASYMMETRIC,
+            replace(ASYMMETRIC, rows=10),
+            CHARUCO,
+        )
+    ]
     assert turns == [1, 2, 2, 4, 2, 4, 1, 2, 1]
 
 
@@ -236,31 +328,64 @@ def recording(folder, named, board=CHESS):
     """A recording in memory of pictures by their names."""
     for name, picture in named.items():
         cv2.imwrite(str(folder / name), picture)
-    rows = tuple({"image": name, "role": "board", "placement": name[0], "time_s": 1.0} for name in named)
-    keys = {"kind": board.kind, "columns": board.columns, "rows": board.rows, "square_mm": board.square_mm}
+    rows = tuple(
+        {"image": name, "role": "board", "placement": name[0], "time_s": 1.0} for name in named
+    )
+    keys = {
+        "kind": board.kind,
+        "columns": board.columns,
+        "rows": board.rows,
+        "square_mm": board.square_mm,
+    }
     return Recording("board-images", {}, {}, images=rows, board=keys, name="cell-4", folder=folder)
 
 
 def test_all_pictures_of_a_recording(tmp_path):
     """Each is a view or has its reason; progress is told after every one."""
     one, two = (render(CHESS, homography(CHESS, turn=turn), noise=2) for turn in (0.1, 0.3))
-    named = {"a.png": one, "b.png": two, "c.png": one, "d.png": 0 * one, "e.png": one.T.copy(), "f.png": np.dstack([two // 2] * 3)}
+    named = {
+        "a.png": one,
+        "b.png": two,
+        "c.png": one,
+        "d.png": 0 * one,
+        "e.png": one.T.copy(),
+        "f.png": np.dstack([two // 2] * 3),
+    }
     made, told = recording(tmp_path, named), []
-    made = replace(made, images=(*made.images, made.images[1], {"image": "x.png", "role": "scan", "scan": "1"}))
+    made = replace(
+        made, images=(*made.images, made.images[1], {"image": "x.png", "role": "scan", "scan": "1"})
+    )
     found = detect_all(made, lambda *done: told.append(done))
     assert [v.image for v in found.views] == ["a.png", "b.png", "f.png"] and found.size == SIZE
     assert {r.image: r.why.split(":")[0] for r in found.rejected} == {
-        "b.png": "listed twice", "c.png": "the same pixels as a.png", "d.png": "all black", "e.png": "wrong size"}
-    assert found.views[0].placement == "a" and found.views[0].row["time_s"] == 1.0 and found.views[2].note == "three equal channels"
+        "b.png": "listed twice",
+        "c.png": "the same pixels as a.png",
+        "d.png": "all black",
+        "e.png": "wrong size",
+    }
+    assert (
+        found.views[0].placement == "a"
+        and found.views[0].row["time_s"] == 1.0
+        and found.views[2].note == "three equal channels"
+    )
     assert told[-1] == (7, 7, "b.png") and [t[0] for t in told] == list(range(1, 8))
 
 
 def test_no_picture_with_the_board_gets_one_sentence(tmp_path):
-    made = recording(tmp_path, {"a.png": render(CHESS, homography(CHESS), noise=2)}, without(CHESS, columns=1))
-    with pytest.raises(InputError, match=r"cell-4/recording.toml, \[board\]: expected 10 x 6 chessboard.*found 9 x 6 in 1 of 1; correct columns and rows"):
+    made = recording(
+        tmp_path, {"a.png": render(CHESS, homography(CHESS), noise=2)}, without(CHESS, columns=1)
+    )
+    with pytest.raises(
+        InputError,
+        match=r"cell-4/recording.toml, \[board\]: expected 10 x 6 chessboard.*found 9 x 6 in 1 of 1; correct columns and rows",
+    ):
         detect_all(made)
-    with pytest.raises(InputError, match=r"found it in none of 1 \(a.png: no grid of circles found"):
-        detect_all(recording(tmp_path, {"a.png": render(CHESS, homography(CHESS), noise=2)}, CIRCLES))
+    with pytest.raises(
+        InputError, match=r"found it in none of 1 \(a.png: no grid of circles found"
+    ):
+        detect_all(
+            recording(tmp_path, {"a.png": render(CHESS, homography(CHESS), noise=2)}, CIRCLES)
+        )
     with pytest.raises(InputError, match=r"key \[board\]: expected this section"):
         detect_all(replace(made, board=None))
     with pytest.raises(InputError, match="column role: expected pictures of a board, found none"):
@@ -271,9 +396,16 @@ def test_no_picture_with_the_board_gets_one_sentence(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "count", "limit"), [
-    ("opencv_stereo_chess:left", 13, 0.20), ("opencv_stereo_chess:right", 13, 0.20), ("linelaser_circlegrid_zhao", 12, 0.10),
-    ("handeye_open3dv:in-hand", 8, 0.03), ("handeye_open3dv:to-hand", 5, 0.04)])
+@pytest.mark.parametrize(
+    ("name", "count", "limit"),
+    [
+        ("opencv_stereo_chess:left", 13, 0.20),
+        ("opencv_stereo_chess:right", 13, 0.20),
+        ("linelaser_circlegrid_zhao", 12, 0.10),
+        ("handeye_open3dv:in-hand", 8, 0.03),
+        ("handeye_open3dv:to-hand", 5, 0.04),
+    ],
+)
 def test_real_pictures(real, name, count, limit):
     """Every board is found, whole, and plain OpenCV fits a camera to its places within the limit (px, as OpenCV counts)."""
     import datasets
@@ -283,5 +415,7 @@ def test_real_pictures(real, name, count, limit):
     assert len(found.views) == count and not found.rejected
     assert all(len(v.index) == found.board.count for v in found.views)
     points = [found.board.points.T[v.index].astype(np.float32) for v in found.views]
-    rms = cv2.calibrateCamera(points, [v.pixels.T.astype(np.float32) for v in found.views], found.size, None, None)[0]
+    rms = cv2.calibrateCamera(
+        points, [v.pixels.T.astype(np.float32) for v in found.views], found.size, None, None
+    )[0]
     assert rms < limit

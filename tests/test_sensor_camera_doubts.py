@@ -17,12 +17,30 @@ from test_sensor_camera import BOARD, calibrated, views_of
 from workbench.core.rigid import rotation_matrix
 
 
-def seen_by(project, rng, board=BOARD, count=25, size=(1280, 1024), near=(70, 120), across=(60, 45), turns=(0.0,), noise=0.05,
-            points=None, tilt=0.6):
+def seen_by(
+    project,
+    rng,
+    board=BOARD,
+    count=25,
+    size=(1280, 1024),
+    near=(70, 120),
+    across=(60, 45),
+    turns=(0.0,),
+    noise=0.05,
+    points=None,
+    tilt=0.6,
+):
     """Views of boards with noise through any lens: project (3, n) camera frame -> (2, n) px; 30 corners in the picture."""
     points, views = board.points if points is None else points, []
     while len(views) < count:
-        turn = rotation_matrix(np.array([[*rng.uniform(-tilt, tilt, 2), 0], [0, 0, rng.choice(turns) + rng.uniform(-0.2, 0.2)]]))
+        turn = rotation_matrix(
+            np.array(
+                [
+                    [*rng.uniform(-tilt, tilt, 2), 0],
+                    [0, 0, rng.choice(turns) + rng.uniform(-0.2, 0.2)],
+                ]
+            )
+        )
         away = np.r_[rng.uniform(-1, 1, 2) * across, rng.uniform(*near)]
         there = turn[0] @ turn[1] @ (points - board.middle[:, None]) + away[:, None]
         if (there[2] < 5).any():
@@ -31,7 +49,16 @@ def seen_by(project, rng, board=BOARD, count=25, size=(1280, 1024), near=(70, 12
         inside = np.flatnonzero(((pixels > 3) & (pixels < np.array(size)[:, None] - 4)).all(0))
         if inside.size >= 30:
             noisy = pixels[:, inside] + rng.normal(0, noise, (2, inside.size))
-            views.append(View(f"{len(views)}.png", f"p{len(views)}", inside, noisy, size, np.full(inside.size, noise)))
+            views.append(
+                View(
+                    f"{len(views)}.png",
+                    f"p{len(views)}",
+                    inside,
+                    noisy,
+                    size,
+                    np.full(inside.size, noise),
+                )
+            )
     return views
 
 
@@ -41,7 +68,9 @@ def fisheye(points):
 
     matrix = np.array([[500.0, 0, 640], [0, 500, 512], [0, 0, 1]])
     lens = np.array([0.02, 0.005, -0.003, 0.0005])
-    return cv2.fisheye.projectPoints(points.T[:, None].copy(), np.zeros(3), np.zeros(3), matrix, lens)[0][:, 0].T
+    return cv2.fisheye.projectPoints(
+        points.T[:, None].copy(), np.zeros(3), np.zeros(3), matrix, lens
+    )[0][:, 0].T
 
 
 def test_a_lens_of_94_degrees_loses_no_picture():
@@ -59,7 +88,9 @@ def test_a_shuffled_picture_through_a_wide_lens_is_still_named():
     views = seen_by(wide.project, rng, Board("chessboard", 11, 8, 5.0))
     views[4] = replace(views[4], index=rng.permutation(views[4].index))
     made = calibrate_camera(views, Board("chessboard", 11, 8, 5.0), wide.size, folds=0)
-    assert [one.image for one in made.rejected] == ["4.png"] and "explains these corners" in made.rejected[0].why
+    assert [one.image for one in made.rejected] == [
+        "4.png"
+    ] and "explains these corners" in made.rejected[0].why
 
 
 @pytest.mark.parametrize("near, across", [((60, 120), (80, 60)), ((25, 50), (25, 20))])
@@ -69,11 +100,15 @@ def test_of_a_fisheye_the_model_is_blamed_and_not_the_pictures(near, across):
     made = calibrate_camera(views, board, (1280, 1024), folds=0)
     assert len(made.views) == 25 and not made.rejected
     assert sum(made.left_out.values()) < 0.05 * sum(len(view.index) for view in views)
-    assert made.lens.p_value < 1e-6 and any("the lens is not of the model fitted" in one for one in made.remarks)
+    assert made.lens.p_value < 1e-6 and any(
+        "the lens is not of the model fitted" in one for one in made.remarks
+    )
 
 
 def test_the_map_of_the_lens_says_nothing_by_chance():
-    p_values = [calibrated(views_of(np.random.default_rng(300 + k), 12)[0]).lens.p_value for k in range(40)]
+    p_values = [
+        calibrated(views_of(np.random.default_rng(300 + k), 12)[0]).lens.p_value for k in range(40)
+    ]
     assert min(p_values) > 1e-3
 
 
@@ -82,15 +117,26 @@ def square_views(rng, bow, count=20):
     board = Board("chessboard", 8, 8, 5.0)
     x, y = (board.points - board.middle[:, None])[:2] / board.half_diagonal
     bowed = board.points + np.stack([0 * x, 0 * x, bow[0] * x * x + bow[1] * y * y])
-    views = seen_by(CAMERA.project, rng, board, count, near=(125, 165), across=(8, 6), points=bowed,
-                    turns=np.arange(4) * np.pi / 2)
+    views = seen_by(
+        CAMERA.project,
+        rng,
+        board,
+        count,
+        near=(125, 165),
+        across=(8, 6),
+        points=bowed,
+        turns=np.arange(4) * np.pi / 2,
+    )
 
     def to_the_right(view):
         grid = np.full(board.count, np.nan)
         grid[view.index] = view.pixels[0]
         return np.nansum(np.diff(grid.reshape(8, 8), axis=1))
 
-    return [max((boards.relabelled(view, board, k) for k in range(4)), key=to_the_right) for view in views], board
+    return [
+        max((boards.relabelled(view, board, k) for k in range(4)), key=to_the_right)
+        for view in views
+    ], board
 
 
 def test_a_square_board_is_turned_as_its_bow_tells():
@@ -103,7 +149,9 @@ def test_a_square_board_is_turned_as_its_bow_tells():
         anisotropy.append(abs(made.bow.parameters["xx"] - made.bow.parameters["yy"]))
         assert made.rms_px == pytest.approx(0.05 * np.sqrt(2), rel=0.05)
         assert not made.remarks and made.std["camera.fx"] < 0.8
-    assert np.sqrt(np.mean(np.square(pulls))) < 1.7 and anisotropy == pytest.approx([0.07] * 8, abs=0.005)
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.7 and anisotropy == pytest.approx(
+        [0.07] * 8, abs=0.005
+    )
 
 
 def test_a_square_board_without_a_bow_stays_as_it_was_numbered():
@@ -113,14 +161,20 @@ def test_a_square_board_without_a_bow_stays_as_it_was_numbered():
         made = calibrate_camera(views, board, CAMERA.size, folds=0)
         given = {view.image: view.index for view in views}
         assert all((view.index == given[view.image]).all() for view in made.views)
-        assert all(abs(made.bow.parameters[name]) < 4 * made.bow.std[name] for name in ("xx", "yy", "xy"))
+        assert all(
+            abs(made.bow.parameters[name]) < 4 * made.bow.std[name] for name in ("xx", "yy", "xy")
+        )
 
 
 def printed_views(rng, sigma):
     """20 views of one board whose corners are off by `sigma` mm in the plane, and differently for every call."""
     board = Board("chessboard", 11, 8, 5.0)
-    points = board.points + np.r_[rng.normal(0, sigma, (2, board.count)), np.zeros((1, board.count))]
-    return seen_by(CAMERA.project, rng, board, 20, near=(115, 165), across=(8, 6), points=points), board
+    points = (
+        board.points + np.r_[rng.normal(0, sigma, (2, board.count)), np.zeros((1, board.count))]
+    )
+    return seen_by(
+        CAMERA.project, rng, board, 20, near=(115, 165), across=(8, 6), points=points
+    ), board
 
 
 def test_errors_of_the_print_are_found_and_in_the_sigmas():
@@ -129,10 +183,18 @@ def test_errors_of_the_print_are_found_and_in_the_sigmas():
     for seed in range(25):
         views, board = printed_views(np.random.default_rng(seed), 0.005)
         made = calibrate_camera(views, board, CAMERA.size, folds=0)
-        assert made.printed.p_value < 1e-6 and any("off by the same in all pictures" in one for one in made.remarks)
+        assert made.printed.p_value < 1e-6 and any(
+            "off by the same in all pictures" in one for one in made.remarks
+        )
         assert made.printed.sigma_mm == pytest.approx(0.005, rel=0.35)
         off = made.camera.values - CAMERA.values
-        pulls.append(off / [made.std[f"camera.{name}"] for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")])
+        pulls.append(
+            off
+            / [
+                made.std[f"camera.{name}"]
+                for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+            ]
+        )
         plain.append(off / np.sqrt(np.diag(made.fit.covariance)[:9]))
         assert (np.diag(made.covariance) >= np.diag(made.fit.covariance) * (1 - 1e-9)).all()
     root = np.sqrt(np.mean(np.square(pulls), axis=0))
@@ -146,7 +208,10 @@ def test_the_test_of_the_print_is_right_under_noise_alone():
     for seed in range(200):
         views, board = printed_views(np.random.default_rng(1000 + seed), 0.0)
         p_values.append(calibrate_camera(views, board, CAMERA.size, folds=0).printed.p_value)
-    assert np.mean(p_values) == pytest.approx(0.5, abs=0.08) and np.mean(np.array(p_values) < 0.1) < 0.17
+    assert (
+        np.mean(p_values) == pytest.approx(0.5, abs=0.08)
+        and np.mean(np.array(p_values) < 0.1) < 0.17
+    )
 
 
 def test_what_is_undetermined_has_no_sigma():
@@ -161,10 +226,19 @@ def test_sigmas_that_do_not_hold_two_sigmas_away_are_not_stated():
     """Boards in one corner of the picture only: what trades distortion for the principal point is no parabola."""
     board, pulls = Board("chessboard", 11, 8, 5.0), []
     for seed in range(8):
-        views = seen_by(lambda points: CAMERA.project(points + np.array([[90], [70], [0]])), np.random.default_rng(seed), board,
-                        15, near=(680, 720), across=(5, 5), tilt=0.4)
+        views = seen_by(
+            lambda points: CAMERA.project(points + np.array([[90], [70], [0]])),
+            np.random.default_rng(seed),
+            board,
+            15,
+            near=(680, 720),
+            across=(5, 5),
+            tilt=0.4,
+        )
         made = calibrate_camera(views, board, CAMERA.size, folds=0)
-        assert made.curved is not None and any("no sigma holds for it" in one for one in made.undetermined)
+        assert made.curved is not None and any(
+            "no sigma holds for it" in one for one in made.undetermined
+        )
         assert np.isnan(made.std["camera.cx"]) and np.isfinite(made.std["camera.fx"])
         pulls.append((made.camera.fx - 3421) / made.std["camera.fx"])
     assert np.sqrt(np.mean(np.square(pulls))) < 1.7
@@ -176,14 +250,32 @@ def test_boards_tilted_by_a_degree_or_two_give_the_focal_length_its_sigma():
     x, y = (board.points - board.middle[:, None])[:2] / board.half_diagonal
     points = board.points + np.stack([0 * x, 0 * x, 0.05 * (x * x + y * y)])
     for seed in range(16):
-        views = seen_by(CAMERA.project, np.random.default_rng(seed), board, 15, near=(115, 160), across=(5, 5), tilt=0.04,
-                        points=points, turns=np.linspace(-3, 3, 30))
+        views = seen_by(
+            CAMERA.project,
+            np.random.default_rng(seed),
+            board,
+            15,
+            near=(115, 160),
+            across=(5, 5),
+            tilt=0.04,
+            points=points,
+            turns=np.linspace(-3, 3, 30),
+        )
         made = calibrate_camera(views, board, CAMERA.size, folds=0)
         pulls.append((made.camera.fx - 3421) / made.std["camera.fx"])
     assert np.sqrt(np.nanmean(np.square(pulls))) < 1.5 and np.isfinite(pulls).sum() >= 8
     for seed in (3, 9, 14, 15):  # whose own start ends at 4000 to 7000 px
-        views = seen_by(CAMERA.project, np.random.default_rng(seed), board, 12, near=(115, 160), across=(5, 5), tilt=0.03,
-                        points=points, turns=np.linspace(-3, 3, 30))
+        views = seen_by(
+            CAMERA.project,
+            np.random.default_rng(seed),
+            board,
+            12,
+            near=(115, 160),
+            across=(5, 5),
+            tilt=0.03,
+            points=points,
+            turns=np.linspace(-3, 3, 30),
+        )
         made = calibrate_camera(views, board, CAMERA.size, folds=0)
         assert made.fit.converged and abs(made.camera.fx - 3421) < 150
 
@@ -194,19 +286,34 @@ def test_a_long_valley_is_not_taken_for_the_end():
     from sensors.camera import start as camera_start
 
     board = Board("chessboard", 11, 8, 5.0)
-    views = seen_by(CAMERA.project, np.random.default_rng(3), board, 15, near=(115, 160), across=(5, 5), tilt=0.04)
+    views = seen_by(
+        CAMERA.project,
+        np.random.default_rng(3),
+        board,
+        15,
+        near=(115, 160),
+        across=(5, 5),
+        tilt=0.04,
+    )
     chain = camera_start.corner_chain(views, board, CAMERA.size)
     chosen, new = camera_start.spread(chain)
     far = Camera.of(np.r_[9000, 9000, chain.camera.values[2:]], CAMERA.size)
     poses = camera_start.first_poses(camera_start.homographies(chain, chosen, new), far.matrix)
-    solved, fit = camera_adjust.adjust(chain.moved(far, poses), (CATALOGUE["board-bow"]("artefact"),))
+    solved, fit = camera_adjust.adjust(
+        chain.moved(far, poses), (CATALOGUE["board-bow"]("artefact"),)
+    )
     assert not fit.converged or abs(solved.camera.fx - 3421) < 100
 
 
 def test_the_same_corners_twice_count_once():
     views, _ = views_of(np.random.default_rng(0), 12)
-    made, twice = calibrated(views), calibrated([*views, replace(views[3], image="copy.png", placement="other")])
-    assert [str(one) for one in twice.rejected] == ["copy.png: the same corners as 3.png, which would count twice"]
+    made, twice = (
+        calibrated(views),
+        calibrated([*views, replace(views[3], image="copy.png", placement="other")]),
+    )
+    assert [str(one) for one in twice.rejected] == [
+        "copy.png: the same corners as 3.png, which would count twice"
+    ]
     assert twice.std == made.std and len(twice.views) == 12
 
 
@@ -241,14 +348,24 @@ def test_derivatives_of_a_circles_middle_are_those_of_its_residual():
     target = chain.evaluate(chain.camera.values, {}).rows("target", np.arange(3))
     corner = replace(chain, radius=0.0).evaluate(chain.camera.values, {}).family_rows("placement")
     for k, step in enumerate([1e-4] * 3 + [1e-6] * 3):
-        sides = [chain.with_families({"placement": chain.poses + sign * step * np.eye(6)[k]}) for sign in (1, -1)]
+        sides = [
+            chain.with_families({"placement": chain.poses + sign * step * np.eye(6)[k]})
+            for sign in (1, -1)
+        ]
         up, down = (side.evaluate(chain.camera.values, {}).residual for side in sides)
         numeric, circle = (up - down) / (2 * step), np.abs(rows[k] - corner[k]).max()
         assert np.abs(numeric - rows[k]).max() < 0.02 * circle + 1e-6 * np.abs(rows[k]).max()
     for k in range(3):
-        moved = [chain.evaluate(chain.camera.values, {"target": (np.array([k]), np.full((1, chain.pixels.shape[1]), d))})
-                 for d in (1e-4, -1e-4)]
-        assert (moved[0].residual - moved[1].residual) / 2e-4 == pytest.approx(target[k], abs=1e-5 * np.abs(target[k]).max())
+        moved = [
+            chain.evaluate(
+                chain.camera.values,
+                {"target": (np.array([k]), np.full((1, chain.pixels.shape[1]), d))},
+            )
+            for d in (1e-4, -1e-4)
+        ]
+        assert (moved[0].residual - moved[1].residual) / 2e-4 == pytest.approx(
+            target[k], abs=1e-5 * np.abs(target[k]).max()
+        )
 
 
 def test_halves_that_differ_by_a_chance_below_one_in_a_hundred_are_remarked_on():
@@ -261,4 +378,8 @@ def test_halves_that_differ_by_a_chance_below_one_in_a_hundred_are_remarked_on()
     for chance, said in ((0.005, 1), (0.02, 0)):
         halves = replace(made.halves, chi_square=float(chi2.isf(chance, made.halves.numbers)))
         remarks = _remarks(replace(made, halves=halves), 2)
-        assert sum(f"chance does so with probability {chance:g}" in one for one in remarks) == said == len(remarks)
+        assert (
+            sum(f"chance does so with probability {chance:g}" in one for one in remarks)
+            == said
+            == len(remarks)
+        )

@@ -52,7 +52,9 @@ def test_a_clipped_line_of_twelve_bits_is_found_without_its_clipped_pixels(left,
     assert 0.8 < np.mean(((found.centre - TRUTH[found.line]) / found.sigma) ** 2) < 1.25
 
 
-@pytest.mark.parametrize(("kind", "level"), [(np.uint8, 230), (np.uint16, 3800), (np.float32, 3800)])
+@pytest.mark.parametrize(
+    ("kind", "level"), [(np.uint8, 230), (np.uint16, 3800), (np.float32, 3800)]
+)
 @pytest.mark.parametrize("width", [0.8, 2.0])
 def test_values_that_pile_up_below_full_scale_are_clipped(kind, level, width):
     light = lit(1.3 * level, width, noise=level / 400, ground=level / 40)
@@ -65,7 +67,9 @@ def test_values_that_pile_up_below_full_scale_are_clipped(kind, level, width):
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3, 3.0])
-@pytest.mark.parametrize(("kind", "peak"), [(np.uint8, 30), (np.uint8, 180), (np.uint16, 3000), (np.float32, 3000)])
+@pytest.mark.parametrize(
+    ("kind", "peak"), [(np.uint8, 30), (np.uint8, 180), (np.uint16, 3000), (np.float32, 3000)]
+)
 @pytest.mark.parametrize("width", [0.8, 2.0, 6.0])
 @pytest.mark.parametrize("slope", [True, False])
 def test_a_line_that_is_not_clipped_is_not_said_to_be(kind, peak, noise, width, slope):
@@ -92,7 +96,9 @@ def recorded(folder, pictures, role, **more) -> Recording:
     """A recording in `folder` of pictures by name."""
     for name, picture in pictures.items():
         assert cv2.imwrite(str(folder / name), picture)
-    rows = tuple({"image": name, "role": role, "step": step, **more} for step, name in enumerate(pictures))
+    rows = tuple(
+        {"image": name, "role": role, "step": step, **more} for step, name in enumerate(pictures)
+    )
     return Recording("scan-images", {}, {}, images=rows, name="cell-4", folder=folder)
 
 
@@ -127,13 +133,21 @@ def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, 
 
     told = passed_on(monkeypatch, workbench.jobs.scan)
     pictures = twelve_bits(left)
-    made = recorded(tmp_path, {f"{k}.png": picture for k, picture in enumerate(pictures)}, "scan", scan="1")
+    made = recorded(
+        tmp_path, {f"{k}.png": picture for k, picture in enumerate(pictures)}, "scan", scan="1"
+    )
     camera = Camera(900.0, 900.0, 127.0, 127.0, (0.0,) * 5, (SIDE, SIDE))
-    write_scanner(Scanner(camera, np.arange(2), np.array([[0, 0, 1, -100.0]] * 2).T), tmp_path / "scanner.toml")
+    write_scanner(
+        Scanner(camera, np.arange(2), np.array([[0, 0, 1, -100.0]] * 2).T),
+        tmp_path / "scanner.toml",
+    )
     scan(made, tmp_path / "scanner.toml", tmp_path, lambda text: None)
     cloud = open3d.io.read_point_cloud(str(tmp_path / "clouds" / "1.ply"))
     u, v = camera.project(np.asarray(cloud.points).T)
-    assert len(u) > 0.95 * 2 * SIDE and np.sqrt(np.mean((u - TRUTH[np.rint(v).astype(int)]) ** 2)) < 0.005
+    assert (
+        len(u) > 0.95 * 2 * SIDE
+        and np.sqrt(np.mean((u - TRUTH[np.rint(v).astype(int)]) ** 2)) < 0.005
+    )
     assert set(told) == {full}
 
 
@@ -146,7 +160,15 @@ def test_stripes_on_boards_know_the_full_scale_of_their_camera(tmp_path, monkeyp
     made = recorded(tmp_path, pictures, "board-laser", placement="1")
     assert cv2.imwrite(str(tmp_path / "dark.png"), twelve_bits(left, peak=0.0, frames=1, seed=1)[0])
     pixels = np.stack(np.meshgrid(np.linspace(30, 225, 9), np.linspace(30, 225, 9))).reshape(2, 81)
-    view = View("dark.png", "1", np.arange(81), pixels, (SIDE, SIDE), np.full(81, 0.1), row={"image": "dark.png"})
+    view = View(
+        "dark.png",
+        "1",
+        np.arange(81),
+        pixels,
+        (SIDE, SIDE),
+        np.full(81, 0.1),
+        row={"image": "dark.png"},
+    )
     found = board_stripes(made, [(view, list(made.images))], BOARD, lambda text: None)
     u, v = found.pixels
     assert found.n > 300 and np.sqrt(np.mean((u - TRUTH[v.astype(int)]) ** 2)) < 0.005

@@ -38,11 +38,21 @@ CASES = (
     ("ball-position", "ball-2", {}),
     ("ball-radius", "ball-2", {}),
     ("artefact-expansion", "artefact", {}),
-    ("noise-heteroscedastic", "noise", {"covariate": "incidence_deg", "mean": 30.0, "spread": 20.0}),
+    (
+        "noise-heteroscedastic",
+        "noise",
+        {"covariate": "incidence_deg", "mean": 30.0, "spread": 20.0},
+    ),
     ("noise-heteroscedastic", "noise", {"covariate": "exposure_ms", "mean": 2.0}),
 )
-NEEDS = {"mirror-hysteresis": "sweep", "frame-sync": "mirror_speed_deg_s", "noise-heteroscedastic": "exposure_ms"}
-EVERY = pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(str(part) for part in (case[0], *case[2])))
+NEEDS = {
+    "mirror-hysteresis": "sweep",
+    "frame-sync": "mirror_speed_deg_s",
+    "noise-heteroscedastic": "exposure_ms",
+}
+EVERY = pytest.mark.parametrize(
+    "case", CASES, ids=lambda case: "-".join(str(part) for part in (case[0], *case[2]))
+)
 
 
 @dataclass
@@ -68,17 +78,34 @@ def observations(n=60, seed=5) -> SensorState:
     tilts = rng.normal(size=(3, n)) * 0.1 + np.array([[0.9], [0], [0.4]])
     tilts /= np.linalg.norm(tilts, axis=0)
     planes = np.vstack([tilts, -(tilts * points).sum(0)])
-    covariates = {"sweep": rng.choice([-1.0, 1.0], n), "mirror_speed_deg_s": rng.normal(0, 3, n), "time_s": np.arange(n) * 1.0,
-                  "exposure_ms": rng.uniform(1, 3, n), "temperature_c": rng.uniform(18, 30, n)}  # fmt: skip
+    covariates = {
+        "sweep": rng.choice([-1.0, 1.0], n),
+        "mirror_speed_deg_s": rng.normal(0, 3, n),
+        "time_s": np.arange(n) * 1.0,
+        "exposure_ms": rng.uniform(1, 3, n),
+        "temperature_c": rng.uniform(18, 30, n),
+    }
     board = rng.uniform(-0.7, 0.7, (2, n))
-    return SensorState(CAMERA, pixels, points, planes, rng.uniform(-0.2, 0.2, n), board, normals,
-                       rng.integers(0, 4, n), covariates, rng.uniform(0, 90, (3, n)))  # fmt: skip
+    return SensorState(
+        CAMERA,
+        pixels,
+        points,
+        planes,
+        rng.uniform(-0.2, 0.2, n),
+        board,
+        normals,
+        rng.integers(0, 4, n),
+        covariates,
+        rng.uniform(0, 90, (3, n)),
+    )
 
 
 def corners(n=10) -> SensorState:
     """Board corners: no light plane, no mirror, no ball."""
     state = observations(n)
-    return replace(state, planes=np.full((4, n), np.nan), mirror=np.full(n, np.nan), ball=np.zeros(n, int))
+    return replace(
+        state, planes=np.full((4, n), np.nan), mirror=np.full(n, np.nan), ball=np.zeros(n, int)
+    )
 
 
 def made(case, state=None) -> tuple[Effect, Bench, int]:
@@ -116,7 +143,11 @@ def test_slots_lie_in_the_port_and_match_the_shapes(case):
     slots = effect.slots(bench)
     assert len(set(slots)) == len(slots) > 0 and set(slots) <= set(range(PORT_SIZES[effect.port]))
     assert effect.delta(np.ones(count), bench.state).shape == (len(slots), bench.state.n)
-    assert effect.derivative(np.ones(count), bench.state).shape == (count, len(slots), bench.state.n)
+    assert effect.derivative(np.ones(count), bench.state).shape == (
+        count,
+        len(slots),
+        bench.state.n,
+    )
 
 
 @EVERY
@@ -133,7 +164,9 @@ def test_its_derivative_is_that_of_its_delta(case, size):
     effect, bench, count = made(case)
     sizes = np.array([p.typical for p in effect.parameters(bench)])
     found = effect.derivative(size * sizes, bench.state)
-    expected = numeric_derivative(lambda p: effect.delta(p, bench.state), size * sizes, 1e-3 * sizes)
+    expected = numeric_derivative(
+        lambda p: effect.delta(p, bench.state), size * sizes, 1e-3 * sizes
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
 
 
@@ -172,10 +205,19 @@ def test_a_ball_that_is_not_there_is_a_sentence():
         absent.parameters(bench)
 
 
-@pytest.mark.parametrize("case", [("plane-bow", "laser", {"apex_mm": [1.0]}), ("window-refraction", "camera", {"index": 0.5}),
-                                  ("lens-residual", "camera", {"degree": 9}), ("mirror-encoder-harmonic", "mirror", {"order": 0})])
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("plane-bow", "laser", {"apex_mm": [1.0]}),
+        ("window-refraction", "camera", {"index": 0.5}),
+        ("lens-residual", "camera", {"degree": 9}),
+        ("mirror-encoder-harmonic", "mirror", {"order": 0}),
+    ],
+)
 def test_an_impossible_option_is_a_sentence(case):
-    with pytest.raises(InputError, match=f"effect '{case[0]}', option {next(iter(case[2]))}: expected"):
+    with pytest.raises(
+        InputError, match=f"effect '{case[0]}', option {next(iter(case[2]))}: expected"
+    ):
         make_effects(CATALOGUE, [case])
 
 
@@ -202,12 +244,24 @@ def test_the_lens_residual_holds_nothing_that_brown_and_a_pose_make():
     state, (x, y), half = circle_state(200_000)
     x, y = x / half, y / half
     r2, one, none = x * x + y * y, np.ones_like(x), np.zeros_like(x)
-    taken = [(one, none), (none, one), (x, none), (none, y), (-y, x), (x * x, x * y), (x * y, y * y),
-             (2 * x * y, r2 + 2 * y * y), (r2 + 2 * x * x, 2 * x * y), (x * r2, y * r2)]  # fmt: skip
+    taken = [
+        (one, none),
+        (none, one),
+        (x, none),
+        (none, y),
+        (-y, x),
+        (x * x, x * y),
+        (x * y, y * y),
+        (2 * x * y, r2 + 2 * y * y),
+        (r2 + 2 * x * x, 2 * x * y),
+        (x * r2, y * r2),
+    ]
     taken = np.array(taken).reshape(len(taken), -1)
     (effect,) = make_effects(CATALOGUE, [("lens-residual", "camera", {"degree": 4})])
     mine = effect.basis(state).reshape(len(effect.terms), -1)
-    cosine = (mine @ taken.T) / np.outer(np.linalg.norm(mine, axis=1), np.linalg.norm(taken, axis=1))
+    cosine = (mine @ taken.T) / np.outer(
+        np.linalg.norm(mine, axis=1), np.linalg.norm(taken, axis=1)
+    )
     assert np.abs(cosine).max() < 0.01  # what 200,000 random pixels leave
     assert np.linalg.cond(mine @ mine.T) < 100
 
@@ -220,11 +274,17 @@ def test_a_window_moves_the_ray_as_snells_law_does():
     sine = np.hypot(*rays[:2])
     inside = np.arcsin(sine / index)
     depth = 20.0  # where the window begins does not matter
-    radial = depth * sine / rays[2] + thickness * np.tan(inside) + (state.points[2] - depth - thickness) * sine / rays[2]
+    radial = (
+        depth * sine / rays[2]
+        + thickness * np.tan(inside)
+        + (state.points[2] - depth - thickness) * sine / rays[2]
+    )
     reached = np.stack([rays[0] / sine * radial, rays[1] / sine * radial, state.points[2]])
     moved = rays + effect.delta(np.array([thickness]), state)
     flat = moved[:2] / moved[2] * state.points[2]
-    np.testing.assert_allclose(flat, reached[:2], atol=1e-3)  # of 0.4 mm: first order in thickness over range
+    np.testing.assert_allclose(
+        flat, reached[:2], atol=1e-3
+    )  # of 0.4 mm: first order in thickness over range
 
 
 def test_a_bowed_sheet_departs_with_the_square_of_the_place_along_the_stripe():
@@ -241,7 +301,9 @@ def test_a_cone_is_what_the_bow_with_an_apex_makes_of_the_plane():
     angle, place = 0.01, np.linspace(-20, 20, 41)
     points = np.stack([np.tan(angle) * np.hypot(place, 150), place, np.full(41, 150.0)])
     normal = np.array([np.cos(angle), 0, -np.sin(angle)])
-    state = replace(observations(41), points=points, planes=np.tile(np.append(normal, 0.0)[:, None], 41))
+    state = replace(
+        observations(41), points=points, planes=np.tile(np.append(normal, 0.0)[:, None], 41)
+    )
     (effect,) = make_effects(CATALOGUE, [("plane-bow", "laser", {"apex_mm": [0.0, 0.0, 0.0]})])
     bend = effect.delta(np.array([-angle]), state)[0] * state.along**2
     np.testing.assert_allclose(normal @ points + bend, 0, atol=2e-4)
@@ -251,7 +313,9 @@ def test_a_cone_is_what_the_bow_with_an_apex_makes_of_the_plane():
 def test_wobble_keeps_the_normal_a_unit_one_to_first_order():
     effect, bench, count = made(("mirror-wobble", "mirror", {}))
     tilts = effect.basis(bench.state)[:, :3]
-    np.testing.assert_allclose(np.einsum("pin,in->pn", tilts, bench.state.planes[:3]), 0, atol=1e-15)
+    np.testing.assert_allclose(
+        np.einsum("pin,in->pn", tilts, bench.state.planes[:3]), 0, atol=1e-15
+    )
 
 
 def test_scatter_acts_on_balls_alone_and_inwards():
@@ -282,4 +346,6 @@ def test_heat_is_taken_from_the_camera_the_room_or_the_clock():
         ({"temperature_c": room, "time_s": time}, room - 20),
         ({"time_s": time}, time / 3600),
     ):
-        np.testing.assert_allclose(effect.basis(replace(state, covariates=covariates))[1, 0], expected)
+        np.testing.assert_allclose(
+            effect.basis(replace(state, covariates=covariates))[1, 0], expected
+        )

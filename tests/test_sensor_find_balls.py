@@ -11,8 +11,13 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 
 TABLE = ([0, 0, 335], [300, 300, 10])
-BALLS = (([-40.0, -30, 300], 12.7), ([40.0, -30, 310], 12.7), ([40.0, 30, 290], 10.0),
-         ([-40.0, 30, 300], 12.7), ([-14.6, 30, 300], 12.7))  # fmt: skip
+BALLS = (
+    ([-40.0, -30, 300], 12.7),
+    ([40.0, -30, 310], 12.7),
+    ([40.0, 30, 290], 10.0),
+    ([-40.0, 30, 300], 12.7),
+    ([-14.6, 30, 300], 12.7),
+)
 NOISE = 0.02
 
 
@@ -37,9 +42,16 @@ def agree(found, balls, tolerance=0.01):
         assert min(gap) < tolerance and abs(found[int(np.argmin(gap))].radius - radius) < tolerance
 
 
-@pytest.mark.parametrize("options", [
-    {"radii": [12.7, 10.0]}, {"radii": [12.7, 10.0], "free": True}, {"between": (5.0, 30.0)}, {},
-], ids=["known", "known-but-fitted", "between", "unknown"])  # fmt: skip
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"radii": [12.7, 10.0]},
+        {"radii": [12.7, 10.0], "free": True},
+        {"between": (5.0, 30.0)},
+        {},
+    ],
+    ids=["known", "known-but-fitted", "between", "unknown"],
+)
 def test_balls_are_found_among_table_posts_and_blocks(plate, options):
     """Two touching balls too; known radii keep theirs."""
     found = find_balls(plate, **options)
@@ -66,14 +78,23 @@ def test_the_view_need_not_be_from_the_origin(plate):
     agree(found, [(turn @ centre + shift, radius) for centre, radius in BALLS])
 
 
-@pytest.mark.parametrize("options", [{"radii": 12.7}, {"between": (5.0, 40.0)}, {}], ids=["known", "between", "unknown"])
+@pytest.mark.parametrize(
+    "options", [{"radii": 12.7}, {"between": (5.0, 40.0)}, {}], ids=["known", "between", "unknown"]
+)
 def test_no_ball_is_seen_where_there_is_none(options):
     """A lying post of the ball's own radius with its round end, a block, a table."""
-    points = scene([], block(*TABLE), post([0, 0, 310], 12.7, 80, lying=True), block([60, -40, 325], [25, 25, 20]))
+    points = scene(
+        [],
+        block(*TABLE),
+        post([0, 0, 310], 12.7, 80, lying=True),
+        block([60, -40, 325], [25, 25, 20]),
+    )
     assert find_balls(points, **options) == []
 
 
-@pytest.mark.parametrize("options", [{"radii": 20.0}, {"between": (10.0, 40.0)}], ids=["known", "between"])
+@pytest.mark.parametrize(
+    "options", [{"radii": 20.0}, {"between": (10.0, 40.0)}], ids=["known", "between"]
+)
 def test_a_dome_with_something_inside_is_no_solid_ball(options):
     """A rounded shell of glass over a block; without the block it is a ball like any other."""
     dome = cap(6000, 1.0, 20.0) + [[0], [0], [300]]
@@ -103,14 +124,20 @@ def test_a_ball_cut_by_the_field_is_named():
     """At the border of an organised scan, or where the caller says that the field ends."""
     balls = [([70.0, 0, 210], 12.7), ([0.0, 0, 300], 12.7)]
     points = scene(balls, block(*TABLE))
-    for cloud, limit in ((points, None), (points.reshape(3, -1), np.indices(points.shape[1:])[1].ravel() == 319)):
+    for cloud, limit in (
+        (points, None),
+        (points.reshape(3, -1), np.indices(points.shape[1:])[1].ravel() == 319),
+    ):
         whole, cut = sorted(find_balls(cloud, 12.7, at_limit=limit), key=lambda one: one.cut)
         assert cut.cut and "cut by the field" in cut.outcome and abs(cut.centre[0] - 70) < 0.02
         assert not whole.cut and "cut" not in whole.outcome
 
 
 def test_empty_and_wrong_input():
-    assert find_balls(np.zeros((3, 0)), 5.0) == [] and find_balls(np.full((3, 40, 40), np.nan), 5.0) == []
+    assert (
+        find_balls(np.zeros((3, 0)), 5.0) == []
+        and find_balls(np.full((3, 40, 40), np.nan), 5.0) == []
+    )
     for arguments in ((np.zeros((10, 3)), 5.0), (np.zeros((3, 50)), -1.0)):
         with pytest.raises(InputError, match="expected .* found"):
             find_balls(*arguments)
@@ -152,14 +179,21 @@ def test_swapped_balls_are_named():
     assert found and found.swapped == ((1, 2),) and "balls 2 and 3 are swapped" in found.outcome
 
 
-@pytest.mark.parametrize(("found", "artefact", "count"), [
-    (np.array([[0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0.0]]).T, None, 8),
-    (ARTEFACT[:, :2], ARTEFACT, 2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("found", "artefact", "count"),
+    [
+        (np.array([[0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0.0]]).T, None, 8),
+        (ARTEFACT[:, :2], ARTEFACT, 2),
+    ],
+)
 def test_ambiguity_is_reported(found, artefact, count):
     """A square looks the same eight ways; two balls can always stand the other way round."""
     answer = match(found, found if artefact is None else artefact)
-    assert not answer and len(answer.others) == count - 1 and f"ambiguous: {count} assignments" in answer.outcome
+    assert (
+        not answer
+        and len(answer.others) == count - 1
+        and f"ambiguous: {count} assignments" in answer.outcome
+    )
 
 
 def test_a_mirror_image_is_no_match():

@@ -21,7 +21,12 @@ from workbench.core.rigid import inverse, transform
 
 
 def by_steps(function, values, step=1e-6):
-    return np.stack([(function(values + step * e) - function(values - step * e)) / (2 * step) for e in np.eye(len(values))])
+    return np.stack(
+        [
+            (function(values + step * e) - function(values - step * e)) / (2 * step)
+            for e in np.eye(len(values))
+        ]
+    )
 
 
 @pytest.mark.parametrize("kind", ["in-hand", "to-hand", "profiles"])
@@ -29,14 +34,39 @@ def test_derivatives_are_those_of_the_residual(kind):
     """Analytic rows of every shared parameter and of a pose's error agree with differences."""
     random = np.random.default_rng(3)
     flange = transform(Rotation.random(3, rng=1).as_matrix(), random.normal(0, 100, (3, 3)))
-    pose, values = random.integers(3, size=20), np.concatenate([random.normal(0, 5, 3), [1.0, 2, -1.5]])
+    pose, values = (
+        random.integers(3, size=20),
+        np.concatenate([random.normal(0, 5, 3), [1.0, 2, -1.5]]),
+    )
     if kind == "profiles":
-        chain = BallChain(random.normal(0, 30, (2, 20)), 400.0, flange, pose, random.normal(0, 0.1, (3, 4)), np.ones(20))
+        chain = BallChain(
+            random.normal(0, 30, (2, 20)),
+            400.0,
+            flange,
+            pose,
+            random.normal(0, 0.1, (3, 4)),
+            np.ones(20),
+        )
         values = np.concatenate([values, random.normal(0, 5, 3), [400.0, 0.05]])
     else:
-        chain = BoardChain(kind, CAMERA, random.normal(0, 50, (3, 20)), random.uniform(0, 1000, (2, 20)), flange, pose,
-                           random.normal(0, 0.1, (3, 6)), random.normal(0, 1e-2, (9, 2)), random.normal(0, 50, (3, 3)))
-        values = np.concatenate([values - [0, 0, 2000, 0, 0, 0], random.normal(0, 50, 3), [0.5, 0.7, -1, 0.02, 0.1, 0.2]])
+        chain = BoardChain(
+            kind,
+            CAMERA,
+            random.normal(0, 50, (3, 20)),
+            random.uniform(0, 1000, (2, 20)),
+            flange,
+            pose,
+            random.normal(0, 0.1, (3, 6)),
+            random.normal(0, 1e-2, (9, 2)),
+            random.normal(0, 50, (3, 3)),
+        )
+        values = np.concatenate(
+            [
+                values - [0, 0, 2000, 0, 0, 0],
+                random.normal(0, 50, 3),
+                [0.5, 0.7, -1, 0.02, 0.1, 0.2],
+            ]
+        )
     made = chain.evaluate(values)
     numeric = by_steps(lambda x: chain.evaluate(x).residual, values)
     np.testing.assert_allclose(made.shared, numeric, rtol=1e-6, atol=1e-6 * np.abs(numeric).max())
@@ -47,7 +77,9 @@ def test_derivatives_are_those_of_the_residual(kind):
         return replace(chain, errors=errors).evaluate(values).residual
 
     numeric = by_steps(moved, chain.errors[1])[..., pose == 1]
-    np.testing.assert_allclose(made.pose[..., pose == 1], numeric, rtol=1e-5, atol=1e-6 * np.abs(numeric).max())
+    np.testing.assert_allclose(
+        made.pose[..., pose == 1], numeric, rtol=1e-5, atol=1e-6 * np.abs(numeric).max()
+    )
 
 
 @pytest.mark.parametrize("kind", ["in-hand", "to-hand"])
@@ -55,7 +87,9 @@ def test_views_find_the_truth_within_four_sigma(kind):
     views, flange = pictures(1, kind)
     found = hand_eye_from_views(views, board(), CAMERA, flange, kind)
     assert np.abs(off(found.sensor) / np.sqrt(np.diag(found.covariance))).max() < 4
-    assert found.converged and not found.undetermined and not found.suspicions and not found.outliers
+    assert (
+        found.converged and not found.undetermined and not found.suspicions and not found.outliers
+    )
     assert found.noise == pytest.approx(NOISE, rel=0.1)
     assert found.robot_sigma["position_mm"] == pytest.approx(SHIFT, rel=0.5)
     assert found.held_out["centre_mm"] > found.fit["centre_mm"] > 0.1
@@ -66,7 +100,9 @@ def test_a_camera_with_its_covariance_is_adjusted_towards_the_truth():
     """A focal length that is 3 px off comes back by what the robot, a ruler in depth, says of it."""
     views, flange = pictures(2, shift=0.02, spin=3e-5)
     wrong = replace(CAMERA, fx=CAMERA.fx + 3, fy=CAMERA.fy + 3)
-    found = hand_eye_from_views(views, board(), wrong, flange, camera_covariance=camera_prior(wrong))
+    found = hand_eye_from_views(
+        views, board(), wrong, flange, camera_covariance=camera_prior(wrong)
+    )
     assert abs(found.camera.fx - CAMERA.fx) < 1.0
     assert np.abs(off(found.sensor) / np.sqrt(np.diag(found.covariance))).max() < 4
 
@@ -78,7 +114,9 @@ def test_no_closed_form_is_closer_to_the_truth():
     for seed in range(40, 48):
         views, flange = pictures(seed)
         ours.append(off(hand_eye_from_views(views, board(), CAMERA, flange).sensor)[:3])
-        for name, sensor in closed_forms(flange, seen_boards(views, board(), CAMERA), "in-hand").items():
+        for name, sensor in closed_forms(
+            flange, seen_boards(views, board(), CAMERA), "in-hand"
+        ).items():
             theirs.setdefault(name, []).append(off(sensor)[:3])
     assert len(theirs) == 7
     assert np.linalg.norm(ours) <= min(np.linalg.norm(rows) for rows in theirs.values())
@@ -100,8 +138,11 @@ def left_out_forms(views, target, camera, flange, kind):
         for name, sensor in closed_forms(flange[keep], seen[keep], kind).items():
             placed = placed_boards(flange, sensor, seen, kind)
             rows.setdefault(name, []).append(deviations(placed[[k]], target.points, placed[keep]))
-    return {name: board_scatter({key: np.concatenate([row[key] for row in every]) for key in every[0]})
-            for name, every in rows.items() if len(every) == len(views)}  # fmt: skip
+    return {
+        name: board_scatter({key: np.concatenate([row[key] for row in every]) for key in every[0]})
+        for name, every in rows.items()
+        if len(every) == len(views)
+    }
 
 
 @pytest.mark.slow
@@ -110,7 +151,9 @@ def test_sigmas_of_views_cover_the_truth():
     inside = []
     for seed in range(60):
         views, flange = pictures(100 + seed, "in-hand" if seed % 2 else "to-hand")
-        found = hand_eye_from_views(views, board(), CAMERA, flange, "in-hand" if seed % 2 else "to-hand")
+        found = hand_eye_from_views(
+            views, board(), CAMERA, flange, "in-hand" if seed % 2 else "to-hand"
+        )
         inside.append(np.abs(off(found.sensor)) < np.sqrt(np.diag(found.covariance)))
     assert np.mean(inside) == pytest.approx(0.68, abs=0.06)
 
@@ -121,7 +164,9 @@ def test_sigmas_of_profiles_cover_the_truth(weights):
     inside = []
     for seed in range(60):
         points, pose, flange = profiles(200 + seed)
-        found = hand_eye_from_profiles(points, pose, flange, 20.0, weights=weights, range_scale=False)
+        found = hand_eye_from_profiles(
+            points, pose, flange, 20.0, weights=weights, range_scale=False
+        )
         inside.append(np.abs(off(found.sensor)) < np.sqrt(np.diag(found.covariance)))
     assert np.mean(inside) == pytest.approx(0.68, abs=0.06)
 
@@ -144,7 +189,10 @@ def test_profiles_among_clutter_keep_the_ball():
     points, pose, flange = profiles(6)
     random = np.random.default_rng(0)
     clutter = np.stack([random.uniform(-60, 60, 900), np.zeros(900), random.uniform(60, 140, 900)])
-    every, whose = np.concatenate([points, clutter], 1), np.concatenate([pose, np.repeat(np.arange(12), 75)])
+    every, whose = (
+        np.concatenate([points, clutter], 1),
+        np.concatenate([pose, np.repeat(np.arange(12), 75)]),
+    )
     clean = hand_eye_from_profiles(points, pose, flange, 20.0, range_scale=False)
     found = hand_eye_from_profiles(every, whose, flange, 20.0, range_scale=False)
     assert np.abs(off(found.sensor, clean.sensor) / np.sqrt(np.diag(clean.covariance))).max() < 1
@@ -160,8 +208,12 @@ def test_a_stretched_profiler_is_found_by_its_held_out_error():
 
 MISTAKES = {
     "exchanged": lambda flange: flange[[0, 1, 7, 3, 4, 5, 6, 2, 8, 9, 10, 11]],
-    "in the order": lambda flange: turned(flange, lambda r: Rotation.from_euler("ZYX", r.as_euler("xyz"))),
-    "radians": lambda flange: turned(flange, lambda r: Rotation.from_euler("xyz", np.radians(r.as_euler("xyz")))),
+    "in the order": lambda flange: turned(
+        flange, lambda r: Rotation.from_euler("ZYX", r.as_euler("xyz"))
+    ),
+    "radians": lambda flange: turned(
+        flange, lambda r: Rotation.from_euler("xyz", np.radians(r.as_euler("xyz")))
+    ),
     "inverted": inverse,
     "metres": lambda flange: transform(flange[:, :3, :3], flange[:, :3, 3] / 1000),
     "one row": lambda flange: np.roll(flange, 1, 0),
@@ -175,8 +227,10 @@ def turned(flange, change):
 SLOW = ("inverted", "radians", "one row")
 
 
-@pytest.mark.parametrize("word", [pytest.param(word, marks=pytest.mark.slow) if word in SLOW else word
-                                  for word in MISTAKES])
+@pytest.mark.parametrize(
+    "word",
+    [pytest.param(word, marks=pytest.mark.slow) if word in SLOW else word for word in MISTAKES],
+)
 def test_mistakes_in_flange_poses_of_pictures_are_named(word):
     views, flange = pictures(10)
     found = hand_eye_from_views(views, board(), CAMERA, MISTAKES[word](flange))
@@ -245,11 +299,18 @@ def open3dv(real):
         folder, count, step = OPEN3DV[kind][:3]
         folder = real("handeye_open3dv") / folder
         rows = np.array([np.loadtxt(folder / f"pos{k}.txt")[:6] for k in range(count)])
-        flange = transform(Rotation.from_euler("xyz", rows[:, :3], degrees=True).as_matrix(), rows[:, 3:])
+        flange = transform(
+            Rotation.from_euler("xyz", rows[:, :3], degrees=True).as_matrix(), rows[:, 3:]
+        )
         target = Board("asymmetric-circles", 7, 11, step)
-        views = [detect(cv2.imread(str(folder / f"pos{k}.png"), cv2.IMREAD_GRAYSCALE), target) for k in range(count)]
+        views = [
+            detect(cv2.imread(str(folder / f"pos{k}.png"), cv2.IMREAD_GRAYSCALE), target)
+            for k in range(count)
+        ]
         values = np.loadtxt(folder / "param.txt")[:14]
-        camera = Camera(values[0], values[4], values[2], values[5], tuple(values[9:14]), views[0].size)
+        camera = Camera(
+            values[0], values[4], values[2], values[5], tuple(values[9:14]), views[0].size
+        )
         return views, target, camera, flange
 
     return read
@@ -272,7 +333,10 @@ def test_open3dv_board_scatter(open3dv, kind):
     assert found.fit["mean_turn_deg"] <= most_deg
     for other, keys in ((camera, ("centre_mm", "origin_mm")), (found.camera, ("centre_mm",))):
         seen = seen_boards(views, target, other)
-        placed = [placed_boards(flange, sensor, seen, kind) for sensor in closed_forms(flange, seen, kind).values()]
+        placed = [
+            placed_boards(flange, sensor, seen, kind)
+            for sensor in closed_forms(flange, seen, kind).values()
+        ]
         fitted = [board_scatter(deviations(boards, target.points)) for boards in placed]
         held = left_out_forms(views, target, other, flange, kind).values()
         for key in keys:
@@ -292,8 +356,14 @@ def spherescan(real):
             rows = np.loadtxt(folder / "robpose.txt")
         name = "p{}.yml" if which == "r40" else "{}_3C_line.yml"
         lines = [profile(folder / name.format(k + 1)) for k in range(len(rows))]
-        flange = transform(Rotation.from_euler("xyz", rows[:, 3:], degrees=True).as_matrix(), rows[:, :3])
-        return np.concatenate(lines, 1), np.repeat(np.arange(len(rows)), [line.shape[1] for line in lines]), flange
+        flange = transform(
+            Rotation.from_euler("xyz", rows[:, 3:], degrees=True).as_matrix(), rows[:, :3]
+        )
+        return (
+            np.concatenate(lines, 1),
+            np.repeat(np.arange(len(rows)), [line.shape[1] for line in lines]),
+            flange,
+        )
 
     return read
 
@@ -326,8 +396,16 @@ def test_the_answer_of_profiles_says_scale_noise_and_free_radius(real):
     from workbench.jobs import hand_eye
 
     real("spherescan_handeye_pan")
-    told = hand_eye.as_json(hand_eye.calibrate(datasets.read("spherescan_handeye_pan:r12"), None, None, lambda text: None))
-    assert told["radius_mm"] == 12.7 and told["radius_std_mm"] is None and told["noise"] == pytest.approx(0.1, abs=0.02)
+    told = hand_eye.as_json(
+        hand_eye.calibrate(
+            datasets.read("spherescan_handeye_pan:r12"), None, None, lambda text: None
+        )
+    )
+    assert (
+        told["radius_mm"] == 12.7
+        and told["radius_std_mm"] is None
+        and told["noise"] == pytest.approx(0.1, abs=0.02)
+    )
     assert abs(told["free_radius_mm"] - 12.7) < 3 * told["free_radius_std_mm"] < 3
     assert abs(told["range_scale"]) < 3 * told["range_scale_std"] < 0.3
     assert told["free_radius_rms_mm"] <= told["fit"]["rms_mm"] <= 0.22

@@ -25,10 +25,12 @@ def rotations(name, count=COUNT):
         "tilts": np.outer(np.linspace(-0.4, 0.4, count), [1, 0.3, 0]),
         "half turns": np.outer(step % 2 * np.pi, [0, 0, 1]),
         "quarter turns": np.outer(step % 4 * np.pi / 2, [0, 0, 1]),
-        "half turns about two axes": np.array([[0, 0, 0], [0, 0, np.pi], [np.pi, 0, 0], [0, np.pi, 0]])[step % 4],
+        "half turns about two axes": np.array(
+            [[0, 0, 0], [0, 0, np.pi], [np.pi, 0, 0], [0, np.pi, 0]]
+        )[step % 4],
         "rounding": random.uniform(-1e-5, 1e-5, (count, 3)),
         "free": random.uniform(-0.35, 0.35, (count, 3)),
-    }  # fmt: skip
+    }
     return LOOKS @ Rotation.from_rotvec(vectors[name]).as_matrix()
 
 
@@ -54,7 +56,11 @@ def images(turns, places, kind="in-hand", noise=1.0, seed=3):
     views = []
     for pose in seen:
         pixels = CAMERA.project(pose[:3, :3] @ points + pose[:3, 3:])
-        views.append(SimpleNamespace(index=np.arange(35), pixels=pixels + 0.1 * noise * random.normal(size=pixels.shape)))
+        views.append(
+            SimpleNamespace(
+                index=np.arange(35), pixels=pixels + 0.1 * noise * random.normal(size=pixels.shape)
+            )
+        )
     return views, flange
 
 
@@ -79,10 +85,18 @@ OPEN = {
 
 
 @pytest.mark.parametrize(("turns", "places"), OPEN)
-@pytest.mark.parametrize(("kind", "noise"), [
-    ("in-hand", 0.0), ("to-hand", 1.0), pytest.param("in-hand", 1.0, marks=pytest.mark.slow),
-    pytest.param("to-hand", 0.0, marks=pytest.mark.slow)])  # fmt: skip
-def test_one_sentence_says_which_translations_and_rotations_are_undetermined(turns, places, kind, noise):
+@pytest.mark.parametrize(
+    ("kind", "noise"),
+    [
+        ("in-hand", 0.0),
+        ("to-hand", 1.0),
+        pytest.param("in-hand", 1.0, marks=pytest.mark.slow),
+        pytest.param("to-hand", 0.0, marks=pytest.mark.slow),
+    ],
+)
+def test_one_sentence_says_which_translations_and_rotations_are_undetermined(
+    turns, places, kind, noise
+):
     """And they have no sigma: the constant flange orientation, the single line, the single axis, no motion at all."""
     words, undetermined = OPEN[turns, places]
     views, flange = images(rotations(turns), PLACES[places], kind, noise)
@@ -93,12 +107,28 @@ def test_one_sentence_says_which_translations_and_rotations_are_undetermined(tur
     assert words is None or words in found.undetermined[0]
 
 
-REPEATED = {"distinct": np.arange(8), "identical": np.zeros(8, int), "two poses": np.arange(8) % 2, "pairs": np.arange(8) // 2}
-FEW = [("tilts", "distinct", "free radius"), ("rounding", "distinct", "radius"), ("rounding", "pairs", "radius"),
-       ("quarter turns", "pairs", "radius"), ("constant", "two poses", "radius"), ("constant", "distinct", "radius"),
-       ("one axis", "identical", "camera"), ("half turns", "pairs", "camera"), ("half turns", "pairs", "to-hand"),
-       ("half turns about two axes", "distinct", "to-hand"), ("free", "identical", "in-hand"), ("free", "two poses", "radius"),
-       ("free", "pairs", "in-hand"), ("constant", "identical", "free radius")]  # fmt: skip
+REPEATED = {
+    "distinct": np.arange(8),
+    "identical": np.zeros(8, int),
+    "two poses": np.arange(8) % 2,
+    "pairs": np.arange(8) // 2,
+}
+FEW = [
+    ("tilts", "distinct", "free radius"),
+    ("rounding", "distinct", "radius"),
+    ("rounding", "pairs", "radius"),
+    ("quarter turns", "pairs", "radius"),
+    ("constant", "two poses", "radius"),
+    ("constant", "distinct", "radius"),
+    ("one axis", "identical", "camera"),
+    ("half turns", "pairs", "camera"),
+    ("half turns", "pairs", "to-hand"),
+    ("half turns about two axes", "distinct", "to-hand"),
+    ("free", "identical", "in-hand"),
+    ("free", "two poses", "radius"),
+    ("free", "pairs", "in-hand"),
+    ("constant", "identical", "free radius"),
+]
 
 
 @pytest.mark.parametrize(("turns", "repeated", "what"), FEW)
@@ -108,19 +138,29 @@ def test_repeated_poses_and_exact_data_end_in_a_result(turns, repeated, what, no
     """Duplicated poses, half turns, rotations of the size of rounding; residuals of exactly zero."""
     order, turned = REPEATED[repeated], rotations(turns, 8)
     if "radius" in what:
-        points, pose, flange = profiles(5, 8, turned, noise=0.01 * noise, shift=0.05 * noise, larger=0.005 * noise)
+        points, pose, flange = profiles(
+            5, 8, turned, noise=0.01 * noise, shift=0.05 * noise, larger=0.005 * noise
+        )
         points, flange = points.reshape(3, 8, -1)[:, order].reshape(3, -1), flange[order]
         found = hand_eye_from_profiles(points, pose, flange, 20.0 if what == "radius" else None)
     else:
         kind = "to-hand" if what == "to-hand" else "in-hand"
-        views, flange = pictures(5, kind, 8, turned, shift=0.2 * noise, spin=3e-4 * noise, noise=0.1 * noise)
+        views, flange = pictures(
+            5, kind, 8, turned, shift=0.2 * noise, spin=3e-4 * noise, noise=0.1 * noise
+        )
         prior = camera_prior(CAMERA) if what == "camera" else None
         views, flange = [views[k] for k in order], flange[order]
         found = hand_eye_from_views(views, board(), CAMERA, flange, kind, camera_covariance=prior)
     variance = np.diag(found.covariance)
     assert np.isfinite(found.sensor).all() and not np.isnan(variance).any() and (variance > 0).all()
-    assert not np.isnan(list(found.std.values())).any() and all(np.isfinite(list(found.fit.values())))
-    if turns != "free" and turns != "half turns about two axes" or repeated in ("identical", "two poses"):
+    assert not np.isnan(list(found.std.values())).any() and all(
+        np.isfinite(list(found.fit.values()))
+    )
+    if (
+        turns != "free"
+        and turns != "half turns about two axes"
+        or repeated in ("identical", "two poses")
+    ):
         assert found.undetermined and np.isinf(variance).any()
 
 
@@ -130,13 +170,25 @@ def test_the_small_motions_named_change_no_measurement(kind):
     for turns, places in OPEN:
         flange = images(rotations(turns), PLACES[places], kind, 0.0)[1]
         moved = flange if kind == "in-hand" else inverse(flange)
-        target = moved[0] @ HAND_EYE @ transform(looks(1, np.random.default_rng(0))[0], np.array([5.0, 7, 300]))
+        target = (
+            moved[0]
+            @ HAND_EYE
+            @ transform(looks(1, np.random.default_rng(0))[0], np.array([5.0, 7, 300]))
+        )
         before = inverse(HAND_EYE) @ inverse(moved) @ target
         found = motion(flange, kind)
         for sensor, carried in zip(found.sensor.T, found.target.T):
-            after = inverse(small(1e-4 * sensor) @ HAND_EYE) @ inverse(moved) @ small(1e-4 * carried) @ target
+            after = (
+                inverse(small(1e-4 * sensor) @ HAND_EYE)
+                @ inverse(moved)
+                @ small(1e-4 * carried)
+                @ target
+            )
             gap = inverse(before) @ after
-            assert np.abs(gap[:, :3, 3]).max() < 1e-3 and np.abs(rotation_vector(gap[:, :3, :3])).max() < 1e-6
+            assert (
+                np.abs(gap[:, :3, 3]).max() < 1e-3
+                and np.abs(rotation_vector(gap[:, :3, :3])).max() < 1e-6
+            )
 
 
 def small(twist):

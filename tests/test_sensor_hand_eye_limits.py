@@ -23,10 +23,20 @@ STILL = np.broadcast_to(LOOKS, (12, 3, 3))
 SPUN = LOOKS @ Rotation.from_rotvec(np.outer(np.linspace(-1, 1, 12), [0, 0, 1])).as_matrix()
 
 
-@pytest.mark.parametrize(("turns", "words"), [(STILL, "never turned"), (SPUN, "about one axis only")])
-@pytest.mark.parametrize(("kind", "spin"), [
-    ("in-hand", 1e-5), ("to-hand", 6e-3), *(pytest.param(kind, spin, marks=pytest.mark.slow)
-                                            for kind, spin in (("to-hand", 8e-4), ("in-hand", 3e-3)))])
+@pytest.mark.parametrize(
+    ("turns", "words"), [(STILL, "never turned"), (SPUN, "about one axis only")]
+)
+@pytest.mark.parametrize(
+    ("kind", "spin"),
+    [
+        ("in-hand", 1e-5),
+        ("to-hand", 6e-3),
+        *(
+            pytest.param(kind, spin, marks=pytest.mark.slow)
+            for kind, spin in (("to-hand", 8e-4), ("in-hand", 3e-3))
+        ),
+    ],
+)
 def test_what_the_motions_leave_open_has_no_sigma(turns, words, kind, spin):
     """However large the robot's errors of rotation, which look like turns: place inf, turn finite and true."""
     views, flange = pictures(9, kind, turns=turns, spin=spin)
@@ -50,7 +60,9 @@ def test_what_is_known_beside_a_prior_is_what_the_whole_leaves_of_it():
     rows = np.random.default_rng(0).normal(size=(20, 5))
     precision, own = np.array([0, 0, 4.0, 0, 1.0]), np.array([True, True, False, True, False])
     whole = np.linalg.inv(rows.T @ rows + np.diag(precision))[np.ix_(own, own)]
-    np.testing.assert_allclose(_beside(rows.T @ rows, precision, own), np.linalg.inv(whole), rtol=1e-9)
+    np.testing.assert_allclose(
+        _beside(rows.T @ rows, precision, own), np.linalg.inv(whole), rtol=1e-9
+    )
 
 
 def test_across_the_one_axis_the_sigma_stays_where_the_frame_lies_along_it():
@@ -78,7 +90,11 @@ def test_small_turns_are_known_and_covered():
     views, flange = pictures(8, turns=turns, spin=1e-4)
     found = hand_eye_from_views(views, board(), CAMERA, flange)
     std = np.sqrt(np.diag(found.covariance))
-    assert not found.undetermined and np.isfinite(std).all() and np.abs(off(found.sensor) / std).max() < 4
+    assert (
+        not found.undetermined
+        and np.isfinite(std).all()
+        and np.abs(off(found.sensor) / std).max() < 4
+    )
 
 
 @pytest.mark.parametrize("turns", [STILL, SPUN])
@@ -108,7 +124,9 @@ def at_the_flange(seed):
     views, flange = pictures(seed, shift=0, spin=0)
     random = np.random.default_rng(seed)
     turns = Rotation.from_rotvec(random.normal(0, 3e-4, (12, 3))).as_matrix()
-    return views, transform(turns @ flange[:, :3, :3], flange[:, :3, 3] + random.normal(0, 0.2, (12, 3)))
+    return views, transform(
+        turns @ flange[:, :3, :3], flange[:, :3, 3] + random.normal(0, 0.2, (12, 3))
+    )
 
 
 @pytest.mark.slow
@@ -135,45 +153,70 @@ def calibrated(seed, bow=0.0):
     bent = target.points + np.stack([0 * x, 0 * x, bow * (x * x + y * y)])
     views, flange = pictures(seed, count=16, noise=0.0, shift=0.02, spin=2e-5, points=bent)
     random = np.random.default_rng(seed)
-    views = [View(f"{k}.png", f"{k}", v.index, v.pixels + random.normal(0, 0.05, v.pixels.shape), CAMERA.size,
-                  np.full(35, 0.05)) for k, v in enumerate(views)]  # fmt: skip
+    views = [
+        View(
+            f"{k}.png",
+            f"{k}",
+            v.index,
+            v.pixels + random.normal(0, 0.05, v.pixels.shape),
+            CAMERA.size,
+            np.full(35, 0.05),
+        )
+        for k, v in enumerate(views)
+    ]
     return calibrate_camera(views, target, CAMERA.size, folds=0), views, flange
 
 
 def test_a_calibration_of_the_same_pictures_is_taken_with_its_covariance_and_bow():
     """Truth within four sigmas; every sigma of the camera by its name; no sentence on a camera's components."""
     made, views, flange = calibrated(4, bow=0.3)
-    target = SimpleNamespace(**{name: getattr(made.board, name) for name in ("points", "middle", "half_diagonal")})
+    target = SimpleNamespace(
+        **{name: getattr(made.board, name) for name in ("points", "middle", "half_diagonal")}
+    )
     found = hand_eye_from_views(views, target, made, flange)
     assert np.abs(off(found.sensor) / np.sqrt(np.diag(found.covariance))).max() < 4
     assert found.converged and not found.undetermined and not found.suspicions
     assert not any("mode" in key for key in found.std)
     before = np.sqrt(np.diag(made.covariance))[:9]
-    after = [found.std[f"camera.{name}"] for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")]
-    assert (after <= before * 1.001).all() and after[0] < 0.8 * before[0]  # the robot is a ruler in depth
+    after = [
+        found.std[f"camera.{name}"]
+        for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+    ]
+    assert (after <= before * 1.001).all() and after[0] < 0.8 * before[
+        0
+    ]  # the robot is a ruler in depth
     assert abs(found.camera.fx - CAMERA.fx) < 4 * after[0]
-    flat = hand_eye_from_views(views, target, made.camera, flange, camera_covariance=made.covariance[:9, :9])
+    flat = hand_eye_from_views(
+        views, target, made.camera, flange, camera_covariance=made.covariance[:9, :9]
+    )
     assert found.noise < 0.8 * flat.noise and found.noise == pytest.approx(0.05, rel=0.1)
 
 
 def test_a_camera_that_no_motion_helps_leaves_no_words_of_its_components():
     """A prior's directions that the pictures do not better are no news of the hand-eye."""
     views, flange = pictures(5)
-    found = hand_eye_from_views(views, board(), CAMERA, flange, camera_covariance=1e-8 * camera_prior(CAMERA))
+    found = hand_eye_from_views(
+        views, board(), CAMERA, flange, camera_covariance=1e-8 * camera_prior(CAMERA)
+    )
     assert found.undetermined == ()
 
 
 def test_a_covariance_that_is_not_finite_is_a_sentence():
     views, flange = pictures(5)
     with pytest.raises(InputError, match="covariance is finite"):
-        hand_eye_from_views(views, board(), CAMERA, flange, camera_covariance=np.full((9, 9), np.nan))
+        hand_eye_from_views(
+            views, board(), CAMERA, flange, camera_covariance=np.full((9, 9), np.nan)
+        )
 
 
 def test_a_board_printed_too_large_is_found_by_its_held_out_error():
     views, flange = pictures(6, shift=0.02, spin=3e-5)
     small = SimpleNamespace(points=board().points / 1.003)
     found = hand_eye_from_views(views, small, CAMERA, flange)
-    assert found.parameters["target.scale"] == pytest.approx(0.003, abs=0.0006) and "kept" in found.notes[0]
+    assert (
+        found.parameters["target.scale"] == pytest.approx(0.003, abs=0.0006)
+        and "kept" in found.notes[0]
+    )
     right = hand_eye_from_views(views, board(), CAMERA, flange)
     assert right.parameters["target.scale"] == 0 and not right.notes
 
@@ -209,7 +252,9 @@ def test_matrices_written_with_three_decimals_are_taken():
 
 def test_a_pixel_that_is_no_number_is_named():
     views, flange = pictures(7)
-    views[2] = SimpleNamespace(index=views[2].index, pixels=np.where(np.arange(35) == 3, np.nan, views[2].pixels))
+    views[2] = SimpleNamespace(
+        index=views[2].index, pixels=np.where(np.arange(35) == 3, np.nan, views[2].pixels)
+    )
     with pytest.raises(InputError, match="picture 2: .* nan at corner 3 "):
         hand_eye_from_views(views, board(), CAMERA, flange)
 
@@ -222,15 +267,22 @@ def one_axis():
     views, flange = pictures(9, turns=SPUN, spin=1e-5)
     views = [View("", "", v.index, v.pixels, CAMERA.size, np.ones(35)) for v in views]
     made = hand_eye_from_views(views, grid_board(), CAMERA, flange)
-    return HandEyeRun(SimpleNamespace(title="", name="one axis"), made, flange,
-                      tuple(f"{k}.png" for k in range(12)), made.camera, None, grid_board())  # fmt: skip
+    return HandEyeRun(
+        SimpleNamespace(title="", name="one axis"),
+        made,
+        flange,
+        tuple(f"{k}.png" for k in range(12)),
+        made.camera,
+        None,
+        grid_board(),
+    )
 
 
 def test_terminal_and_page_say_first_what_is_not_determined(one_axis, monkeypatch):
     from rich.console import Console
 
-    from workbench.jobs import hand_eye
     from workbench.commands.shared import answer, sensor_tables
+    from workbench.jobs import hand_eye
     from workbench.report.sensor import handeye as report
 
     monkeypatch.setattr(hand_eye, "provenance", lambda recording: {})
@@ -239,7 +291,10 @@ def test_terminal_and_page_say_first_what_is_not_determined(one_axis, monkeypatc
     console = Console(record=True, width=120, file=StringIO())
     sensor_tables.handeye(console, told)
     text = console.export_text()
-    assert text.startswith("Warning: the flange turned about one axis only") and text.count("not determined") == 3
+    assert (
+        text.startswith("Warning: the flange turned about one axis only")
+        and text.count("not determined") == 3
+    )
     assert '"std_mm": [\n      null,\n      null,\n      null\n    ]' in answer.as_text(told)
     page = report.page(one_axis)
     assert "turned about one axis only" in page.warning

@@ -57,17 +57,34 @@ def test_three_equal_channels_are_one(tmp_path):
 
 
 def broken(folder, how):
-    whole = {k: saved(folder, f"w{k}", SCENE).read_bytes() for k in (".png", ".jpg", ".bmp", ".tiff")}
-    content = {"empty": b"", "text": b"no picture", "png": whole[".png"][:-30], "jpeg": whole[".jpg"][: len(whole[".jpg"]) // 2],
-               "bmp": whole[".bmp"][:-500], "tiff": whole[".tiff"][:60], "header": b"\x89PNG\r\n\x1a\n" + bytes(40) + b"IEND\xaeB`\x82"}[how]
+    whole = {
+        k: saved(folder, f"w{k}", SCENE).read_bytes() for k in (".png", ".jpg", ".bmp", ".tiff")
+    }
+    content = {
+        "empty": b"",
+        "text": b"no picture",
+        "png": whole[".png"][:-30],
+        "jpeg": whole[".jpg"][: len(whole[".jpg"]) // 2],
+        "bmp": whole[".bmp"][:-500],
+        "tiff": whole[".tiff"][:60],
+        "header": b"\x89PNG\r\n\x1a\n" + bytes(40) + b"IEND\xaeB`\x82",
+    }[how]
     (folder / "broken").write_bytes(content)
     return folder / "broken"
 
 
-@pytest.mark.parametrize(("how", "words"), [
-    ("empty", "an empty file; copy it again"), ("text", "cannot decode; save it as PNG"), ("png", "PNG picture, found one that breaks off"),
-    ("jpeg", "JPEG picture, found one that breaks off"), ("bmp", "BMP picture, found one that breaks off"),
-    ("tiff", "cannot decode"), ("header", "cannot decode")])
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("empty", "an empty file; copy it again"),
+        ("text", "cannot decode; save it as PNG"),
+        ("png", "PNG picture, found one that breaks off"),
+        ("jpeg", "JPEG picture, found one that breaks off"),
+        ("bmp", "BMP picture, found one that breaks off"),
+        ("tiff", "cannot decode"),
+        ("header", "cannot decode"),
+    ],
+)
 def test_broken_file_gets_its_sentence(tmp_path, how, words):
     with pytest.raises(InputError) as caught:
         pictures.read(broken(tmp_path, how), "cell-4/images/a.png")
@@ -82,23 +99,40 @@ def test_missing_file_and_float_pixels_get_theirs(tmp_path):
     with pytest.raises(InputError, match="8 or 16 bits a pixel, found float32"):
         pictures.read(saved(tmp_path, "f.tiff", SCENE.astype(np.float32)), "f.tiff")
     with pytest.raises(InputError, match="expected one of grey, blue, green, red, found 'cyan'"):
-        pictures.read(saved(tmp_path, "a.png", np.dstack([SCENE] * 3 + [SCENE])), "a.png", channel="cyan")
+        pictures.read(
+            saved(tmp_path, "a.png", np.dstack([SCENE] * 3 + [SCENE])), "a.png", channel="cyan"
+        )
 
 
 def grainy(level, sigma, shape=(120, 160)):
-    return np.clip(np.rint(level + sigma * np.random.default_rng(1).standard_normal(shape)), 0, 255).astype(np.uint8)
+    return np.clip(
+        np.rint(level + sigma * np.random.default_rng(1).standard_normal(shape)), 0, 255
+    ).astype(np.uint8)
 
 
-@pytest.mark.parametrize(("picture", "why"), [
-    (np.zeros((50, 60), np.uint8), "all black"), (grainy(1, 0.6), "all black"), (np.full((50, 60), 255, np.uint8), "saturated"),
-    (np.where(np.arange(6000).reshape(60, 100) % 100 < 60, 255, 30).astype(np.uint8), "saturated: 60 % of the pixels"),
-    (np.full((50, 60), 90, np.uint8), "no contrast: grey values from 90 to 90 of 255"), (grainy(120, 25), "no contrast"),
-    (np.zeros((50, 60), np.uint16), "all black")])
+@pytest.mark.parametrize(
+    ("picture", "why"),
+    [
+        (np.zeros((50, 60), np.uint8), "all black"),
+        (grainy(1, 0.6), "all black"),
+        (np.full((50, 60), 255, np.uint8), "saturated"),
+        (
+            np.where(np.arange(6000).reshape(60, 100) % 100 < 60, 255, 30).astype(np.uint8),
+            "saturated: 60 % of the pixels",
+        ),
+        (np.full((50, 60), 90, np.uint8), "no contrast: grey values from 90 to 90 of 255"),
+        (grainy(120, 25), "no contrast"),
+        (np.zeros((50, 60), np.uint16), "all black"),
+    ],
+)
 def test_useless_picture_is_rejected_by_name(picture, why):
     assert pictures.flaw(picture).startswith(why)
 
 
-@pytest.mark.parametrize("picture", [SCENE, grainy(SCENE, 4, SCENE.shape), np.where(SCENE > 160, 255, 40).astype(np.uint8)])
+@pytest.mark.parametrize(
+    "picture",
+    [SCENE, grainy(SCENE, 4, SCENE.shape), np.where(SCENE > 160, 255, 40).astype(np.uint8)],
+)
 def test_useful_picture_is_not(picture):
     assert pictures.flaw(picture) is None
 
@@ -107,7 +141,9 @@ def test_useful_picture_is_not(picture):
 def test_noise_is_measured_beside_edges(sigma):
     """Whole counts alone leave a third of one open."""
     scene = np.where(np.add.outer(np.arange(200), np.arange(300)) // 25 % 2, 180, 70)
-    assert pictures.noise(grainy(scene, sigma, scene.shape)) == pytest.approx(sigma, rel=0.12, abs=0.34)
+    assert pictures.noise(grainy(scene, sigma, scene.shape)) == pytest.approx(
+        sigma, rel=0.12, abs=0.34
+    )
 
 
 def test_odd_size_among_its_fellows_is_named():
@@ -121,18 +157,24 @@ def test_stacks_hold_a_few_pictures_at_a_time(tmp_path, monkeypatch):
     paths = [saved(tmp_path, f"{k}.png", SCENE + k) for k in range(10)]
     read = []
     whole = pictures.read_grey
-    monkeypatch.setattr(pictures, "read_grey", lambda path, *more: read.append(path) or whole(path, *more))
+    monkeypatch.setattr(
+        pictures, "read_grey", lambda path, *more: read.append(path) or whole(path, *more)
+    )
     handed = 0
     for stack in pictures.stacks(paths, frames=4):
         assert len(read) <= handed + 4
-        np.testing.assert_array_equal(stack, [SCENE + k for k in range(handed, handed + len(stack))])
+        np.testing.assert_array_equal(
+            stack, [SCENE + k for k in range(handed, handed + len(stack))]
+        )
         handed += len(stack)
     assert handed == 10
 
 
 def test_stack_of_two_sizes_gets_its_sentence(tmp_path):
     paths = [saved(tmp_path, "a.png", SCENE), saved(tmp_path, "b.png", SCENE.T)]
-    with pytest.raises(InputError, match="b.png: expected 60 x 40 px as in the pictures before, found 40 x 60 px"):
+    with pytest.raises(
+        InputError, match="b.png: expected 60 x 40 px as in the pictures before, found 40 x 60 px"
+    ):
         list(pictures.stacks(paths, called=lambda path: path.name))
 
 

@@ -12,8 +12,17 @@ from workbench.core.errors import InputError
 
 
 def chain_of(truth, with_mirror=False, camera=CAMERA):
-    return Sheets(camera, truth.stripes, {"placement": truth.placement, "step": truth.step}, truth.poses, truth.planes,
-                  MIDDLE, HALF_DIAGONAL, mirror=truth.mirror if with_mirror else None, angles=truth.angles)  # fmt: skip
+    return Sheets(
+        camera,
+        truth.stripes,
+        {"placement": truth.placement, "step": truth.step},
+        truth.poses,
+        truth.planes,
+        MIDDLE,
+        HALF_DIAGONAL,
+        mirror=truth.mirror if with_mirror else None,
+        angles=truth.angles,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -21,19 +30,32 @@ def small():
     return twin(np.random.default_rng(1), placements=3, steps=4, points=12)
 
 
-PORTS = {"pixel": (2, 0.5), "ray": (3, 1e-3), "point": (3, 0.02), "target": (3, 0.05), "plane": (5, 1e-4), "mirror": (1, 1e-3)}
+PORTS = {
+    "pixel": (2, 0.5),
+    "ray": (3, 1e-3),
+    "point": (3, 0.02),
+    "target": (3, 0.05),
+    "plane": (5, 1e-4),
+    "mirror": (1, 1e-3),
+}
 
 
 def moved_ports(rng, n, bent, with_mirror):
-    return {port: (np.arange(width), bent * size * rng.normal(size=(width, n)))
-            for port, (width, size) in PORTS.items() if with_mirror or port != "mirror"}
+    return {
+        port: (np.arange(width), bent * size * rng.normal(size=(width, n)))
+        for port, (width, size) in PORTS.items()
+        if with_mirror or port != "mirror"
+    }
 
 
 @pytest.mark.parametrize("bent", [0, 1])
 @pytest.mark.parametrize("with_mirror", [False, True])
 def test_rows_are_the_derivatives_for_every_port(small, bent, with_mirror):
     chain = chain_of(small, with_mirror)
-    values, deltas = chain.parameters.values, moved_ports(np.random.default_rng(2), chain.n, bent, with_mirror)
+    values, deltas = (
+        chain.parameters.values,
+        moved_ports(np.random.default_rng(2), chain.n, bent, with_mirror),
+    )
     here = chain.evaluate(values, deltas)
     for port, (slots, change) in deltas.items():
         for slot in slots:
@@ -62,15 +84,27 @@ def test_rows_are_the_derivatives_for_camera_mirror_poses_and_planes(small, bent
     own = here.own_rows(np.arange(len(values)))
     for k, size in enumerate(1e-4 * chain.parameters.typical):
         other = np.eye(len(values))[k] * size
-        expected = (chain.evaluate(values + other, deltas).residual - chain.evaluate(values - other, deltas).residual) / (2 * size)
-        assert abs(own[k] - expected).max() <= 2e-5 * abs(expected).max() + 1e-7, chain.parameters.keys[k]
+        expected = (
+            chain.evaluate(values + other, deltas).residual
+            - chain.evaluate(values - other, deltas).residual
+        ) / (2 * size)
+        assert abs(own[k] - expected).max() <= 2e-5 * abs(expected).max() + 1e-7, (
+            chain.parameters.keys[k]
+        )
     for name, start, size in (("placement", chain.poses, 1e-5), ("step", change, 1e-6)):
         if with_mirror and name == "step":
             continue
         rows = here.family_rows(name)
         for k in range(start.shape[1]):
             other = np.eye(start.shape[1])[k] * size
-            sides = [chain.with_families({"placement": chain.poses, "step": change, name: start + sign * other}).evaluate(values, deltas).residual for sign in (1, -1)]
+            sides = [
+                chain.with_families(
+                    {"placement": chain.poses, "step": change, name: start + sign * other}
+                )
+                .evaluate(values, deltas)
+                .residual
+                for sign in (1, -1)
+            ]
             expected = (sides[0] - sides[1]) / (2 * size)
             assert abs(rows[k] - expected).max() <= 2e-5 * abs(expected).max() + 1e-7, (name, k)
 
@@ -90,9 +124,20 @@ def test_a_stripe_made_forwards_has_no_residual_backwards():
 
 def test_one_pixel_along_the_scan_line_is_one_pixel_of_residual(small):
     chain = chain_of(small)
-    shifted = Sheets(chain.camera, chain.pixels + np.array([[0.3], [0.0]]), chain.labels, chain.poses, chain.planes,
-                     MIDDLE, HALF_DIAGONAL, angles=chain.angles)  # fmt: skip
-    change = shifted.evaluate(shifted.parameters.values, {}).residual - chain.evaluate(chain.parameters.values, {}).residual
+    shifted = Sheets(
+        chain.camera,
+        chain.pixels + np.array([[0.3], [0.0]]),
+        chain.labels,
+        chain.poses,
+        chain.planes,
+        MIDDLE,
+        HALF_DIAGONAL,
+        angles=chain.angles,
+    )
+    change = (
+        shifted.evaluate(shifted.parameters.values, {}).residual
+        - chain.evaluate(chain.parameters.values, {}).residual
+    )
     assert abs(abs(change) - 0.3).max() < 1e-3
 
 
@@ -121,7 +166,10 @@ def test_mirror_rows_are_the_derivatives():
     rows = MovedMirror(made, change).rows(angles)
     for k, name in enumerate(NAMES):
         other = 1e-6 * np.eye(10)[k]
-        expected = (MovedMirror(made, change + other).planes(angles) - MovedMirror(made, change - other).planes(angles)) / 2e-6
+        expected = (
+            MovedMirror(made, change + other).planes(angles)
+            - MovedMirror(made, change - other).planes(angles)
+        ) / 2e-6
         assert abs(rows[k] - expected).max() < 1e-7, name
 
 
@@ -144,15 +192,23 @@ def test_planes_move_by_tilts_and_offset():
     rows = moved_rows(planes, change)
     for k in range(3):
         other = 1e-6 * np.eye(3)[k]
-        assert np.allclose(rows[k], (moved(planes, change + other) - moved(planes, change - other)) / 2e-6, atol=1e-8)
-    assert np.allclose(in_tilts(planes, moved_rows(planes, 0 * change)), np.eye(3)[:, :, None], atol=1e-12)
+        assert np.allclose(
+            rows[k],
+            (moved(planes, change + other) - moved(planes, change - other)) / 2e-6,
+            atol=1e-8,
+        )
+    assert np.allclose(
+        in_tilts(planes, moved_rows(planes, 0 * change)), np.eye(3)[:, :, None], atol=1e-12
+    )
 
 
 def test_a_plane_goes_through_its_points_and_not_through_blunders():
     rng = np.random.default_rng(6)
     plane = np.array([0.6, 0.0, 0.8, 30.0])
     points = rng.uniform(-20, 20, (3, 400))
-    points -= np.outer(plane[:3], plane[:3] @ points + plane[3]) + np.outer(plane[:3], 0.002 * rng.normal(size=400))
+    points -= np.outer(plane[:3], plane[:3] @ points + plane[3]) + np.outer(
+        plane[:3], 0.002 * rng.normal(size=400)
+    )
     points[:, :60] += rng.uniform(1, 5, (3, 60))
     found, spread = plane_through(points)
     assert abs(found[:3] @ plane[:3]) > 1 - 1e-7

@@ -9,7 +9,15 @@ from sensors.camera.undistort import BLOCK, fit_inverse, iterate
 from sensors.effects import CATALOGUE
 from sensors.light.planes import moved
 from sensors.light.sheets import Sheets
-from sensors.scanner.errors import by_camera, by_pixel, by_plane, cut, field_points, frame_moves, plane_moves
+from sensors.scanner.errors import (
+    by_camera,
+    by_pixel,
+    by_plane,
+    cut,
+    field_points,
+    frame_moves,
+    plane_moves,
+)
 from sensors.scanner.model import Scanner
 from sensors.state import stripe_direction
 from workbench.core.errors import InputError
@@ -35,7 +43,10 @@ def planes(count):
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_the_inverse_of_the_lens_is_exact(lens):
-    camera, seen = Camera.of(LENSES[lens], (1280, 1024)), pixels(np.random.default_rng(1), 3 * BLOCK + 7)
+    camera, seen = (
+        Camera.of(LENSES[lens], (1280, 1024)),
+        pixels(np.random.default_rng(1), 3 * BLOCK + 7),
+    )
     flat = camera.normalised(seen)
     back = camera.project(np.vstack([flat, np.ones(seen.shape[1])]))
     assert abs(back - seen).max() < 1e-9
@@ -72,7 +83,12 @@ def test_a_camera_of_unknown_size_has_a_start_too():
     camera = Camera.of(LENSES["narrow"], (0, 0))
     assert fit_inverse(camera).enough > 0
     seen = pixels(np.random.default_rng(4), 2 * BLOCK)
-    assert abs(camera.project(np.vstack([camera.normalised(seen), np.ones(seen.shape[1])])) - seen).max() < 1e-9
+    assert (
+        abs(
+            camera.project(np.vstack([camera.normalised(seen), np.ones(seen.shape[1])])) - seen
+        ).max()
+        < 1e-9
+    )
 
 
 @pytest.mark.parametrize("count", [1, 12])
@@ -105,7 +121,9 @@ def test_steps_find_their_planes_and_unknown_ones_their_sentence(steps):
     assert np.array_equal(scanner.steps[scanner.places(asked)], asked)
     for wrong in (-1, 4_000_000, steps.max() + 1, 6):
         if wrong not in steps:
-            with pytest.raises(InputError, match=f"step {wrong}: expected one of the {len(steps)} steps"):
+            with pytest.raises(
+                InputError, match=f"step {wrong}: expected one of the {len(steps)} steps"
+            ):
                 scanner.places(np.append(asked, wrong))
     assert scanner.places(np.empty(0, int)).size == 0
 
@@ -129,22 +147,44 @@ def changes(effects, chain, state):
     """What effects do to each port, as the core would tell the chain."""
     made = {}
     for effect, values in effects:
-        whole = made.setdefault(effect.port, (np.arange(WIDTH[effect.port]), np.zeros((WIDTH[effect.port], chain.n))))[1]
+        whole = made.setdefault(
+            effect.port, (np.arange(WIDTH[effect.port]), np.zeros((WIDTH[effect.port], chain.n)))
+        )[1]
         whole[list(effect.slots(chain))] += effect.delta(values, state)
     return made
 
 
-@pytest.mark.parametrize("rows", [*([row] for row in EFFECTS), EFFECTS], ids=[*(row[0] for row in EFFECTS), "all"])
+@pytest.mark.parametrize(
+    "rows", [*([row] for row in EFFECTS), EFFECTS], ids=[*(row[0] for row in EFFECTS), "all"]
+)
 def test_effects_act_on_scans_as_on_the_stripe_chain(rows):
     scene = twin(np.random.default_rng(7), placements=2, steps=4, points=30, stripe=0.0)
-    chain = Sheets(CAMERA, scene.stripes, {"placement": scene.placement, "step": scene.step}, scene.poses, scene.planes,
-                   MIDDLE, HALF_DIAGONAL, mirror=scene.mirror, angles=scene.angles)  # fmt: skip
-    effects = tuple((CATALOGUE[name](where, **options), values) for name, where, options, values in rows)
-    found = Scanner(CAMERA, np.arange(4), scene.planes, scene.mirror, scene.angles, effects).reconstruct(chain.pixels, scene.step)
+    chain = Sheets(
+        CAMERA,
+        scene.stripes,
+        {"placement": scene.placement, "step": scene.step},
+        scene.poses,
+        scene.planes,
+        MIDDLE,
+        HALF_DIAGONAL,
+        mirror=scene.mirror,
+        angles=scene.angles,
+    )
+    effects = tuple(
+        (CATALOGUE[name](where, **options), values) for name, where, options, values in rows
+    )
+    found = Scanner(
+        CAMERA, np.arange(4), scene.planes, scene.mirror, scene.angles, effects
+    ).reconstruct(chain.pixels, scene.step)
     plain = Scanner(CAMERA, np.arange(4), scene.planes).reconstruct(chain.pixels, scene.step)
     assert abs(found - plain).max() > 1e-3
-    deltas = changes(effects, chain, Scanner(CAMERA, np.arange(4), scene.planes, scene.mirror, scene.angles)._state(
-        chain.pixels, scene.step, plain, {}, None))  # fmt: skip
+    deltas = changes(
+        effects,
+        chain,
+        Scanner(CAMERA, np.arange(4), scene.planes, scene.mirror, scene.angles)._state(
+            chain.pixels, scene.step, plain, {}, None
+        ),
+    )
     here = chain.evaluate(chain.parameters.values, deltas)
     assert abs(np.cross(found, here.ray, axis=0)).max() < 1e-9 * 125
     along = (stripe_direction(scene.planes)[:, scene.step] * found).sum(0)
@@ -156,7 +196,9 @@ def test_an_effect_on_the_point_is_taken_off_what_was_reconstructed():
     effect = CATALOGUE["range-scale"]("sensor", z0=125.0)
     seen, steps = pixels(np.random.default_rng(8), 50), np.zeros(50, int)
     plain = Scanner(CAMERA, np.arange(1), planes(1)).reconstruct(seen, steps)
-    found = Scanner(CAMERA, np.arange(1), planes(1), effects=((effect, np.array([2e-3])),)).reconstruct(seen, steps)
+    found = Scanner(
+        CAMERA, np.arange(1), planes(1), effects=((effect, np.array([2e-3])),)
+    ).reconstruct(seen, steps)
     assert np.allclose(plain[2] - found[2], 2e-3 * (plain[2] - 125), atol=1e-12)
     assert np.allclose(plain[:2], found[:2], atol=1e-12)
 
@@ -172,7 +214,9 @@ def test_an_effect_asks_for_its_column_and_for_a_mirror():
 
 
 def numeric(function, size, step):
-    return np.stack([(function(step * unit) - function(-step * unit)) / (2 * step) for unit in np.eye(size)])
+    return np.stack(
+        [(function(step * unit) - function(-step * unit)) / (2 * step) for unit in np.eye(size)]
+    )
 
 
 def test_points_move_as_stated_with_pixels_planes_and_camera():
@@ -181,20 +225,33 @@ def test_points_move_as_stated_with_pixels_planes_and_camera():
     points = cut(CAMERA.normalised(seen), own)
     whole = np.repeat(own, 20, 1)
     found = by_pixel(CAMERA, points, whole)
-    assert np.allclose(found, numeric(lambda d: cut(CAMERA.normalised(seen + d[:, None]), own), 2, 1e-3), atol=1e-7)
+    assert np.allclose(
+        found, numeric(lambda d: cut(CAMERA.normalised(seen + d[:, None]), own), 2, 1e-3), atol=1e-7
+    )
     found = by_plane(points, whole)
-    assert np.allclose(found, numeric(lambda d: cut(CAMERA.normalised(seen), moved(own, d[None])), 3, 1e-6), atol=1e-4)
+    assert np.allclose(
+        found,
+        numeric(lambda d: cut(CAMERA.normalised(seen), moved(own, d[None])), 3, 1e-6),
+        atol=1e-4,
+    )
     found, values = by_camera(CAMERA, points, whole), CAMERA.values
     size = np.array([1, 1, 1, 1, 1e-2, 1e-1, 1e-2, 1e-2, 1]) * 1e-3
     for k in range(9):
-        sides = [cut(Camera.of(values + sign * size[k] * np.eye(9)[k], CAMERA.size).normalised(seen), own) for sign in (1, -1)]
+        sides = [
+            cut(
+                Camera.of(values + sign * size[k] * np.eye(9)[k], CAMERA.size).normalised(seen), own
+            )
+            for sign in (1, -1)
+        ]
         assert np.allclose(found[k], (sides[0] - sides[1]) / (2 * size[k]), rtol=1e-4, atol=1e-7), k
 
 
 def test_planes_move_with_their_frame():
     own = planes(3)
     points, step = field_points(CAMERA, own, 115, 135)
-    for k, (move, change) in enumerate(zip(frame_moves(points), plane_moves(own).transpose(0, 2, 1))):
+    for k, (move, change) in enumerate(
+        zip(frame_moves(points), plane_moves(own).transpose(0, 2, 1))
+    ):
         there = moved(own, 1e-6 * change)
         distance = (there[:3, step] * (points + 1e-6 * move)).sum(0) + there[3, step]
         assert abs(distance).max() < 1e-9, k

@@ -47,13 +47,21 @@ def test_laser_pictures_without_a_line_or_a_board_are_named(spoilt):
     blank(spoilt, laser[3], 0)
     blank(spoilt, laser[5], 255)
     lost = laser[-1]["placement"]
-    blank(spoilt, next(row for row in images if row["role"] == "board" and row["placement"] == lost), 0)
+    blank(
+        spoilt,
+        next(row for row in images if row["role"] == "board" and row["placement"] == lost),
+        0,
+    )
     assert run("scanner", spoilt, "--out", "s.toml", "--json", "a.json") == 0
     found = json.loads(Path("a.json").read_text())
     why = {one["image"]: one["why"] for one in found["rejected"]}
-    assert why.pop(laser[3]["image"]).startswith("all black") and why.pop(laser[5]["image"]).startswith("saturated: 100 %")
+    assert why.pop(laser[3]["image"]).startswith("all black") and why.pop(
+        laser[5]["image"]
+    ).startswith("saturated: 100 %")
     assert set(why) == {row["image"] for row in laser if row["placement"] == lost}
-    assert all("the board was not found at its placement (all black" in said for said in why.values())
+    assert all(
+        "the board was not found at its placement (all black" in said for said in why.values()
+    )
     assert set(found["shared_px"]) == {"stripe", "tilt", "placement"}
     place = Path(found["run"])
     page = (place / "report.html").read_text(encoding="utf-8")
@@ -72,17 +80,29 @@ def test_a_line_of_a_few_pixels_is_no_black_picture():
 def test_pictures_of_two_depths_are_a_sentence(tmp_path):
     for name, kind in (("a.png", np.uint8), ("b.png", np.uint16)):
         cv2.imwrite(str(tmp_path / name), np.arange(12, dtype=kind).reshape(3, 4))
-    with pytest.raises(InputError, match=r"b.png: expected 8 bits a pixel as in the pictures before, found 16; save"):
+    with pytest.raises(
+        InputError,
+        match=r"b.png: expected 8 bits a pixel as in the pictures before, found 16; save",
+    ):
         list(pictures.stacks([tmp_path / "a.png", tmp_path / "b.png"]))
 
 
-@pytest.mark.parametrize(("more", "told"), [((1, 0), "8 x 5"), ((0, 1), "7 x 6"), ((-1, 0), "6 x 5")])
+@pytest.mark.parametrize(
+    ("more", "told"), [((1, 0), "8 x 5"), ((0, 1), "7 x 6"), ((-1, 0), "6 x 5")]
+)
 def test_a_board_written_with_another_size_is_told_by_all_pictures(spoilt, more, told):
     """Also where some pictures have the board so near the edge that it passes for one that is cut."""
     columns, rows = 7 + more[0], 5 + more[1]
     file = spoilt / "recording.toml"
-    file.write_text(file.read_text().replace("columns = 7", f"columns = {columns}").replace("rows = 5", f"rows = {rows}"))
-    with pytest.raises(InputError, match=rf"expected {told} chessboard as written there in the pictures, found 7 x 5 in"):
+    file.write_text(
+        file.read_text()
+        .replace("columns = 7", f"columns = {columns}")
+        .replace("rows = 5", f"rows = {rows}")
+    )
+    with pytest.raises(
+        InputError,
+        match=rf"expected {told} chessboard as written there in the pictures, found 7 x 5 in",
+    ):
         from sensors.boards.detection import detect_all
 
         detect_all(datasets.read(spoilt))
@@ -113,7 +133,9 @@ def dome(rng, radius, count, noise=0.01):
     """(3, count) mm on the side of a ball that faces the sensor, to 60 degrees from its top."""
     cosine, turn = rng.uniform(0.5, 1, count), rng.uniform(0, 2 * np.pi, count)
     sine = np.sqrt(1 - cosine**2)
-    return radius * np.stack([sine * np.cos(turn), sine * np.sin(turn), -cosine]) + rng.normal(0, noise, (3, count))
+    return radius * np.stack([sine * np.cos(turn), sine * np.sin(turn), -cosine]) + rng.normal(
+        0, noise, (3, count)
+    )
 
 
 def test_a_full_disk_is_a_sentence(tmp_path, monkeypatch, capsys):
@@ -125,7 +147,12 @@ def test_a_full_disk_is_a_sentence(tmp_path, monkeypatch, capsys):
             patch.setattr(place, name, full)
             assert run("render", scene, "--out", "out") == 2
         said = capsys.readouterr().err
-        assert said.count("\n") == 1 and "No space left" in said and "make room" in said and not Path("out").exists()
+        assert (
+            said.count("\n") == 1
+            and "No space left" in said
+            and "make room" in said
+            and not Path("out").exists()
+        )
 
 
 def full(*_, **__):
@@ -142,7 +169,10 @@ def test_a_scan_without_a_ball_says_where_one_may_be_cut(spoilt):
     file.write_text("\n".join([head, *lines]) + "\n")
     assert run("scan", spoilt, "--json", "a.json", "--no-report") == 0
     for scan in json.loads(Path("a.json").read_text())["scans"]:
-        assert not scan["balls"] and "a ball there is cut by the field; move it to the middle" in scan["outcome"]
+        assert (
+            not scan["balls"]
+            and "a ball there is cut by the field; move it to the middle" in scan["outcome"]
+        )
 
 
 def test_pictures_of_a_scan_in_which_nothing_can_be_seen_are_named(spoilt, capsys):
@@ -156,7 +186,11 @@ def test_pictures_of_a_scan_in_which_nothing_can_be_seen_are_named(spoilt, capsy
     blank(spoilt, rows[0], 0)
     capsys.readouterr()
     assert run("scan", spoilt, "--scanner", "s.toml", "--json", "a.json", "--no-report") == 0
-    rejected = {one["image"]: one["why"] for scan in json.loads(Path("a.json").read_text())["scans"] for one in scan["rejected"]}
+    rejected = {
+        one["image"]: one["why"]
+        for scan in json.loads(Path("a.json").read_text())["scans"]
+        for one in scan["rejected"]
+    }
     assert list(rejected) == [rows[middle]["image"], rows[middle + 2]["image"]]
     black, bright = rejected.values()
     assert black.startswith("all black") and bright.startswith("saturated: 100 %")

@@ -10,7 +10,19 @@ from scipy.stats import norm
 
 pytest.importorskip("torch")
 
-from sensor_bench import BOARD, CAMERA, MILD, PLAIN, POSE, SOURCE, board, centroids, instrument, opencv, refined
+from sensor_bench import (
+    BOARD,
+    CAMERA,
+    MILD,
+    PLAIN,
+    POSE,
+    SOURCE,
+    board,
+    centroids,
+    instrument,
+    opencv,
+    refined,
+)
 from sensors.boards.board import Board
 from sensors.rendering import formation
 from sensors.rendering.instrument import Chip, Lamp, Laser, Optics
@@ -38,7 +50,12 @@ def test_edges_lie_where_opencv_projects_them(turn):
     """The sum of light across an edge says to a thousandth of a pixel where it is, whatever the blur."""
     pose = np.array([-10.1, -6.2, 124.0, 0, 0, turn])
     made = replace(instrument(optics=Optics(0.8, 124.0, 0.0)), camera=MILD)
-    light = lamp_light(made, [BoardSurface(Pattern(BOARD), pose, MILD)], 0.7).cpu().numpy().astype(float)
+    light = (
+        lamp_light(made, [BoardSurface(Pattern(BOARD), pose, MILD)], 0.7)
+        .cpu()
+        .numpy()
+        .astype(float)
+    )
     for column in range(6):
         for row in range(3):
             ends = np.array([[column, column], [row + 0.3, row + 0.7], [0, 0]]) * BOARD.square_mm
@@ -52,7 +69,10 @@ def edge_of(values, near):
     """Place of the step in (n,) values: two straight lines that hold as much light as there is."""
     first = round(near) - 15
     place, seen = np.arange(31), values[first : first + 31]
-    left, right = (np.polyval(np.polyfit(place[part], seen[part], 1), place) for part in (slice(9), slice(-9, None)))
+    left, right = (
+        np.polyval(np.polyfit(place[part], seen[part], 1), place)
+        for part in (slice(9), slice(-9, None))
+    )
 
     def missing(edge):
         share = np.clip(edge - place + 0.5, 0, 1)
@@ -65,7 +85,12 @@ def test_discs_lie_where_opencv_projects_them():
     """Squarely seen, so that a disc's centre of gravity is its centre; the lens bends it by less than 0.01 px."""
     circles = Board("circles", 5, 4, 5.0)
     pose = np.array([-10.3, -7.1, 125.0, 0, 0, 0.0])
-    light = lamp_light(instrument(), [board(Pattern(circles, margin=3), pose)], 0.7).cpu().numpy().astype(float)
+    light = (
+        lamp_light(instrument(), [board(Pattern(circles, margin=3), pose)], 0.7)
+        .cpu()
+        .numpy()
+        .astype(float)
+    )
     rows, columns = np.mgrid[: light.shape[0], : light.shape[1]]
     for u, v in opencv(circles.points, pose).T:
         near = np.hypot(columns - u, rows - v) < 19
@@ -79,10 +104,26 @@ def test_discs_lie_where_opencv_projects_them():
 
 BOARDS = {
     "chessboard": ({"kind": "chessboard", "columns": 6, "rows": 5, "square_mm": 4.0}, {}),
-    "charuco": ({"kind": "charuco", "columns": 6, "rows": 4, "square_mm": 4.5, "marker_mm": 3.4, "dictionary": "DICT_4X4_50"}, {}),
+    "charuco": (
+        {
+            "kind": "charuco",
+            "columns": 6,
+            "rows": 4,
+            "square_mm": 4.5,
+            "marker_mm": 3.4,
+            "dictionary": "DICT_4X4_50",
+        },
+        {},
+    ),
     "circles": ({"kind": "circles", "columns": 6, "rows": 5, "square_mm": 4.5}, {}),
-    "asymmetric": ({"kind": "circles", "asymmetric": True, "columns": 4, "rows": 7, "square_mm": 3.5}, {"radius": 0.4}),
-    "negative": ({"kind": "circles", "columns": 6, "rows": 5, "square_mm": 4.5}, {"negative": True}),
+    "asymmetric": (
+        {"kind": "circles", "asymmetric": True, "columns": 4, "rows": 7, "square_mm": 3.5},
+        {"radius": 0.4},
+    ),
+    "negative": (
+        {"kind": "circles", "columns": 6, "rows": 5, "square_mm": 4.5},
+        {"negative": True},
+    ),
 }
 
 
@@ -106,20 +147,33 @@ def test_the_projects_own_finder_sees_every_kind_of_board(name):
         gap = view.pixels - truth[:, view.index]
         assert np.sqrt((gap**2).mean()) < 0.05
     else:
-        assert centre_shift  # circles: perspective moves centres of gravity by under a tenth of a pixel here
+        assert (
+            centre_shift
+        )  # circles: perspective moves centres of gravity by under a tenth of a pixel here
         gap = view.pixels[:, None, :] - truth[:, :, None]
         assert np.linalg.norm(gap, axis=0).min(0).max() < 0.5
 
 
 def test_a_charuco_board_is_opencvs():
     """The same print as OpenCV's own picture of the board."""
-    keys = {"kind": "charuco", "columns": 6, "rows": 4, "square_mm": 10.0, "marker_mm": 7.5, "dictionary": "DICT_4X4_50"}
+    keys = {
+        "kind": "charuco",
+        "columns": 6,
+        "rows": 4,
+        "square_mm": 10.0,
+        "marker_mm": 7.5,
+        "dictionary": "DICT_4X4_50",
+    }
     for legacy in (False, True):
         pattern = Pattern(Board.of(keys | {"legacy": legacy}), white=1.0, dark=0.0)
-        made = cv2.aruco.CharucoBoard((7, 5), 10.0, 7.5, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+        made = cv2.aruco.CharucoBoard(
+            (7, 5), 10.0, 7.5, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+        )
         made.setLegacyPattern(legacy)
         theirs = made.generateImage((7 * 48, 5 * 48)) / 255
-        x, y = np.meshgrid((np.arange(7 * 48) + 0.5) / 48 * 10 - 10, (np.arange(5 * 48) + 0.5) / 48 * 10 - 10)
+        x, y = np.meshgrid(
+            (np.arange(7 * 48) + 0.5) / 48 * 10 - 10, (np.arange(5 * 48) + 0.5) / 48 * 10 - 10
+        )
         mine = pattern.albedo(x.ravel(), y.ravel(), 0.01).reshape(theirs.shape)
         assert np.mean(np.abs(mine - theirs) > 0.5) < 1e-3
 
@@ -129,7 +183,13 @@ def test_a_pattern_is_the_mean_over_its_square():
     for pattern in (Pattern(BOARD), Pattern(Board("circles", 5, 4, 5.0))):
         x, y, width = *rng.uniform(-3, 15, (2, 300)), 0.2
         fine = (np.arange(40) + 0.5) / 40 * width - width / 2
-        many = pattern.albedo(*(np.add.outer(p, g).ravel() for p, g in ((x, np.tile(fine, 40)), (y, np.repeat(fine, 40)))), 1e-6)
+        many = pattern.albedo(
+            *(
+                np.add.outer(p, g).ravel()
+                for p, g in ((x, np.tile(fine, 40)), (y, np.repeat(fine, 40)))
+            ),
+            1e-6,
+        )
         # an oblique rim of a circle is taken as if it were square to x or y: 0.1 of the contrast at most
         assert np.abs(many.reshape(300, -1).mean(1) - pattern.albedo(x, y, width)).max() < 0.1 * 0.8
 
@@ -176,19 +236,25 @@ def test_a_balls_cloud_lies_on_the_sphere():
     thin = instrument(np.linspace(-1.0, 1.5, 6), optics=Optics(0.7, 125.0, 0.0))
     thin = replace(thin, laser=replace(thin.laser, width_mm=0.03))
     centre = np.array([1.0, 2.0, 136.0])
-    pixels, steps = crossings(list(laser_light(thin, [BallSurface(centre, 12.0, 1)], parts=8)), thin.steps)
+    pixels, steps = crossings(
+        list(laser_light(thin, [BallSurface(centre, 12.0, 1)], parts=8)), thin.steps
+    )
     points = Scanner(CAMERA, thin.steps, thin.nominal_planes()).reconstruct(pixels, steps)
     square = np.abs(points[1] - centre[1]) < 6  # where a row cuts the stripe squarely enough
     gap = np.linalg.norm(points - centre[:, None], axis=0) - 12.0
     assert square.sum() > 500
     assert np.abs(gap[square]).max() < 1e-3
-    assert np.sqrt((gap[square] ** 2).mean()) < 6e-4  # half a micrometre is blur across the stripe's own curve
+    assert (
+        np.sqrt((gap[square] ** 2).mean()) < 6e-4
+    )  # half a micrometre is blur across the stripe's own curve
 
 
 def test_a_thin_stripe_is_spread_by_the_lens_before_pixels_gather_it():
     """Otherwise its centre of gravity would step from pixel to pixel."""
     thin = instrument((0.0,), optics=Optics(0.8, 125.0, 0.0))
-    (light,) = laser_light(replace(thin, laser=replace(thin.laser, width_mm=0.02)), [board()], parts=6)
+    (light,) = laser_light(
+        replace(thin, laser=replace(thin.laser, width_mm=0.02)), [board()], parts=6
+    )
     rows, centre = centroids(light)
     assert np.abs(centre - np.polyval(np.polyfit(rows, centre, 5), rows)).max() < 0.003
 
@@ -213,7 +279,10 @@ def test_a_mesh_of_a_ball_looks_like_the_ball():
 
 def test_a_ball_casts_its_shadow_on_what_lies_behind():
     """Behind the ball as the laser sees it the board is dark, though the camera sees it."""
-    one, far = instrument((0.0,)), board(pose=np.array([-30.0, -30.0, 140.0, 0, 0, 0]), pattern=replace(PLAIN, margin=30.0))
+    one, far = (
+        instrument((0.0,)),
+        board(pose=np.array([-30.0, -30.0, 140.0, 0, 0, 0]), pattern=replace(PLAIN, margin=30.0)),
+    )
     (free,) = laser_light(one, [far])
     towards = one.light(0)
     rows, centre = centroids(free)
@@ -225,7 +294,9 @@ def test_a_ball_casts_its_shadow_on_what_lies_behind():
     row = rows[len(rows) // 2]
     window = slice(int(middle[0, 0]) - 3, int(middle[0, 0]) + 4)
     assert shaded[row, window].max() < 0.02 * free[row, window].max()
-    np.testing.assert_allclose(shaded[rows[0], window], free[rows[0], window], rtol=1e-3, atol=1e-3 * free.max())
+    np.testing.assert_allclose(
+        shaded[rows[0], window], free[rows[0], window], rtol=1e-3, atol=1e-3 * free.max()
+    )
 
 
 def test_the_light_comes_from_the_sources_image_in_the_mirror():
@@ -237,7 +308,10 @@ def test_the_light_comes_from_the_sources_image_in_the_mirror():
 
 def test_defocus_widens_and_keeps_the_light():
     flat = board(pose=np.array([-30.0, -30.0, 124.0, 0, 0, 0]))
-    near, far = (next(laser_light(instrument((0.0,), optics=Optics(0.6, z, 8.0)), [flat])) for z in (124.0, 150.0))
+    near, far = (
+        next(laser_light(instrument((0.0,), optics=Optics(0.6, z, 8.0)), [flat]))
+        for z in (124.0, 150.0)
+    )
     rows = slice(100, 150)
     assert far[rows].sum() == pytest.approx(near[rows].sum(), rel=2e-3)
     assert far[rows].max() < 0.9 * near[rows].max()
@@ -256,7 +330,9 @@ def spread(light, row=125):
 def even_light(level=0.5, **chip):
     """(pictures of) an even white board without blur of its edges, level times the full well."""
     made = instrument(lamp=Lamp(level, 0.0, 0.0), chip=Chip(**chip))
-    return made, [board(replace(PLAIN, white=1.0, dark=1.0), np.array([-30.0, -30.0, 125.0, 0, 0, 0]))]
+    return made, [
+        board(replace(PLAIN, white=1.0, dark=1.0), np.array([-30.0, -30.0, 125.0, 0, 0, 0]))
+    ]
 
 
 def test_noise_is_that_of_photons_reading_and_rounding():
@@ -289,7 +365,9 @@ def test_how_many_pixels_saturate_is_gauss_integral():
     clean = lamp_light(made, surfaces, 1.0).cpu().numpy()
     expected = norm.sf((10_000 - clean) / np.sqrt(clean)).mean()
     assert 0.02 < expected < 0.98
-    assert np.mean(render_board(made, surfaces, seed=1) == 65535) == pytest.approx(expected, abs=0.01)
+    assert np.mean(render_board(made, surfaces, seed=1) == 65535) == pytest.approx(
+        expected, abs=0.01
+    )
 
 
 def test_speckle_has_its_contrast_and_grain():
@@ -301,13 +379,18 @@ def test_speckle_has_its_contrast_and_grain():
     assert seen.std() / seen.mean() == pytest.approx(0.3, rel=0.03)
     field = np.log(seen) - np.log(seen).mean()
     beside = (field[:, 3:] * field[:, :-3]).mean() / field.var()
-    assert beside == pytest.approx(np.exp(-(3**2) / (4 * 1.5**2)), abs=0.03)  # a Gaussian of 1.5 px twice
+    assert beside == pytest.approx(
+        np.exp(-(3**2) / (4 * 1.5**2)), abs=0.03
+    )  # a Gaussian of 1.5 px twice
     assert (seen > 0).all()
 
 
 def test_brightness_is_lamberts():
     """Peak of a sharp, wide sheet: share of the full well, albedo, cosine, distance."""
-    wide = replace(instrument((0.0,), optics=Optics(0.3, 125.0, 0.0)), laser=Laser(1.0, 0.6, 180.0, SOURCE, 0.0))
+    wide = replace(
+        instrument((0.0,), optics=Optics(0.3, 125.0, 0.0)),
+        laser=Laser(1.0, 0.6, 180.0, SOURCE, 0.0),
+    )
     (light,) = laser_light(wide, [board(pose=np.array([-30.0, -30.0, 130.0, 0, 0, 0]))])
     v, u = np.unravel_index(np.argmax(light[100:150]), light[100:150].shape)
     ray = CAMERA.rays(np.array([[float(u)], [v + 100.0]]))[:, 0]
@@ -319,7 +402,9 @@ def test_brightness_is_lamberts():
 
 def test_one_seed_one_picture():
     made = instrument((0.0,), laser=Laser(0.15, source=SOURCE, contrast=0.2))
-    (first,), (again,), (other,) = (list(render_scan(made, [board()], seed=seed)) for seed in (1, 1, 2))
+    (first,), (again,), (other,) = (
+        list(render_scan(made, [board()], seed=seed)) for seed in (1, 1, 2)
+    )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 

@@ -8,7 +8,18 @@ import pytest
 
 pytest.importorskip("torch")
 
-from sensor_bench import BOARD, CAMERA, MILD, MIRROR, POSE, board, centroids, instrument, opencv, refined
+from sensor_bench import (
+    BOARD,
+    CAMERA,
+    MILD,
+    MIRROR,
+    POSE,
+    board,
+    centroids,
+    instrument,
+    opencv,
+    refined,
+)
 from sensors.effects import CATALOGUE
 from sensors.rendering.instrument import Chip, Optics
 from sensors.rendering.patterns import Pattern
@@ -17,7 +28,13 @@ from sensors.rendering.render import lamp_light, laser_light, render_scan
 from sensors.rendering.surfaces import BoardSurface, true_balls
 from sensors.state import SensorState, stripe_direction
 
-COVARIATES = {"time_s": 900.0, "temperature_c": 30.0, "sweep": -1.0, "mirror_speed_deg_s": 20.0, "exposure_ms": 3.0}
+COVARIATES = {
+    "time_s": 900.0,
+    "temperature_c": 30.0,
+    "sweep": -1.0,
+    "mirror_speed_deg_s": 20.0,
+    "exposure_ms": 3.0,
+}
 
 # name, place, options, values: large enough to be seen at 1000 px of focal length
 SWITCHED = (
@@ -53,8 +70,18 @@ def seen_state(pixels, points, index, made, **known) -> SensorState:
     normals = np.tile(-turn[:, 2:], n)
     planes, mirror = np.tile(made.nominal_planes()[:, [index]], n), np.full(n, made.angles[index])
     covariates = {name: np.full(n, value) for name, value in COVARIATES.items()}
-    return SensorState(CAMERA, pixels, points, planes, mirror, share, normals, np.zeros(n, int), covariates,
-                       np.vstack([flat, np.zeros(n)]))  # fmt: skip
+    return SensorState(
+        CAMERA,
+        pixels,
+        points,
+        planes,
+        mirror,
+        share,
+        normals,
+        np.zeros(n, int),
+        covariates,
+        np.vstack([flat, np.zeros(n)]),
+    )
 
 
 def cut(rays, height=0.0):
@@ -76,7 +103,11 @@ def residual(acting, pixels, index, made):
 
     def distance(at):
         moved = at + acting.delta("point", seen_state(pixels, at, index, made))
-        return (sheet[:3] * moved).sum(0) + sheet[3] + sheet[4] * (stripe_direction(sheet[:4]) * moved).sum(0) ** 2
+        return (
+            (sheet[:3] * moved).sum(0)
+            + sheet[3]
+            + sheet[4] * (stripe_direction(sheet[:4]) * moved).sum(0) ** 2
+        )
 
     step = cut(CAMERA.rays(pixels + [[0.5], [0.0]])) - cut(CAMERA.rays(pixels - [[0.5], [0.0]]))
     return distance(points) / (sheet[:3] * step).sum(0)
@@ -105,10 +136,19 @@ def test_every_effect_is_switched_on_somewhere():
     assert {row[0] for row in SWITCHED} | ELSEWHERE == set(CATALOGUE)
 
 
-@pytest.mark.parametrize(("row", "expected"), [
-    (("board-bow", "artefact", {}, {"xx": 0.2, "yy": -0.1, "xy": 0.3}), lambda x, y, p: p + [0 * x, 0 * x, 0.2 * x * x - 0.1 * y * y + 0.3 * x * y]),
-    (("artefact-expansion", "artefact", {}, {"per_unit": 1e-4}), lambda x, y, p: p * (1 + 1e-4 * 10)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        (
+            ("board-bow", "artefact", {}, {"xx": 0.2, "yy": -0.1, "xy": 0.3}),
+            lambda x, y, p: p + [0 * x, 0 * x, 0.2 * x * x - 0.1 * y * y + 0.3 * x * y],
+        ),
+        (
+            ("artefact-expansion", "artefact", {}, {"per_unit": 1e-4}),
+            lambda x, y, p: p * (1 + 1e-4 * 10),
+        ),
+    ],
+)
 def test_a_warped_boards_corners_lie_where_the_warp_puts_them(row, expected):
     """Lamp light: every edge of the print follows the board's points."""
     moment = Moment(causes(row), COVARIATES)
@@ -116,8 +156,13 @@ def test_a_warped_boards_corners_lie_where_the_warp_puts_them(row, expected):
     share = (points - BOARD.middle[:, None])[:2] / BOARD.half_diagonal
     flat, warped = (opencv(p, POSE, MILD) for p in (points, expected(*share, points)))
     made = replace(instrument(), camera=MILD)
-    lights = [lamp_light(made, [BoardSurface(Pattern(BOARD), POSE, MILD, m)], 0.7, m) for m in (Moment(), moment)]
-    before, after = (refined(light.cpu().numpy(), start) for light, start in zip(lights, (flat, warped)))
+    lights = [
+        lamp_light(made, [BoardSurface(Pattern(BOARD), POSE, MILD, m)], 0.7, m)
+        for m in (Moment(), moment)
+    ]
+    before, after = (
+        refined(light.cpu().numpy(), start) for light, start in zip(lights, (flat, warped))
+    )
     assert np.abs(warped - flat).max() > 0.1
     gap = after - before - warped + flat
     assert np.abs(gap.mean(1)).max() < 0.01
@@ -126,24 +171,42 @@ def test_a_warped_boards_corners_lie_where_the_warp_puts_them(row, expected):
 
 def test_balls_move_and_grow_as_the_certificate_errs():
     acting = causes(
-        ("ball-position", "ball-2", {}, {"x": 0.1, "z": -0.2}), ("ball-radius", "ball-1", {}, {"growth": 0.03}),
+        ("ball-position", "ball-2", {}, {"x": 0.1, "z": -0.2}),
+        ("ball-radius", "ball-1", {}, {"growth": 0.03}),
         ("artefact-expansion", "artefact", {}, {"per_unit": 1e-5}),
-    )  # fmt: skip
+    )
     centres, radii = np.array([[0.0, 50], [0, 10], [5, 5]]), np.array([10.0, 12.0])
     moved, grown = true_balls(centres, radii, CAMERA, Moment(acting, COVARIATES))
-    np.testing.assert_allclose(moved, centres * (1 + 1e-4) + [[0, 0.1], [0, 0], [0, -0.2]], atol=1e-12)
+    np.testing.assert_allclose(
+        moved, centres * (1 + 1e-4) + [[0, 0.1], [0, 0], [0, -0.2]], atol=1e-12
+    )
     np.testing.assert_allclose(grown, [10.03, 12.0], atol=1e-12)
 
 
 def test_noise_grows_on_the_stripe_alone():
-    acting = causes(("noise-heteroscedastic", "noise", {"covariate": "exposure_ms", "mean": 1.0}, {"exposure_ms": 0.5}))
+    acting = causes(
+        (
+            "noise-heteroscedastic",
+            "noise",
+            {"covariate": "exposure_ms", "mean": 1.0},
+            {"exposure_ms": 0.5},
+        )
+    )
     made = replace(instrument((0.0,)), chip=Chip(bits=16))
     moment = Moment(acting, COVARIATES)
     (clean,) = laser_light(made, [board()])
     lamp = lamp_light(made, [board()], made.lamp.laser).cpu().numpy()
     gain = 65535 * 0.99 / 10_000
     for moments, factor in (([Moment()], 1.0), ([moment], np.e)):
-        gaps = [(list(render_scan(made, [board()], moments, seed))[0] / gain - 655.35 / gain - clean - lamp) for seed in range(3)]
+        gaps = [
+            (
+                list(render_scan(made, [board()], moments, seed))[0] / gain
+                - 655.35 / gain
+                - clean
+                - lamp
+            )
+            for seed in range(3)
+        ]
         share = np.array(gaps) / np.sqrt(clean + lamp + 144)
         assert share[:, clean > 300].std() == pytest.approx(factor, rel=0.05)
         assert share[:, clean == 0].std() == pytest.approx(1.0, rel=0.05)

@@ -22,7 +22,9 @@ from workbench.core.errors import InputError
 def calibrated(truth, **more):
     camera = calibrate_camera(views(truth), board(), CAMERA.size, folds=0)
     more = {"check": False, "camera": camera, **more}
-    return calibrate_scanner(views(truth), more.pop("stripes", board_stripes(truth)), board(), CAMERA.size, **more)
+    return calibrate_scanner(
+        views(truth), more.pop("stripes", board_stripes(truth)), board(), CAMERA.size, **more
+    )
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +42,10 @@ def whitened(adjustment, truth, steps):
     found, real = adjustment.sheets.planes, truth.planes[:, steps]
     real = real * np.sign((real[:3] * found[:3]).sum(0))
     tilts = np.einsum("kis,is->ks", tilt_directions(found), found[:3] - real[:3])
-    error = np.r_[adjustment.camera.values - truth.camera.values, np.vstack([tilts, found[3] - real[3]]).T.ravel()]
+    error = np.r_[
+        adjustment.camera.values - truth.camera.values,
+        np.vstack([tilts, found[3] - real[3]]).T.ravel(),
+    ]
     factor = adjustment.joint()
     size = np.sqrt((factor**2).sum(1))
     values, vectors = np.linalg.eigh((factor @ factor.T) / np.outer(size, size))
@@ -48,14 +53,18 @@ def whitened(adjustment, truth, steps):
     return vectors[:, known].T @ (error / size) / np.sqrt(values[known])
 
 
-def test_planes_are_found_to_a_thousandth_of_a_millimetre_and_the_mirror_finds_them_better(made, truth):
+def test_planes_are_found_to_a_thousandth_of_a_millimetre_and_the_mirror_finds_them_better(
+    made, truth
+):
     steps = made.scanner.steps
     free = aligned(truth, made.free.camera, made.free.sheets.planes, steps=steps)
     pooled = aligned(truth, made.camera, made.scanner.planes, steps=steps)
     assert made.mirror.supported and made.scanner.mirror is not None
     assert pooled[0] < free[0] < 0.001
     assert made.apart.point_mm < 0.7 * made.free.apart(made.volume).point_mm
-    assert abs(made.camera.fx - truth.camera.fx) < 3 * made.std["camera.fx"] < 3e-3 * truth.camera.fx
+    assert (
+        abs(made.camera.fx - truth.camera.fx) < 3 * made.std["camera.fx"] < 3e-3 * truth.camera.fx
+    )
 
 
 def test_stated_sigmas_cover_the_truth(made, truth):
@@ -72,7 +81,12 @@ def test_stated_sigmas_cover_the_truth_in_68_percent_over_seeds():
         found = calibrated(scene)
         free.append(whitened(found.free, scene, found.scanner.steps))
         pooled.append(whitened(found.made, scene, found.scanner.steps))
-        points.append([aligned(scene, found.camera, found.scanner.planes, steps=found.scanner.steps)[1], found.apart.point_mm])
+        points.append(
+            [
+                aligned(scene, found.camera, found.scanner.planes, steps=found.scanner.steps)[1],
+                found.apart.point_mm,
+            ]
+        )
     for z in (np.concatenate(free), np.concatenate(pooled)):
         assert 0.62 < (np.abs(z) < 1).mean() < 0.74
     error, stated = np.sqrt((np.array(points) ** 2).mean(0))
@@ -87,7 +101,9 @@ def test_the_whole_twin_with_120_planes():
     assert distance < 0.0005 and error < 0.001
     assert found.mirror.supported and found.mirror.difference_mm < 2 * found.mirror.expected_mm
     assert found.left_out.share > 0.99 and found.left_out.rms_px == pytest.approx(0.1, rel=0.1)
-    assert found.sigma_stripe_px == pytest.approx(0.1, rel=0.02) and found.sigma_corner_px == pytest.approx(0.06, rel=0.05)
+    assert found.sigma_stripe_px == pytest.approx(
+        0.1, rel=0.02
+    ) and found.sigma_corner_px == pytest.approx(0.06, rel=0.05)
 
 
 def test_weights_come_from_the_residuals(made):
@@ -107,7 +123,9 @@ def test_a_mirror_that_shakes_is_refused_and_the_free_planes_are_used():
     assert not found.mirror.supported and found.mirror.probability < 1e-6
     assert found.scanner.mirror is None
     assert found.mirror.difference_mm > 1.5 * found.mirror.expected_mm
-    assert any("it is refused and the free planes are used" in sentence for sentence in found.sentences)
+    assert any(
+        "it is refused and the free planes are used" in sentence for sentence in found.sentences
+    )
     assert aligned(scene, found.camera, found.scanner.planes, steps=found.scanner.steps)[0] < 0.001
 
 
@@ -130,8 +148,12 @@ def test_unknown_angles_are_steps_of_one_unknown_turn():
 
 def test_angles_of_the_light_instead_of_the_mirror_are_noticed():
     scene = twin(np.random.default_rng(15), points=20, steps=12, sweep=np.deg2rad(8))
-    found = calibrated(scene, stripes=replace(board_stripes(scene), mirror=2 * scene.angles[scene.step]))
-    assert any("as if mirror_deg were the angle of the light" in sentence for sentence in found.sentences)
+    found = calibrated(
+        scene, stripes=replace(board_stripes(scene), mirror=2 * scene.angles[scene.step])
+    )
+    assert any(
+        "as if mirror_deg were the angle of the light" in sentence for sentence in found.sentences
+    )
 
 
 def test_a_profiler_is_one_step_and_every_placement_is_left_out_once():
@@ -147,8 +169,15 @@ def test_effects_of_the_light_are_found_too():
     scene = twin(np.random.default_rng(17), points=60, steps=3)
     bow = 2e-5
     along = tilt_directions(scene.planes)[0]
-    chain = Sheets(CAMERA, scene.stripes, {"placement": scene.placement, "step": scene.step}, scene.poses, scene.planes,
-                   np.zeros(2), 1.0)  # fmt: skip
+    chain = Sheets(
+        CAMERA,
+        scene.stripes,
+        {"placement": scene.placement, "step": scene.step},
+        scene.poses,
+        scene.planes,
+        np.zeros(2),
+        1.0,
+    )
     place = (along[:, scene.step] * chain.state.points).sum(0)
     moved = scene.stripes - np.array([[1.0], [0.0]]) * bow * place**2 / (chain.at_start.by_pixel[0])
     found = calibrated(replace(scene, stripes=moved), effects=(CATALOGUE["plane-bow"]("laser"),))
@@ -176,7 +205,9 @@ def test_stripes_where_no_board_is_are_dropped_counted_and_told(truth):
     stripes = replace(stripes, placement=np.where(lost, "somewhere", stripes.placement))
     beside = replace(stripes.at(slice(0, 50)), pixels=np.tile([[1270.0], [1015.0]], 50))
     found = calibrated(truth, stripes=joined([stripes, beside]))
-    assert found.dropped["no board: no usable picture of the board at their placement"] == lost.sum()
+    assert (
+        found.dropped["no board: no usable picture of the board at their placement"] == lost.sum()
+    )
     assert found.dropped["off the board"] >= 50
     assert any("no usable picture of the board" in sentence for sentence in found.sentences)
 
@@ -190,12 +221,24 @@ def test_a_step_seen_at_one_placement_only_has_no_plane(truth):
         found.scanner.reconstruct(np.array([[600.0], [500.0]]), np.array([20]))
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    (lambda s: replace(s, placement=np.full(s.n, "elsewhere")), "expected points of the laser's line on a board"),
-    (lambda s: replace(s, pixels=s.pixels + 5000), "expected points of the laser's line on a board"),
-    (lambda s: s.at(s.placement == "p01"), "expected a step seen at 2 placements"),
-    (lambda s: replace(s, mirror=s.mirror + 1e-3 * (s.placement == "p01")), "expected one mirror_deg, found"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda s: replace(s, placement=np.full(s.n, "elsewhere")),
+            "expected points of the laser's line on a board",
+        ),
+        (
+            lambda s: replace(s, pixels=s.pixels + 5000),
+            "expected points of the laser's line on a board",
+        ),
+        (lambda s: s.at(s.placement == "p01"), "expected a step seen at 2 placements"),
+        (
+            lambda s: replace(s, mirror=s.mirror + 1e-3 * (s.placement == "p01")),
+            "expected one mirror_deg, found",
+        ),
+    ],
+)
 def test_stripes_that_make_no_plane_get_their_sentence(truth, change, words):
     with pytest.raises(InputError, match=words):
         calibrated(truth, stripes=change(board_stripes(truth)))
@@ -211,8 +254,15 @@ def test_stripes_along_rows_and_along_columns_are_not_mixed(truth):
 
 def test_thinning_keeps_residuals_and_information():
     scene = twin(np.random.default_rng(19), points=240, steps=3, placements=4)
-    whole = Sheets(CAMERA, scene.stripes, {"placement": scene.placement, "step": scene.step}, scene.poses, scene.planes,
-                   np.zeros(2), 1.0)  # fmt: skip
+    whole = Sheets(
+        CAMERA,
+        scene.stripes,
+        {"placement": scene.placement, "step": scene.step},
+        scene.poses,
+        scene.planes,
+        np.zeros(2),
+        1.0,
+    )
     thin, block = thinned(whole, whole.n // 8)
     assert thin.n < whole.n / 7 and block.max() == thin.n - 1
     every = [chain.evaluate(chain.parameters.values, {}) for chain in (whole, thin)]
@@ -220,7 +270,10 @@ def test_thinning_keeps_residuals_and_information():
     assert np.abs(mean - every[1].residual[0]).max() < 1e-6
     known = []
     for chain, here in zip((whole, thin), every):
-        rows = np.concatenate([here.family_rows("placement"), here.own_rows(np.arange(9))])[:, 0] / chain.sigma
+        rows = (
+            np.concatenate([here.family_rows("placement"), here.own_rows(np.arange(9))])[:, 0]
+            / chain.sigma
+        )
         known.append(rows @ rows.T)
     ratio = np.diag(known[1]) / np.diag(known[0])
     assert (ratio > 0.995).all() and (ratio < 1.001).all()
@@ -250,8 +303,15 @@ def test_points_far_from_their_stripe_are_named_and_no_others():
     pixels = scene.stripes.copy()
     bad = np.arange(7, pixels.shape[1], 41)
     pixels[0, bad] += 4
-    chain = Sheets(CAMERA, pixels, {"placement": scene.placement, "step": scene.step}, scene.poses, scene.planes,
-                   np.zeros(2), 1.0)  # fmt: skip
+    chain = Sheets(
+        CAMERA,
+        pixels,
+        {"placement": scene.placement, "step": scene.step},
+        scene.poses,
+        scene.planes,
+        np.zeros(2),
+        1.0,
+    )
     assert np.array_equal(np.flatnonzero(wrong_points(chain, chain.at_start)), bad)
 
 
@@ -265,8 +325,19 @@ def full_scanner():
         (CATALOGUE["mirror-encoder-harmonic"]("mirror", order=3), np.array([1e-4, np.pi * 1e-4])),
         (CATALOGUE["camera-thermal-drift"]("camera"), np.array([1e-5, 1e-3, 2e-3])),
     )
-    return Scanner(CAMERA, np.arange(3, 10), made.planes(angles), made, angles, effects, 0.0931, factor @ factor.T,
-                   (114.9, 135.1), np.array([0.0, 1.0]), {"data_sha256": "0f", "seed": 3})  # fmt: skip
+    return Scanner(
+        CAMERA,
+        np.arange(3, 10),
+        made.planes(angles),
+        made,
+        angles,
+        effects,
+        0.0931,
+        factor @ factor.T,
+        (114.9, 135.1),
+        np.array([0.0, 1.0]),
+        {"data_sha256": "0f", "seed": 3},
+    )
 
 
 def test_the_file_is_read_back_to_the_bit(tmp_path):
@@ -277,10 +348,18 @@ def test_the_file_is_read_back_to_the_bit(tmp_path):
         assert np.array_equal(getattr(read, name), getattr(scanner, name)), name
     for name in ("axis", "point", "face", "offset", "beam"):
         assert np.array_equal(getattr(read.mirror, name), getattr(scanner.mirror, name)), name
-    assert read.camera == scanner.camera and read.sigma_px == scanner.sigma_px and read.volume == scanner.volume
+    assert (
+        read.camera == scanner.camera
+        and read.sigma_px == scanner.sigma_px
+        and read.volume == scanner.volume
+    )
     assert read.provenance == scanner.provenance
     for (effect, values), (other, others) in zip(read.effects, scanner.effects, strict=True):
-        assert type(effect) is type(other) and effect.options == other.options and np.array_equal(values, others)
+        assert (
+            type(effect) is type(other)
+            and effect.options == other.options
+            and np.array_equal(values, others)
+        )
     assert scanner_text(read) == scanner_text(scanner)
     assert [path.name for path in tmp_path.iterdir()] == ["scanner.toml"]
 
@@ -294,16 +373,32 @@ def test_a_bare_scanner_is_written_and_read(tmp_path):
 
 
 BROKEN = [
-    (r'format = "scanner/1"', 'format = "scanner/9"', 'key format: expected "scanner/1", found \'scanner/9\''),
+    (
+        r'format = "scanner/1"',
+        'format = "scanner/9"',
+        "key format: expected \"scanner/1\", found 'scanner/9'",
+    ),
     (r"fx_px = 3421.0", "fx_px = -1.0", "expected positive focal lengths"),
-    (r"sigma_px = 0.0931", 'sigma_px = "much"', "key light.sigma_px: expected a valid number, found 'much'"),
+    (
+        r"sigma_px = 0.0931",
+        'sigma_px = "much"',
+        "key light.sigma_px: expected a valid number, found 'much'",
+    ),
     (r"sigma_px = 0.0931\n", "", "key light.sigma_px: expected .*, found none"),
     (r"steps = \[\n    3,", "steps = [\n    4,", "expected every step once"),
     (r"steps = \[\n    3,", "steps = [\n", "expected 6, one a step, found 7"),
     (r'covariance = "AAA', 'covariance = "!', "expected 21 x 21 numbers, base64"),
-    (r"offset_mm = 2.0", "offset_mm = 3.0", "expected the planes that light.planes holds, found others"),
+    (
+        r"offset_mm = 2.0",
+        "offset_mm = 3.0",
+        "expected the planes that light.planes holds, found others",
+    ),
     (r'effect = "plane-bow"', 'effect = "plane-bend"', "no effect is called 'plane-bend'"),
-    (r"angle = 0.001", "angel = 0.001", "effect plane-bow, key parameters: expected angle, found angel"),
+    (
+        r"angle = 0.001",
+        "angel = 0.001",
+        "effect plane-bow, key parameters: expected angle, found angel",
+    ),
     (r"\[light\]", "[light", "expected TOML, found a mistake"),
     (r"scan = \[\n    0.0", "scan = [\n    0.5", "key light.scan: expected a unit vector"),
 ]
@@ -337,7 +432,9 @@ def test_stripes_of_pictures_know_their_placement_step_and_angle():
 
     made = BoardStripes.of(Found, ["a", "b"], [4, 5], [10.0, 20.0], {"time_s": [1, 2]})
     assert made.placement.tolist() == ["a", "a", "b"] and made.step.tolist() == [4, 4, 5]
-    assert np.allclose(np.rad2deg(made.mirror), [10, 10, 20]) and made.covariates["time_s"].tolist() == [1, 1, 2]
+    assert np.allclose(np.rad2deg(made.mirror), [10, 10, 20]) and made.covariates[
+        "time_s"
+    ].tolist() == [1, 1, 2]
     assert joined([made, made.at(np.array([2]))]).shape.tolist() == [[1, 2, 3, 3], [4, 5, 6, 6]]
 
 
@@ -353,6 +450,9 @@ def test_a_real_profiler_on_pictures_left_out(real):
     assert found.left_out.folds == 12
     assert found.left_out.rms_mm < 0.01 * pitch and found.left_out.share > 0.9
     assert (np.abs(found.left_out.residual_mm) < 0.03 * pitch).mean() > 0.95
-    numbers = [float(v) for v in re.findall(r"<Formular_.>(.*?)</", (folder / "Parameters.xml").read_text())]
+    numbers = [
+        float(v)
+        for v in re.findall(r"<Formular_.>(.*?)</", (folder / "Parameters.xml").read_text())
+    ]
     theirs = np.array(numbers[:3]) / np.linalg.norm(numbers[:3])
     assert np.rad2deg(np.arccos(abs(theirs @ found.scanner.planes[:3, 0]))) < 1

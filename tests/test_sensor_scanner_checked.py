@@ -19,7 +19,9 @@ from workbench.core.errors import InputError
 def calibrated(truth, **more):
     camera = calibrate_camera(views(truth), board(), CAMERA.size, folds=0)
     stripes = more.pop("stripes", board_stripes(truth))
-    return calibrate_scanner(views(truth), stripes, board(), CAMERA.size, check=False, camera=camera, **more)
+    return calibrate_scanner(
+        views(truth), stripes, board(), CAMERA.size, check=False, camera=camera, **more
+    )
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +50,9 @@ def test_a_left_out_placement_has_no_say_in_the_planes_it_is_judged_by(made, whi
         changed = replace(fit, sheets=shifted(fit.sheets, group, 0.5))
         moved = leave_out(changed, shifted(whole, group, 0.5))
         own = whole.labels["placement"] == group
-        assert np.abs((moved.residual_px - plain.residual_px)[own]) == pytest.approx(np.full(own.sum(), 0.5), abs=0.01)
+        assert np.abs((moved.residual_px - plain.residual_px)[own]) == pytest.approx(
+            np.full(own.sum(), 0.5), abs=0.01
+        )
         # and the others see it: they are judged by planes that it had a say in
         assert np.abs((moved.residual_px - plain.residual_px)[~own]).max() > 0.02
 
@@ -58,21 +62,36 @@ def test_a_commanded_angle_that_is_20_degrees_off_is_no_mirror(truth):
     wrong = truth.angles + np.where(np.arange(8) == 5, np.deg2rad(20), 0)
     found = calibrated(truth, stripes=replace(board_stripes(truth), mirror=wrong[truth.step]))
     check = found.mirror
-    assert check.probability < 1e-9 and not check.agrees and not check.supported and found.scanner.mirror is None
+    assert (
+        check.probability < 1e-9
+        and not check.agrees
+        and not check.supported
+        and found.scanner.mirror is None
+    )
     assert "contradict it; it is refused and the free planes are used" in " ".join(found.sentences)
 
 
 def test_planes_that_no_ray_meets_are_told_and_not_laid_over(truth):
     behind = truth.planes * [[1], [1], [1], [-1]]
     points, step, distance, error = laid_over(CAMERA, truth.planes, CAMERA, behind, (115.0, 135.0))
-    assert np.isnan(error).all() and np.allclose(distance, (behind[:3, step] * points).sum(0) + behind[3, step])
+    assert np.isnan(error).all() and np.allclose(
+        distance, (behind[:3, step] * points).sum(0) + behind[3, step]
+    )
     nowhere = laid_over(CAMERA, truth.planes, CAMERA, behind * np.nan, (115.0, 135.0))
     assert np.isnan(nowhere[2]).all()
 
 
-@pytest.mark.parametrize("angle", [lambda angles: angles + np.deg2rad(20), lambda angles: 0 * angles], ids=["zero", "same"])
-def test_angles_with_another_zero_and_angles_that_say_nothing_are_a_mirror_all_the_same(truth, angle):
-    found = calibrated(truth, stripes=replace(board_stripes(truth), mirror=angle(truth.angles)[truth.step]))
+@pytest.mark.parametrize(
+    "angle",
+    [lambda angles: angles + np.deg2rad(20), lambda angles: 0 * angles],
+    ids=["zero", "same"],
+)
+def test_angles_with_another_zero_and_angles_that_say_nothing_are_a_mirror_all_the_same(
+    truth, angle
+):
+    found = calibrated(
+        truth, stripes=replace(board_stripes(truth), mirror=angle(truth.angles)[truth.step])
+    )
     assert found.mirror.agrees and found.mirror.supported
 
 
@@ -90,29 +109,49 @@ def test_what_is_said_of_the_mirror_is_what_was_tested(made):
 
 @pytest.mark.slow
 def test_the_mirrors_probability_is_uniform_where_it_is_true():
-    found = [calibrated(twin(np.random.default_rng(500 + seed), points=20, steps=8, placements=6)).mirror for seed in range(60)]
+    found = [
+        calibrated(twin(np.random.default_rng(500 + seed), points=20, steps=8, placements=6)).mirror
+        for seed in range(60)
+    ]
     probability = np.array([check.probability for check in found])
     assert kstest(probability, "uniform").pvalue > 0.01
     assert all(check.agrees for check in found)
-    ratio = np.mean([check.difference_mm**2 for check in found]) / np.mean([check.expected_mm**2 for check in found])
+    ratio = np.mean([check.difference_mm**2 for check in found]) / np.mean(
+        [check.expected_mm**2 for check in found]
+    )
     assert ratio == pytest.approx(1, abs=0.35)
 
 
 def test_the_frame_goes_into_the_file_and_comes_back(made, tmp_path):
-    assert np.array_equal(made.scanner.frame, made.apart.frame) and made.scanner.frame.shape == (6, 6)
+    assert np.array_equal(made.scanner.frame, made.apart.frame) and made.scanner.frame.shape == (
+        6,
+        6,
+    )
     write_scanner(made.scanner, tmp_path / "scanner.toml")
     read = read_scanner(tmp_path / "scanner.toml")
-    assert np.array_equal(read.frame, made.scanner.frame) and scanner_text(read) == scanner_text(made.scanner)
+    assert np.array_equal(read.frame, made.scanner.frame) and scanner_text(read) == scanner_text(
+        made.scanner
+    )
     bare = Scanner(CAMERA, made.scanner.steps, made.scanner.planes)
-    assert "frame_covariance" not in scanner_text(bare) and not bare.frame_covariance(np.ones((3, 2))).any()
+    assert (
+        "frame_covariance" not in scanner_text(bare)
+        and not bare.frame_covariance(np.ones((3, 2))).any()
+    )
 
 
-@pytest.mark.parametrize("change", [
-    lambda frame: frame - 2 * np.diag(np.diag(frame)), lambda frame: frame + np.triu(frame, 1), lambda frame: frame[:5],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda frame: frame - 2 * np.diag(np.diag(frame)),
+        lambda frame: frame + np.triu(frame, 1),
+        lambda frame: frame[:5],
+    ],
+)
 def test_a_frame_that_is_no_covariance_is_named(made, tmp_path, change):
     path = tmp_path / "scanner.toml"
-    path.write_text(scanner_text(replace(made.scanner, frame=change(made.scanner.frame))), encoding="utf-8")
+    path.write_text(
+        scanner_text(replace(made.scanner, frame=change(made.scanner.frame))), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="light.frame_covariance"):
         read_scanner(path)
 
@@ -139,6 +178,9 @@ def test_places_in_the_cameras_frame_err_as_the_frame_and_the_planes_say():
 def test_frame_moves_are_a_shift_and_a_turn():
     from workbench.core.rigid import rotation_matrix
 
-    points, small = np.random.default_rng(0).uniform(-50, 150, (3, 6)), np.array([1e-3, -2e-3, 3e-3, 1e-5, 2e-5, -1e-5])
+    points, small = (
+        np.random.default_rng(0).uniform(-50, 150, (3, 6)),
+        np.array([1e-3, -2e-3, 3e-3, 1e-5, 2e-5, -1e-5]),
+    )
     there = rotation_matrix(small[3:]) @ points + small[:3, None]
     assert np.abs(points + np.tensordot(small, frame_moves(points), 1) - there).max() < 1e-7

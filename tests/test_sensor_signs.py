@@ -15,7 +15,9 @@ FACE, BEAM, BASE = np.deg2rad(16.0), np.deg2rad(61.0), -69.0
 
 def light_planes(phi) -> tuple[np.ndarray, np.ndarray]:
     """Normals (3, n) and offsets (n,) of a sheet upright through (BASE, 0, 0), mirrored in a face turned by phi about y."""
-    normal = np.array([np.cos(FACE - phi), 0 * phi, np.sin(FACE - phi)])  # right-handed about y: from z to x
+    normal = np.array(
+        [np.cos(FACE - phi), 0 * phi, np.sin(FACE - phi)]
+    )  # right-handed about y: from z to x
     sheet = np.array([np.cos(BEAM), 0, np.sin(BEAM)])
     mirrored = sheet[:, None] - 2 * (sheet @ normal) * normal
     return mirrored, -mirrored[0] * BASE
@@ -23,11 +25,23 @@ def light_planes(phi) -> tuple[np.ndarray, np.ndarray]:
 
 def scanner(effect, *values) -> Scanner:
     sheet = np.array([np.cos(BEAM), 0, np.sin(BEAM)])
-    mirror = Mirror(np.array([0.0, 1, 0]), np.array([BASE, 0, 0]), np.array([np.cos(FACE), 0, np.sin(FACE)]), 0.0,
-                    np.append(sheet, -sheet[0] * BASE))  # fmt: skip
+    mirror = Mirror(
+        np.array([0.0, 1, 0]),
+        np.array([BASE, 0, 0]),
+        np.array([np.cos(FACE), 0, np.sin(FACE)]),
+        0.0,
+        np.append(sheet, -sheet[0] * BASE),
+    )
     camera = Camera(F, F, CX, CY, (0.0,) * 5, (1280, 1024))
     normal, offset = light_planes(ANGLES)
-    return Scanner(camera, np.arange(4), np.vstack([normal, offset]), mirror, ANGLES, ((effect, np.array(values)),))
+    return Scanner(
+        camera,
+        np.arange(4),
+        np.vstack([normal, offset]),
+        mirror,
+        ANGLES,
+        ((effect, np.array(values)),),
+    )
 
 
 def seen(rng, n=40):
@@ -56,7 +70,14 @@ def test_pictures_taken_late_are_lit_where_the_mirror_has_turned_to():
     pixels, steps = seen(rng)
     speed = rng.choice([-40.0, 25.0], 40)
     truth = cut(pixels, ANGLES[steps] + np.pi / 180 * speed * 0.002)
-    undone(CATALOGUE["frame-sync"]("time"), [0.002], pixels, steps, {"mirror_speed_deg_s": speed}, truth)
+    undone(
+        CATALOGUE["frame-sync"]("time"),
+        [0.002],
+        pixels,
+        steps,
+        {"mirror_speed_deg_s": speed},
+        truth,
+    )
 
 
 def test_a_mirror_with_hysteresis_is_off_towards_its_sweep():
@@ -78,16 +99,25 @@ def test_an_encoders_harmonic_is_a_cosine_and_a_sine_of_the_commanded_angle():
 
 
 @pytest.mark.parametrize("column", ["temperature_camera_c", "temperature_c"])
-@pytest.mark.parametrize(("focal", "x", "y"), [(2e-5, 0.0, 0.0), (0.0, 0.05, 0.0), (0.0, 0.0, 0.05)])
+@pytest.mark.parametrize(
+    ("focal", "x", "y"), [(2e-5, 0.0, 0.0), (0.0, 0.05, 0.0), (0.0, 0.0, 0.05)]
+)
 def test_a_warm_camera_is_one_of_longer_focal_length_and_moved_centre(column, focal, x, y):
     """camera-thermal-drift: what such a camera saw at 20 degrees plus dT is undone to the square of the drift."""
     rng = np.random.default_rng(4)
     points = np.stack([*rng.uniform(-30, 30, (2, 40)), rng.uniform(110, 140, 40)])
     warm = rng.uniform(-10, 15, 40)
     grown = F * (1 + focal * warm)
-    pixels = np.stack([CX + x * warm + grown * points[0] / points[2], CY + y * warm + grown * points[1] / points[2]])
+    pixels = np.stack(
+        [
+            CX + x * warm + grown * points[0] / points[2],
+            CY + y * warm + grown * points[1] / points[2],
+        ]
+    )
     effect = CATALOGUE["camera-thermal-drift"]("camera")
-    found = scanner(effect, focal, x, y).reconstruct(pixels, np.zeros(40, int), {column: 20.0 + warm})
+    found = scanner(effect, focal, x, y).reconstruct(
+        pixels, np.zeros(40, int), {column: 20.0 + warm}
+    )
     cold = np.stack([CX + F * points[0] / points[2], CY + F * points[1] / points[2]])
     seen_at = CX + F * found[0] / found[2], CY + F * found[1] / found[2]
     assert np.abs(pixels - cold).max() > 0.05

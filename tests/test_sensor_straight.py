@@ -45,7 +45,11 @@ def fitted_centre(normal, height, plane, zero, y, light):
         towards = light[:, None] - points
         bright = bright * np.abs(normal @ towards) / np.linalg.norm(towards, axis=0)
     start = [bright.max(), x[bright.argmax()], 3.0]
-    found = least_squares(lambda p: p[0] * np.exp(-0.5 * ((x - p[1]) / p[2]) ** 2) - bright, start, x_scale=[0.01, 0.1, 0.1])
+    found = least_squares(
+        lambda p: p[0] * np.exp(-0.5 * ((x - p[1]) / p[2]) ** 2) - bright,
+        start,
+        x_scale=[0.01, 0.1, 0.1],
+    )
     return found.x[1], found.x[2]
 
 
@@ -56,8 +60,15 @@ def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
     plane = mirror().planes(np.array([0.01]))[:, 0]
     zero = crossing(normal, height, plane, 300.0)
     centre, width = fitted_centre(normal, height, plane, zero, 300.0, light)
-    bend = bend_on_boards(PINHOLE, normal[:, None], np.array([height]), np.array([[zero], [300.0]]), plane[:, None],
-                          np.array([1.0, 0.0]), light)  # fmt: skip
+    bend = bend_on_boards(
+        PINHOLE,
+        normal[:, None],
+        np.array([height]),
+        np.array([[zero], [300.0]]),
+        plane[:, None],
+        np.array([1.0, 0.0]),
+        light,
+    )
     told = bend.pull(SHEET, np.array([width]), np.array([0.0]))[0]
     assert abs(bend.away[0]) < 1e-9
     assert told == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
@@ -69,13 +80,23 @@ def chain(seed=1):
     rng, planes = np.random.default_rng(seed), mirror().planes(np.linspace(-0.05, 0.05, 8))
     turns = np.stack([np.zeros(6), np.linspace(-0.5, 0.5, 6), np.zeros(6)], 1)
     middle = np.stack([*np.zeros((2, 6)), np.linspace(115, 135, 6)], 1)
-    poses = np.hstack([middle - np.einsum("gij,j->gi", rotation_matrix(turns), [*MIDDLE, 0.0]), turns])
+    poses = np.hstack(
+        [middle - np.einsum("gij,j->gi", rotation_matrix(turns), [*MIDDLE, 0.0]), turns]
+    )
     group, step = np.repeat(np.arange(6), 8 * 30), np.tile(np.repeat(np.arange(8), 30), 6)
     pixels = np.stack([rng.uniform(200, 1000, 1440), np.tile(np.linspace(100, 900, 30), 48)])
-    made = Sheets(CAMERA, pixels, {"placement": group, "step": step}, poses, planes, MIDDLE, HALF_DIAGONAL)
+    made = Sheets(
+        CAMERA, pixels, {"placement": group, "step": step}, poses, planes, MIDDLE, HALF_DIAGONAL
+    )
     turn = rotation_matrix(turns)[:, :, 2]
-    bend = bend_on_boards(CAMERA, turn[group].T, (turn * poses[:, :3]).sum(1)[group], pixels, planes[:, step],
-                          np.array([1.0, 0.0]))  # fmt: skip
+    bend = bend_on_boards(
+        CAMERA,
+        turn[group].T,
+        (turn * poses[:, :3]).sum(1)[group],
+        pixels,
+        planes[:, step],
+        np.array([1.0, 0.0]),
+    )
     return made, np.hypot(SHEET / bend.slope, 0.8)
 
 
@@ -88,5 +109,9 @@ def test_the_sheets_width_is_read_from_the_lines_and_unknown_widths_change_nothi
     assert straightened(made, None) == (made, 0.0)
     assert unshaded(made, 0.0, LIGHT) is made
     away = unshaded(made, sheet, 1e9 * LIGHT)  # parallel light falls evenly on a flat board
-    assert np.abs(away.pixels - made.pixels).max() < 1e-6 < np.abs(unshaded(made, sheet, LIGHT).pixels - made.pixels).max()
+    assert (
+        np.abs(away.pixels - made.pixels).max()
+        < 1e-6
+        < np.abs(unshaded(made, sheet, LIGHT).pixels - made.pixels).max()
+    )
     assert replace(made, pixels=straight.pixels).n == made.n

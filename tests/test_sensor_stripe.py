@@ -19,7 +19,12 @@ ROUNDED = Noise(float(np.sqrt(NOISE**2 + 1 / 12)))
 def centres(frames=FRAMES, height=HEIGHT, slope=0.1) -> np.ndarray:
     """(frames, height) px, at every phase of the pixel."""
     row = np.arange(height)
-    return np.stack([WIDTH / 2 + slope * (row - height / 2) + 6 * np.sin(row / 61 + k) + k / 3 for k in range(frames)])
+    return np.stack(
+        [
+            WIDTH / 2 + slope * (row - height / 2) + 6 * np.sin(row / 61 + k) + k / 3
+            for k in range(frames)
+        ]
+    )
 
 
 def light(centre, peak, width=2.0) -> np.ndarray:
@@ -46,12 +51,16 @@ def rms(values) -> float:
 
 def mean_bound(width, peak, noise, ground=GROUND) -> float:
     """Of all phases of the pixel."""
-    return rms([centre_bound(width, peak, noise, ground, phase) for phase in np.linspace(-0.5, 0.5, 21)])
+    return rms(
+        [centre_bound(width, peak, noise, ground, phase) for phase in np.linspace(-0.5, 0.5, 21)]
+    )
 
 
 def test_the_bound_is_the_textbooks_where_pixels_are_small():
     for width, snr in ((2.0, 9.0), (3.5, 25.0)):
-        assert centre_bound(width, snr, Noise(1.0)) == pytest.approx(np.sqrt(2 * width / np.sqrt(np.pi)) / snr, rel=1e-6)
+        assert centre_bound(width, snr, Noise(1.0)) == pytest.approx(
+            np.sqrt(2 * width / np.sqrt(np.pi)) / snr, rel=1e-6
+        )
 
 
 @pytest.mark.parametrize("width", [1.0, 2.0, 3.5])
@@ -62,7 +71,9 @@ def test_rms_is_at_the_cramer_rao_bound_and_sigma_is_right(width, snr):
     assert len(found) >= 0.985 * truth.size
     error = errors(found, truth)
     assert rms(error) <= 1.05 * mean_bound(width, snr * NOISE, ROUNDED)
-    assert np.mean((error / found.sigma) ** 2) == pytest.approx(1, abs=0.07 if snr == 9 and width == 1 else 0.06)
+    assert np.mean((error / found.sigma) ** 2) == pytest.approx(
+        1, abs=0.07 if snr == 9 and width == 1 else 0.06
+    )
     assert np.abs(error / found.sigma).max() < 6
     assert np.median(found.width) == pytest.approx(width, rel=0.02)
 
@@ -197,7 +208,9 @@ def test_a_background_is_subtracted_at_its_own_exposure(kind):
     truth, scale = centres(), 1 if kind == np.uint8 else 100
     scene = 40 + 40 * np.sin(np.arange(WIDTH) / 80) ** 2 + np.zeros((HEIGHT, 1))
     stack = pictures(light(truth, 75 + 0 * truth), ground=scene).astype(kind) * kind(scale)
-    dark = pictures(np.zeros((1, HEIGHT, WIDTH)), ground=scene / 1.25, seed=9)[0].astype(kind) * kind(scale)
+    dark = pictures(np.zeros((1, HEIGHT, WIDTH)), ground=scene / 1.25, seed=9)[0].astype(
+        kind
+    ) * kind(scale)
     found = find_stripes(stack, background=dark)
     bound = mean_bound(2.0, 75, Noise(NOISE * np.sqrt(1 + 1.25**2)))
     assert len(found) > 0.97 * truth.size
@@ -211,7 +224,11 @@ def test_rows_that_a_surfaces_edge_pulls_are_flagged():
     edge = (np.arange(HEIGHT) % 64 < 12)[:, None] & (np.arange(WIDTH) > 162)
     white = np.where(edge, 0.1, 1.0)
     stack = pictures(light(truth, 120 + 0 * truth) * white, ground=80 * white)
-    found = find_stripes(stack, background=pictures(np.zeros((1, HEIGHT, WIDTH)), ground=80 * white, seed=3)[0], flagged=True)
+    found = find_stripes(
+        stack,
+        background=pictures(np.zeros((1, HEIGHT, WIDTH)), ground=80 * white, seed=3)[0],
+        flagged=True,
+    )
     pulled = np.abs(errors(found, truth)) > 5 * found.sigma.min()
     assert pulled.sum() > 250 and (found.flag[pulled] > 0).all()
     assert (found.flag[edge[found.line, -1]] & UNEVEN > 0).mean() > 0.9
@@ -223,9 +240,13 @@ def test_speckle_adds_its_floor_and_is_found_again():
     truth = centres(12, slope=0.05)
     lit = light(truth, 150 + 0 * truth, width)
     spectrum = np.fft.rfftfreq(WIDTH)
-    filters = np.exp(-0.5 * (2 * np.pi * spectrum * width * np.sqrt(2)) ** 2)  # autocorrelation exp(-x^2 / (4 width^2))
+    filters = np.exp(
+        -0.5 * (2 * np.pi * spectrum * width * np.sqrt(2)) ** 2
+    )  # autocorrelation exp(-x^2 / (4 width^2))
     grain = np.fft.irfft(np.fft.rfft(random.standard_normal(lit.shape)) * np.sqrt(filters), WIDTH)
-    found = find_stripes(pictures(lit * (1 + contrast * grain / grain.std()), noise=1.0), flagged=True)
+    found = find_stripes(
+        pictures(lit * (1 + contrast * grain / grain.std()), noise=1.0), flagged=True
+    )
     floor = speckle_floor(np.full(1, width), contrast)[0]
     assert rms(errors(found, truth)) == pytest.approx(floor, rel=0.1)
     line = np.full((3, truth.size), np.nan)
@@ -233,7 +254,9 @@ def test_speckle_adds_its_floor_and_is_found_again():
     assert speckle_contrast(*line, HEIGHT) == pytest.approx(contrast, rel=0.2)
     told = find_stripes(pictures(lit), speckle=contrast)
     plain = find_stripes(pictures(lit))
-    np.testing.assert_allclose(told.sigma, np.hypot(plain.sigma, speckle_floor(plain.width, contrast)), rtol=1e-6)
+    np.testing.assert_allclose(
+        told.sigma, np.hypot(plain.sigma, speckle_floor(plain.width, contrast)), rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("snr, smoothing", [(2.5, 4.0), (9, 3.0), (25, 2.0)])
@@ -241,7 +264,10 @@ def test_the_ridge_pays_with_resolution_for_a_smaller_error(snr, smoothing):
     truth = np.add.outer(np.linspace(155, 160, 12), 0.05 * np.arange(HEIGHT))
     stack = pictures(light(truth, 6 * snr + 0 * truth), noise=6.0, ground=50)
     found = find_stripes(stack, mode="ridge", smoothing=smoothing)
-    assert found.resolution_rows == pytest.approx(2.355 * smoothing, rel=1e-3) and found.mode == "ridge"
+    assert (
+        found.resolution_rows == pytest.approx(2.355 * smoothing, rel=1e-3)
+        and found.mode == "ridge"
+    )
     averaged = mean_bound(2.0, 6 * snr, Noise(6.0), 50) / np.sqrt(2 * np.sqrt(np.pi) * smoothing)
     assert len(found) > 0.9 * truth.size
     assert rms(errors(found, truth)) < 1.15 * averaged
@@ -250,7 +276,12 @@ def test_the_ridge_pays_with_resolution_for_a_smaller_error(snr, smoothing):
 
 
 @settings(max_examples=15, deadline=None)
-@given(shift=st.floats(-40, 40), peak=st.floats(40, 180), width=st.floats(1.0, 4.0), seed=st.integers(0, 9))
+@given(
+    shift=st.floats(-40, 40),
+    peak=st.floats(40, 180),
+    width=st.floats(1.0, 4.0),
+    seed=st.integers(0, 9),
+)
 def test_any_line_is_found_where_it_is(shift, peak, width, seed):
     truth = centres(1, 96) + shift
     found = find_stripes(pictures(light(truth, peak + 0 * truth, width), seed=seed))
@@ -297,12 +328,18 @@ def test_real_pictures_follow_a_smooth_line_on_black_and_white(real):
 
     folder = real("linelaser_circlegrid_zhao")
     for number in (2, 6, 9):
-        lit, bare = (cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE)
-                     for name in (f"light_picture/light{number}.jpg", f"calib_picture/calib{number}.jpg"))  # fmt: skip
+        lit, bare = (
+            cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE)
+            for name in (f"light_picture/light{number}.jpg", f"calib_picture/calib{number}.jpg")
+        )
         grid = cv2.findCirclesGrid(bare, (7, 7))[1].reshape(-1, 2)
         hull = cv2.convexHull(grid.mean(0) + 1.2 * (grid - grid.mean(0)))
-        region = cv2.fillConvexPoly(np.zeros(lit.shape, np.uint8), np.rint(hull).astype(np.int32), 1) > 0
-        found = find_stripes(lit[None], "columns", background=bare[None], region=region, saturation=250)
+        region = (
+            cv2.fillConvexPoly(np.zeros(lit.shape, np.uint8), np.rint(hull).astype(np.int32), 1) > 0
+        )
+        found = find_stripes(
+            lit[None], "columns", background=bare[None], region=region, saturation=250
+        )
         x, y = found.pixels
         rest = y - np.polyval(np.polyfit(x - x.mean(), y, 3), x - x.mean())
         assert len(found) > 0.5 * region.any(0).sum()

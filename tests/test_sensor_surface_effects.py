@@ -41,12 +41,17 @@ def incidence(points, normals):
 
 def scatter(points, normals):
     """(3, n) mm: deeper along the ray, and inwards."""
-    return np.nan_to_num(SCATTER[0] * points / np.linalg.norm(points, axis=0) * (normals[0] == normals[0]) - SCATTER[1] * normals)
+    return np.nan_to_num(
+        SCATTER[0] * points / np.linalg.norm(points, axis=0) * (normals[0] == normals[0])
+        - SCATTER[1] * normals
+    )
 
 
-CASES = [("incidence-bias", {}, [INCIDENCE], incidence, "normals"),
-         ("subsurface-scatter", {}, SCATTER, scatter, "normals and ball"),
-         ("subsurface-scatter", {"everywhere": True}, SCATTER, scatter, "normals")]  # fmt: skip
+CASES = [
+    ("incidence-bias", {}, [INCIDENCE], incidence, "normals"),
+    ("subsurface-scatter", {}, SCATTER, scatter, "normals and ball"),
+    ("subsurface-scatter", {"everywhere": True}, SCATTER, scatter, "normals"),
+]
 
 
 @pytest.mark.parametrize(("name", "options", "values", "law", "asked"), CASES)
@@ -80,7 +85,9 @@ def test_balls_of_a_scan_tell_what_their_surface_is_like(name, options, values, 
     assert before > 0.02 and after < 0.05 * before
     assert np.abs(found - points)[:, ~on].max() < 1e-9
     count = int(told.split("off the ")[1].split(" of ")[0])
-    assert told.startswith(f"{name} at sensor taken off the") and told.endswith(f"of {len(steps)} points that lie on balls")
+    assert told.startswith(f"{name} at sensor taken off the") and told.endswith(
+        f"of {len(steps)} points that lie on balls"
+    )
     assert abs(count - on.sum()) < 0.02 * on.sum()
 
 
@@ -97,7 +104,9 @@ def test_whole_steps_of_any_type_find_their_planes(steps):
     assert np.array_equal(made.reconstruct(seen, steps), made.reconstruct(seen, np.array([0, 2])))
 
 
-@pytest.mark.parametrize(("steps", "odd"), [([0.0, 1.5], "1.5"), ([0.0, np.nan], "nan"), (["0", "1"], "0")])
+@pytest.mark.parametrize(
+    ("steps", "odd"), [([0.0, 1.5], "1.5"), ([0.0, np.nan], "nan"), (["0", "1"], "0")]
+)
 def test_other_steps_get_a_sentence(steps, odd):
     made = scanner(scene(200)[0], 0.0)
     with pytest.raises(InputError, match=f"steps: expected whole numbers, found {odd}"):

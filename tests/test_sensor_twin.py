@@ -10,7 +10,11 @@ from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
 from twin import BOW, camera_whitened, plane_whitened, rms, small_scene, twin, without_bow, ye_scene
 
-TINY = {"mirror": {"steps": 10, "first_deg": -3.0, "last_deg": 3.0}, "placements": {"count": 12, "laser": 5}, "scans": {"count": 1}}
+TINY = {
+    "mirror": {"steps": 10, "first_deg": -3.0, "last_deg": 3.0},
+    "placements": {"count": 12, "laser": 5},
+    "scans": {"count": 1},
+}
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +46,16 @@ def test_what_a_ball_does_to_its_stripes_is_known():
     stack = np.stack(list(laser_light(instrument, (BallSurface(centre, radius, 1),))))
     noise = np.random.default_rng(1).normal(0, 0.05, stack.shape)
     found = find_stripes((stack * (200 / stack.max()) + noise).astype(np.float32))
-    camera, planes, row = instrument.camera, instrument.nominal_planes()[:, found.frame], np.array([1.0, 0.0])
+    camera, planes, row = (
+        instrument.camera,
+        instrument.nominal_planes()[:, found.frame],
+        np.array([1.0, 0.0]),
+    )
     light, off = instrument.mirror.point, np.zeros(len(found))
     for _ in range(4):  # Newton's method to the middle of the sheet
-        bend = bend_on_ball(camera, centre, radius, found.pixels - off * row[:, None], planes, row, light)
+        bend = bend_on_ball(
+            camera, centre, radius, found.pixels - off * row[:, None], planes, row, light
+        )
         off = off + bend.away / bend.slope
     near = (bend.lit > 0.5) & np.isfinite(off) & (found.pixels[1] > 100) & (found.pixels[1] < 900)
     ratio = found.noise.gain * found.peak / found.noise.variance(found.background)
@@ -97,10 +107,16 @@ EFFECTS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "where", "options", "values", "more"), EFFECTS, ids=[row[0] for row in EFFECTS])
+@pytest.mark.parametrize(
+    ("name", "where", "options", "values", "more"), EFFECTS, ids=[row[0] for row in EFFECTS]
+)
 def test_an_effect_in_the_pictures_is_recovered(name, where, options, values, more):
     causes = [BOW, {"effect": name, "where": where, "values": values, **options}]
-    boards = {"placements": {"count": 12, "laser": 8}, "mirror": {**TINY["mirror"], "steps": 14}, "scans": {"count": 0}}
+    boards = {
+        "placements": {"count": 12, "laser": 8},
+        "mirror": {**TINY["mirror"], "steps": 14},
+        "scans": {"count": 0},
+    }
     made = twin(small_scene(5, effect=causes, **{**boards, **more}))
     found = made.again([(name, where, options)])
     for key, true in values.items():

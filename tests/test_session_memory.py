@@ -19,12 +19,12 @@ from sensors.ball.fit import fit_ball
 from sensors.boards.detection import Rejected
 from sensors.camera.model import Camera
 from sensors.scanner.model import Scanner
-from workbench.jobs import ball_centres, scan
-from workbench.commands.shared import answer
 from workbench.commands.sensor import scan as scan_command
+from workbench.commands.shared import answer
+from workbench.files.spool import Parts, Spool
+from workbench.jobs import ball_centres, scan
 from workbench.report.sensor import picture
 from workbench.report.sensor.scan import page
-from workbench.files.spool import Parts, Spool
 
 CAMERA = Camera(20.0, 20.0, 8.0, 6.0, (0.0,) * 5, (16, 12))
 SCANNER = Scanner(CAMERA, np.arange(2), np.array([[0.0, 0, 1, -130], [0.0, 0, 1, -131]]).T)
@@ -60,14 +60,18 @@ def found(monkeypatch) -> scan.Scan:
     ball = scan.Ball(1, RADIUS, fit, fit.free, points, points[:2], False)
     accepted = acceptance([Probed(1, points, fit, RADIUS)])
     unseen = (Rejected("1.png", "dim"),)
-    made = scan.Scan("", {}, 400, "clouds/1.ply", points, {"weak": 1}, (ball,), "", unseen, accepted)
+    made = scan.Scan(
+        "", {}, 400, "clouds/1.ply", points, {"weak": 1}, (ball,), "", unseen, accepted
+    )
 
     def work(self, named):
         name, rows = named
         own = {"name": name, "row": rows[0], "outcome": f"{name} of 9999 points"}
         return replace(pickle.loads(pickle.dumps(made)), **own)
 
-    monkeypatch.setattr(scan, "Spool", lambda things, folder: Spool(things, 0, folder))  # the first are as all others
+    monkeypatch.setattr(
+        scan, "Spool", lambda things, folder: Spool(things, 0, folder)
+    )  # the first are as all others
     monkeypatch.setattr(scan._Work, "__call__", work)
     monkeypatch.setattr(scan.calibrated, "read", lambda path: SCANNER)
     return made
@@ -87,17 +91,24 @@ def test_the_command_needs_no_more_memory_the_longer_the_session(few, found, tmp
     short, long = peak(80, "short"), peak(300, "long")
     assert long < short + 220 * PER_SCAN
     told = json.loads((tmp_path / "long" / "answer.json").read_text())
-    assert [one["sample"] for one in told["scans"]] == list(range(1, 301)) and told["ball_centres"]["samples"] == 300
+    assert [one["sample"] for one in told["scans"]] == list(range(1, 301)) and told["ball_centres"][
+        "samples"
+    ] == 300
     assert datasets.read(tmp_path / "long" / "ball-centres").n == 300
     form = next(one for one in told["acceptance"] if one["name"] == "probing_form")
-    assert list(form["parts"]) == [f"scan {k}, ball-1" for k in range(1, 301)] and form["n"] == 300 * 400
+    assert (
+        list(form["parts"]) == [f"scan {k}, ball-1" for k in range(1, 301)]
+        and form["n"] == 300 * 400
+    )
     assert "288 more scans: other sentences" in capsys.readouterr().out
 
 
 def test_the_report_needs_no_more_memory_the_longer_the_session(few, found, tmp_path):
     def peak(scans, out):
         folder = session(few, tmp_path / f"recording-{out}", scans)
-        made = scan.scan(datasets.read(folder), Path("scanner.toml"), new(tmp_path / out), lambda text: None)
+        made = scan.scan(
+            datasets.read(folder), Path("scanner.toml"), new(tmp_path / out), lambda text: None
+        )
         gc.collect()
         tracemalloc.start()
         panels = picture.scan(made)
@@ -117,19 +128,28 @@ def new(folder):
     return folder
 
 
-def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(few, found, tmp_path, monkeypatch):
+def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(
+    few, found, tmp_path, monkeypatch
+):
     folder = session(few, tmp_path / "recording", 90)
-    made = scan.scan(datasets.read(folder), Path("scanner.toml"), new(tmp_path / "run"), lambda text: None)
+    made = scan.scan(
+        datasets.read(folder), Path("scanner.toml"), new(tmp_path / "run"), lambda text: None
+    )
     asked, told_of = [], ball_centres._told
     monkeypatch.setattr(ball_centres, "_told", lambda *given: asked.append(1) or told_of(*given))
     told = ball_centres.as_json(made, tmp_path)
     shown = page(made)
-    assert len(asked) == 90 and ball_centres.characteristics(made) is ball_centres.characteristics(made)
+    assert len(asked) == 90 and ball_centres.characteristics(made) is ball_centres.characteristics(
+        made
+    )
     assert ball_centres.centres_of(made) is ball_centres.centres_of(made)
     assert ("scans", "90", "") in shown.numbers and ("balls found", "90", "") in shown.numbers
     assert "And 78 more, which the JSON holds." in str(shown)
     whole = json.loads(answer.as_text(told))
-    assert whole["acceptance"] == json.loads(json.dumps(whole["acceptance"])) and len(whole["scans"]) == 90
+    assert (
+        whole["acceptance"] == json.loads(json.dumps(whole["acceptance"]))
+        and len(whole["scans"]) == 90
+    )
 
 
 def test_parts_of_a_mapping_are_that_mapping():

@@ -7,10 +7,10 @@ import pytest
 
 from robot_model.effects import CATALOGUE
 from scenes import model_of, observed, scene
-from workbench.jobs.calibrate import calibrate
 from workbench.core.effect import make_effects
 from workbench.core.least_squares.solver import solve
 from workbench.fitting.shrinkage import rescaled, settled
+from workbench.jobs.calibrate import calibrate
 
 WAVES = [("transmission-harmonic", f"joint-{k}", {"order": n}) for k in range(1, 7) for n in (1, 2)]
 SIGMA_MM = 0.05
@@ -18,7 +18,9 @@ SIGMA_MM = 0.05
 
 def waved(size, n, seed=0):
     """A model of an arm whose gears err by N(0, size) rad, on n noisy samples, and its true parameters."""
-    model = model_of(scene("external-point", n=n, seed=3, reflectors={1: (30.0, -40.0, 100.0)}, sigma=SIGMA_MM))
+    model = model_of(
+        scene("external-point", n=n, seed=3, reflectors={1: (30.0, -40.0, 100.0)}, sigma=SIGMA_MM)
+    )
     model = model.with_effects(*make_effects(CATALOGUE, WAVES))
     waves = np.array(["transmission-harmonic" in key for key in model.parameters.keys])
     free = model.parameters.only(waves)
@@ -70,16 +72,23 @@ def test_only_effects_have_a_scale_and_never_wider_than_their_own():
     own = [k for k, key in enumerate(found.keys) if key.count(".") == 1]
     assert [found.table[k].prior for k in own] == [free.table[k].prior for k in own]
     soft = model_of(scene("external-point", n=60)).with_effects(
-        *make_effects(CATALOGUE, [("joint-compliance", f"joint-{k}", {}) for k in (2, 3)]))  # fmt: skip
+        *make_effects(CATALOGUE, [("joint-compliance", f"joint-{k}", {}) for k in (2, 3)])
+    )
     start = soft.parameters.only(["compliance" in key for key in soft.parameters.keys])
     far = start.unpack(100 * start.typical[start.mask])
-    assert all(p.prior <= q.prior for p, q in zip(rescaled(soft, far).table, soft.parameters.table) if q.prior)
+    assert all(
+        p.prior <= q.prior
+        for p, q in zip(rescaled(soft, far).table, soft.parameters.table)
+        if q.prior
+    )
     assert rescaled(soft, soft.parameters.free("base.*")).table == soft.parameters.table
 
 
 def test_a_plan_that_frees_what_is_undetermined_stays_as_published():
     """`canonical = false`: nothing of the paper's plans is drawn towards anything but its own priors."""
-    made = pytest.importorskip("datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError)
+    made = pytest.importorskip(
+        "datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError
+    )
     recording = made.ye_second_experiment(120, seed=1, noise_mm=0.02).recording()
     found = calibrate(recording, Path("ye-2024"), folds=3)
     priors = {p.key: p.prior for p in found.solution.parameters.table}

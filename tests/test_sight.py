@@ -6,10 +6,10 @@ import pytest
 from plain_frames import frames_of
 from robot_model import load_robot
 from scenes import scene
-from workbench.jobs.calibrate import calibrate
 from workbench.core.errors import InputError
-from workbench.jobs.poses import choose_poses
 from workbench.imaging.visibility import BELOW, OUTSIDE, TOO_FAR, Sight
+from workbench.jobs.calibrate import calibrate
+from workbench.jobs.poses import choose_poses
 from workbench.jobs.simulate import simulate
 
 SCENE = """
@@ -41,7 +41,9 @@ def test_a_scene_draws_views_within_its_stand_off_field_and_cap(looking):
     off = np.rad2deg(np.arctan2(np.hypot(*seen[:2]), seen[2]))
     assert 7 < off.max() < 12.2
     robot = load_robot(looking.robot)
-    down = np.array([-frames_of(robot, q)[-1][2, 2] for q in looking.joints])  # its z axis against the vertical
+    down = np.array(
+        [-frames_of(robot, q)[-1][2, 2] for q in looking.joints]
+    )  # its z axis against the vertical
     assert np.cos(np.deg2rad(36)) < down.min() < np.cos(np.deg2rad(30))
 
 
@@ -75,19 +77,27 @@ def test_a_narrow_sight_still_beats_random(looking):
     assert found.design.gain > 1.1
 
 
-@pytest.mark.parametrize(("sight", "words"), [
-    (Sight((300.0, 200.0)), "--stand-off 300 200: expected the nearest and the farthest"),
-    (Sight(field_deg=0.0), "--field 0: expected an angle above 0"),
-    (Sight(cap_deg=200.0), "--cap 200: expected an angle above 0 and up to 180"),
-    (Sight((1000.0, 2000.0)), "expected at least 2 poses that can be used, found 0 \\(160 out of the stand-off\\)"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("sight", "words"),
+    [
+        (Sight((300.0, 200.0)), "--stand-off 300 200: expected the nearest and the farthest"),
+        (Sight(field_deg=0.0), "--field 0: expected an angle above 0"),
+        (Sight(cap_deg=200.0), "--cap 200: expected an angle above 0 and up to 180"),
+        (
+            Sight((1000.0, 2000.0)),
+            "expected at least 2 poses that can be used, found 0 \\(160 out of the stand-off\\)",
+        ),
+    ],
+)
 def test_a_sight_that_cannot_be_is_a_sentence(looking, sight, words):
     with pytest.raises(InputError, match=words):
         choose_poses(looking, 20, link_radius_mm=0, sight=sight)
 
 
 def test_nothing_looks_where_an_instrument_measures():
-    with pytest.raises(InputError, match="expected candidates that measure ball-centre.*found external-point"):
+    with pytest.raises(
+        InputError, match="expected candidates that measure ball-centre.*found external-point"
+    ):
         choose_poses(scene("external-point", n=60).recording, 20, sight=Sight((100.0, 200.0)))
 
 
@@ -96,7 +106,11 @@ def test_a_scene_of_another_sight_calibrates(looking):
 
 
 def test_criteria_and_tasks_go_together(looking):
-    with pytest.raises(InputError, match="--criterion X: expected one of D, O1.* found none of them"):
+    with pytest.raises(
+        InputError, match="--criterion X: expected one of D, O1.* found none of them"
+    ):
         choose_poses(looking, 20, "X")
-    with pytest.raises(InputError, match="--criterion task: expected --tasks RECORDING .* found none"):
+    with pytest.raises(
+        InputError, match="--criterion task: expected --tasks RECORDING .* found none"
+    ):
         choose_poses(looking, 20, "task")

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from robot_model.system import geometry_free
 from scenes import KINDS, model_of, observed, scene
 from workbench.core.least_squares.identifiability import independent
-from workbench.core.parameters import Parameters
 from workbench.core.least_squares.solver import (
     LOSSES,
     NOT_FINITE,
@@ -20,8 +19,14 @@ from workbench.core.least_squares.solver import (
     pose_scores,
     solve,
 )
+from workbench.core.parameters import Parameters
 
-FRAMES = {"ball-centre": ("base.*", "sensor.*"), "external-point": ("base.*", "tool.*"), "external-pose": ("base.*", "tool.*"), "partial-pose": ("base.*", "tool.*")}
+FRAMES = {
+    "ball-centre": ("base.*", "sensor.*"),
+    "external-point": ("base.*", "tool.*"),
+    "external-pose": ("base.*", "tool.*"),
+    "partial-pose": ("base.*", "tool.*"),
+}
 
 
 def everything(model, measures="external-point") -> Parameters:
@@ -38,7 +43,9 @@ def canonical(model, measures="external-point") -> Parameters:
 def moved(parameters, size=0.5, seed=0) -> Parameters:
     """The free ones off by normal numbers times `size` typical sizes, at most a millimetre."""
     steps = np.minimum(parameters.typical[parameters.mask], 1.0)
-    return parameters.unpack(parameters.pack() + size * steps * np.random.default_rng(seed).standard_normal(steps.size))
+    return parameters.unpack(
+        parameters.pack() + size * steps * np.random.default_rng(seed).standard_normal(steps.size)
+    )
 
 
 def whitened_distance(fit, model, truth):
@@ -70,7 +77,11 @@ def observed_pose(model, truth, measures):
     if measures == "partial-pose":
         turned = {"axis": np.stack([columns[f"o{c}"] for c in "xyz"])}
     else:
-        turned = {"turns": Rotation.from_quat(np.stack([columns[f"q{c}"] for c in "xyzw"], -1)).as_matrix()}
+        turned = {
+            "turns": Rotation.from_quat(
+                np.stack([columns[f"q{c}"] for c in "xyzw"], -1)
+            ).as_matrix()
+        }
     measurement = replace(seen.chain.measurement, **turned)
     return replace(seen, chain=replace(seen.chain, measurement=measurement), _bases={})
 
@@ -103,7 +114,11 @@ def test_a_robust_loss_resists_gross_outliers(loss, allowed):
     bad = rng.choice(300, 15, replace=False)
     measured = seen.chain.measurement.measured.copy()
     measured[:, bad] += rng.normal(0, 5, (3, 15))
-    spoilt = replace(seen, chain=replace(seen.chain, measurement=replace(seen.chain.measurement, measured=measured)), _bases={})
+    spoilt = replace(
+        seen,
+        chain=replace(seen.chain, measurement=replace(seen.chain.measurement, measured=measured)),
+        _bases={},
+    )
     clean = whitened_distance(solve(seen, free), model, truth)
     fit = solve(spoilt, free, loss)
     assert fit.converged
@@ -136,7 +151,9 @@ def test_a_prior_pulls_by_its_weight_against_that_of_the_data(strength):
     truth = free.update({"joint-3.theta3": 1e-5})
     fit = solve(observed(model, truth), weighed)
     null = weighed.nulls[weighed.mask][0]
-    assert fit.parameters["joint-3.theta3"] - null == pytest.approx((1e-5 - null) / (1 + strength), rel=1e-3)
+    assert fit.parameters["joint-3.theta3"] - null == pytest.approx(
+        (1e-5 - null) / (1 + strength), rel=1e-3
+    )
 
 
 def test_without_prior_the_data_decide_alone():
@@ -153,7 +170,9 @@ def test_directions_that_nothing_shows_keep_still():
     free = replace(free, table=tuple(replace(p, prior=None) for p in free.table))
     fit = solve(observed(model, free, np.random.default_rng(4)), free)
     assert fit.converged
-    values, vectors = np.linalg.eigh(normal_matrix(model, free) * np.outer(free.typical[free.mask], free.typical[free.mask]))
+    values, vectors = np.linalg.eigh(
+        normal_matrix(model, free) * np.outer(free.typical[free.mask], free.typical[free.mask])
+    )
     silent = vectors[:, values < 1e-6 * values.max() / len(values)][:, :4]
     change = (fit.parameters.pack() - free.pack()) / free.typical[free.mask]
     assert silent.shape[1] >= 4 and np.abs(silent.T @ change).max() < 1e-2
@@ -205,8 +224,13 @@ def test_each_sample_counts_by_its_own_sigma():
     seen = observed(model, truth, np.random.default_rng(6))
     sigma, measured = seen.chain.sigma.copy(), seen.chain.measurement.measured.copy()
     sigma[:, :10], measured[:, :10] = 1e3, measured[:, :10] + 10
-    vague = replace(seen.chain, sigma=sigma, measurement=replace(seen.chain.measurement, measured=measured))
-    fit, without = solve(replace(seen, chain=vague, _bases={}), free), solve(seen.at(np.arange(10, 120)), free)
+    vague = replace(
+        seen.chain, sigma=sigma, measurement=replace(seen.chain.measurement, measured=measured)
+    )
+    fit, without = (
+        solve(replace(seen, chain=vague, _bases={}), free),
+        solve(seen.at(np.arange(10, 120)), free),
+    )
     gap = fit.parameters.pack() - without.parameters.pack()
     assert float(np.sqrt(gap @ without.normal @ gap)) < 0.02
 

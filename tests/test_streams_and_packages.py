@@ -19,15 +19,37 @@ def shell(line: str, folder: Path, **environment) -> subprocess.CompletedProcess
     called = f'workbench() {{ "{sys.executable}" -m workbench "$@"; }}; set -o pipefail; {line}'
     path = os.pathsep.join(filter(None, (environment.pop("first", ""), str(ROOT))))
     environment = {**os.environ, "PYTHONPATH": path, **environment}
-    return subprocess.run(["bash", "-c", called], cwd=folder, text=True, capture_output=True, env=environment, check=False)
+    return subprocess.run(
+        ["bash", "-c", called],
+        cwd=folder,
+        text=True,
+        capture_output=True,
+        env=environment,
+        check=False,
+    )
 
 
-@pytest.mark.parametrize("line", ["--help | head -1", "--version >&-", "datasets list | head -1", "datasets list >&-", "--help 2>&-",
-                                  "datasets list --json - | head -c 10", "datasets list >&- 2>&- <&-", "--help | true"])  # fmt: skip
+@pytest.mark.parametrize(
+    "line",
+    [
+        "--help | head -1",
+        "--version >&-",
+        "datasets list | head -1",
+        "datasets list >&-",
+        "--help 2>&-",
+        "datasets list --json - | head -c 10",
+        "datasets list >&- 2>&- <&-",
+        "--help | true",
+    ],
+)
 def test_a_reader_that_goes_away_changes_no_exit_status(line, tmp_path):
     done = shell(f"workbench {line}", tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr and "bug" not in done.stderr
+    assert (
+        "Traceback" not in done.stderr
+        and "Exception ignored" not in done.stderr
+        and "bug" not in done.stderr
+    )
 
 
 @pytest.mark.parametrize("end", ["| head -1", "| true", ">&-", ">&- 2>&-", "2>&1 | head -1"])
@@ -36,7 +58,9 @@ def test_the_result_is_kept_when_nobody_reads(end, tmp_path):
     assert done.returncode == 0, done.stderr
     answer = json.loads((tmp_path / "run" / "answer.json").read_text(encoding="utf-8"))
     assert answer["command"] == "significance"
-    assert all((tmp_path / "run" / name).stat().st_size for name in ("table.csv", "significance.png"))
+    assert all(
+        (tmp_path / "run" / name).stat().st_size for name in ("table.csv", "significance.png")
+    )
 
 
 @pytest.mark.parametrize("end", ["| head -1", ">&-", "2>&1 | true"])
@@ -50,7 +74,10 @@ def test_an_answer_that_cannot_be_written_is_a_sentence_and_status_2(tmp_path):
     done = shell("workbench datasets list --json - > /dev/full", tmp_path)
     assert done.returncode == 2
     last = done.stderr.strip().splitlines()[-1]
-    assert "Standard output cannot be written, because the system says 'No space left on device'" in last
+    assert (
+        "Standard output cannot be written, because the system says 'No space left on device'"
+        in last
+    )
     assert "Traceback" not in done.stderr
 
 
@@ -58,12 +85,18 @@ def without(package: str, folder: Path) -> str:
     """A folder for PYTHONPATH in which the package is there and says that it is not installed."""
     place = folder / "without" / package
     place.mkdir(parents=True)
-    (place / "__init__.py").write_text(f'raise ModuleNotFoundError("No module named {package!r}", name="{package}")\n')
+    (place / "__init__.py").write_text(
+        f'raise ModuleNotFoundError("No module named {package!r}", name="{package}")\n'
+    )
     return str(place.parent)
 
 
 def test_a_study_without_salib_is_one_sentence(tmp_path):
-    done = shell("workbench study uncertainty-sources --workers 1", tmp_path, first=without("SALib", tmp_path))
+    done = shell(
+        "workbench study uncertainty-sources --workers 1",
+        tmp_path,
+        first=without("SALib", tmp_path),
+    )
     assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1
     assert "The package SALib is not installed" in done.stderr
     assert "pip install 'vision-sensor-workbench[study]'" in done.stderr
@@ -72,9 +105,17 @@ def test_a_study_without_salib_is_one_sentence(tmp_path):
 
 @pytest.mark.parametrize("name", doctor.OPTIONAL)
 def test_the_doctor_names_the_command_that_needs_a_missing_package(name, tmp_path):
-    done = shell("workbench doctor --json answer.json", tmp_path, first=without(name, tmp_path), COLUMNS="500")
+    done = shell(
+        "workbench doctor --json answer.json",
+        tmp_path,
+        first=without(name, tmp_path),
+        COLUMNS="500",
+    )
     assert done.returncode == 0, done.stderr
-    checks = {check["name"]: check for check in json.loads((tmp_path / "answer.json").read_text())["checks"]}
+    checks = {
+        check["name"]: check
+        for check in json.loads((tmp_path / "answer.json").read_text())["checks"]
+    }
     extra = doctor.OPTIONAL[name]
     assert not checks[name]["ok"] and not checks[name]["required"]
     assert extra.needs in checks[name]["advice"] and extra.command in checks[name]["advice"]
@@ -89,9 +130,21 @@ def test_a_required_package_that_is_missing_is_a_sentence(package):
 
 
 def test_only_packages_and_system_libraries_are_blamed():
-    assert doctor.missing_package(ImportError("cannot import name 'x' from 'workbench'", name="workbench")) is None
-    assert doctor.missing_package(ModuleNotFoundError("No module named 'workbench.x'", name="workbench.x")) is None
-    assert "libgl1" in doctor.missing_package(ImportError("libGL.so.1: cannot open shared object file", name="cv2"))
+    assert (
+        doctor.missing_package(
+            ImportError("cannot import name 'x' from 'workbench'", name="workbench")
+        )
+        is None
+    )
+    assert (
+        doctor.missing_package(
+            ModuleNotFoundError("No module named 'workbench.x'", name="workbench.x")
+        )
+        is None
+    )
+    assert "libgl1" in doctor.missing_package(
+        ImportError("libGL.so.1: cannot open shared object file", name="cv2")
+    )
 
 
 def distributions(lines) -> set[str]:
@@ -100,8 +153,12 @@ def distributions(lines) -> set[str]:
 
 def test_the_doctor_looks_at_every_dependency_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert {name for brings in doctor.LIBRARIES.values() for name in brings} == distributions(project["dependencies"])
+    assert {name for brings in doctor.LIBRARIES.values() for name in brings} == distributions(
+        project["dependencies"]
+    )
     required = distributions(project["dependencies"])
     for extra in ("proof", "study"):
         listed = distributions(project["optional-dependencies"][extra]) - required
-        assert {one.distribution for one in doctor.OPTIONAL.values() if one.extra == extra} == listed
+        assert {
+            one.distribution for one in doctor.OPTIONAL.values() if one.extra == extra
+        } == listed

@@ -79,7 +79,9 @@ def test_a_stopped_study_goes_on_and_does_nothing_twice(study, reference, tmp_pa
     assert resumed.equals(reference)
     assert all(path.stat().st_mtime_ns == when for path, when in written.items())
     for k in kept:
-        assert all(len((marks / f"run-{run}").read_text().split()) == 1 for run in parts_of(study)[k])
+        assert all(
+            len((marks / f"run-{run}").read_text().split()) == 1 for run in parts_of(study)[k]
+        )
 
 
 def test_a_process_that_dies_takes_no_run_with_it(study, reference, tmp_path):
@@ -118,7 +120,9 @@ def test_few_parts_are_in_flight_however_many_runs_there_are(study, tmp_path):
 
 def test_parts_are_the_same_on_any_machine_and_not_too_many(study):
     for runs in (1, 40, 1000, 10**6, 10**8):
-        long = study.model_copy(update={"vary": study.vary.model_copy(update={"runs": runs}), "part": None})
+        long = study.model_copy(
+            update={"vary": study.vary.model_copy(update={"runs": runs}), "part": None}
+        )
         assert 1 <= part_size(long) <= 500
     assert [len(part) for part in parts_of(study)] == [3] * 13 + [1]
 
@@ -138,6 +142,7 @@ def test_a_study_is_whole_or_not_there_and_is_found_again(study, tmp_path):
 
 def test_an_interrupt_says_what_is_kept_and_the_next_start_ends_it(study, tmp_path, monkeypatch):
     path = scenes.written(tmp_path)
+
     def stop(line):
         if "run 15 of" in line:
             raise KeyboardInterrupt
@@ -153,7 +158,10 @@ def test_an_interrupt_says_what_is_kept_and_the_next_start_ends_it(study, tmp_pa
 def test_only_one_process_works_at_a_study(study, tmp_path):
     place = folder.place_of("small", study, "", tmp_path / "out")
     with folder.opened(place, study, ""):
-        with pytest.raises(InputError, match="being written by another process"), folder.opened(place, study, ""):
+        with (
+            pytest.raises(InputError, match="being written by another process"),
+            folder.opened(place, study, ""),
+        ):
             pass
         assert place.partial.is_dir()
 
@@ -161,10 +169,16 @@ def test_only_one_process_works_at_a_study(study, tmp_path):
 @pytest.mark.parametrize("method", ["random", "latin-hypercube", "sobol"])
 def test_samples_fill_the_range_and_do_not_depend_on_the_order(study, method):
     runs = BLOCK + 100
-    long = study.model_copy(update={"vary": study.vary.model_copy(update={"runs": runs, "method": method})})
+    long = study.model_copy(
+        update={"vary": study.vary.model_copy(update={"runs": runs, "method": method})}
+    )
     backwards = [values_of(long, run)["c2"] for run in range(runs, 0, -1)]
     unit = unit_of(long.vary.parameter[0], np.array(backwards[::-1]))
-    assert [values_of(long, run)["c2"] for run in (1, BLOCK, BLOCK + 1)] == [backwards[-1], backwards[-BLOCK], backwards[-BLOCK - 1]]
+    assert [values_of(long, run)["c2"] for run in (1, BLOCK, BLOCK + 1)] == [
+        backwards[-1],
+        backwards[-BLOCK],
+        backwards[-BLOCK - 1],
+    ]
     assert len(set(backwards)) == runs and (0 <= unit).all() and (unit < 1).all()
     # Kolmogorov's distance from the uniform distribution that one sample in a thousand exceeds, much less for the others
     gap = np.abs(np.sort(unit) - (np.arange(runs) + 0.5) / runs).max()
@@ -172,18 +186,29 @@ def test_samples_fill_the_range_and_do_not_depend_on_the_order(study, method):
 
 
 def test_a_latin_hypercube_has_one_run_in_every_slice(study):
-    made = study.model_copy(update={"vary": study.vary.model_copy(update={"runs": 64, "method": "latin-hypercube"})})
-    unit = unit_of(made.vary.parameter[0], np.array([values_of(made, run)["c2"] for run in range(1, 65)]))
+    made = study.model_copy(
+        update={"vary": study.vary.model_copy(update={"runs": 64, "method": "latin-hypercube"})}
+    )
+    unit = unit_of(
+        made.vary.parameter[0], np.array([values_of(made, run)["c2"] for run in range(1, 65)])
+    )
     assert sorted((unit * 64).astype(int)) == list(range(64))
 
 
 def test_a_grid_has_every_combination_and_repeats_have_other_noise(tmp_path):
-    text = scenes.TEXT.replace('method = "sobol"\nruns = 40', 'method = "grid"\nrepeats = 2').replace("low = 1e-5\nhigh = 1e-4", "values = [1e-5, 1e-4]")
-    text = text.replace("[test]", '[[vary.parameter]]\nname = "noise"\npath = "scene.sigma_mm"\nlow = 0.01\nhigh = 0.03\nlevels = 3\n[test]')
+    text = scenes.TEXT.replace(
+        'method = "sobol"\nruns = 40', 'method = "grid"\nrepeats = 2'
+    ).replace("low = 1e-5\nhigh = 1e-4", "values = [1e-5, 1e-4]")
+    text = text.replace(
+        "[test]",
+        '[[vary.parameter]]\nname = "noise"\npath = "scene.sigma_mm"\nlow = 0.01\nhigh = 0.03\nlevels = 3\n[test]',
+    )
     made = read(scenes.written(tmp_path, text=text))[0]
     assert count(made) == 12
     pairs = [tuple(values_of(made, run).values()) for run in range(1, 13, 2)]
-    assert sorted(pairs) == [(c, pytest.approx(s)) for c in (1e-5, 1e-4) for s in (0.01, 0.02, 0.03)]
+    assert sorted(pairs) == [
+        (c, pytest.approx(s)) for c in (1e-5, 1e-4) for s in (0.01, 0.02, 0.03)
+    ]
     assert values_of(made, 1) == values_of(made, 2) and seed_of(made, 1) != seed_of(made, 2)
     same = made.model_copy(update={"vary": made.vary.model_copy(update={"same_noise": True})})
     assert seed_of(same, 1) == seed_of(same, 3) != seed_of(same, 2)
@@ -196,9 +221,17 @@ def test_every_study_that_comes_along_can_be_read():
 
 
 def test_a_run_that_cannot_be_done_says_why_and_the_others_go_on(tmp_path):
-    path = scenes.written(tmp_path, ("part = 3", "part = 3\nfolds = 5"), ('do = ["simulate"]', 'do = ["simulate", "calibrate"]'),
-                          ("runs = 40", "runs = 4"), ("samples = 20\n", "samples = 20\n"))  # fmt: skip
-    text = path.read_text().replace("[[vary.parameter]]", '[[vary.parameter]]\nname = "poses"\npath = "design.count"\nvalues = [2, 18]\n[[vary.parameter]]')
+    path = scenes.written(
+        tmp_path,
+        ("part = 3", "part = 3\nfolds = 5"),
+        ('do = ["simulate"]', 'do = ["simulate", "calibrate"]'),
+        ("runs = 40", "runs = 4"),
+        ("samples = 20\n", "samples = 20\n"),
+    )
+    text = path.read_text().replace(
+        "[[vary.parameter]]",
+        '[[vary.parameter]]\nname = "poses"\npath = "design.count"\nvalues = [2, 18]\n[[vary.parameter]]',
+    )
     made = read(scenes.written(tmp_path, text=text))[0]
     rows = [row_of(made, run) for run in range(1, 5)]
     bad = [row for row in rows if row["outcome"] != "done"]

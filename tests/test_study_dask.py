@@ -23,22 +23,49 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def started(*words, cwd):
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}", "DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}",
+        "DASK_DISTRIBUTED__WORKER__DAEMON": "False",
+    }
     with (cwd / f"{words[0]}-{time.monotonic_ns()}.log").open("w") as log:
-        return subprocess.Popen([sys.executable, "-m", *words], cwd=cwd, env=environment, stdout=log, stderr=log)
+        return subprocess.Popen(
+            [sys.executable, "-m", *words], cwd=cwd, env=environment, stdout=log, stderr=log
+        )
 
 
 @contextmanager
 def cluster(folder: Path):
     """Address of a scheduler, and its two worker processes."""
     file = folder / "scheduler.json"
-    scheduler = started("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-                        "--scheduler-file", str(file), cwd=folder)  # fmt: skip
+    scheduler = started(
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+        "--scheduler-file",
+        str(file),
+        cwd=folder,
+    )
     workers = []
     try:
         address = _address(file)
-        workers = [started("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
-                           "--host", "127.0.0.1", cwd=folder) for _ in range(2)]  # fmt: skip
+        workers = [
+            started(
+                "distributed.cli.dask_worker",
+                address,
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+                "--host",
+                "127.0.0.1",
+                cwd=folder,
+            )
+            for _ in range(2)
+        ]
         yield address, workers
     finally:
         for process in (*workers, scheduler):
@@ -87,7 +114,9 @@ def test_a_killed_worker_loses_no_run_and_the_rows_are_those_of_a_local_study(tm
             carry_out(study, place, partial(given, pool), threads, kill, work)
         pids = [(marks / f"run-{run}").read_text().split() for run in range(1, 41)]
     tables.put_together(place, len(parts_of(study)))
-    assert killed and pq.read_table(place / tables.TABLE).equals(pq.read_table(local / tables.TABLE))
+    assert killed and pq.read_table(place / tables.TABLE).equals(
+        pq.read_table(local / tables.TABLE)
+    )
     assert {str(worker.pid) for worker in workers} == {pid for made in pids for pid in made}
     # what a part's worker had in hand, or had done and not yet handed over, when it was killed may have been made again
     twice = [made for made in pids if len(made) > 1]
@@ -99,10 +128,14 @@ def test_a_study_on_a_cluster_from_the_command(tmp_path, workbench):
     path = scenes.written(tmp_path, ("runs = 40", "runs = 8"))
     with cluster(tmp_path) as (address, _):
         both_there(address)
-        done = workbench("study", path, "--scheduler", address, "--out", tmp_path / "out", "--no-report")
+        done = workbench(
+            "study", path, "--scheduler", address, "--out", tmp_path / "out", "--no-report"
+        )
     assert done.returncode == 0, done.stderr
     here = carried_out(path, tmp_path / "here", 1, None, lambda line: None)
-    assert pq.read_table(tmp_path / "out" / tables.TABLE).equals(pq.read_table(here.path / tables.TABLE))
+    assert pq.read_table(tmp_path / "out" / tables.TABLE).equals(
+        pq.read_table(here.path / tables.TABLE)
+    )
 
 
 def test_no_scheduler_is_said_in_one_sentence(monkeypatch):
@@ -112,5 +145,8 @@ def test_no_scheduler_is_said_in_one_sentence(monkeypatch):
         raise OSError("timed out")
 
     monkeypatch.setattr(distributed, "Client", refused)
-    with pytest.raises(InputError, match="expected a Dask scheduler that answers"), executors.dask("tcp://127.0.0.1:1"):
+    with (
+        pytest.raises(InputError, match="expected a Dask scheduler that answers"),
+        executors.dask("tcp://127.0.0.1:1"),
+    ):
         pass

@@ -21,7 +21,9 @@ def finished(study, place, runs=None):
     from concurrent.futures import ThreadPoolExecutor
 
     if runs:
-        study = study.model_copy(update={"vary": study.vary.model_copy(update={"runs": runs, "method": "random"})})
+        study = study.model_copy(
+            update={"vary": study.vary.model_copy(update={"runs": runs, "method": "random"})}
+        )
     (place / tables.PARTS).mkdir(parents=True)
     with ThreadPoolExecutor(1) as pool:
         done = carry_out(study, place, partial(given, pool), 1, lambda done, total: None)
@@ -34,7 +36,9 @@ def test_error_without_calibration_is_the_sag_alone_and_grows_with_compliance(tm
     rows = [row_of(study, run) for run in (1, 2)]
     for row in rows:
         # one joint yields: the error is proportional to its compliance, and half of it with the joint twice as stiff
-        assert row["joint-2_twice_as_stiff_test_mm"] == pytest.approx(row["uncalibrated_test_mm"] / 2, rel=1e-3)
+        assert row["joint-2_twice_as_stiff_test_mm"] == pytest.approx(
+            row["uncalibrated_test_mm"] / 2, rel=1e-3
+        )
 
 
 def test_the_joint_to_stiffen_is_the_one_that_carries_the_arm(tmp_path):
@@ -50,7 +54,11 @@ def test_the_joint_to_stiffen_is_the_one_that_carries_the_arm(tmp_path):
 def test_compliance_in_the_model_removes_what_geometry_cannot(tmp_path):
     row = row_of(read("compliance-error")[0], 1)
     for load in (0, 1, 2, 3):
-        assert row[f"nominal_test_{load}kg_mm"] > row[f"geometry_test_{load}kg_mm"] > 5 * row[f"joint-compliance_test_{load}kg_mm"]
+        assert (
+            row[f"nominal_test_{load}kg_mm"]
+            > row[f"geometry_test_{load}kg_mm"]
+            > 5 * row[f"joint-compliance_test_{load}kg_mm"]
+        )
     assert row["joint-compliance_compensated_mm"] < 0.2 * row["programmed_mm"]
     assert row["joint-compliance_compensated_mm"] < row["geometry_compensated_mm"]
 
@@ -63,7 +71,14 @@ def test_saltelli_indices_are_those_of_an_additive_outcome(tmp_path):
     for run in range(1, 6 * 256 + 1):
         values = values_of(study, run)
         unit = [(values[axis.name] - axis.low) / (axis.high - axis.low) for axis in axes]
-        rows.append({"run": run, **values, "uncalibrated_tasks_mm": float(np.dot(unit, [4, 2, 1, 0])), "outcome": "done"})
+        rows.append(
+            {
+                "run": run,
+                **values,
+                "uncalibrated_tasks_mm": float(np.dot(unit, [4, 2, 1, 0])),
+                "outcome": "done",
+            }
+        )
     (tmp_path / tables.PARTS).mkdir()
     tables.write_part(tmp_path, 0, rows)
     tables.put_together(tmp_path, 1)
@@ -72,7 +87,9 @@ def test_saltelli_indices_are_those_of_an_additive_outcome(tmp_path):
     found = sensitivity(Finished("made", study, tmp_path, None), tables.column_names(tmp_path))
     first = [row["first"] for row in found["indices"]]
     assert np.abs(np.array(first) - np.array([16, 4, 1, 0]) / 21).max() < 0.03
-    assert all(row["total"] == pytest.approx(one, abs=0.05) for row, one in zip(found["indices"], first))
+    assert all(
+        row["total"] == pytest.approx(one, abs=0.05) for row, one in zip(found["indices"], first)
+    )
 
 
 def test_poses_are_drawn_whole_and_with_replacement():
@@ -101,11 +118,17 @@ def test_more_poses_and_better_chosen_ones_leave_less_error():
 
     def median(**wanted):
         study_of = with_values(study, wanted)
-        rows = [robots.judged(robots.calibrations(study_of, world.measured), world.tests)
-                for world in (robots.world(study_of, seed) for seed in range(8))]  # fmt: skip
+        rows = [
+            robots.judged(robots.calibrations(study_of, world.measured), world.tests)
+            for world in (robots.world(study_of, seed) for seed in range(8))
+        ]
         return np.median([row["joint-compliance_test_mm"] for row in rows])
 
-    few, many, chosen = median(poses=20, choice="random"), median(poses=110, choice="random"), median(poses=20, choice="D")
+    few, many, chosen = (
+        median(poses=20, choice="random"),
+        median(poses=110, choice="random"),
+        median(poses=20, choice="D"),
+    )
     assert many < 0.7 * few and chosen < few
 
 
@@ -114,8 +137,12 @@ def test_a_known_scanner_errs_more_in_noise_and_its_page_is_made(tmp_path):
     from workbench.report.study.page import page
 
     study = read("sensor-field")[0]
-    own = with_values(study, {"range_mm": 128.0, "blur_px": 0.8, "speckle": 0.0, "read_noise_e": 5.0})
-    loud = with_values(study, {"range_mm": 128.0, "blur_px": 0.8, "speckle": 0.4, "read_noise_e": 150.0})
+    own = with_values(
+        study, {"range_mm": 128.0, "blur_px": 0.8, "speckle": 0.0, "read_noise_e": 5.0}
+    )
+    loud = with_values(
+        study, {"range_mm": 128.0, "blur_px": 0.8, "speckle": 0.4, "read_noise_e": 150.0}
+    )
     from workbench.study.sensors import figures
 
     quiet, noisy = (figures(one, 5) for one in (own, loud))
@@ -134,7 +161,13 @@ def test_pages_of_every_kind_have_their_sections(tmp_path):
     made = finished(read("compliance-joints")[0], tmp_path / "joints", 90)
     found = summary(made)
     whole = page(made, found)
-    assert [section.name for section in whole.sections] == ["outcome", "compliance", "sensitivity", "figures", "made"]
+    assert [section.name for section in whole.sections] == [
+        "outcome",
+        "compliance",
+        "sensitivity",
+        "figures",
+        "made",
+    ]
     text = write_sheet(whole, made.path).read_text(encoding="utf-8")
     assert "joint to stiffen" in text and "joint_2" in text and "table.parquet" in text
 
@@ -143,4 +176,6 @@ def test_studies_that_come_along_can_start():
     for name in study_names():
         study, _ = read(name)
         assert seed_of(study, 1) != seed_of(study, 2) or study.vary.same_noise
-    assert processes.cores() >= 1 and len(study_names()) == len({read_study(name).title for name in study_names()})
+    assert processes.cores() >= 1 and len(study_names()) == len(
+        {read_study(name).title for name in study_names()}
+    )

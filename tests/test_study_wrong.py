@@ -14,27 +14,59 @@ from workbench.study.study import carried_out, read
 AXIS = 'name = "c2"\npath = "scene.effect.1.values.compliance"\nlow = 1e-5\nhigh = 1e-4'
 WRONG = {
     "unknown key": (("seed = 3", "seeds = 3"), "key seeds: this key is not known"),
-    "unknown key of the scene": (("samples = 20\nsigma", "sample = 20\nsigma"), "key sample: this key is not known"),
-    "impossible range": (("low = 1e-5", "low = 1e-3"), "key vary.parameter.1: expected low below high, found 0.001 and 0.0001"),
-    "logarithm of nothing": (("low = 1e-5", 'low = 0.0\nscale = "log"'), "expected low above 0 on a logarithmic scale"),
+    "unknown key of the scene": (
+        ("samples = 20\nsigma", "sample = 20\nsigma"),
+        "key sample: this key is not known",
+    ),
+    "impossible range": (
+        ("low = 1e-5", "low = 1e-3"),
+        "key vary.parameter.1: expected low below high, found 0.001 and 0.0001",
+    ),
+    "logarithm of nothing": (
+        ("low = 1e-5", 'low = 0.0\nscale = "log"'),
+        "expected low above 0 on a logarithmic scale",
+    ),
     "no range": (("low = 1e-5", ""), "expected either low and high, or values"),
-    "both": (("low = 1e-5", "low = 1e-5\nvalues = [1.0]"), "expected either low and high, or values"),
-    "a path to nowhere": (("scene.effect.1", "scene.effect.2"), "found no '2' in 'scene.effect.2.values.compliance'"),
-    "a path from nowhere": (("scene.effect.1", "robot.effect.1"), "expected a path that begins with scene."),
-    "out of the scene's range": ((AXIS, 'name = "s"\npath = "scene.sigma_mm"\nlow = -1.0\nhigh = 1.0'),
-                                 "parameter s = -1.0: scene, key sigma_mm: input should be greater than 0"),
-    "unknown parameter of an effect": (("values.compliance", "values.stiffness"), "expected its parameters compliance"),
+    "both": (
+        ("low = 1e-5", "low = 1e-5\nvalues = [1.0]"),
+        "expected either low and high, or values",
+    ),
+    "a path to nowhere": (
+        ("scene.effect.1", "scene.effect.2"),
+        "found no '2' in 'scene.effect.2.values.compliance'",
+    ),
+    "a path from nowhere": (
+        ("scene.effect.1", "robot.effect.1"),
+        "expected a path that begins with scene.",
+    ),
+    "out of the scene's range": (
+        (AXIS, 'name = "s"\npath = "scene.sigma_mm"\nlow = -1.0\nhigh = 1.0'),
+        "parameter s = -1.0: scene, key sigma_mm: input should be greater than 0",
+    ),
+    "unknown parameter of an effect": (
+        ("values.compliance", "values.stiffness"),
+        "expected its parameters compliance",
+    ),
     "no such robot": (('"abb_irb120"', '"abb_irb999"'), "abb_irb999"),
     "neither scene nor recording": (("[scene]\n", "[test2]\n"), "is not known"),
     "a step that is none": (('["simulate"]', '["simulat"]'), "key do.1"),
-    "compensate without calibrate": (('["simulate"]', '["simulate", "compensate"]'), "calibrate before compensate"),
+    "compensate without calibrate": (
+        ('["simulate"]', '["simulate", "compensate"]'),
+        "calibrate before compensate",
+    ),
     "no such model": (("seed = 3", 'seed = 3\nmodels = ["mine.toml"]'), "mine.toml"),
     "no runs": (("runs = 40", ""), "expected the number of runs of sobol, found none"),
-    "a name twice": (("[test]", f"[[vary.parameter]]\n{AXIS}\n[test]"), "expected names of parameters that differ"),
-    "tasks of another robot": (("[test]", "[tasks]\njoints_deg = [[0, 0, 0]]\n[test]"), "expected 6 readings a pose"),
+    "a name twice": (
+        ("[test]", f"[[vary.parameter]]\n{AXIS}\n[test]"),
+        "expected names of parameters that differ",
+    ),
+    "tasks of another robot": (
+        ("[test]", "[tasks]\njoints_deg = [[0, 0, 0]]\n[test]"),
+        "expected 6 readings a pose",
+    ),
     "not TOML": (("seed = 3", "seed = "), "found what cannot be read"),
     "saltelli of one": (('"sobol"', '"saltelli"'), "expected at least two parameters for saltelli"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", WRONG)
@@ -63,10 +95,16 @@ def test_the_command_ends_with_status_2_and_leaves_nothing(tmp_path, capsys, mon
     assert "seeds" in refused(tmp_path, "study", path, capsys=capsys)
     assert "no such file" in refused(tmp_path, "study", tmp_path / "none.toml", capsys=capsys)
     text = scenes.TEXT[scenes.TEXT.index("[vary]") : scenes.TEXT.index("[[vary")]
-    path.write_text(f'kind = "uncertainty"\nrecording = "not-there"\ndo = ["calibrate"]\n{text}'.replace("sobol", "random"))
+    path.write_text(
+        f'kind = "uncertainty"\nrecording = "not-there"\ndo = ["calibrate"]\n{text}'.replace(
+            "sobol", "random"
+        )
+    )
     assert "not-there" in refused(tmp_path, "study", path, capsys=capsys)
     path = scenes.written(tmp_path)
-    assert "expected one of the study's 40 runs" in refused(tmp_path, "study", path, "--run", 41, capsys=capsys)
+    assert "expected one of the study's 40 runs" in refused(
+        tmp_path, "study", path, "--run", 41, capsys=capsys
+    )
     assert "found a folder" in refused(tmp_path, "study", path, "--json", tmp_path, capsys=capsys)
 
 
@@ -87,7 +125,9 @@ def test_a_full_disk_keeps_the_parts_that_are_whole_and_ends_in_one_sentence(tmp
         carried_out(path, tmp_path / "out", 1, None, lambda line: None)
     kept = tmp_path / ".partial-out" / tables.PARTS
     assert not (tmp_path / "out").exists()
-    assert len(list(kept.iterdir())) == 3 and all(pq.read_table(part).num_rows for part in kept.iterdir())
+    assert len(list(kept.iterdir())) == 3 and all(
+        pq.read_table(part).num_rows for part in kept.iterdir()
+    )
     done = carried_out(path, tmp_path / "out", 1, None, lambda line: None)
     assert pq.read_table(done.path / tables.TABLE).column("run").to_pylist() == list(range(1, 41))
 

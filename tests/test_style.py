@@ -14,7 +14,10 @@ FAULTS = {
     "no docstring": ("x = 1\n", "no docstring"),
     "long function": ('"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 41, "f has 41 lines"),
     "long file": ('"""Doc."""\n' + "# why\n" * 399, "400 lines"),
-    "deep class": ('"""Doc."""\n\n\nclass A: pass\nclass B(A): pass\nclass C(B): pass\n', "class C stands 2"),
+    "deep class": (
+        '"""Doc."""\n\n\nclass A: pass\nclass B(A): pass\nclass C(B): pass\n',
+        "class C stands 2",
+    ),
     "machine path": ('"""Doc."""\n\nPLACE = "' + "/" + 'tmp/x"\n', "path of one machine"),
     "home path": ('"""Doc."""\n\nPLACE = "' + "/" + 'home/me"\n', "path of one machine"),
 }

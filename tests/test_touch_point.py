@@ -12,10 +12,10 @@ from robot_model.chain import forward
 from robot_model.measurements.touch_point import TouchPoint
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences
-from workbench.jobs.calibrate import calibrate
 from workbench.core.least_squares.identifiability import identifiability
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import normal_matrix, solve
+from workbench.core.model import Model
+from workbench.jobs.calibrate import calibrate
 
 TIP = np.array([20.0, -15.0, 180.0])
 
@@ -41,7 +41,9 @@ def _reach(robot, geometry, point, rng):
         return forward(robot, q[:, None], geometry).point(TIP)[:, 0] - point
 
     while True:
-        found = least_squares(gap, rng.uniform(low, high, 6), bounds=(low, high), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = least_squares(
+            gap, rng.uniform(low, high, 6), bounds=(low, high), xtol=1e-15, ftol=1e-15, gtol=1e-15
+        )
         if np.abs(found.fun).max() < 1e-9:
             return found.x
 
@@ -61,7 +63,9 @@ def free_of(model):
 def test_exact_touches_of_the_nominal_arm_start_at_tip_and_points():
     robot = load_robot(ABB)
     chain = bind(robot, touches(robot, robot.geometry, each=6))
-    assert chain.base_size == 0 and not any(key.startswith("base.") for key in chain.parameters.keys)
+    assert chain.base_size == 0 and not any(
+        key.startswith("base.") for key in chain.parameters.keys
+    )
     np.testing.assert_allclose(chain.start[:3], TIP, atol=1e-6)
     assert np.abs(chain.evaluate(chain.parameters.values, {}).residual).max() < 1e-6
 

@@ -12,11 +12,23 @@ from plain_frames import frames_of, place
 from robot_model import load_robot
 from workbench.core.errors import InputError
 
-ROUND = [(0, 0, 0), (np.pi / 2, 0, 0), (0, -np.pi / 2, 0), (0, 0, np.pi / 2), (np.pi, 0, 0), (1.5708, 0, 1.571), (3e-6, -2e-6, 1)]
+ROUND = [
+    (0, 0, 0),
+    (np.pi / 2, 0, 0),
+    (0, -np.pi / 2, 0),
+    (0, 0, np.pi / 2),
+    (np.pi, 0, 0),
+    (1.5708, 0, 1.571),
+    (3e-6, -2e-6, 1),
+]
 
 
 def element(parent, tag, **attributes):
-    return ET.SubElement(parent, tag, {key: " ".join(map(str, np.atleast_1d(value))) for key, value in attributes.items()})
+    return ET.SubElement(
+        parent,
+        tag,
+        {key: " ".join(map(str, np.atleast_1d(value))) for key, value in attributes.items()},
+    )
 
 
 def some_place(parent, rng):
@@ -39,7 +51,13 @@ def some_urdf(seed):
     rng = np.random.default_rng(seed)
     robot = ET.Element("robot", name="some")
     some_link(robot, "l0", rng)
-    kinds = list(rng.choice(["revolute", "continuous", "prismatic", "fixed"], rng.integers(1, 10), p=[0.5, 0.1, 0.2, 0.2]))
+    kinds = list(
+        rng.choice(
+            ["revolute", "continuous", "prismatic", "fixed"],
+            rng.integers(1, 10),
+            p=[0.5, 0.1, 0.2, 0.2],
+        )
+    )
     kinds.insert(rng.integers(0, len(kinds) + 1), "revolute")
     for k, kind in enumerate([*kinds, "fixed"], 1):
         some_link(robot, f"l{k}", rng)
@@ -47,7 +65,11 @@ def some_urdf(seed):
         element(joint, "parent", link=f"l{k - 1}")
         element(joint, "child", link=f"l{k}")
         some_place(joint, rng)
-        axis = rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)] if rng.random() < 0.7 else rng.normal(size=3)
+        axis = (
+            rng.choice([-1, 1]) * np.eye(3)[rng.integers(3)]
+            if rng.random() < 0.7
+            else rng.normal(size=3)
+        )
         # the peer moves a slide by its axis times the reading, so that one's length must be 1
         element(joint, "axis", xyz=axis / np.linalg.norm(axis) if kind == "prismatic" else axis)
         element(joint, "limit", lower=-1.5, upper=2.5, effort=1, velocity=1)
@@ -66,11 +88,18 @@ def hang(robot, link, rng):
 
 def numbers(parent, tag, key, otherwise):
     found = parent.find(tag)
-    return np.array(otherwise, float) if found is None or key not in found.attrib else np.array(found.get(key).split(), float)
+    return (
+        np.array(otherwise, float)
+        if found is None or key not in found.attrib
+        else np.array(found.get(key).split(), float)
+    )
 
 
 def origin(parent):
-    return place(Rotation.from_euler("xyz", numbers(parent, "origin", "rpy", [0] * 3)), numbers(parent, "origin", "xyz", [0] * 3))
+    return place(
+        Rotation.from_euler("xyz", numbers(parent, "origin", "rpy", [0] * 3)),
+        numbers(parent, "origin", "xyz", [0] * 3),
+    )
 
 
 def link_places(robot, values):
@@ -79,18 +108,26 @@ def link_places(robot, values):
     for joint in robot.findall("joint"):
         q, axis = values.get(joint.get("name"), 0.0), numbers(joint, "axis", "xyz", [1, 0, 0])
         axis = axis / np.linalg.norm(axis)
-        move = place(shift=q * axis) if joint.get("type") == "prismatic" else place(Rotation.from_rotvec(q * axis))
+        move = (
+            place(shift=q * axis)
+            if joint.get("type") == "prismatic"
+            else place(Rotation.from_rotvec(q * axis))
+        )
         parent, child = joint.find("parent").get("link"), joint.find("child").get("link")
         places[child] = places[parent] @ origin(joint) @ move
     return places
 
 
 def last_link(robot):
-    return max(int(link.get("name")[1:]) for link in robot.findall("link") if link.get("name") != "side")
+    return max(
+        int(link.get("name")[1:]) for link in robot.findall("link") if link.get("name") != "side"
+    )
 
 
 def moving(robot):
-    return [j for j in robot.findall("joint") if j.get("type") != "fixed" and j.get("name") != "hinge"]
+    return [
+        j for j in robot.findall("joint") if j.get("type") != "fixed" and j.get("name") != "hinge"
+    ]
 
 
 def write(robot, folder):
@@ -136,7 +173,9 @@ def test_a_urdfs_arm_is_its_urdfs(seed, tmp_path_factory):
     centres = [in_mm(places[b.get("name")] @ origin(b.find("inertial")))[:3, 3] for b in bodies]
     own = [(frame @ [*com, 1])[:3] for frame, com in zip(frames[1:], robot.com)]
     assert robot.mass.sum() == pytest.approx(kg.sum())
-    np.testing.assert_allclose(centre_of(robot.mass, own), centre_of(kg, centres), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(
+        centre_of(robot.mass, own), centre_of(kg, centres), rtol=0, atol=1e-7
+    )
 
 
 def test_parallel_axes_take_hayatis_form(tmp_path):
@@ -160,7 +199,10 @@ def test_an_upright_arm_needs_no_base_and_no_flange(tmp_path):
     robot = ET.Element("robot", name="one")
     for name in ("base", "l1", "tool"):
         element(robot, "link", name=name)
-    for name, kind, parent, child, xyz in (("j", "revolute", "base", "l1", (0, 0, 0.4)), ("f", "fixed", "l1", "tool", (0.2, 0, 0.1))):
+    for name, kind, parent, child, xyz in (
+        ("j", "revolute", "base", "l1", (0, 0, 0.4)),
+        ("f", "fixed", "l1", "tool", (0.2, 0, 0.1)),
+    ):
         joint = element(robot, "joint", name=name, type=kind)
         element(joint, "parent", link=parent)
         element(joint, "child", link=child)
@@ -177,8 +219,12 @@ def test_a_mimic_joint_follows_its_reading(tmp_path):
     for k in range(4):
         element(robot, "link", name=f"l{k}")
     element(robot, "link", name="pseudo")
-    for name, kind, parent, child in (("lift", "prismatic", "l0", "pseudo"), ("low", "prismatic", "l0", "l1"),
-                                      ("high", "prismatic", "l1", "l2"), ("turn", "revolute", "l2", "l3")):
+    for name, kind, parent, child in (
+        ("lift", "prismatic", "l0", "pseudo"),
+        ("low", "prismatic", "l0", "l1"),
+        ("high", "prismatic", "l1", "l2"),
+        ("turn", "revolute", "l2", "l3"),
+    ):
         joint = element(robot, "joint", name=name, type=kind)
         element(joint, "parent", link=parent)
         element(joint, "child", link=child)
@@ -192,7 +238,11 @@ def test_a_mimic_joint_follows_its_reading(tmp_path):
     flange = frames_of(arm, np.array([0.3, 1200.0]))[-1]
     expected = link_places(robot, {"low": 0.5, "high": 0.5, "turn": 0.3})["l3"]
     np.testing.assert_allclose(flange, in_mm(expected), atol=1e-9)
-    spec = {"urdf": write(robot, tmp_path), "tip": "l3", "mimic": {"turn": {"joint": "lift", "ratio": 2.0}}}
+    spec = {
+        "urdf": write(robot, tmp_path),
+        "tip": "l3",
+        "mimic": {"turn": {"joint": "lift", "ratio": 2.0}},
+    }
     arm = load_robot(spec)
     np.testing.assert_allclose(arm.mixing, [[0.5], [0.5], [0.002]])
 
@@ -218,7 +268,9 @@ def test_a_peer_reads_the_urdf_the_same_way(seed, tmp_path):
     readings, values = some_pose(urdf, seed)
     peer = yourdfpy.URDF.load(str(file), load_meshes=False, load_collision_meshes=False)
     peer.update_cfg(values)
-    np.testing.assert_allclose(frames_of(robot, readings)[-1], in_mm(peer.get_transform(f"l{tip}", "l0")), atol=1e-9)
+    np.testing.assert_allclose(
+        frames_of(robot, readings)[-1], in_mm(peer.get_transform(f"l{tip}", "l0")), atol=1e-9
+    )
 
 
 def test_a_real_construction_robot_is_read(real):
@@ -228,7 +280,10 @@ def test_a_real_construction_robot_is_read(real):
     robot = load_robot({"urdf": str(file), "joints": names, "tip": "prism"})
     urdf = ET.parse(file).getroot()
     reading = np.array([2100.0, 0.4, -0.6, 1.1, 0.3, -0.9, 2.0])
-    values = dict(zip(names, [2.1, *reading[1:]])) | {"column_middle_joint": 2.1 / 2 - 0.706, "column_top_joint": 2.1 / 2 - 0.736}
+    values = dict(zip(names, [2.1, *reading[1:]])) | {
+        "column_middle_joint": 2.1 / 2 - 0.706,
+        "column_top_joint": 2.1 / 2 - 0.736,
+    }
     expected = places_from(urdf, values)["prism"]
     np.testing.assert_allclose(frames_of(robot, reading)[-1], in_mm(expected), atol=1e-9)
     assert robot.mixing.shape == (8, 7)
@@ -259,16 +314,31 @@ URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
 BROKEN_URDF = {
     "not XML": ("</robot>", "", {}, "XML"),
     "not a robot": ('<robot name="r">', '<model name="r">', {}, "root element robot|XML"),
-    "xacro": ('<link name="a"/>', '<link name="a"/><xacro xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></xacro>', {}, "xacro"),
+    "xacro": (
+        '<link name="a"/>',
+        '<link name="a"/><xacro xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></xacro>',
+        {},
+        "xacro",
+    ),
     "two numbers": ('xyz="0 0 1" rpy', 'xyz="0 1" rpy', {}, "joint j1, origin xyz: expected 3"),
     "words": ('rpy="0 0 0"', 'rpy="0 0 pi"', {}, "origin rpy.*pi"),
     "nan": ('rpy="0 0 0"', 'rpy="0 0 nan"', {}, "finite"),
     "no axis": ('xyz="0 1 0"', 'xyz="0 0 0"', {}, "joint j2: expected an axis"),
     "no child": ('<child link="c"/>', "", {}, "joint j2: expected name, type, parent and child"),
-    "a ghost": ('<child link="c"/>', '<child link="d"/>', {}, "joint j2: expected links of this file"),
+    "a ghost": (
+        '<child link="c"/>',
+        '<child link="d"/>',
+        {},
+        "joint j2: expected links of this file",
+    ),
     "stray": ('<link name="c"/>', '<link name="c"/><link name="d"/>', {}, "tree"),
     "loop": ('<parent link="a"/>', '<parent link="c"/>', {}, "loop|tree"),
-    "floating": ('name="j2" type="revolute"', 'name="j2" type="floating"', {}, "joint j2, type: .*floating"),
+    "floating": (
+        'name="j2" type="revolute"',
+        'name="j2" type="floating"',
+        {},
+        "joint j2, type: .*floating",
+    ),
     "rigid": ('type="revolute"', 'type="fixed"', {}, "a joint that moves"),
     "mimics a ghost": ('<axis xyz="0 1 0"/>', '<mimic joint="j9"/>', {}, "j9"),
     "mimics itself": ('<axis xyz="0 1 0"/>', '<mimic joint="j2"/>', {}, "circle"),
@@ -295,7 +365,9 @@ def test_a_broken_urdf_gets_one_sentence(case, tmp_path):
 
 
 def test_a_urdf_that_is_not_there_gets_one_sentence():
-    with pytest.raises(InputError, match="nowhere.urdf: expected a readable URDF, found No such file"):
+    with pytest.raises(
+        InputError, match="nowhere.urdf: expected a readable URDF, found No such file"
+    ):
         load_robot("nowhere.urdf")
 
 

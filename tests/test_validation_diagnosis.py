@@ -18,7 +18,15 @@ from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.select import find
 
 pytestmark = pytest.mark.slow
-GROUNDS = ("flat", "pallet", "orthogonal_wood", "wood_left_track", "seesaw", "diagonal_wood", "outdoor")
+GROUNDS = (
+    "flat",
+    "pallet",
+    "orthogonal_wood",
+    "wood_left_track",
+    "seesaw",
+    "diagonal_wood",
+    "outdoor",
+)
 
 
 def every(recording, step: int):
@@ -51,7 +59,9 @@ def held_out(bench, effects):
     for scheme in schemes(bench.pose, problem):
         before, after = errors((), scheme.fold), errors(tuple(effects), scheme.fold)
         usual = np.ones(len(before), bool)
-        rows.append((rms(before, usual), rms(after, usual), paired(bench.pose, before, after, usual)))
+        rows.append(
+            (rms(before, usual), rms(after, usual), paired(bench.pose, before, after, usual))
+        )
     return rows
 
 
@@ -72,13 +82,17 @@ def test_irb120_faro_yields_before_it_waves(recording):
 def test_irb120_faro_names_a_compliance_of_joint_2_or_3(recording):
     """Joints of a geared arm deflect more than its links."""
     found = find(bench_of(every(recording("irb120_faro"), 6)))
-    assert {("joint-compliance", f"joint-{k}") for k in (2, 3)} & {(one.effect, one.where) for one in found.findings}
+    assert {("joint-compliance", f"joint-{k}") for k in (2, 3)} & {
+        (one.effect, one.where) for one in found.findings
+    }
 
 
 def test_a_few_poses_far_off_do_not_hide_that_joints_yield(recording):
     """300 configurations: torsion of four joints halves the error, and t says so."""
     bench = bench_of(consecutive(recording("irb120_faro"), 300))
-    for before, after, t in held_out(bench, law("joint-compliance", *(f"joint-{k}" for k in (2, 3, 4, 5)))):
+    for before, after, t in held_out(
+        bench, law("joint-compliance", *(f"joint-{k}" for k in (2, 3, 4, 5)))
+    ):
         assert after < 0.55 * before and t > 6
 
 
@@ -89,7 +103,9 @@ def test_the_base_of_irb120_wanders_as_its_own_reflectors_say(recording):
     time = bench.chain.state.covariates["time"]
     drift = law("base-drift", "base", start=float(time.min()), end=float(time.max()))
     soft = [o.effect for o in bench.loose if o.effect.effect == "joint-compliance"]
-    terms = [Term(Finding(e.effect, e.where, "", (e,), 0.0, 1.0, 0.0, 0.0)) for e in (*soft, *drift)]
+    terms = [
+        Term(Finding(e.effect, e.where, "", (e,), 0.0, 1.0, 0.0, 0.0)) for e in (*soft, *drift)
+    ]
     found = fixed_points(measured, bench, terms)
     assert found.reflectors == (4, 5, 6) and 0.03 < np.linalg.norm(found.measured) < 0.06
     assert found.agrees and found.found_std.max() < 0.05
@@ -98,14 +114,21 @@ def test_the_base_of_irb120_wanders_as_its_own_reflectors_say(recording):
 
 def test_joints_that_were_read_while_the_arm_braked_are_found_from_the_order_of_rows(recording):
     """Named, held out, and of the size that the commanded joints, which are not shown, say; not in another order."""
-    taken, lag = consecutive(recording("irb120_faro:read-back"), 300), CATALOGUE["reading-lag"]("time")
-    assert ("reading-lag", "time") in [(f.effect, f.where) for f in find(bench_of(taken)).findings][:2]
+    taken, lag = (
+        consecutive(recording("irb120_faro:read-back"), 300),
+        CATALOGUE["reading-lag"]("time"),
+    )
+    assert ("reading-lag", "time") in [(f.effect, f.where) for f in find(bench_of(taken)).findings][
+        :2
+    ]
     for _, _, t in held_out(bench_of(taken), (lag,)):
         assert t > 5
     short = bench_of(taken).parameters((lag, *law("joint-compliance", "joint-2", "joint-3")))[0]
     told = consecutive(recording("irb120_faro"), 300)
     came = bench_of(told).chain.state
-    moves = np.stack([came.covariate(f"move{k}") for k in (1, 2, 3)])  # the wrist has no lever to be seen by
+    moves = np.stack(
+        [came.covariate(f"move{k}") for k in (1, 2, 3)]
+    )  # the wrist has no lever to be seen by
     longest = np.abs([came.covariate(f"move{k}") for k in range(1, 7)]).max(0)
     share = moves / np.maximum(longest, 1e-9)
     behind = (told.joints - taken.joints).T[:3]
@@ -121,7 +144,10 @@ def test_in_another_order_of_rows_nothing_lags(recording):
 def test_the_column_tilts_as_its_accelerometer_says(recording, ground):
     """Held out, from 4-7 mm: at most 1.45 mm with the accelerometers and what yields in the arm; 1.85 on the seesaw."""
     bench = bench_of(recording(f"hilti_jaibot_tilt:{ground}"))
-    tilts = [CATALOGUE["measured-tilt"]("base", "base"), CATALOGUE["measured-tilt"]("link-1", "column")]
+    tilts = [
+        CATALOGUE["measured-tilt"]("base", "base"),
+        CATALOGUE["measured-tilt"]("link-1", "column"),
+    ]
     soft = law("joint-compliance", *(f"joint-{k}" for k in (3, 4, 5, 6)))
     soft += law("bearing-compliance", *(f"joint-{k}" for k in (2, 3, 4, 5)))
     for before, after, t in held_out(bench, (*tilts, *soft)):

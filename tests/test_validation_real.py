@@ -12,10 +12,10 @@ import pytest
 import workbench as package
 from robot_model import load_robot
 from robot_model.system import bind
-from workbench.jobs.calibrate import calibrate
 from workbench.core.model import Model
 from workbench.fitting.cross_validation import hold_out
 from workbench.fitting.plans import geometry
+from workbench.jobs.calibrate import calibrate
 
 BENDING = Path(package.__file__).parent / "plan_files" / "geometry-compliance-bending.toml"
 pytestmark = pytest.mark.slow

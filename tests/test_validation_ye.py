@@ -18,12 +18,14 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import YeCompliance
 from robot_model.system import bind
-from workbench.jobs.calibrate import calibrate
 from workbench.core.effect import make_effects, numeric_derivative
 from workbench.core.model import Model
 from workbench.fitting.plans import read_plan
+from workbench.jobs.calibrate import calibrate
 
-ye = pytest.importorskip("datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError)
+ye = pytest.importorskip(
+    "datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError
+)
 pytest.importorskip("mujoco")
 
 NOISE_MM, FIT = 0.02, 100
@@ -36,7 +38,11 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def quiet():
     """The 7,000 poses of the tracker experiment in a shuffled order, without noise."""
-    return replace(ye.ye_second_experiment(7000, seed=1, noise_mm=0.0).recording(), sigma_mm=NOISE_MM, name="ye")
+    return replace(
+        ye.ye_second_experiment(7000, seed=1, noise_mm=0.0).recording(),
+        sigma_mm=NOISE_MM,
+        name="ye",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +58,9 @@ def full(quiet):
 
 def noisy(recording, seed, order=slice(None), sigma=NOISE_MM):
     """The recording in another order, with fresh noise."""
-    columns = {k: v[order] for k, v in recording.columns.items()} | {"sample": np.arange(1.0, recording.n + 1)}
+    columns = {k: v[order] for k, v in recording.columns.items()} | {
+        "sample": np.arange(1.0, recording.n + 1)
+    }
     noise = np.random.default_rng(seed).normal(0, sigma, (3, recording.n))
     columns |= {f"{axis}_mm": columns[f"{axis}_mm"] + row for axis, row in zip("xyz", noise)}
     return replace(recording, columns=columns, sigma_mm=sigma)
@@ -168,7 +176,10 @@ def test_the_null_directions_are_named_in_words(quiet):
     label = {p.key: p.label for p in found.solution.parameters.table}
     sentences = found.as_json()["undetermined"]
     for first, *other in NULL:
-        words = {f"{label[a]} and {label[b]} are one and the same here" for a, b in permutations([first, *other], 2)}
+        words = {
+            f"{label[a]} and {label[b]} are one and the same here"
+            for a, b in permutations([first, *other], 2)
+        }
         words = words or {f"{label[first]} has no effect at all"}
         assert sum(any(s.startswith(w) for w in words) for s in sentences) == 1
 
@@ -178,7 +189,9 @@ def test_what_is_null_carries_no_sigma(quiet):
 
     The base's turn is known to within what was known of joint 1's constant before.
     """
-    rows = {f"{row['where']}.{row['name']}": row for row in first_fitted(noisy(quiet, 2)).parameters}
+    rows = {
+        f"{row['where']}.{row['name']}": row for row in first_fitted(noisy(quiet, 2)).parameters
+    }
     for key in frozenset().union(*NULL) - {"base.rz"}:
         assert rows[key]["free"] and not rows[key]["identifiable"] and rows[key]["std"] is None
     assert "joint-1.zero-offset.k0" in rows["base.rz"]["tied_to"]

@@ -35,7 +35,9 @@ def test_the_first_unit_is_that_of_a_bare_number():
     assert parse_tolerances(["0.3"], ("px",)) == (Tolerance(0.3, "px"),)
 
 
-@pytest.mark.parametrize("text", ["", "mm", "0", "-1", "nan", "inf", "1e999", "0.1,2", "0.1 m", "0.3px", "1mm2", "0x1"])
+@pytest.mark.parametrize(
+    "text", ["", "mm", "0", "-1", "nan", "inf", "1e999", "0.1,2", "0.1 m", "0.3px", "1mm2", "0x1"]
+)
 def test_a_bad_tolerance_is_refused_in_one_sentence(text):
     with pytest.raises(InputError, match="--tolerance") as error:
         parse_tolerances([text], ("mm", "deg"))
@@ -74,7 +76,14 @@ def test_a_residual_at_the_noise_is_said_to_agree():
 
 @pytest.mark.parametrize(
     ("ratio", "degrees", "far"),
-    [(1.5, 10, False), (1.5, 100, True), (1.05, 1e6, False), (1.2, 1e4, True), (1.9, None, False), (2.1, None, True)],
+    [
+        (1.5, 10, False),
+        (1.5, 100, True),
+        (1.05, 1e6, False),
+        (1.2, 1e4, True),
+        (1.9, None, False),
+        (2.1, None, True),
+    ],
 )
 def test_far_is_a_statement_with_degrees_of_freedom(ratio, degrees, far):
     assert is_far_above(ratio, degrees) is far
@@ -100,4 +109,6 @@ def test_position_and_orientation_pass_only_together():
 
 def test_no_verdict_is_null():
     made = no_verdict("A simulation has no residual.").as_json()
-    assert made["pass"] is None and made["tolerance"] is None and made["residual_over_noise"] is None
+    assert (
+        made["pass"] is None and made["tolerance"] is None and made["residual_over_noise"] is None
+    )

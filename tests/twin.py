@@ -22,8 +22,8 @@ from sensors.light.planes import tilt_directions
 from sensors.rendering import Scene, make_recording, read_scene
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.errors import cut, laid_over
-from workbench.jobs import scan, scanner
 from workbench.core.rigid import nearest_rotation
+from workbench.jobs import scan, scanner
 
 SCENES = Path(__file__).resolve().parents[1] / "docs" / "scenes"
 BOW = {"effect": "board-bow", "where": "artefact", "values": {"xx": 0.04, "yy": 0.02, "xy": -0.01}}
@@ -38,9 +38,12 @@ def ye_scene(seed: int = 2559, **changes) -> Scene:
 def small_scene(seed: int = 1, **changes) -> Scene:
     """The same instrument with half the pixels and 24 of the planes; wider light, so that it spans as many pixels."""
     half = {
-        "camera": HALF_LENS, "lens": {"defocus_px": 4.0}, "mirror": {"steps": 24, "first_deg": -3.5, "last_deg": 3.5},
-        "placements": {"count": 12, "laser": 8}, "scans": {"count": 2},
-    }  # fmt: skip
+        "camera": HALF_LENS,
+        "lens": {"defocus_px": 4.0},
+        "mirror": {"steps": 24, "first_deg": -3.5, "last_deg": 3.5},
+        "placements": {"count": 12, "laser": 8},
+        "scans": {"count": 2},
+    }
     return _changed(ye_scene(seed), {**half, **changes})
 
 
@@ -73,21 +76,30 @@ class Twin:
         """Found less true, and the stated sigma, of each of the camera's values."""
         made = self.found if joint else self.found.start
         errors = made.camera.values - self.scene.sees.values
-        return {name: (float(error), made.std[f"camera.{name}"]) for name, error in zip(NAMES, errors)}
+        return {
+            name: (float(error), made.std[f"camera.{name}"]) for name, error in zip(NAMES, errors)
+        }
 
     def plane_errors(self, free: bool = False) -> tuple[float, float]:
         """RMS mm over the working volume, of planes and of reconstructed points, laid over the truth."""
         made = self.found.free if free else self.found.made
-        *_, distance, error = laid_over(self.scene.sees, self.planes, made.camera, made.sheets.planes, self.found.volume)
+        *_, distance, error = laid_over(
+            self.scene.sees, self.planes, made.camera, made.sheets.planes, self.found.volume
+        )
         return float(np.sqrt((distance**2).mean())), float(np.sqrt((error**2).sum(0).mean()))
 
     @cached_property
     def motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Turn (3, 3) and shift (3,) that lay the found scanner over the true one."""
         found = self.found
-        points, column, _, error = laid_over(self.scene.sees, self.planes, found.camera, found.scanner.planes, found.volume)
+        points, column, _, error = laid_over(
+            self.scene.sees, self.planes, found.camera, found.scanner.planes, found.volume
+        )
         pixels = self.scene.sees.project(points)
-        there, here = cut(found.camera.normalised(pixels), found.scanner.planes[:, column]), points + error
+        there, here = (
+            cut(found.camera.normalised(pixels), found.scanner.planes[:, column]),
+            points + error,
+        )
         turn = nearest_rotation((here - here.mean(1)[:, None]) @ (there - there.mean(1)[:, None]).T)
         return turn, here.mean(1) - turn @ there.mean(1)
 
@@ -99,7 +111,11 @@ class Twin:
             for ball in one.balls:
                 centres = np.array([b["centre_mm"] for b in true["balls"]])
                 centre = centres[np.linalg.norm(centres - ball.fit.centre, axis=1).argmin()]
-                made.append(BallError(ball, ball.fit.centre - centre, turn @ ball.fit.centre + shift - centre))
+                made.append(
+                    BallError(
+                        ball, ball.fit.centre - centre, turn @ ball.fit.centre + shift - centre
+                    )
+                )
         return made
 
     @cached_property
@@ -109,7 +125,9 @@ class Twin:
         step = self.found.scanner.steps[found.labels["step"]]
         names = np.array(self.found.placements)[found.labels["placement"]]
         sigma = np.broadcast_to(found.sigma, (1, found.n))[0]
-        return BoardStripes(found.pixels, names, step, sigma, mirror=angles[step], covariates=found.covariates)
+        return BoardStripes(
+            found.pixels, names, step, sigma, mirror=angles[step], covariates=found.covariates
+        )
 
     def again(self, rows: list[tuple[str, str, dict]]) -> ScannerCalibration:
         """Calibrated once more with effects (name, where, options) in the model; those of camera and board there first."""
@@ -117,9 +135,19 @@ class Twin:
         start = self.found.start
         of_camera = [effect for effect in effects if effect.port in ("pixel", "ray")]
         if of_camera:
-            start = calibrate_camera(start.views, start.board, start.camera.size, effects=of_camera, folds=0)
+            start = calibrate_camera(
+                start.views, start.board, start.camera.size, effects=of_camera, folds=0
+            )
         rest = [effect for effect in effects if effect not in of_camera]
-        return calibrate_scanner(start.views, self.stripes, start.board, start.camera.size, camera=start, effects=rest, check=False)
+        return calibrate_scanner(
+            start.views,
+            self.stripes,
+            start.board,
+            start.camera.size,
+            camera=start,
+            effects=rest,
+            check=False,
+        )
 
 
 @dataclass(frozen=True)
@@ -145,7 +173,11 @@ def twin(scene: Scene, scans: bool = True) -> Twin:
         truth = make_recording(scene, recording).truth
         run = scanner.calibrate(datasets.read(recording))
         scanner.save(run, out)
-        made = scan.scan(run.recording, out / scanner.FILE, out, lambda text: None) if scans and truth["scans"] else None
+        made = (
+            scan.scan(run.recording, out / scanner.FILE, out, lambda text: None)
+            if scans and truth["scans"]
+            else None
+        )
     return Twin(scene, truth, run, made)
 
 
@@ -155,7 +187,10 @@ def plane_whitened(made: Twin, free: bool = False) -> np.ndarray:
     found = adjustment.sheets.planes
     real = real * np.sign((real[:3] * found[:3]).sum(0))
     tilts = np.einsum("kis,is->ks", tilt_directions(found), found[:3] - real[:3])
-    error = np.r_[adjustment.camera.values - made.scene.sees.values, np.vstack([tilts, found[3] - real[3]]).T.ravel()]
+    error = np.r_[
+        adjustment.camera.values - made.scene.sees.values,
+        np.vstack([tilts, found[3] - real[3]]).T.ravel(),
+    ]
     factor = adjustment.joint()
     size = np.sqrt((factor**2).sum(1))
     values, vectors = np.linalg.eigh((factor @ factor.T) / np.outer(size, size))

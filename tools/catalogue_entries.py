@@ -85,9 +85,16 @@ def made_by(problem: Problem, columns: np.ndarray, own: np.ndarray) -> float:
     """Share of `own` (N,), already cleared, that columns (N, P), in typical sizes, make at a likely size."""
     clear = problem.clear(columns)
     along = clear.T @ own
-    return float(along @ np.linalg.solve(clear.T @ clear + _BROAD**-2 * np.eye(len(along)), along) / (own @ own))
+    return float(
+        along
+        @ np.linalg.solve(clear.T @ clear + _BROAD**-2 * np.eye(len(along)), along)
+        / (own @ own)
+    )
 
 
 def listed(candidates: Sequence[tuple[object, float]]) -> tuple[tuple[str, float], ...]:
     """Names of twins with their shares."""
-    return tuple((f"`{c.effect}`{f' ({c.label})' if c.label else ''} at {c.where}", share) for c, share in candidates)
+    return tuple(
+        (f"`{c.effect}`{f' ({c.label})' if c.label else ''} at {c.where}", share)
+        for c, share in candidates
+    )

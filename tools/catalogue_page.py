@@ -36,16 +36,23 @@ def page(pictures: bool) -> str:
     sensor = [_section(entry, pictures, "sensor-") for entry in catalogue_sensor.entries()]
     left_out = "\n".join(f"- `{name}`: {why}." for name, why in catalogue_robot.NOT_SEEN.items())
     more = "\n".join(f"- `{name}`: {why}." for name, why in catalogue_sensor.NOT_SEEN.items())
-    return (f"{HEAD}## The robot's\n\n{''.join(robot)}\nWithout an entry:\n\n{left_out}\n\n"
-            f"## The scanner's\n\n{''.join(sensor)}\nWithout an entry:\n\n{more}\n")  # fmt: skip
+    return (
+        f"{HEAD}## The robot's\n\n{''.join(robot)}\nWithout an entry:\n\n{left_out}\n\n"
+        f"## The scanner's\n\n{''.join(sensor)}\nWithout an entry:\n\n{more}\n"
+    )
 
 
 def _section(entry: Entry, pictures: bool, prefix: str = "") -> str:
     file = f"{prefix}{entry.name}.png"
     if pictures:
         draw(entry, PICTURES / file)
-    taken = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in entry.twins) or "nothing in these poses"
-    numbers = "; ".join(entry.values[:3]) + (f"; and {len(entry.values) - 3} more" if len(entry.values) > 3 else "")
+    taken = (
+        ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in entry.twins)
+        or "nothing in these poses"
+    )
+    numbers = "; ".join(entry.values[:3]) + (
+        f"; and {len(entry.values) - 3} more" if len(entry.values) > 3 else ""
+    )
     size, left = (length(value, entry.unit) for value in (entry.size, entry.left))
     return f"""### {entry.name}
 

@@ -38,7 +38,11 @@ def _telling(problem, residual) -> list[str]:
     """The two covariates whose bins explain most of a component."""
     names, seen = [], []
     for name, x in problem.covariates.items():
-        if np.ptp(x) > 0 and name not in _SKIPPED and not any(np.array_equal(x, other) for other in seen):
+        if (
+            np.ptp(x) > 0
+            and name not in _SKIPPED
+            and not any(np.array_equal(x, other) for other in seen)
+        ):
             names.append(name)
             seen.append(x)
     return sorted(names, key=lambda name: -_explained(problem.covariates[name], residual))[:2]
@@ -65,7 +69,9 @@ def _places(axes, points, residual, unit):
     if len(points) == 2:
         length = np.sqrt(np.nansum(residual**2, 0))
         some = slice(None, None, max(1, len(length) // (2 * _DOTS)))
-        axes.scatter(*points[:, some], c=length[some], s=2, cmap="viridis", vmax=np.percentile(length, 98))
+        axes.scatter(
+            *points[:, some], c=length[some], s=2, cmap="viridis", vmax=np.percentile(length, 98)
+        )
         axes.invert_yaxis()
         axes.set_title(f"in the picture ({unit})", size=8, color=_INK)
         axes.set_aspect("equal")
@@ -73,6 +79,8 @@ def _places(axes, points, residual, unit):
     across = np.nan_to_num(residual[[0, 2]])
     x, z = points[[0, 2]]
     scale = 0.08 * max(np.ptp(x), np.ptp(z)) / max(np.percentile(np.hypot(*across), 95), 1e-12)
-    axes.quiver(x, z, *(scale * across), angles="xy", scale_units="xy", scale=1, color=_ORANGE, width=0.006)
+    axes.quiver(
+        x, z, *(scale * across), angles="xy", scale_units="xy", scale=1, color=_ORANGE, width=0.006
+    )
     axes.set_title("seen from the side (mm)", size=8, color=_INK)
     axes.set_aspect("equal")

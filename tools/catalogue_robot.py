@@ -17,28 +17,78 @@ from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.words import measured
 from workbench.jobs.simulate import simulate
 
-_CAUSES = {"payload_kg": [0.0, 2.0], "approach": True, "speeds_deg_s": 20.0, "temperature_c": [20.0, 32.0]}
-TRACKER = {"robot": "abb_irb120", "measures": "external-point", "samples": 240, "seed": 1, "sigma_mm": 0.02,
-           "reflectors": [[0.0, 30.0, 120.0]], "share_of_limits": 0.5, "base": {"xyz_mm": [1500.0, 200.0, -400.0]},
-           "errors": {"length_mm": 0.2, "angle_deg": 0.05}, **_CAUSES}  # fmt: skip
-SCANNER = {"robot": "abb_irb120", "measures": "ball-centre", "samples": 240, "seed": 1, "sigma_mm": 0.02,
-           "balls": [[0.0, 0.0, 0.0, 15.0], [80.0, 5.0, -3.0, 15.0], [10.0, 70.0, 4.0, 15.0], [90.0, 80.0, 40.0, 15.0]],
-           "base": {"xyz_mm": [-450.0, 0.0, -100.0]}, "tool": {"xyz_mm": [0.0, 0.0, 60.0]},
-           "errors": {"length_mm": 0.2, "angle_deg": 0.02}, **_CAUSES}  # fmt: skip
-_ELASTIC = [{"effect": "joint-compliance", "where": f"joint-{k}", "values": {"compliance": 3e-4}} for k in (2, 3)]
+_CAUSES = {
+    "payload_kg": [0.0, 2.0],
+    "approach": True,
+    "speeds_deg_s": 20.0,
+    "temperature_c": [20.0, 32.0],
+}
+TRACKER = {
+    "robot": "abb_irb120",
+    "measures": "external-point",
+    "samples": 240,
+    "seed": 1,
+    "sigma_mm": 0.02,
+    "reflectors": [[0.0, 30.0, 120.0]],
+    "share_of_limits": 0.5,
+    "base": {"xyz_mm": [1500.0, 200.0, -400.0]},
+    "errors": {"length_mm": 0.2, "angle_deg": 0.05},
+    **_CAUSES,
+}
+SCANNER = {
+    "robot": "abb_irb120",
+    "measures": "ball-centre",
+    "samples": 240,
+    "seed": 1,
+    "sigma_mm": 0.02,
+    "balls": [
+        [0.0, 0.0, 0.0, 15.0],
+        [80.0, 5.0, -3.0, 15.0],
+        [10.0, 70.0, 4.0, 15.0],
+        [90.0, 80.0, 40.0, 15.0],
+    ],
+    "base": {"xyz_mm": [-450.0, 0.0, -100.0]},
+    "tool": {"xyz_mm": [0.0, 0.0, 60.0]},
+    "errors": {"length_mm": 0.2, "angle_deg": 0.02},
+    **_CAUSES,
+}
+_ELASTIC = [
+    {"effect": "joint-compliance", "where": f"joint-{k}", "values": {"compliance": 3e-4}}
+    for k in (2, 3)
+]
 _SPAN = {"start": 0.0, "end": 2390.0}
 # where each effect sits on the page, its options, and what else the scene holds
-_AT = {"joint": "joint-2", "link": "link-2", "base": "base", "tool": "tool", "sensor": "sensor", "ball": "ball-2",
-       "artefact": "artefact", "time": "time", "noise": "noise"}  # fmt: skip
-_OPTIONS = {"zero-shift": {"after": 1200.0}, "joint-coupling": {"joint": 3}, "base-drift": _SPAN,
-            "range-scale": {"z0": 125.0},
-            "noise-heteroscedastic": {"covariate": "temperature_c", "mean": 26.0, "spread": 4.0}}  # fmt: skip
-_PLACES = {"joint-coupling": "joint-4", "axis-run-out": "joint-3", "link-compliance": "link-2",
-           "bearing-compliance": "joint-1", "joint-thermal-drift": "joint-3"}  # fmt: skip
-NOT_SEEN = {"zero-offset": "a zero offset under another name, which the baseline holds",
-            "measured-tilt": "it needs the columns of an accelerometer, which a scene does not hold",
-            "mount-tilt-torsion": "mount-tilt as an upright first joint shows it, which nothing else loads",
-            "ye-compliance": "a variant of joint-compliance with Ye's own load"}  # fmt: skip
+_AT = {
+    "joint": "joint-2",
+    "link": "link-2",
+    "base": "base",
+    "tool": "tool",
+    "sensor": "sensor",
+    "ball": "ball-2",
+    "artefact": "artefact",
+    "time": "time",
+    "noise": "noise",
+}
+_OPTIONS = {
+    "zero-shift": {"after": 1200.0},
+    "joint-coupling": {"joint": 3},
+    "base-drift": _SPAN,
+    "range-scale": {"z0": 125.0},
+    "noise-heteroscedastic": {"covariate": "temperature_c", "mean": 26.0, "spread": 4.0},
+}
+_PLACES = {
+    "joint-coupling": "joint-4",
+    "axis-run-out": "joint-3",
+    "link-compliance": "link-2",
+    "bearing-compliance": "joint-1",
+    "joint-thermal-drift": "joint-3",
+}
+NOT_SEEN = {
+    "zero-offset": "a zero offset under another name, which the baseline holds",
+    "measured-tilt": "it needs the columns of an accelerometer, which a scene does not hold",
+    "mount-tilt-torsion": "mount-tilt as an upright first joint shows it, which nothing else loads",
+    "ye-compliance": "a variant of joint-compliance with Ye's own load",
+}
 
 
 def entries() -> Iterator[Entry]:
@@ -63,12 +113,26 @@ def _entry(name, kind) -> Entry:
     table = effect.parameters(perfect.chain)
     start = perfect.problem((effect,))
     values = large_enough(start, np.array([p.typical for p in table]))
-    bench = _bench(_with(scene, name, effect, dict(zip((p.key for p in table), values.tolist()))), baseline)
+    bench = _bench(
+        _with(scene, name, effect, dict(zip((p.key for p in table), values.tolist()))), baseline
+    )
     whole, left, survives = sizes(start, values)
     near = twins(start, values, f"{kind.effect} {where}")
     numbers = tuple(f"{p.label} {measured(v, None, p.unit)}" for p, v in zip(table, values))
-    return Entry(name, kind, where, numbers, whole, left, survives, "mm", listed(near),
-                 _separates(perfect, effect, start, values, near), bench.problem(), _flange(bench))  # fmt: skip
+    return Entry(
+        name,
+        kind,
+        where,
+        numbers,
+        whole,
+        left,
+        survives,
+        "mm",
+        listed(near),
+        _separates(perfect, effect, start, values, near),
+        bench.problem(),
+        _flange(bench),
+    )
 
 
 def _flange(bench) -> np.ndarray:
@@ -79,12 +143,25 @@ def _flange(bench) -> np.ndarray:
 def _spread(name, kind, where, scene) -> Entry:
     """The noise's: nothing but the scatter changes, so that no mean can be taken for it."""
     (effect,) = make_effects(CATALOGUE, [(name, where, _OPTIONS[name])])
-    bench = _bench(_with(scene, name, effect, {"noise.noise-heteroscedastic.temperature_c": 0.6}), "geometry")
+    bench = _bench(
+        _with(scene, name, effect, {"noise.noise-heteroscedastic.temperature_c": 0.6}), "geometry"
+    )
     problem = bench.problem()
     size = float(np.sqrt(((problem.residual * problem.sigma) ** 2).sum() / problem.n))
-    return Entry(name, kind, where, ("0.6 of log sigma a spread",), size, size, 1.0, "mm", (),
-                 "Nothing else: the means stay where they are, and only the scatter grows.", problem,
-                 _flange(bench))  # fmt: skip
+    return Entry(
+        name,
+        kind,
+        where,
+        ("0.6 of log sigma a spread",),
+        size,
+        size,
+        1.0,
+        "mm",
+        (),
+        "Nothing else: the means stay where they are, and only the scatter grows.",
+        problem,
+        _flange(bench),
+    )
 
 
 def _with(scene, name, effect, values) -> dict:
@@ -110,6 +187,8 @@ def _separates(bench, effect, problem, values, near) -> str:
         return "Nothing is needed: no other effect makes half of what it leaves."
     other, _ = near[0]
     left = np.sqrt((problem.clear(problem.added[0] @ values) ** 2).sum())
-    known = Doubt((effect,), values * FAINT / left, other.effects, "it", f"{other.effect} at {other.where}")
+    known = Doubt(
+        (effect,), values * FAINT / left, other.effects, "it", f"{other.effect} at {other.where}"
+    )
     rows = compared(bench, (), known)
     return told(known, rows) if rows else "No recording of the kinds that were compared."

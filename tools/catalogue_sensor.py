@@ -23,14 +23,26 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from sensor_recordings import SCENE  # noqa: E402
 
 # what differs from the small scene of the tests: more steps, boards and scans, pixels in parts as usual
-_MORE = {"mirror": {"steps": 16}, "placements": {"count": 12, "laser": 6},
-         "scans": {"count": 3, "range_mm": (122.0, 134.0), "aside": 0.1}}  # fmt: skip
-_PLACES = {"camera": "camera", "laser": "laser", "mirror": "mirror", "sensor": "sensor", "artefact": "artefact",
-           "time": "time", "ball": "ball-1"}  # fmt: skip
+_MORE = {
+    "mirror": {"steps": 16},
+    "placements": {"count": 12, "laser": 6},
+    "scans": {"count": 3, "range_mm": (122.0, 134.0), "aside": 0.1},
+}
+_PLACES = {
+    "camera": "camera",
+    "laser": "laser",
+    "mirror": "mirror",
+    "sensor": "sensor",
+    "artefact": "artefact",
+    "time": "time",
+    "ball": "ball-1",
+}
 _OPTIONS = {"mirror-encoder-harmonic": {"order": 60}}
-NOT_SEEN = {"field-bias": "it acts on clouds that were made with another program; here camera and light are fitted",
-            "ball-position": "one ball of a scan has its place fitted; see the robot's",
-            "noise-heteroscedastic": "see the robot's"}  # fmt: skip
+NOT_SEEN = {
+    "field-bias": "it acts on clouds that were made with another program; here camera and light are fitted",
+    "ball-position": "one ball of a scan has its place fitted; see the robot's",
+    "noise-heteroscedastic": "see the robot's",
+}
 _SEED = 5
 
 
@@ -60,8 +72,12 @@ def _with_causes(chains: Chains) -> Chains:
         label = chain.labels["ball" if name == "balls" else "placement"]
         count = int(label.max()) + 1
         sweep, speed = rng.choice([-1.0, 1.0], count)[label], rng.uniform(20.0, 60.0, count)[label]
-        more = {"temperature_c": 20 + (label + first) * 0.8, "time_s": 30.0 * (label + first),
-                "sweep": sweep, "mirror_speed_deg_s": sweep * speed}  # fmt: skip
+        more = {
+            "temperature_c": 20 + (label + first) * 0.8,
+            "time_s": 30.0 * (label + first),
+            "sweep": sweep,
+            "mirror_speed_deg_s": sweep * speed,
+        }
         made[name] = replace(chain, covariates={**chain.covariates, **more})
     return replace(chains, **made)
 
@@ -76,10 +92,24 @@ def _entry(perfect: SensorBench, name, kind) -> Entry:
     bench = SensorBench(simulated(perfect.chains, (effect,), true, _SEED))
     whole, left, survives = sizes(start, values)
     near = twins(start, values, f"{kind.effect} {where}")
-    numbers = tuple(f"{row['label']} {measured(true[row['key']], None, row['unit'])}" for row in rows)
+    numbers = tuple(
+        f"{row['label']} {measured(true[row['key']], None, row['unit'])}" for row in rows
+    )
     points = np.stack([bench.covariates["u"], bench.covariates["v"]])
-    return Entry(name, kind, where, numbers, whole, left, survives, "px", listed(near), _separates(effect, near),
-                 bench.problem(), points)  # fmt: skip
+    return Entry(
+        name,
+        kind,
+        where,
+        numbers,
+        whole,
+        left,
+        survives,
+        "px",
+        listed(near),
+        _separates(effect, near),
+        bench.problem(),
+        points,
+    )
 
 
 def _separates(effect, near) -> str:
@@ -87,13 +117,22 @@ def _separates(effect, near) -> str:
     if not near or near[0][1] < 0.5:
         return "Nothing is needed: no other effect makes half of what it leaves."
     other = near[0][0].effects[0]
-    needs = [name for name in (*effect.needs, *other.needs) if name not in set(effect.needs) & set(other.needs)]
+    needs = [
+        name
+        for name in (*effect.needs, *other.needs)
+        if name not in set(effect.needs) & set(other.needs)
+    ]
     if needs:
         return f"Recordings in which {' and '.join(needs)} changes and nothing else does."
     if effect.where == other.where:
         return "More placements, nearer and farther and more oblique: both sit at one place."
-    kinds = {"artefact": "another board", "ball": "another ball", "mirror": "a second range of the mirror's angles",
-             "laser": "nearer and farther placements",
-             "camera": "a board of another material, its temperature recorded",
-             "sensor": "balls of another size and material", "time": "another speed of the mirror"}  # fmt: skip
+    kinds = {
+        "artefact": "another board",
+        "ball": "another ball",
+        "mirror": "a second range of the mirror's angles",
+        "laser": "nearer and farther placements",
+        "camera": "a board of another material, its temperature recorded",
+        "sensor": "balls of another size and material",
+        "time": "another speed of the mirror",
+    }
     return f"The same with {kinds[other.where.partition('-')[0]]}."

@@ -13,9 +13,11 @@ from pathlib import Path
 
 PACKAGES = ("workbench", "sensors", "robot_model", "datasets")
 CODE = (*PACKAGES, "tools", "tests", "benchmarks")
-LONGEST_FUNCTION = 40
+LONGEST_FUNCTION = 50
 MEDIAN_BELOW = 12
-LONGEST_FILE = 399
+LONGEST_FILE = 500
+# Tables of cases make tests long without making them hard to read.
+LONGEST_TEST_FILE = 800
 DEEPEST_CLASS = 1
 TEXTS = {".py", ".toml", ".md", ".csv", ".j2", ".sh", ".yml", ".yaml", ".cfg", ""}
 SKIPPED = {".git", "runs", "build", "dist", "shared", "node_modules", "__pycache__"}
@@ -42,16 +44,25 @@ def main(root: Path) -> int:
 
 def code_files(root: Path) -> list[Path]:
     """Every Python file of ours."""
-    return sorted(path for folder in CODE for path in (root / folder).rglob("*.py")
-                  if not SKIPPED & set(path.relative_to(root).parts))
+    return sorted(
+        path
+        for folder in CODE
+        for path in (root / folder).rglob("*.py")
+        if not SKIPPED & set(path.relative_to(root).parts)
+    )
 
 
 def text_files(root: Path) -> Iterator[Path]:
     """Every text file of the project, whatever its language."""
     for path in sorted(root.rglob("*")):
         parts = path.relative_to(root).parts
-        hidden = any(part in SKIPPED or part.startswith(".venv") or part.endswith(("cache", "info"))
-                     or part == ".hypothesis" for part in parts)
+        hidden = any(
+            part in SKIPPED
+            or part.startswith(".venv")
+            or part.endswith(("cache", "info"))
+            or part == ".hypothesis"
+            for part in parts
+        )
         if path.is_file() and not hidden and path.suffix in TEXTS:
             yield path
 
@@ -61,12 +72,15 @@ def file_faults(path: Path, tree: ast.Module) -> Iterator[str]:
     length = len(path.read_text(encoding="utf-8").splitlines())
     if not ast.get_docstring(tree):
         yield f"{path}:1: no docstring that says what the file is for"
-    if length > LONGEST_FILE:
-        yield f"{path}:1: {length} lines, expected < {LONGEST_FILE + 1}"
+    longest = LONGEST_TEST_FILE if path.name.startswith("test_") else LONGEST_FILE
+    if length > longest:
+        yield f"{path}:1: {length} lines, expected < {longest + 1}"
     for function in functions(tree):
         if body_length(function) > LONGEST_FUNCTION:
-            yield (f"{path}:{function.lineno}: {function.name} has {body_length(function)} lines, "
-                   f"expected <= {LONGEST_FUNCTION}")
+            yield (
+                f"{path}:{function.lineno}: {function.name} has {body_length(function)} lines, "
+                f"expected <= {LONGEST_FUNCTION}"
+            )
 
 
 def functions(tree: ast.AST) -> list[Function]:
@@ -82,20 +96,30 @@ def body_length(function: Function) -> int:
 
 def median_length(root: Path, sources: dict[Path, ast.Module]) -> float:
     """Median body length over the packages, tests and tools left aside."""
-    lengths = [body_length(function) for path, tree in sources.items()
-               if path.relative_to(root).parts[0] in PACKAGES for function in functions(tree)]
+    lengths = [
+        body_length(function)
+        for path, tree in sources.items()
+        if path.relative_to(root).parts[0] in PACKAGES
+        for function in functions(tree)
+    ]
     return statistics.median(lengths) if lengths else 0.0
 
 
 def class_faults(sources: dict[Path, ast.Module]) -> Iterator[str]:
     """Classes of ours that stand more than one step below another class of ours."""
-    classes = {node.name: (path, node) for path, tree in sources.items()
-               for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    classes = {
+        node.name: (path, node)
+        for path, tree in sources.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+    }
     for name, (path, node) in classes.items():
         depth = class_depth(name, classes)
         if depth > DEEPEST_CLASS:
-            yield (f"{path}:{node.lineno}: class {name} stands {depth} steps below its first "
-                   f"ancestor, expected <= {DEEPEST_CLASS}")
+            yield (
+                f"{path}:{node.lineno}: class {name} stands {depth} steps below its first "
+                f"ancestor, expected <= {DEEPEST_CLASS}"
+            )
 
 
 def class_depth(name: str, classes: dict, above: frozenset[str] = frozenset()) -> int:

@@ -58,7 +58,15 @@ def _table(catalogue) -> str:
 
 def _row(name, kind) -> str:
     what = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
-    cells = (f"`{name}`", kind.effect, ", ".join(kind.places), kind.port, f"`{kind.equation}`", kind.source, what)
+    cells = (
+        f"`{name}`",
+        kind.effect,
+        ", ".join(kind.places),
+        kind.port,
+        f"`{kind.equation}`",
+        kind.source,
+        what,
+    )
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
 
 
@@ -68,7 +76,11 @@ def main() -> int:
         PAGE.write_text(page(), encoding="utf-8")
         return 0
     fresh = PAGE.is_file() and PAGE.read_text(encoding="utf-8") == page()
-    print("docs/effects.md is up to date" if fresh else "docs/effects.md is stale: run python tools/effects_page.py")
+    print(
+        "docs/effects.md is up to date"
+        if fresh
+        else "docs/effects.md is stale: run python tools/effects_page.py"
+    )
     return 0 if fresh else 1
 
 

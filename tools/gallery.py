@@ -87,7 +87,9 @@ def main(names: list[str]) -> int:
     """Write the named pages, all where none is named; exit status 2 for an unknown name."""
     unknown = [name for name in names if name not in PAGES]
     if unknown:
-        print(f"no gallery page is called {unknown[0]}: expected {', '.join(PAGES)}", file=sys.stderr)
+        print(
+            f"no gallery page is called {unknown[0]}: expected {', '.join(PAGES)}", file=sys.stderr
+        )
         return 2
     for name in names or PAGES:
         print(name, flush=True)

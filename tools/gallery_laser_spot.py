@@ -14,8 +14,8 @@ from datasets.makers import liu
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.published.beam_spheres import A2, BeamFit, calibrate_beams
-from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.fitting.plans import geometry as geometry_stage
+from workbench.jobs.calibrate import Calibration, calibrate
 
 HERE = Path(__file__).parents[1] / "docs" / "gallery"
 _NAMES = ("theta", "d", "a", "alpha")
@@ -63,7 +63,10 @@ def beam_error(made, geometry: np.ndarray, origin=(0.0, 0, 0), direction=(1.0, 0
     """mm RMS distance of the beams of `made`, as a calibrated arm believes them, from the best point of each place."""
     recording = made.recording()
     frames = forward(load_robot(made.robot), recording.joints.T, geometry)
-    origins, ways = frames.point(np.array(origin)).T, np.stack(frames.end, -1).transpose(1, 0, 2) @ np.array(direction)
+    origins, ways = (
+        frames.point(np.array(origin)).T,
+        np.stack(frames.end, -1).transpose(1, 0, 2) @ np.array(direction),
+    )
     off, point = 0.0, recording.columns["point"]
     for k in np.unique(point):
         o, w = origins[point == k], ways[point == k]
@@ -86,7 +89,9 @@ def compared(seeds=range(1, 6), beams: int = 12, sigma: float = 0.02) -> np.ndar
     for seed in seeds:
         made = liu.irb120(beams, 7, sigma, seed)
         theirs = beam_error(new, fit(made, True, held=(A2,)).geometry)
-        rows.append((theirs, *(beam_error(new, *found(ours(r))) for r in (made.recording(), half(made)))))
+        rows.append(
+            (theirs, *(beam_error(new, *found(ours(r))) for r in (made.recording(), half(made))))
+        )
     return np.array(rows)
 
 

@@ -84,18 +84,28 @@ def page(exact, first, second) -> str:
     """The page; first, second: fits of eq. 6 and eq. 7 on the exact recording."""
     mine, new = figures.ours(exact.recording()), figures.unseen()
     geometry = figures.found(mine)[0]
-    off = figures.errors_found(exact, geometry) - figures.errors_found(exact, exact.truth["geometry"])
+    off = figures.errors_found(exact, geometry) - figures.errors_found(
+        exact, exact.truth["geometry"]
+    )
     one = figures.ours(liu.irb120(40, 1, 0.02).recording())
     return _TEXT.format(
-        table=figures.table_3(exact, [first.geometry, second.geometry, geometry]), published=_published_spread(),
-        spread6=first.spread, end6=first.end, start6=first.start, rank6=first.rank,
-        spread7=second.spread, rank7=second.rank, off=np.abs(figures.shown(off)).max(),
+        table=figures.table_3(exact, [first.geometry, second.geometry, geometry]),
+        published=_published_spread(),
+        spread6=first.spread,
+        end6=first.end,
+        start6=first.start,
+        rank6=first.rank,
+        spread7=second.spread,
+        rank7=second.rank,
+        off=np.abs(figures.shown(off)).max(),
         gone=figures.fit(liu.irb120(6, 7, 0.02), True).geometry[1, 2],
-        nominal=figures.beam_error(new, load_robot(new.robot).geometry), compared=_compared(),
+        nominal=figures.beam_error(new, load_robot(new.robot).geometry),
+        compared=_compared(),
         six=np.sqrt((figures.compared(beams=6) ** 2).mean(0)),
-        single=figures.beam_error(new, *figures.found(one)), held=one.held_out["rms_mm"],
+        single=figures.beam_error(new, *figures.found(one)),
+        held=one.held_out["rms_mm"],
         words="\n".join(f"- {sentence}" for sentence in mine.solution.all_known.sentences()),
-    )  # fmt: skip
+    )
 
 
 def _published_spread() -> float:
@@ -120,17 +130,30 @@ def picture(first, second, path: Path) -> None:
     from matplotlib import pyplot
 
     figure, (left, middle, right) = pyplot.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
-    for axes, fit, name in ((left, first, "eq. 6: means on a sphere"), (middle, second, "eq. 7: and beams that meet")):
+    for axes, fit, name in (
+        (left, first, "eq. 6: means on a sphere"),
+        (middle, second, "eq. 7: and beams that meet"),
+    ):
         for k, crossings in enumerate(fit.crossings):
             axes.plot(crossings[:, 1], crossings[:, 2], "o", ms=3, color=f"C{k}")
             axes.plot(*fit.means[k, 1:], "x", color=f"C{k}", ms=9)
-        axes.set(title=f"{name}\ncrossings {fit.spread:.1g} mm apart (rms)",
-                 xlabel="y, mm", ylabel="z, mm (dots: crossings, x: means)")  # fmt: skip
+        axes.set(
+            title=f"{name}\ncrossings {fit.spread:.1g} mm apart (rms)",
+            xlabel="y, mm",
+            ylabel="z, mm (dots: crossings, x: means)",
+        )
         axes.set_aspect("equal")
     for fit, name in ((first, "eq. 6"), (second, "eq. 7")):
-        right.semilogy(np.arange(1, 23), np.maximum(fit.singular / fit.singular[0], 1e-13), "o-", ms=4,
-                       label=f"{name}: {fit.rank} of 22")  # fmt: skip
+        right.semilogy(
+            np.arange(1, 23),
+            np.maximum(fit.singular / fit.singular[0], 1e-13),
+            "o-",
+            ms=4,
+            label=f"{name}: {fit.rank} of 22",
+        )
     right.axhline(1e-6, color="grey", ls=":")
-    right.set(title="what each objective sees", xlabel="direction", ylabel="singular value / largest")
+    right.set(
+        title="what each objective sees", xlabel="direction", ylabel="singular value / largest"
+    )
     right.legend(frameon=False)
     figure.savefig(path, dpi=110)

@@ -96,8 +96,12 @@ def main() -> None:
     """Run, collect, write."""
     with tempfile.TemporaryDirectory() as folder:
         said = {command: run(command, Path(folder)) for command in COMMANDS}
-        shutil.copy(Path(folder) / "significance" / "significance.png", PAGE.with_name("partial-pose.png"))
-        answer = json.loads((Path(folder) / "calibrated-op" / "answer.json").read_text(encoding="utf-8"))
+        shutil.copy(
+            Path(folder) / "significance" / "significance.png", PAGE.with_name("partial-pose.png")
+        )
+        answer = json.loads(
+            (Path(folder) / "calibrated-op" / "answer.json").read_text(encoding="utf-8")
+        )
     found = {kind: [figures(kind, seed) for seed in SEEDS] for kind in KINDS}
     PAGE.write_text(page(said, found, answer), encoding="utf-8")
 
@@ -106,7 +110,9 @@ def run(command: str, folder: Path) -> str:
     """Standard output of one of the page's commands, run where the reader would."""
     words = re.sub("^python", sys.executable, re.sub("^workbench", "python -m workbench", command))
     setting = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "110"}
-    return subprocess.run(words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True
+    ).stdout
 
 
 def figures(kind: str, seed: int) -> dict:
@@ -118,38 +124,65 @@ def figures(kind: str, seed: int) -> dict:
     before = np.linalg.norm(found.nominal_residual, axis=0)
     row = next(row for row in found.parameters if row["name"] == "alpha6")
     return {
-        "before fit": before[:100].mean(), "before check": before[100:].mean(), "fit": found.fit["mean_mm"],
-        "check": found.held_out["mean_mm"], "alpha6": row["value"], "std": row["std"],
-    }  # fmt: skip
+        "before fit": before[:100].mean(),
+        "before check": before[100:].mean(),
+        "fit": found.fit["mean_mm"],
+        "check": found.held_out["mean_mm"],
+        "alpha6": row["value"],
+        "std": row["std"],
+    }
 
 
 def page(said, found, answer) -> str:
     """The page's text."""
     published = papers.load("mathematics-2023")
     errors = published["position_error"]
-    rows = "".join(_row(kind, found[kind], published[TABLES[kind]]["deviation"][5][3]) for kind in KINDS)
+    rows = "".join(
+        _row(kind, found[kind], published[TABLES[kind]]["deviation"][5][3]) for kind in KINDS
+    )
     largest = max(max(f["check"] for f in rows) for rows in found.values())
     spread = [f["fit"] for f in found["op"]]
     ours = {key: np.mean([f[key] for f in found["op"]]) for key in ("fit", "check")}
     planned = identifiability(tx60("op", planned=True).recording())["stages"][0]
     more = planned["free"] - planned["identifiable"]
     return _TEXT.format(
-        first=COMMANDS[0], planned="\n".join(COMMANDS[1:5]), said=_quote(said[COMMANDS[3]]), more=more,
-        measured="\n".join(COMMANDS[5:]), seeds=len(SEEDS), recording=answer["recording"],
-        fit=answer["fit"]["mean_mm"], check=answer["held_out"]["mean_mm"], rows=rows,
-        published="{fit_before_mm} / {check_before_mm} | {fit_after_mm} | {check_after_mm}".format(**errors),
-        low=min(spread), high=max(spread), largest=largest, larger=100 * (ours["check"] / ours["fit"] - 1),
-    )  # fmt: skip
+        first=COMMANDS[0],
+        planned="\n".join(COMMANDS[1:5]),
+        said=_quote(said[COMMANDS[3]]),
+        more=more,
+        measured="\n".join(COMMANDS[5:]),
+        seeds=len(SEEDS),
+        recording=answer["recording"],
+        fit=answer["fit"]["mean_mm"],
+        check=answer["held_out"]["mean_mm"],
+        rows=rows,
+        published="{fit_before_mm} / {check_before_mm} | {fit_after_mm} | {check_after_mm}".format(
+            **errors
+        ),
+        low=min(spread),
+        high=max(spread),
+        largest=largest,
+        larger=100 * (ours["check"] / ours["fit"] - 1),
+    )
 
 
 def _row(kind, found, paper) -> str:
-    mean = {key: np.mean([f[key] for f in found]) for key in ("before fit", "before check", "fit", "check", "alpha6")}
+    mean = {
+        key: np.mean([f[key] for f in found])
+        for key in ("before fit", "before check", "fit", "check", "alpha6")
+    }
     stds = [f["std"] for f in found]
-    alpha = "held: no effect" if None in stds else f"{1e3 * mean['alpha6']:.2f}, each ± {1e3 * np.mean(stds):.2f}"
+    alpha = (
+        "held: no effect"
+        if None in stds
+        else f"{1e3 * mean['alpha6']:.2f}, each ± {1e3 * np.mean(stds):.2f}"
+    )
     name = {"full": "full pose", "np": "NP (x axis)", "op": "OP (y axis)"}[kind]
     before = f"{mean['before fit']:.3f} / {mean['before check']:.3f}"
-    return (f"| {name} | {before} | {mean['fit']:.4f} | {mean['check']:.4f} | {alpha} "
-            f"| {1e3 * paper:.3g} |\n")  # fmt: skip
+    return (
+        f"| {name} | {before} | {mean['fit']:.4f} | {mean['check']:.4f} | {alpha} "
+        f"| {1e3 * paper:.3g} |\n"
+    )
 
 
 def _quote(text: str) -> str:

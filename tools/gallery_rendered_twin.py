@@ -28,7 +28,13 @@ EFFECTS = (
     ("incidence-bias", "sensor", {}, {"shift": 0.02}, {}),
     ("window-refraction", "camera", {}, {"thickness": 3.0}, {}),
     ("lens-residual", "camera", {}, {"z3c0r": 0.3}, {}),
-    ("camera-thermal-drift", "camera", {}, {"focal": 2e-5, "x": 0.03, "y": -0.02}, {"temperature_c": (20.0, 30.0)}),
+    (
+        "camera-thermal-drift",
+        "camera",
+        {},
+        {"focal": 2e-5, "x": 0.03, "y": -0.02},
+        {"temperature_c": (20.0, 30.0)},
+    ),
     ("board-bow", "artefact", {}, BOW["values"], {}),
     ("range-scale", "sensor", {"z0": 125.0}, {"scale": 2e-3}, {}),
 )
@@ -41,18 +47,28 @@ def whole() -> dict:
     balls, flat, start = made.ball_errors(), without_bow(made), made.found.start
     plain = {key: list(value) for key, value in made.camera_errors().items()}
     return {
-        "camera": plain, "joint": {key: list(value) for key, value in made.camera_errors(joint=True).items()},
-        "corner_px": start.rms_coordinate_px, "stripe_px": made.found.sigma_stripe_px,
+        "camera": plain,
+        "joint": {key: list(value) for key, value in made.camera_errors(joint=True).items()},
+        "corner_px": start.rms_coordinate_px,
+        "stripe_px": made.found.sigma_stripe_px,
         "bow_mm": [start.bow.parameters, start.bow.std],
-        "planes_mm": made.plane_errors(), "free_mm": made.plane_errors(free=True),
+        "planes_mm": made.plane_errors(),
+        "free_mm": made.plane_errors(free=True),
         "stated_mm": [made.found.apart.point_mm, made.found.free.apart(made.found.volume).point_mm],
         "mirror": [bool(made.found.mirror.supported), made.found.mirror.probability],
-        "raw_mm": [ball.raw.tolist() for ball in balls], "laid_mm": [ball.laid.tolist() for ball in balls],
-        "std_mm": [ball.ball.fit.std.tolist() for ball in balls], "form_mm": [ball.ball.fit.rms for ball in balls],
-        "d95_mm": [ball.ball.fit.d95 for ball in balls], "used": [int(ball.ball.fit.inliers.sum()) for ball in balls],
+        "raw_mm": [ball.raw.tolist() for ball in balls],
+        "laid_mm": [ball.laid.tolist() for ball in balls],
+        "std_mm": [ball.ball.fit.std.tolist() for ball in balls],
+        "form_mm": [ball.ball.fit.rms for ball in balls],
+        "d95_mm": [ball.ball.fit.d95 for ball in balls],
+        "used": [int(ball.ball.fit.inliers.sum()) for ball in balls],
         "radius_mm": [ball.ball.free.radius - 14.999 for ball in balls],
-        "flat": {"fx": flat.camera.fx - made.scene.sees.fx, "std": flat.std["camera.fx"], "px": flat.rms_coordinate_px},
-    }  # fmt: skip
+        "flat": {
+            "fx": flat.camera.fx - made.scene.sees.fx,
+            "std": flat.std["camera.fx"],
+            "px": flat.rms_coordinate_px,
+        },
+    }
 
 
 def seed(number: int) -> dict:
@@ -60,10 +76,13 @@ def seed(number: int) -> dict:
     made = twin(small_scene(number, scans={"count": 4}))
     balls = made.ball_errors()
     return {
-        "camera": [e / s for e, s in made.camera_errors().values()], "planes": plane_whitened(made).tolist(),
-        "free": plane_whitened(made, free=True).tolist(), "balls": [ball.z.tolist() for ball in balls],
-        "laid_mm": [ball.laid.tolist() for ball in balls], "planes_mm": made.plane_errors(),
-    }  # fmt: skip
+        "camera": [e / s for e, s in made.camera_errors().values()],
+        "planes": plane_whitened(made).tolist(),
+        "free": plane_whitened(made, free=True).tolist(),
+        "balls": [ball.z.tolist() for ball in balls],
+        "laid_mm": [ball.laid.tolist() for ball in balls],
+        "planes_mm": made.plane_errors(),
+    }
 
 
 def effect(name: str) -> dict:
@@ -83,13 +102,17 @@ def figures(made) -> dict:
     """What shows of an effect that is not in the model."""
     balls = made.ball_errors()
     return {
-        "corner_px": made.found.start.rms_coordinate_px, "stripe_px": made.found.sigma_stripe_px,
-        "fx": made.camera_errors()["fx"], "points_mm": made.plane_errors()[1],
+        "corner_px": made.found.start.rms_coordinate_px,
+        "stripe_px": made.found.sigma_stripe_px,
+        "fx": made.camera_errors()["fx"],
+        "points_mm": made.plane_errors()[1],
         "mirror": [bool(made.found.mirror.supported), made.found.mirror.probability],
         "ball_mm": rms([ball.laid for ball in balls]) if balls else None,
         "form_mm": rms([ball.ball.fit.rms for ball in balls]) if balls else None,
-        "radius_mm": float(np.mean([ball.ball.free.radius - 14.999 for ball in balls])) if balls else None,
-    }  # fmt: skip
+        "radius_mm": float(np.mean([ball.ball.free.radius - 14.999 for ball in balls]))
+        if balls
+        else None,
+    }
 
 
 def recovered(found, start: str, values: dict, made) -> dict:
@@ -98,12 +121,20 @@ def recovered(found, start: str, values: dict, made) -> dict:
 
     mine = [key for key in found.made.parameters.keys if key.startswith(start)]
     short = [key.removeprefix(start) for key in mine]
-    known = {name: [float(found.made.parameters[key]), found.std.get(key), values.get(name, 0.0)]
-             for name, key in zip(short, mine)}  # fmt: skip
-    *_, error = laid_over(made.scene.sees, made.planes, found.camera, found.scanner.planes, found.volume)
-    return {"recovered": known, "with_points_mm": float(np.sqrt((error**2).sum(0).mean())),
-            "with_stripe_px": found.sigma_stripe_px, "with_corner_px": found.start.rms_coordinate_px,
-            "sentences": list(found.sentences)}  # fmt: skip
+    known = {
+        name: [float(found.made.parameters[key]), found.std.get(key), values.get(name, 0.0)]
+        for name, key in zip(short, mine)
+    }
+    *_, error = laid_over(
+        made.scene.sees, made.planes, found.camera, found.scanner.planes, found.volume
+    )
+    return {
+        "recovered": known,
+        "with_points_mm": float(np.sqrt((error**2).sum(0).mean())),
+        "with_stripe_px": found.sigma_stripe_px,
+        "with_corner_px": found.start.rms_coordinate_px,
+        "sentences": list(found.sentences),
+    }
 
 
 def parts() -> dict:

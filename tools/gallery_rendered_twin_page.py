@@ -88,11 +88,21 @@ def write(parts: dict, effects) -> None:
     rows = {name: parts[name] for name in ("none", *(row[0] for row in effects))}
     cx = whole["joint"]["cx"]
     text = _TEXT.format(
-        whole=_whole(whole), cx=cx[0], cxs=cx[1], raw=1e3 * _rms(whole["raw_mm"]), form=1e3 * _rms(whole["form_mm"]),
-        flat=whole["flat"]["fx"], flats=whole["flat"]["std"], corner=whole["corner_px"], cornerflat=whole["flat"]["px"],
-        seeds=len(seeds), coverage=_coverage(seeds), verdict=_verdict(seeds), effects=_effects(rows),
+        whole=_whole(whole),
+        cx=cx[0],
+        cxs=cx[1],
+        raw=1e3 * _rms(whole["raw_mm"]),
+        form=1e3 * _rms(whole["form_mm"]),
+        flat=whole["flat"]["fx"],
+        flats=whole["flat"]["std"],
+        corner=whole["corner_px"],
+        cornerflat=whole["flat"]["px"],
+        seeds=len(seeds),
+        coverage=_coverage(seeds),
+        verdict=_verdict(seeds),
+        effects=_effects(rows),
         directions=_directions(rows),
-    )  # fmt: skip
+    )
     PAGE.write_text(text, encoding="utf-8")
     picture(rows, PAGE.with_suffix(".png"))
 
@@ -106,40 +116,70 @@ def _whole(made) -> str:
     centre, stated = 1e3 * _rms(made["laid_mm"]), 1e3 * _rms([std[:3] for std in made["std_mm"]])
     used = "one mirror" if made["mirror"][0] else "free planes"
     rows = [
-        ("fx, corners alone", "within 3 σ, σ ≤ 0.1 %", f"{fx[0]:+.2f} px", f"{fx[1]:.2f} px ({fx[1] / 34.23:.4f} %)"),
+        (
+            "fx, corners alone",
+            "within 3 σ, σ ≤ 0.1 %",
+            f"{fx[0]:+.2f} px",
+            f"{fx[1]:.2f} px ({fx[1] / 34.23:.4f} %)",
+        ),
         ("corners, a coordinate", "", f"{made['corner_px']:.4f} px", ""),
         ("stripe, a centre", "", f"{made['stripe_px']:.3f} px", ""),
         (f"light planes ({used}), RMS over the volume", "≤ 4 µm", f"{1e3 * planes:.2f} µm", ""),
         ("free light planes", "≤ 4 µm", f"{1e3 * free[0]:.2f} µm", ""),
-        ("points, camera and planes together", "", f"{1e3 * points:.2f} µm", f"{1e3 * made['stated_mm'][0]:.2f} µm"),
+        (
+            "points, camera and planes together",
+            "",
+            f"{1e3 * points:.2f} µm",
+            f"{1e3 * made['stated_mm'][0]:.2f} µm",
+        ),
         ("ball centre, RMS of a coordinate", "≤ 4 µm", f"{centre:.2f} µm", f"{stated:.2f} µm"),
         ("ball form, RMS", "≤ 11.4 µm", f"{1e3 * _rms(made['form_mm']):.1f} µm", ""),
-        ("radius, where it is fitted too, mean of six", "", f"{1e3 * np.mean(made['radius_mm']):+.2f} µm", ""),
-    ]  # fmt: skip
+        (
+            "radius, where it is fitted too, mean of six",
+            "",
+            f"{1e3 * np.mean(made['radius_mm']):+.2f} µm",
+            "",
+        ),
+    ]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-_COVERED = {"camera": "camera, nine values", "planes": "camera and planes as used", "free": "camera and free planes",
-            "balls": "ball centres"}  # fmt: skip
+_COVERED = {
+    "camera": "camera, nine values",
+    "planes": "camera and planes as used",
+    "free": "camera and free planes",
+    "balls": "ball centres",
+}
 
 
 def _errors(seeds) -> dict[str, np.ndarray]:
     """Standardised errors of all seeds, by what the page calls them."""
-    return {called: np.concatenate([np.ravel(one[name]) for one in seeds]) for name, called in _COVERED.items()}
+    return {
+        called: np.concatenate([np.ravel(one[name]) for one in seeds])
+        for name, called in _COVERED.items()
+    }
 
 
 def _coverage(seeds) -> str:
-    return "\n".join(f"| {called} | {100 * (np.abs(z) < 1).mean():.0f} % | {(z**2).mean():.2f} | {z.size} |"
-                     for called, z in _errors(seeds).items())  # fmt: skip
+    return "\n".join(
+        f"| {called} | {100 * (np.abs(z) < 1).mean():.0f} % | {(z**2).mean():.2f} | {z.size} |"
+        for called, z in _errors(seeds).items()
+    )
 
 
 def _verdict(seeds) -> str:
     laid = 1e3 * np.concatenate([np.reshape(one["laid_mm"], (-1, 3)) for one in seeds])
     planes = 1e3 * _rms([one["planes_mm"][0] for one in seeds])
     mean = ", ".join(f"{value:+.2f}" for value in laid.mean(0))
-    short = [called for called, z in _errors(seeds).items() if not 0.62 <= (np.abs(z) < 1).mean() <= 0.74]
+    short = [
+        called for called, z in _errors(seeds).items() if not 0.62 <= (np.abs(z) < 1).mean() <= 0.74
+    ]
     most = 100 * (max(_rms(z) for z in _errors(seeds).values()) - 1)
-    told = f"**Short of the 62 to 74 % that are asked for: {'; '.join(short)}.**" if short else "All are as asked for."
+    told = (
+        f"**Short of the 62 to 74 % that are asked for: {'; '.join(short)}.**"
+        if short
+        else "All are as asked for."
+    )
     return textwrap.fill(
         f"Ball centres are {_rms(laid):.2f} µm RMS off (mean {mean}), planes {planes:.2f} µm. {told} By z² stated "
         f"sigmas are up to {most:.0f} % too small. Stripes on tilted boards are pulled as those on balls are "
@@ -148,7 +188,9 @@ def _verdict(seeds) -> str:
         "board's tilt about the stripe (correlation 0.43 over 400 placements); taken off, the correlation is 0.00. "
         "What stripes of a placement share beyond that is found to 0.009 px only, so that this much of it is counted "
         "on. The camera's nine values are not independent: of 26 further seeds, boards alone, 67 % of the values are "
-        "within 1 σ, and 64 % of the 234 independent combinations.", 116)  # fmt: skip
+        "within 1 σ, and 64 % of the 234 independent combinations.",
+        116,
+    )
 
 
 def _directions(rows) -> str:
@@ -161,19 +203,43 @@ def _directions(rows) -> str:
         "for a shift of each placement, much larger than light can make one, and `workbench scanner` says that "
         "something is missing. Planes are those of the mean of both directions; whoever goes on all the same has "
         f"centres that are off by {balls[0]:.0f} and {balls[1]:.0f} µm, as each scan has its own direction. In the "
-        "model both are found.", 116, subsequent_indent="  ")  # fmt: skip
+        "model both are found.",
+        116,
+        subsequent_indent="  ",
+    )
 
 
 def _effects(rows) -> str:
-    heads = ("effect", "corners px", "stripe px", "points µm", "one mirror?", "ball µm", "form µm", "radius µm",
-             "in the model: found (true)", "points µm")  # fmt: skip
-    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *(_row(*one) for one in rows.items())])
+    heads = (
+        "effect",
+        "corners px",
+        "stripe px",
+        "points µm",
+        "one mirror?",
+        "ball µm",
+        "form µm",
+        "radius µm",
+        "in the model: found (true)",
+        "points µm",
+    )
+    return "\n".join(
+        [
+            f"| {' | '.join(heads)} |",
+            "|---" * len(heads) + "|",
+            *(_row(*one) for one in rows.items()),
+        ]
+    )
 
 
 def _row(name, made) -> str:
     ball, form, radius = (made[key] for key in ("ball_mm", "form_mm", "radius_mm"))
-    cells = [name, f"{made['corner_px']:.4f}", f"{made['stripe_px']:.4f}", f"{1e3 * made['points_mm']:.1f}",
-             "yes" if made["mirror"][0] else f"no (p {made['mirror'][1]:.0e})"]  # fmt: skip
+    cells = [
+        name,
+        f"{made['corner_px']:.4f}",
+        f"{made['stripe_px']:.4f}",
+        f"{1e3 * made['points_mm']:.1f}",
+        "yes" if made["mirror"][0] else f"no (p {made['mirror'][1]:.0e})",
+    ]
     cells += ["–" if value is None else f"{1e3 * value:.1f}" for value in (ball, form, radius)]
     known = made.get("recovered") or {}
     shown = [row for row in known.items() if row[1][2] or name != "mirror-wobble"]
@@ -202,10 +268,19 @@ def picture(rows: dict, path: Path) -> None:
 
     figure, axes = plt.subplots(figsize=(11, 5.2))
     place = np.arange(len(rows))
-    shown = (("points_mm", "points, effect not in the model"), ("with_points_mm", "points, effect in the model"),
-             ("ball_mm", "ball centre, not in the model"), ("form_mm", "ball form, not in the model"))  # fmt: skip
+    shown = (
+        ("points_mm", "points, effect not in the model"),
+        ("with_points_mm", "points, effect in the model"),
+        ("ball_mm", "ball centre, not in the model"),
+        ("form_mm", "ball form, not in the model"),
+    )
     for k, (key, called) in enumerate(shown):
-        axes.bar(place + 0.2 * (k - 1.5), [1e3 * (row.get(key) or np.nan) for row in rows.values()], 0.2, label=called)
+        axes.bar(
+            place + 0.2 * (k - 1.5),
+            [1e3 * (row.get(key) or np.nan) for row in rows.values()],
+            0.2,
+            label=called,
+        )
     axes.set_yscale("log")
     axes.set_ylabel("µm, RMS")
     axes.set_xticks(place, list(rows), rotation=30, ha="right")

@@ -13,8 +13,8 @@ from datasets.makers import gubankov
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.published.touch_pairs import PairFit, calibrate_pairs, pairs_of, start_tip
-from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.fitting.plans import geometry as geometry_stage
+from workbench.jobs.calibrate import Calibration, calibrate
 
 HERE = Path(__file__).parents[1] / "docs" / "gallery"
 PAPER = papers.load("gubankov-2022")
@@ -35,10 +35,14 @@ def found(calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:
 def pairs(made, **options) -> PairFit:
     """The published method on the same recording."""
     recording = made.recording()
-    return calibrate_pairs(load_robot(made.robot), recording.joints, recording.columns["point"], **options)
+    return calibrate_pairs(
+        load_robot(made.robot), recording.joints, recording.columns["point"], **options
+    )
 
 
-def tip_errors(made, joints: np.ndarray, geometry: np.ndarray, tip: np.ndarray) -> dict[str, np.ndarray]:
+def tip_errors(
+    made, joints: np.ndarray, geometry: np.ndarray, tip: np.ndarray
+) -> dict[str, np.ndarray]:
     """(n,) mm of each joint vector: `direct`; `base`, after removing the turn about and the shift along joint 1's
     axis, which no touch can tell (theta1, d1); `size`, after removing one scale factor, too."""
     true = gubankov.tips(made.truth["geometry"], made.truth["tip"], joints)
@@ -48,7 +52,10 @@ def tip_errors(made, joints: np.ndarray, geometry: np.ndarray, tip: np.ndarray) 
     system = np.column_stack([based.ravel(), np.tile([0.0, 0, 1], len(based))])
     factors = np.linalg.lstsq(system, true.ravel(), rcond=None)[0]
     sized = based * factors[0] + [0, 0, factors[1]]
-    return {name: np.linalg.norm(x - true, axis=1) for name, x in (("direct", seen), ("base", based), ("size", sized))}
+    return {
+        name: np.linalg.norm(x - true, axis=1)
+        for name, x in (("direct", seen), ("base", based), ("size", sized))
+    }
 
 
 def _base_removed(seen, true):
@@ -67,7 +74,9 @@ def size_error(made, geometry: np.ndarray) -> float:
 def start_of(made) -> np.ndarray:
     """(3,) the published start of the tip, mm."""
     recording = made.recording()
-    return start_tip(forward(load_robot(made.robot), recording.joints.T), recording.columns["point"])
+    return start_tip(
+        forward(load_robot(made.robot), recording.joints.T), recording.columns["point"]
+    )
 
 
 def pair_gaps(made, geometry: np.ndarray, tip: np.ndarray) -> np.ndarray:
@@ -96,10 +105,15 @@ def icp_rms(cloud: str) -> float:
     clouds = []
     for name in (cloud, "tracker"):
         points = papers.cloud(PAPER["table_1"], name)
-        clouds.append(open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points - points.mean(0))))
+        clouds.append(
+            open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points - points.mean(0)))
+        )
     rule = reg.ICPConvergenceCriteria(1e-12, 1e-12, 200)
-    return float(reg.registration_icp(*clouds, 100.0, np.eye(4), reg.TransformationEstimationPointToPoint(), rule)
-                 .inlier_rmse)  # fmt: skip
+    return float(
+        reg.registration_icp(
+            *clouds, 100.0, np.eye(4), reg.TransformationEstimationPointToPoint(), rule
+        ).inlier_rmse
+    )
 
 
 def paired(seeds: int) -> np.ndarray:
@@ -124,7 +138,9 @@ def sweep(tilts=(25, 45, 60, 80), seeds=range(1, 9)) -> list[tuple[float, float,
         fits = [pairs(made) for made in cases]
         joints = [gubankov.unseen(made, 100) for made in cases]
         mine = [tip_errors(m, q, *found(ours(m)))["base"] for m, q in zip(cases, joints)]
-        theirs = [tip_errors(m, q, f.geometry, f.tip)["base"] for m, q, f in zip(cases, joints, fits)]
+        theirs = [
+            tip_errors(m, q, f.geometry, f.tip)["base"] for m, q, f in zip(cases, joints, fits)
+        ]
         rows.append((tilt, np.mean([f.objective[0] for f in fits]), rms(mine), rms(theirs)))
     return rows
 
@@ -140,14 +156,35 @@ def rv2fb_table() -> str:
         before, after = table[f"objective{key}_before_mm2"], table[f"objective{key}_after_mm2"]
         name = f"driving errors up to {error:g} mm" if error else "no driving errors"
         theirs = f"{fit.objective[0]:.0f} → {fit.objective[-1]:.2g}"
-        lines += [f"| **{name}** | | | |", f"| J, mm² | {before} → {after} | {theirs} | {ours_gap:.2g} |"]
-        places = ("tip where it touched, max mm", touched), ("tip at 500 places not touched, rms (max) mm", joints)
+        lines += [
+            f"| **{name}** | | | |",
+            f"| J, mm² | {before} → {after} | {theirs} | {ours_gap:.2g} |",
+        ]
+        places = (
+            ("tip where it touched, max mm", touched),
+            ("tip at 500 places not touched, rms (max) mm", joints),
+        )
         for label, q in places:
-            theirs, mine = tip_errors(made, q, fit.geometry, fit.tip), tip_errors(made, q, geometry, tip)
-            for kind, words in (("direct", ""), ("base", ", d1 and theta1 removed"), ("size", ", size removed too")):
-                both = [f"{x[kind].max():.2g}" if "max mm" in label else f"{rms(x[kind]):.2g} ({x[kind].max():.2g})"
-                        for x in (theirs, mine)]  # fmt: skip
-                said = f"{table[f'tcp_error{key}_mm']:g}" if kind == "direct" and "touched, max" in label else ""
+            theirs, mine = (
+                tip_errors(made, q, fit.geometry, fit.tip),
+                tip_errors(made, q, geometry, tip),
+            )
+            for kind, words in (
+                ("direct", ""),
+                ("base", ", d1 and theta1 removed"),
+                ("size", ", size removed too"),
+            ):
+                both = [
+                    f"{x[kind].max():.2g}"
+                    if "max mm" in label
+                    else f"{rms(x[kind]):.2g} ({x[kind].max():.2g})"
+                    for x in (theirs, mine)
+                ]
+                said = (
+                    f"{table[f'tcp_error{key}_mm']:g}"
+                    if kind == "direct" and "touched, max" in label
+                    else ""
+                )
                 lines.append(f"| {label}{words} | {said} | {both[0]} | {both[1]} |")
         sizes = size_error(made, fit.geometry), size_error(made, geometry)
         lines.append(f"| a2, a3, d4 too large by | | {sizes[0]:+.1e} | {sizes[1]:+.1e} |")
@@ -156,14 +193,22 @@ def rv2fb_table() -> str:
 
 def ur10e_table() -> str:
     """Markdown of the UR10e case for several driving errors."""
-    lines = ["| driving errors up to | J before → after, mm² | falls by | rms pair distance falls by |",
-             "|---|---|---|---|", "| published (real) | 1120 → 28.7 | 39 × | \"more than ten\" |"]  # fmt: skip
+    lines = [
+        "| driving errors up to | J before → after, mm² | falls by | rms pair distance falls by |",
+        "|---|---|---|---|",
+        '| published (real) | 1120 → 28.7 | 39 × | "more than ten" |',
+    ]
     for error in (0.0, 0.05, 0.1, 0.16, 0.26):
         made = gubankov.ur10e(error)
-        before, after = pair_gaps(made, nominal(made), start_of(made)), pair_gaps(made, *found(ours(made)))
+        before, after = (
+            pair_gaps(made, nominal(made), start_of(made)),
+            pair_gaps(made, *found(ours(made))),
+        )
         fall = (before**2).sum() / (after**2).sum()
-        lines.append(f"| {error:g} mm | {(before**2).sum():.0f} → {(after**2).sum():.2g} | {fall:.3g} × | "
-                     f"{rms(before) / rms(after):.3g} × |")  # fmt: skip
+        lines.append(
+            f"| {error:g} mm | {(before**2).sum():.0f} → {(after**2).sum():.2g} | {fall:.3g} × | "
+            f"{rms(before) / rms(after):.3g} × |"
+        )
     return "\n".join(lines)
 
 
@@ -173,5 +218,7 @@ def registration_table() -> str:
     table = PAPER["table_1"]
     for name in ("identified", "controller", "nominal"):
         closed = papers.registration_rms(papers.cloud(table, name), papers.cloud(table, "tracker"))
-        lines.append(f"| {name} | {PAPER['registration'][name + '_mm']} | {closed:.4f} | {icp_rms(name):.4f} |")
+        lines.append(
+            f"| {name} | {PAPER['registration'][name + '_mm']} | {closed:.4f} | {icp_rms(name):.4f} |"
+        )
     return "\n".join(lines)

@@ -90,23 +90,39 @@ def page(many: np.ndarray) -> str:
     sized = figures.tip_errors(exact, joints, *figures.found(answer))["size"].max()
     pair, further, mine, error = many.T
     return _TEXT.format(
-        rv2fb=figures.rv2fb_table(), ur10e=figures.ur10e_table(), registration=figures.registration_table(),
-        sweep=_sweep(), words=_words(), exact=sized, size=figures.size_error(exact, figures.found(answer)[0]),
-        error=figures.rms(error), times=0.16 / figures.rms(error), worst=error.max(),
-        shrunk=-pair.mean(), kept=mine.mean(),
-        p=wilcoxon(pair, mine, alternative="less").pvalue, gone=1 + further.mean(),
+        rv2fb=figures.rv2fb_table(),
+        ur10e=figures.ur10e_table(),
+        registration=figures.registration_table(),
+        sweep=_sweep(),
+        words=_words(),
+        exact=sized,
+        size=figures.size_error(exact, figures.found(answer)[0]),
+        error=figures.rms(error),
+        times=0.16 / figures.rms(error),
+        worst=error.max(),
+        shrunk=-pair.mean(),
+        kept=mine.mean(),
+        p=wilcoxon(pair, mine, alternative="less").pvalue,
+        gone=1 + further.mean(),
         ur_note="The tip, the points and the orientations are not in the paper and chosen here.",
-    )  # fmt: skip
+    )
 
 
 def _sweep() -> str:
-    lines = ["| tool tilts by up to | J at the start, mm² | ours, rms mm | their method, rms mm |", "|---|---|---|---|"]
-    return "\n".join(lines + [f"| {t:g}° | {j:.0f} | {a:.3f} | {b:.3f} |" for t, j, a, b in figures.sweep()])
+    lines = [
+        "| tool tilts by up to | J at the start, mm² | ours, rms mm | their method, rms mm |",
+        "|---|---|---|---|",
+    ]
+    return "\n".join(
+        lines + [f"| {t:g}° | {j:.0f} | {a:.3f} | {b:.3f} |" for t, j, a, b in figures.sweep()]
+    )
 
 
 def _words() -> str:
     known = figures.ours(gubankov.rv2fb(0.16)).solution.all_known
-    return "\n".join(f"- {sentence}" for sentence in known.sentences() if "touched point" not in sentence[:13])
+    return "\n".join(
+        f"- {sentence}" for sentence in known.sentences() if "touched point" not in sentence[:13]
+    )
 
 
 def picture(many: np.ndarray, path: Path) -> None:
@@ -127,6 +143,8 @@ def picture(many: np.ndarray, path: Path) -> None:
     right.hist(error, 25, color="#4c72b0", alpha=0.8)
     right.axvline(0.16, color="#c44e52", ls="--", label="paper, at the touched points")
     right.axvline(0.08, color="grey", ls=":", label="half of it")
-    right.set(xlabel="rms error at places not touched, mm", ylabel="recordings of 100", xlim=(0, None))
+    right.set(
+        xlabel="rms error at places not touched, mm", ylabel="recordings of 100", xlim=(0, None)
+    )
     right.legend(frameon=False, fontsize=8)
     figure.savefig(path, dpi=110)

@@ -23,12 +23,12 @@ sys.path.insert(0, str(ROOT))
 from datasets.makers import ye  # noqa: E402
 from datasets.mujoco_arm import pose, reflector_points  # noqa: E402
 from robot_model import load_robot  # noqa: E402
+from workbench.core.rigid import rotation_matrix  # noqa: E402
+from workbench.files.solution_file import read_solution  # noqa: E402
+from workbench.fitting.plans import geometry  # noqa: E402
 from workbench.jobs.calibrate import calibrate, save  # noqa: E402
 from workbench.jobs.compensate import compensate, nominal_poses  # noqa: E402
-from workbench.core.rigid import rotation_matrix  # noqa: E402
-from workbench.fitting.plans import geometry  # noqa: E402
 from workbench.jobs.poses import CRITERIA, Chosen, choose_poses  # noqa: E402
-from workbench.files.solution_file import read_solution  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery" / "poses-and-compensation.md"
 NOISE, CHOSEN, DRAWS, ARMS = 0.0205, 40, 200, range(41, 47)
@@ -43,8 +43,12 @@ TASKS = (
     f"workbench poses upright -n {CHOSEN} --criterion task --tasks cell --out upright-for-cell",
 )
 # candidates: grid (None: anywhere), how many, how often one may be measured
-POOLS = {"3000 anywhere": (None, 3000, 1), "300 anywhere": (None, 300, 1),
-         "300 anywhere, each up to twice": (None, 300, 2), "300 with the tool upright": (ye.WIDE, 300, 1)}  # fmt: skip
+POOLS = {
+    "3000 anywhere": (None, 3000, 1),
+    "300 anywhere": (None, 300, 1),
+    "300 anywhere, each up to twice": (None, 300, 2),
+    "300 with the tool upright": (ye.WIDE, 300, 1),
+}
 PICTURED = ("3000 anywhere", "300 with the tool upright")
 USE = (
     f"python -m datasets.makers.ye measured --experiment 2 --samples 300 --seed 41 --noise {NOISE}",
@@ -84,10 +88,14 @@ class Used(NamedTuple):
 
 def run(command: str, folder: Path) -> str:
     """One of the page's commands, where and as the reader would give it; what it says."""
-    words = re.sub("^python", sys.executable, re.sub("^workbench", f"{sys.executable} -m workbench", command))
+    words = re.sub(
+        "^python", sys.executable, re.sub("^workbench", f"{sys.executable} -m workbench", command)
+    )
     words = words.replace("docs/scenes", str(ROOT / "docs" / "scenes"))
     setting = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True
+    )
     return done.stdout
 
 
@@ -117,15 +125,21 @@ def gains() -> list[tuple[str, float, float]]:
     return rows
 
 
-def measured_errors(pool, size: int, repeats: int, grid, draws: int = DRAWS, seed: int = 0,
-                    compared: bool = False) -> Pool:  # fmt: skip
+def measured_errors(
+    pool, size: int, repeats: int, grid, draws: int = DRAWS, seed: int = 0, compared: bool = False
+) -> Pool:
     """True errors at 60 poses of `grid` of an arm with wrong lengths alone, calibrated on sets of a pool's poses.
 
     pool: grid of the candidates, None for anywhere; size: how many; repeats: how often one may be measured. Noise
     and random sets are drawn anew each time. compared: also as many by D, and as many at random.
     """
-    rigid = ye.SECOND._replace(compliance=(0.0,) * 6, **dict.fromkeys(("k0", "ka1", "ka2", "kb1", "kb2"), (0.0,) * 3))
-    made = ye.ye_second_experiment(size, 11, 0.0, rigid, pool), ye.ye_second_experiment(60, 12, 0.0, rigid, grid)
+    rigid = ye.SECOND._replace(
+        compliance=(0.0,) * 6, **dict.fromkeys(("k0", "ka1", "ka2", "kb1", "kb2"), (0.0,) * 3)
+    )
+    made = (
+        ye.ye_second_experiment(size, 11, 0.0, rigid, pool),
+        ye.ye_second_experiment(60, 12, 0.0, rigid, grid),
+    )
     candidates, tasks = (replace(m.recording(), sigma_mm=NOISE) for m in made)
     chosen = choose_poses(candidates, CHOSEN, "task", tasks, repeats=repeats)
     sets = {f"{CHOSEN} for the tasks": chosen.samples}
@@ -136,7 +150,9 @@ def measured_errors(pool, size: int, repeats: int, grid, draws: int = DRAWS, see
     rng, found = np.random.default_rng(seed), {}
     for _ in range(draws):
         sizes = (CHOSEN, 2 * CHOSEN) if compared else (2 * CHOSEN,)
-        random = {f"{n} at random": rng.choice(candidates.sample_ids, n, replace=False) for n in sizes}
+        random = {
+            f"{n} at random": rng.choice(candidates.sample_ids, n, replace=False) for n in sizes
+        }
         for name, samples in (sets | random).items():
             rows = np.searchsorted(candidates.sample_ids, samples)
             found.setdefault(name, []).append(_error(candidates, rows, rng, tasks))
@@ -145,12 +161,17 @@ def measured_errors(pool, size: int, repeats: int, grid, draws: int = DRAWS, see
 
 def _error(candidates, rows, rng, tasks) -> float:
     """RMS of the error at the tasks' exact poses, mm, of the geometry fitted to some candidates measured with noise."""
-    columns = {key: np.concatenate([column[rows], tasks.columns[key]]) for key, column in candidates.columns.items()}
+    columns = {
+        key: np.concatenate([column[rows], tasks.columns[key]])
+        for key, column in candidates.columns.items()
+    }
     for key in ("x_mm", "y_mm", "z_mm"):
         columns[key][: len(rows)] += rng.normal(0, NOISE, len(rows))
     columns["sample"] = ids = np.arange(1.0, len(rows) + tasks.n + 1)
     both = replace(candidates, columns=columns, sigma_mm=NOISE, name="tasks")
-    done = calibrate(both, [geometry(load_robot(both.robot))], ids[: len(rows)], ids[len(rows) :], folds=2)
+    done = calibrate(
+        both, [geometry(load_robot(both.robot))], ids[: len(rows)], ids[len(rows) :], folds=2
+    )
     return done.held_out["rms_mm"]
 
 
@@ -167,7 +188,9 @@ def used(seed: int, fitted: int = 200) -> Used:
     sent = recording.joints[fitted:]
     corrected = compensate(arm, sent)
     wanted = _wanted(arm, sent)
-    before, after = (np.linalg.norm(_reached(q) - wanted, axis=1) for q in (sent, corrected.readings))
+    before, after = (
+        np.linalg.norm(_reached(q) - wanted, axis=1) for q in (sent, corrected.readings)
+    )
     off = done.held_out_residual[:, fitted:] + (recording.points - exact.points)[fitted:].T
     free = float(np.sqrt((off**2).sum(0).mean()))
     return Used(before, after, done.held_out["rms_mm"], free, rms(corrected.sigma_mm))
@@ -177,7 +200,9 @@ def _wanted(arm, readings):
     """(n, 3) where the nominal arm would bring the reflector, with base and reflector as calibrated."""
     base = np.array([arm.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
     reflector = np.array([arm.values[f"tool.reflector1_{c}"] for c in "xyz"] + [1.0])
-    return (nominal_poses(arm.robot, readings) @ reflector)[:, :3] @ rotation_matrix(base[3:]).T + base[:3]
+    return (nominal_poses(arm.robot, readings) @ reflector)[:, :3] @ rotation_matrix(
+        base[3:]
+    ).T + base[:3]
 
 
 def _reached(readings):

@@ -115,42 +115,72 @@ def page(said, answers, gains, pools, cases) -> str:
     """The page's text; pools: name -> a `gallery_use.Pool` in the cell and one in the box; cases: a `Used` an arm."""
     after = rms([rms(c.after) for c in cases])
     told, free = (rms([getattr(c, name) for c in cases]) for name in ("told", "free"))
-    told_out = [" ".join(said[c].split("\n")[:-2]).replace("  ", " ") for c in EXPORTS if " export " in c]
+    told_out = [
+        " ".join(said[c].split("\n")[:-2]).replace("  ", " ") for c in EXPORTS if " export " in c
+    ]
     kept = [text.strip() for text in dict.fromkeys(told_out) if text.strip()]
     return _TEXT.format(
-        noise=NOISE, chosen=CHOSEN, draws=DRAWS, arms=len(cases), floor=NOISE * np.sqrt(3),
-        poses="\n".join(POSES), tasks="\n".join(TASKS), use="\n".join(USE), exports="\n".join(EXPORTS),
+        noise=NOISE,
+        chosen=CHOSEN,
+        draws=DRAWS,
+        arms=len(cases),
+        floor=NOISE * np.sqrt(3),
+        poses="\n".join(POSES),
+        tasks="\n".join(TASKS),
+        use="\n".join(USE),
+        exports="\n".join(EXPORTS),
         twice=2 * CHOSEN,
         left="\n".join(line for text in kept for line in textwrap.wrap(text, 116)),
-        first=_first(answers), corrected=_corrected(answers["corrected"]),
-        gains="\n".join(f"| {name} | {gain:.2f} × | {seconds:.1f} |" for name, gain, seconds in gains),
-        before=rms([rms(c.before) for c in cases]), after=after, ratio=after / told,
-        worst=max(rms(c.after) / c.told for c in cases), free=after / free, **_pools(said, pools),
+        first=_first(answers),
+        corrected=_corrected(answers["corrected"]),
+        gains="\n".join(
+            f"| {name} | {gain:.2f} × | {seconds:.1f} |" for name, gain, seconds in gains
+        ),
+        before=rms([rms(c.before) for c in cases]),
+        after=after,
+        ratio=after / told,
+        worst=max(rms(c.after) / c.told for c in cases),
+        free=after / free,
+        **_pools(said, pools),
         sigma=rms([c.sigma for c in cases]),
-    )  # fmt: skip
+    )
 
 
 def _pools(said, pools) -> dict:
     """What is told of the sets that are chosen for tasks."""
-    every = [(name, tasks, pool) for name, both in pools.items() for tasks, pool in zip(("cell", "box"), both)]
+    every = [
+        (name, tasks, pool)
+        for name, both in pools.items()
+        for tasks, pool in zip(("cell", "box"), both)
+    ]
     told = [pool.chosen.predicted() for *_, pool in every]
     beaten = [error for error in told if error["chosen_mm"] < error["random_twice_mm"]]
-    clearly = [pool for *_, pool in every if _clearly(*list(pool.errors.values())[:: len(pool.errors) - 1])]
-    over = [f"{error['bound_mm'] / error['random_twice_mm']:.3f} in the {tasks}"
-            for (name, tasks, _), error in zip(every, told) if name.endswith("upright")]  # fmt: skip
+    clearly = [
+        pool for *_, pool in every if _clearly(*list(pool.errors.values())[:: len(pool.errors) - 1])
+    ]
+    over = [
+        f"{error['bound_mm'] / error['random_twice_mm']:.3f} in the {tasks}"
+        for (name, tasks, _), error in zip(every, told)
+        if name.endswith("upright")
+    ]
     return {
-        "sets": "\n".join(_row(*row) for row in every), "where": f"{len(beaten)} of the {len(every)} rows",
-        "clearly": str(len(clearly)), "anywhere": _predicted(said[TASKS[-2]]), "upright": _predicted(said[TASKS[-1]]),
+        "sets": "\n".join(_row(*row) for row in every),
+        "where": f"{len(beaten)} of the {len(every)} rows",
+        "clearly": str(len(clearly)),
+        "anywhere": _predicted(said[TASKS[-2]]),
+        "upright": _predicted(said[TASKS[-1]]),
         "short": " and ".join(over),
         "slack": 100 * max(error["chosen_mm"] / error["bound_mm"] - 1 for error in told),
-    }  # fmt: skip
+    }
 
 
 def _row(name, tasks, pool) -> str:
     told, errors = pool.chosen.predicted(), list(pool.errors.values())
     mine, twice = errors[0], errors[-1]
-    cells = [f"{rms(e):.4f} ± {spread(e):.4f} ({told[key]:.4f})" for e, key in ((mine, "chosen_mm"),
-                                                                              (twice, "random_twice_mm"))]  # fmt: skip
+    cells = [
+        f"{rms(e):.4f} ± {spread(e):.4f} ({told[key]:.4f})"
+        for e, key in ((mine, "chosen_mm"), (twice, "random_twice_mm"))
+    ]
     wins = f"{int((mine < twice).sum())} of {len(mine)}"
     return f"| {name} | {tasks} | {' | '.join(cells)} | {told['bound_mm']:.4f} | {wins} |"
 
@@ -169,22 +199,30 @@ def _predicted(text: str) -> str:
     """What the command says of the predicted error."""
     lines = [line.rstrip() for line in text.splitlines()]
     first = next(i for i, line in enumerate(lines) if line.startswith("Predicted"))
-    last = next(i for i, line in enumerate(lines) if line.startswith(("Not determined", "Everything", "No candidates")))
+    last = next(
+        i
+        for i, line in enumerate(lines)
+        if line.startswith(("Not determined", "Everything", "No candidates"))
+    )
     return "\n".join(line for line in lines[first:last] if line)
 
 
 def _first(answers) -> str:
     chosen = answers["chosen"]
-    return (f"It is {chosen['gain_over_random']:.2f} times better than the median of 200 random sets, and names what "
-            f"even it leaves open,\n{len(chosen['undetermined'])} directions here. Scenes do as well as recordings; "
-            "balls that the sensor cannot see (`--stand-off`,\n`--field`, `--cap`), limits and collisions are left "
-            "out.\n")  # fmt: skip
+    return (
+        f"It is {chosen['gain_over_random']:.2f} times better than the median of 200 random sets, and names what "
+        f"even it leaves open,\n{len(chosen['undetermined'])} directions here. Scenes do as well as recordings; "
+        "balls that the sensor cannot see (`--stand-off`,\n`--field`, `--cap`), limits and collisions are left "
+        "out.\n"
+    )
 
 
 def _corrected(answer) -> str:
     moved = answer["correction_rms_mm"]
-    return (f"{answer['reached']} of {answer['count']} targets are corrected, by {moved:.2f} mm RMS "
-            f"at the flange; 1 sigma there is {answer['sigma_rms_mm']:.3f} mm.\n")  # fmt: skip
+    return (
+        f"{answer['reached']} of {answer['count']} targets are corrected, by {moved:.2f} mm RMS "
+        f"at the flange; 1 sigma there is {answer['sigma_rms_mm']:.3f} mm.\n"
+    )
 
 
 def picture(pools, case, path: Path) -> None:
@@ -194,10 +232,13 @@ def picture(pools, case, path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, (left, middle, right) = pyplot.subplots(1, 3, figsize=(13, 3.6), layout="constrained",
-                                                    width_ratios=(1, 1, 1.2))  # fmt: skip
+    figure, (left, middle, right) = pyplot.subplots(
+        1, 3, figsize=(13, 3.6), layout="constrained", width_ratios=(1, 1, 1.2)
+    )
     top = 1.2e3 * max(values.max() for pool in pools for values in pool.errors.values())
-    for axes, pool, title in zip((left, middle), pools, ("3000 candidates anywhere", "300 with the tool upright")):
+    for axes, pool, title in zip(
+        (left, middle), pools, ("3000 candidates anywhere", "300 with the tool upright")
+    ):
         _boxes(axes, pool, top)
         axes.set_title(title, fontsize=10)
     left.set_ylabel("true error in the cell by draw, µm")
@@ -215,7 +256,9 @@ def picture(pools, case, path: Path) -> None:
 def _boxes(axes, pool, top) -> None:
     """Of every set the errors by draw, and the least that could be predicted of as many chosen."""
     values = [v * 1e3 for v in pool.errors.values()]
-    boxes = axes.boxplot(values, patch_artist=True, widths=0.6, medianprops={"color": "black"}, flierprops={"ms": 3})
+    boxes = axes.boxplot(
+        values, patch_artist=True, widths=0.6, medianprops={"color": "black"}, flierprops={"ms": 3}
+    )
     for box, colour in zip(boxes["boxes"], ("#1f83c4", "#7fb6dc", "#b9bec4", "#8a9097")):
         box.set_facecolor(colour)
     bound = 1e3 * pool.chosen.predicted()["bound_mm"]

@@ -23,10 +23,10 @@ import datasets  # noqa: E402
 from datasets import papers  # noqa: E402
 from datasets.makers import ye  # noqa: E402
 from robot_model.effects import CATALOGUE  # noqa: E402
-from workbench.jobs.calibrate import calibrate  # noqa: E402
 from workbench.core.effect import make_effects  # noqa: E402
 from workbench.core.least_squares.solver import solve  # noqa: E402
 from workbench.fitting.plans import read_plan  # noqa: E402
+from workbench.jobs.calibrate import calibrate  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery" / "unified-kinematic-compliance.md"
 PAPER = papers.load("ye-2024")
@@ -64,7 +64,9 @@ def run(command: str, folder: Path) -> None:
     setting = {**os.environ, "PYTHONPATH": str(ROOT)}
     if (real := ROOT.parent / "shared" / "recordings").is_dir():
         setting.setdefault("WORKBENCH_RECORDINGS", str(real))
-    subprocess.run(words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True)
+    subprocess.run(
+        words, shell=True, cwd=folder, env=setting, check=True, capture_output=True, text=True
+    )
 
 
 def collect() -> tuple[dict, dict]:
@@ -91,8 +93,13 @@ def drawn(experiment: int, reading: bool = False) -> dict[str, np.ndarray]:
     found: dict[str, list[float]] = {name: [] for name in (*MODELS, AFTER, LOAD, *OURS)}
     for seed in DRAWS:
         recording = noisy(made, NOISE[experiment], seed, 200 if experiment == 1 else 2000)
-        split = dict(fit_samples=recording.sample_ids[:100], test_samples=recording.sample_ids[100:])
-        done = {n: calibrate(recording, None if n == "default" else Path(n), **split) for n in (*MODELS, *OURS)}
+        split = dict(
+            fit_samples=recording.sample_ids[:100], test_samples=recording.sample_ids[100:]
+        )
+        done = {
+            n: calibrate(recording, None if n == "default" else Path(n), **split)
+            for n in (*MODELS, *OURS)
+        }
         for name, calibration in done.items():
             found[name].append(calibration.held_out["rms_mm"])
         found[AFTER].append(_after(done["ye-mdh"], read_plan(Path("ye-ntm"))[-1], 100))
@@ -111,7 +118,9 @@ def noise_free(experiment: int, reading: bool):
     if experiment == 2:
         return ye.ye_second_experiment(7000, 1, 0.0, grid=ye.WIDE if reading else ye.NARROW)
     views = {"tilt_deg": 30, "roll_deg": 90} if reading else {}
-    return ye.ye_first_experiment(200, 1, 0.0, _softer(ye.FIRST, 5) if reading else ye.FIRST, **views)
+    return ye.ye_first_experiment(
+        200, 1, 0.0, _softer(ye.FIRST, 5) if reading else ye.FIRST, **views
+    )
 
 
 def noisy(recording, sigma_mm: float, seed: int, count: int):
@@ -119,7 +128,9 @@ def noisy(recording, sigma_mm: float, seed: int, count: int):
     rng = np.random.default_rng(seed)
     order = rng.permutation(recording.n)[:count]
     columns = {key: column[order] for key, column in recording.columns.items()}
-    columns |= {f"{axis}_mm": columns[f"{axis}_mm"] + rng.normal(0, sigma_mm, count) for axis in "xyz"}
+    columns |= {
+        f"{axis}_mm": columns[f"{axis}_mm"] + rng.normal(0, sigma_mm, count) for axis in "xyz"
+    }
     columns |= {"sample": np.arange(1.0, count + 1)}
     return replace(recording, columns=columns, sigma_mm=sigma_mm, name="ye")
 
@@ -129,14 +140,24 @@ def readings() -> list[tuple[int, str, dict[str, float]]]:
     first, second = ye.ye_first_experiment, ye.ye_second_experiment
     return [
         (1, "as printed", left_over(first(400, 1, 0.0))),
-        (1, "views within 30° of the vertical, turned by up to 90°",
-         left_over(first(400, 1, 0.0, tilt_deg=30, roll_deg=90))),
-        (1, "the same, and all compliances five times as large",
-         left_over(first(400, 1, 0.0, _softer(ye.FIRST, 5), tilt_deg=30, roll_deg=90))),
+        (
+            1,
+            "views within 30° of the vertical, turned by up to 90°",
+            left_over(first(400, 1, 0.0, tilt_deg=30, roll_deg=90)),
+        ),
+        (
+            1,
+            "the same, and all compliances five times as large",
+            left_over(first(400, 1, 0.0, _softer(ye.FIRST, 5), tilt_deg=30, roll_deg=90)),
+        ),
         (2, "as printed, narrow box", left_over(second(600, 1, 0.0))),
         (2, "as printed, wide box", left_over(second(600, 1, 0.0, grid=ye.WIDE))),
-        (2, "narrow box, all compliances six times as large", left_over(second(600, 1, 0.0, _softer(ye.SECOND, 6)))),
-    ]  # fmt: skip
+        (
+            2,
+            "narrow box, all compliances six times as large",
+            left_over(second(600, 1, 0.0, _softer(ye.SECOND, 6))),
+        ),
+    ]
 
 
 def _softer(table: ye.Table, times: float) -> ye.Table:
@@ -159,7 +180,9 @@ def _after(calibration, stage, fitted: int = 0) -> float:
     start = model.parameters.take_over(calibration.solution.parameters)
     own = [p.key for effect in effects for p in effect.parameters(model.chain)]
     rows = np.arange(model.chain.n)
-    found = solve(model.at(rows < fitted if fitted else rows >= 0), start.only(np.isin(start.keys, own))).parameters
+    found = solve(
+        model.at(rows < fitted if fitted else rows >= 0), start.only(np.isin(start.keys, own))
+    ).parameters
     return float(np.sqrt((model.residual(found)[:, fitted:] ** 2).sum(0).mean()))
 
 
@@ -167,7 +190,9 @@ def printed_sign() -> tuple[float, float]:
     """RMS, mm, that the whole model leaves of noise-free statics: joint 3's sign from statics, and as printed."""
     recording = replace(ye.ye_first_experiment(400, 1, 0.0).recording(), sigma_mm=0.005, name="ye")
     found = calibrate(recording, Path("ye-2024"), folds=2)
-    printed = [_AsPrinted(e.where) if e.effect == "joint-compliance" else e for e in found.model.effects]
+    printed = [
+        _AsPrinted(e.where) if e.effect == "joint-compliance" else e for e in found.model.effects
+    ]
     model = replace(found.model, effects=tuple(printed), _bases={})
     residual = solve(model, model.parameters.take_over(found.solution.parameters)).residual
     return found.fit["rms_mm"], float(np.sqrt((residual**2).sum(0).mean()))

@@ -2,7 +2,20 @@
 
 import numpy as np
 
-from gallery_ye import AFTER, COMMANDS, DRAWS, EXPERIMENT, LOAD, MODELS, NOISE, OURS, PAPER, REAL, REAL_COMMAND, WIDE
+from gallery_ye import (
+    AFTER,
+    COMMANDS,
+    DRAWS,
+    EXPERIMENT,
+    LOAD,
+    MODELS,
+    NOISE,
+    OURS,
+    PAPER,
+    REAL,
+    REAL_COMMAND,
+    WIDE,
+)
 
 _TEXT = """# Kinematics, gears and compliance in one model
 
@@ -108,29 +121,60 @@ frames; full torques with all joints, bearings that tilt and a base that wanders
 
 def page(answers, drawn, readings, sign) -> str:
     """The page's text; drawn: experiment -> draws as printed, and under the reading that comes nearest."""
-    printed, read = ({k: {name: _rms(v) for name, v in drawn[k][j].items()} for k in drawn} for j in (0, 1))
+    printed, read = (
+        {k: {name: _rms(v) for name, v in drawn[k][j].items()} for k in drawn} for j in (0, 1)
+    )
     floor = {k: NOISE[k] * np.sqrt(3) for k in NOISE}
-    ours, whole, geometry = ({k: printed[k][name] for k in printed} for name in ("arm-torsion", "ye-2024", "ye-mdh"))
+    ours, whole, geometry = (_of_plan(printed, n) for n in ("arm-torsion", "ye-2024", "ye-mdh"))
     wins = {k: int((drawn[k][0]["arm-torsion"] < drawn[k][0]["ye-2024"]).sum()) for k in drawn}
     wins[3] = int((drawn[2][1]["arm-torsion"] < drawn[2][1]["ye-2024"]).sum())
     return _TEXT.format(
-        noise1=NOISE[1], noise2=NOISE[2], commands="\n".join(COMMANDS), draws=len(DRAWS),
-        floor1=floor[1], floor2=floor[2], table=_tables(answers, printed, read),
+        noise1=NOISE[1],
+        noise2=NOISE[2],
+        commands="\n".join(COMMANDS),
+        draws=len(DRAWS),
+        floor1=floor[1],
+        floor2=floor[2],
+        table=_tables(answers, printed, read),
         identifiable=" and ".join(str(_row(answers[k], "ye-2024")["identifiable"]) for k in (1, 2)),
-        ours1=ours[1], ours2=ours[2], all1=whole[1], all2=whole[2], wins1=wins[1], wins2=wins[2],
-        above1=ours[1] / floor[1] - 1, above2=ours[2] / floor[2] - 1,
-        wins3=wins[3], ours3=read[2]["arm-torsion"], all3=read[2]["ye-2024"],
+        ours1=ours[1],
+        ours2=ours[2],
+        all1=whole[1],
+        all2=whole[2],
+        wins1=wins[1],
+        wins2=wins[2],
+        above1=ours[1] / floor[1] - 1,
+        above2=ours[2] / floor[2] - 1,
+        wins3=wins[3],
+        ours3=read[2]["arm-torsion"],
+        all3=read[2]["ye-2024"],
         above3=read[2]["arm-torsion"] / floor[2] - 1,
-        default1=printed[1]["default"], default2=printed[2]["default"],
-        gain1=1 - whole[1] / printed[1]["ye-ntm"], gain2=1 - whole[2] / geometry[2],
-        order1=_order(printed[1]), order2=_order(printed[2]),
-        read_order1=_order(read[1]), way_orders=_both(*(_order(read[k], _WAY) for k in (1, 2))),
-        wide_order=_order(read[2]), wide_way=_order(read[2], _WAY), wide_close=_close(readings),
-        wide_ratios="{:.3f}, {:.3f} and {:.3f}".format(*(read[2][n] / read[2]["ye-mdh"] for n in _WAY[1:])),
+        default1=printed[1]["default"],
+        default2=printed[2]["default"],
+        gain1=1 - whole[1] / printed[1]["ye-ntm"],
+        gain2=1 - whole[2] / geometry[2],
+        order1=_order(printed[1]),
+        order2=_order(printed[2]),
+        read_order1=_order(read[1]),
+        way_orders=_both(*(_order(read[k], _WAY) for k in (1, 2))),
+        wide_order=_order(read[2]),
+        wide_way=_order(read[2], _WAY),
+        wide_close=_close(readings),
+        wide_ratios="{:.3f}, {:.3f} and {:.3f}".format(
+            *(read[2][n] / read[2]["ye-mdh"] for n in _WAY[1:])
+        ),
         read_draws=_read_draws(read),
-        readings=_readings(readings), rad=0.852e-3 * 348.8, plus=sign[1], minus=sign[0],
+        readings=_readings(readings),
+        rad=0.852e-3 * 348.8,
+        plus=sign[1],
+        minus=sign[0],
         real=_real(answers[3]) if 3 in answers else "",
-    )  # fmt: skip
+    )
+
+
+def _of_plan(printed, name: str) -> dict:
+    """The figures of one plan, an experiment each."""
+    return {k: printed[k][name] for k in printed}
 
 
 def _rms(values) -> float:
@@ -138,7 +182,11 @@ def _rms(values) -> float:
 
 
 def _both(first, second) -> str:
-    return f"{first} in both" if first == second else f"{first} in the first and {second} in the second"
+    return (
+        f"{first} in both"
+        if first == second
+        else f"{first} in the first and {second} in the second"
+    )
 
 
 def _told(k) -> dict[str, float]:
@@ -150,7 +198,10 @@ def _told(k) -> dict[str, float]:
 def _close(readings) -> float:
     """By what part the wide box is off what is published, at most."""
     left, told = next(left for _, text, left in readings if "wide box" in text), _told(2)
-    return max(abs(left[mine] / told[name] - 1) for mine, name in (("MDH", "MDH"), (AFTER, "NTM"), ("RFCM", "RFCM")))
+    return max(
+        abs(left[mine] / told[name] - 1)
+        for mine, name in (("MDH", "MDH"), (AFTER, "NTM"), ("RFCM", "RFCM"))
+    )
 
 
 _WAY = ("ye-mdh", AFTER, "ye-rfcm", "ye-2024")
@@ -164,14 +215,19 @@ def _order(root, models=tuple(MODELS)) -> str:
 
 def _read_draws(read) -> str:
     """Ratios to MDH beside the published ones."""
-    lines = ["| experiment | model | published ratio | held-out RMS, mm | ratio |", "|---|---|---|---|---|"]
+    lines = [
+        "| experiment | model | published ratio | held-out RMS, mm | ratio |",
+        "|---|---|---|---|---|",
+    ]
     for k in (1, 2):
         table = PAPER[EXPERIMENT[k]]["check_mm"]
         for name in ("ye-mdh", "ye-ntm", AFTER, "ye-rfcm", LOAD, "ye-2024", "arm-torsion"):
             model = {AFTER: "NTM", LOAD: "RFCM"}.get(name, MODELS.get(name))
             told = f"{table[model]['rms'] / table['MDH']['rms']:.3f}" if model else ""
             shown = MODELS.get(name, name if name in (AFTER, LOAD) else f"`{name}`")
-            lines.append(f"| {k} | {shown} | {told} | {read[k][name]:.4f} | {read[k][name] / read[k]['ye-mdh']:.3f} |")
+            lines.append(
+                f"| {k} | {shown} | {told} | {read[k][name]:.4f} | {read[k][name] / read[k]['ye-mdh']:.3f} |"
+            )
     return "\n".join(lines)
 
 
@@ -181,8 +237,11 @@ def _row(answer, name):
 
 def _tables(answers, printed, read) -> str:
     second = "second experiment (tracker, Table 8)"
-    rows = ((1, 1, printed[1], "first experiment (balls, Table 5)"), (2, 2, printed[2], f"{second}, narrow box"),
-            (2, WIDE, read[2], f"{second}, wide box"))  # fmt: skip
+    rows = (
+        (1, 1, printed[1], "first experiment (balls, Table 5)"),
+        (2, 2, printed[2], f"{second}, narrow box"),
+        (2, WIDE, read[2], f"{second}, wide box"),
+    )
     return "\n\n".join(_table(k, answers[j], root, title) for k, j, root, title in rows)
 
 
@@ -206,20 +265,40 @@ def _table(k, answer, root, title) -> str:
 
 def _readings(rows) -> str:
     columns = ("MDH", "NTM", AFTER, "RFCM", LOAD, "all")
-    lines = ["| experiment | reading | " + " | ".join(columns) + " |", "|---|---|" + "---|" * len(columns)]
+    lines = [
+        "| experiment | reading | " + " | ".join(columns) + " |",
+        "|---|---|" + "---|" * len(columns),
+    ]
     for k in (1, 2):
-        mine = [(text, " | ".join(f"{left[c]:.4f}" for c in columns)) for j, text, left in rows if j == k]
+        mine = [
+            (text, " | ".join(f"{left[c]:.4f}" for c in columns))
+            for j, text, left in rows
+            if j == k
+        ]
         lines += [f"| {k} | {text} | {cells} |" for text, cells in mine]
         told = _told(k)
-        lines.append(f"| {k} | *published* | {told['MDH']:.4f} | | {told['NTM']:.4f} | {told['RFCM']:.4f} | | |")
+        lines.append(
+            f"| {k} | *published* | {told['MDH']:.4f} | | {told['NTM']:.4f} | {told['RFCM']:.4f} | | |"
+        )
     return "\n".join(lines)
 
 
 def _real(answer) -> str:
-    lines = ["| plan | free | identifiable | fitted | held out | ratio | p |", "|---|---|---|---|---|---|---|"]
+    lines = [
+        "| plan | free | identifiable | fitted | held out | ratio | p |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for row in answer["plans"]:
         p = "" if row["p"] is None else f"{row['p']:.1g}"
-        lines.append(f"| `{row['plan']}` | {row['free']} | {row['identifiable']} | {row['fit_rms_mm']:.4f} "
-                     f"| {row['held_out_rms_mm']:.4f} | {row['ratio']:.3f} | {p} |")  # fmt: skip
-    note = "".join(f"\np of `{r['plan']}` is {r['test']}." for r in answer["plans"] if r["test"].startswith("not"))
-    return _REAL.format(command=REAL_COMMAND, name=REAL, table="\n".join(lines) + ("\n" + note if note else ""))
+        lines.append(
+            f"| `{row['plan']}` | {row['free']} | {row['identifiable']} | {row['fit_rms_mm']:.4f} "
+            f"| {row['held_out_rms_mm']:.4f} | {row['ratio']:.3f} | {p} |"
+        )
+    note = "".join(
+        f"\np of `{r['plan']}` is {r['test']}."
+        for r in answer["plans"]
+        if r["test"].startswith("not")
+    )
+    return _REAL.format(
+        command=REAL_COMMAND, name=REAL, table="\n".join(lines) + ("\n" + note if note else "")
+    )

@@ -16,10 +16,10 @@ from conftest import recordings_folder  # noqa: E402
 from robot_model import load_robot  # noqa: E402
 from user_error_scenes import REAL, SIMULATED, simulated  # noqa: E402
 from user_errors import MISTAKES, is_absorbed, judged  # noqa: E402
-from workbench.jobs.calibrate import calibrate  # noqa: E402
 from workbench.core.errors import InputError  # noqa: E402
 from workbench.fitting.plans import geometry  # noqa: E402
 from workbench.fitting.plausibility import check_plausibility  # noqa: E402
+from workbench.jobs.calibrate import calibrate  # noqa: E402
 
 PAGE, DATA = ROOT / "docs" / "user-errors.md", ROOT / "docs" / "user-errors.json"
 SOUND = "no mistake"

@@ -49,7 +49,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("calibrate", short_help="A recording in, held-out errors in mm out.")(calibrate.command)
-app.command("calibrate-large", short_help="The same of millions of samples.")(calibrate_large.command)
+app.command("calibrate-large", short_help="The same of millions of samples.")(
+    calibrate_large.command
+)
 app.command("compare", short_help="Several plans on one recording, same splits.")(compare.command)
 app.command("camera", short_help="Pictures of a board in, a camera out.")(camera.command)
 app.command("scanner", short_help="Boards under the laser in, a scanner out.")(scanner.command)
@@ -58,13 +60,21 @@ app.command("handeye", short_help="Where the sensor sits on the flange.")(handey
 app.command("render", short_help="A scene in, rendered pictures out.")(render.command)
 app.command("simulate", short_help="A scene in, a recording out.")(simulate.command)
 app.command("study", short_help="Many runs of one thing, something varied.")(study.command)
-app.command("diagnose", short_help="Which physics the model left out, with proof.")(diagnose.command)
+app.command("diagnose", short_help="Which physics the model left out, with proof.")(
+    diagnose.command
+)
 app.command("prove", short_help="Concealed effects: found, or not.")(prove.command)
 app.command("poses", short_help="Which poses to measure.")(poses.command)
 app.command("compensate", short_help="Targets in, corrected targets out.")(compensate.command)
-app.command("export", short_help="URDF, MDH tables, camera files of other programs.")(export.command)
-app.command("identifiability", short_help="What a recording determines, in words.")(identifiability.command)
-app.command("significance", short_help="Which parameters move the end of an arm.")(significance.command)
+app.command("export", short_help="URDF, MDH tables, camera files of other programs.")(
+    export.command
+)
+app.command("identifiability", short_help="What a recording determines, in words.")(
+    identifiability.command
+)
+app.command("significance", short_help="Which parameters move the end of an arm.")(
+    significance.command
+)
 app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
 app.command("doctor", short_help="What this machine lacks, and what to type.")(doctor.command)
 app.command("demo", short_help="The main job on a recording that is at hand.")(demo.command)
@@ -116,10 +126,16 @@ def _failed(error: Exception) -> int:
     if isinstance(error, ImportError) and (sentence := missing_package(error)):
         return _say(sentence, 2)
     if isinstance(error, OSError) and error.errno in _REFUSALS and error.filename:
-        return _say(f"{error.filename} cannot be used, because the system says "
-                    f"'{error.strerror}'; choose another place or see to its permissions.", 2)
-    return _say(f"This is a bug of the workbench, not of your input ({type(error).__name__}); "
-                f"please report it with {_traceback_file(error)}, which says where.", BUG)
+        return _say(
+            f"{error.filename} cannot be used, because the system says "
+            f"'{error.strerror}'; choose another place or see to its permissions.",
+            2,
+        )
+    return _say(
+        f"This is a bug of the workbench, not of your input ({type(error).__name__}); "
+        f"please report it with {_traceback_file(error)}, which says where.",
+        BUG,
+    )
 
 
 def _wrong_call(error: typer.TyperException) -> str:

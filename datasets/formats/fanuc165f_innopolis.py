@@ -22,12 +22,29 @@ def read(folder: Path, variant: str) -> Recording:
     markers = np.stack([load_matrix(paths[0], name) for name in ("mA", "mB", "mC")], axis=1) * 1000
     new = np.r_[True, np.any(np.abs(np.diff(q, axis=0)) > 1e-4, axis=1)]
     pose = np.arange(1, len(q) + 1)
-    more = {"pose": np.repeat(pose, 3), "repeat": np.repeat(np.cumsum(new), 3), "reflector": np.tile([1, 2, 3], len(q))}
-    return recording(_robot(), np.repeat(q, 3, axis=0), markers.reshape(-1, 3), more, paths,
-                     "FANUC R-2000iC/165F, laser tracker", REPEAT_MM)
+    more = {
+        "pose": np.repeat(pose, 3),
+        "repeat": np.repeat(np.cumsum(new), 3),
+        "reflector": np.tile([1, 2, 3], len(q)),
+    }
+    return recording(
+        _robot(),
+        np.repeat(q, 3, axis=0),
+        markers.reshape(-1, 3),
+        more,
+        paths,
+        "FANUC R-2000iC/165F, laser tracker",
+        REPEAT_MM,
+    )
 
 
 def _robot() -> dict:
-    rows = ((0.0, 670.0, 312.0, -90.0), (-90.0, 0.0, 1075.0, 0.0), (0.0, 0.0, 225.0, -90.0),
-            (0.0, 1280.0, 0.0, 90.0), (0.0, 0.0, 0.0, -90.0), (0.0, 215.0, 0.0, 0.0))
+    rows = (
+        (0.0, 670.0, 312.0, -90.0),
+        (-90.0, 0.0, 1075.0, 0.0),
+        (0.0, 0.0, 225.0, -90.0),
+        (0.0, 1280.0, 0.0, 90.0),
+        (0.0, 0.0, 0.0, -90.0),
+        (0.0, 215.0, 0.0, 0.0),
+    )
     return dh_robot("FANUC R-2000iC/165F", NOMINAL, rows, sign=(1, 1, -1, -1, -1, -1))

@@ -40,18 +40,30 @@ def read(folder: Path, variant: str) -> Recording:
 
     paths = checked(folder, f"data/datasets/{variant}.yaml", URDF)
     try:
-        content = yaml.load(paths[0].read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.load(
+            paths[0].read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        )
         rows = sorted(_rows(content), key=lambda row: row["time_s"])
         columns = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
         joints = list(content["joint_names"])
     except (yaml.YAMLError, KeyError, TypeError, AttributeError, IndexError, ValueError) as problem:
-        raise complaint(f"{folder.name}/{variant}.yaml", "the layout of the published file", str(problem)[:60],
-                        "fetch it again") from None
+        raise complaint(
+            f"{folder.name}/{variant}.yaml",
+            "the layout of the published file",
+            str(problem)[:60],
+            "fetch it again",
+        ) from None
     columns["time_s"] -= columns["time_s"][0]
     robot = {"urdf": str(paths[1]), "joints": joints, "mimic": MIMIC, "tip": "tool_link"}
     columns = {"sample": np.arange(1.0, len(rows) + 1), **columns}
-    return Recording("external-point", columns, robot, title=f"Doosan arm on a lifting column, ground: {variant}",
-                     sigma_mm=STATION_MM, sha256=digest(paths))
+    return Recording(
+        "external-point",
+        columns,
+        robot,
+        title=f"Doosan arm on a lifting column, ground: {variant}",
+        sigma_mm=STATION_MM,
+        sha256=digest(paths),
+    )
 
 
 def _rows(content: dict):
@@ -60,7 +72,11 @@ def _rows(content: dict):
         for solution, measured in station["solution_spaces"].items():
             for part, key in enumerate(SETS):
                 for one in measured[key]:
-                    yield _row(one) | {"column_height_mm": 1000 * height, "solution": solution, "set": part}
+                    yield _row(one) | {
+                        "column_height_mm": 1000 * height,
+                        "solution": solution,
+                        "set": part,
+                    }
 
 
 def _row(one: dict) -> dict:

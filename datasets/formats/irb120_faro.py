@@ -24,13 +24,20 @@ def read(folder: Path, variant: str) -> Recording:
 
     Base reflectors that were lost (all zeros) or jumped are left out.
     """
-    names = [JOINTS[variant], *(f"measured_{p}_{k}.txt" for p in ("SMR", "base") for k in (1, 2, 3))]
+    names = [
+        JOINTS[variant],
+        *(f"measured_{p}_{k}.txt" for p in ("SMR", "base") for k in (1, 2, 3)),
+    ]
     paths = checked(folder, *names)
     joints, *points = (np.loadtxt(path, ndmin=2) for path in paths)
     seen = np.stack(points, axis=1)
     keep = np.concatenate([np.ones((len(joints), 3), bool), _found(seen[:, 3:])], axis=1)
     pose, reflector = np.nonzero(keep)
-    more = {"pose": pose + 1, "reflector": reflector + 1, "fixed_to": np.where(reflector < 3, "tool", "base")}
+    more = {
+        "pose": pose + 1,
+        "reflector": reflector + 1,
+        "fixed_to": np.where(reflector < 3, "tool", "base"),
+    }
     title = "ABB IRB 120, FARO tracker, " + ("read-back joints" if variant else "commanded joints")
     return recording(IRB120, joints[pose], seen[pose, reflector], more, paths, title, TRACKER_MM)
 

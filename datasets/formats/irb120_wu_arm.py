@@ -26,10 +26,19 @@ def read(folder: Path, variant: str) -> Recording:
     joints, points = loaded[0::2], loaded[1::2]
     each = [len(p) // len(q) for q, p in zip(joints, points)]
     q = np.concatenate([np.repeat(a, k, axis=0) for a, k in zip(joints, each)])
-    pose = np.repeat(np.arange(1, sum(map(len, joints)) + 1), np.repeat(each, [len(a) for a in joints]))
+    pose = np.repeat(
+        np.arange(1, sum(map(len, joints)) + 1), np.repeat(each, [len(a) for a in joints])
+    )
     tests = np.repeat([1, 4], [len(points[1]), len(points[2])])
     reflector = np.concatenate([np.tile([1, 2, 3], len(joints[0])), tests])
     part = np.repeat([0, 1, 2], [len(p) for p in points])
     more = {"pose": pose, "reflector": reflector, "set": part}
-    return recording(IRB120, q, np.concatenate(points), more, paths,
-                     "ABB IRB 120, portable measuring arm", PROBE_MM)
+    return recording(
+        IRB120,
+        q,
+        np.concatenate(points),
+        more,
+        paths,
+        "ABB IRB 120, portable measuring arm",
+        PROBE_MM,
+    )

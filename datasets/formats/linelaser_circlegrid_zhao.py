@@ -17,7 +17,10 @@ TITLE = "Line laser on a board of 7 x 7 circles; pitch unknown: 1 mm stands for 
 
 def read(folder: Path, variant: str) -> Recording:
     """Pairs of pictures; `placement` is the number in the files' names. One light plane: there is no `step`."""
-    rows = [{"image": f"{stem}{k}.jpg", "role": role, "placement": str(k)}
-            for k in range(PLACEMENTS) for role, stem in FOLDERS.items()]
+    rows = [
+        {"image": f"{stem}{k}.jpg", "role": role, "placement": str(k)}
+        for k in range(PLACEMENTS)
+        for role, stem in FOLDERS.items()
+    ]
     paths = checked(folder, *(row["image"] for row in rows))
     return pictures("scan-images", rows, BOARD, paths, TITLE)

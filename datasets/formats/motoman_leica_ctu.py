@@ -14,8 +14,10 @@ from datasets.formats.native import NOMINAL, checked, dh_robot, load_matrix, rec
 from datasets.recording import Recording
 
 FILES = {
-    "right": "right_hand_6x6x6", "left": "left_hand_6x6x6",
-    "repeat-table": "rep_table1", "repeat-wall": "rep_wall1",
+    "right": "right_hand_6x6x6",
+    "left": "left_hand_6x6x6",
+    "repeat-table": "rep_table1",
+    "repeat-wall": "rep_wall1",
 }
 
 
@@ -41,7 +43,14 @@ def read(folder: Path, variant: str) -> Recording:
 def _robot(variant: str) -> dict:
     """Turning axis TT, then S L U R B T; what is held follows the flange and is left to the solve."""
     tilt = -15.0 if variant == "left" else 15.0
-    rows = ((-90.0, -263.0, 0.0, tilt), (0.0, 1415.9, 150.0, -90.0), (-90.0, 0.0, 614.0, 180.0),
-            (0.0, 0.0, 200.0, -90.0), (0.0, -640.0, 0.0, 90.0), (-90.0, 0.0, 30.0, 90.0), (0.0, 200.0, 0.0, 0.0))
+    rows = (
+        (-90.0, -263.0, 0.0, tilt),
+        (0.0, 1415.9, 150.0, -90.0),
+        (-90.0, 0.0, 614.0, 180.0),
+        (0.0, 0.0, 200.0, -90.0),
+        (0.0, -640.0, 0.0, 90.0),
+        (-90.0, 0.0, 30.0, 90.0),
+        (0.0, 200.0, 0.0, 0.0),
+    )
     side = "left" if variant == "left" else "right"
     return dh_robot(f"Motoman MA1400, {side} arm on its turning axis", NOMINAL, rows)

@@ -41,35 +41,67 @@ def load_matrix(path: Path, variable: str) -> np.ndarray:
     try:
         return np.asarray(loadmat(path)[variable], float)
     except (KeyError, ValueError, TypeError, OSError, NotImplementedError) as problem:
-        raise complaint(f"{path.parent.name}/{path.name}, variable {variable}", "a matrix", str(problem)[:60],
-                        "fetch the file again") from None
+        raise complaint(
+            f"{path.parent.name}/{path.name}, variable {variable}",
+            "a matrix",
+            str(problem)[:60],
+            "fetch the file again",
+        ) from None
 
 
-def recording(robot: Mapping, joints_deg: np.ndarray, points_mm: np.ndarray, more: Mapping[str, np.ndarray],
-              paths: Sequence[Path], title: str, sigma_mm: float | None) -> Recording:
+def recording(
+    robot: Mapping,
+    joints_deg: np.ndarray,
+    points_mm: np.ndarray,
+    more: Mapping[str, np.ndarray],
+    paths: Sequence[Path],
+    title: str,
+    sigma_mm: float | None,
+) -> Recording:
     """An external-point recording, rows in order of acquisition and numbered from 1.
 
     joints_deg (n, J) degrees; points_mm (n, 3); `more` further columns (n,).
     """
     n = len(points_mm)
     if not len(joints_deg) == n or any(len(v) != n for v in more.values()):
-        raise complaint(paths[0].parent.name, "as many joint readings as points", f"{len(joints_deg)} and {n}",
-                        "fetch the set again")
+        raise complaint(
+            paths[0].parent.name,
+            "as many joint readings as points",
+            f"{len(joints_deg)} and {n}",
+            "fetch the set again",
+        )
     columns = {"sample": np.arange(1.0, n + 1)}
     columns |= {f"q{k + 1}_deg": joints_deg[:, k] for k in range(joints_deg.shape[1])}
     columns |= dict(zip(POINT, points_mm.T))
     columns |= {k: v if v.dtype.kind == "U" else v.astype(float) for k, v in more.items()}
-    return Recording("external-point", columns, robot, title=title, sigma_mm=sigma_mm, sha256=digest(paths))
+    return Recording(
+        "external-point", columns, robot, title=title, sigma_mm=sigma_mm, sha256=digest(paths)
+    )
 
 
-def pictures(measures: str, rows: Sequence[Mapping], board: Mapping, paths: Sequence[Path], title: str,
-             columns: Mapping[str, np.ndarray] | None = None, guess: Mapping | None = None) -> Recording:
+def pictures(
+    measures: str,
+    rows: Sequence[Mapping],
+    board: Mapping,
+    paths: Sequence[Path],
+    title: str,
+    columns: Mapping[str, np.ndarray] | None = None,
+    guess: Mapping | None = None,
+) -> Recording:
     """A recording of pictures that stay where they lie.
 
     rows: as in images.csv; columns: of samples, where there are any; guess: as in recording.toml.
     """
-    return Recording(measures, dict(columns or {}), {}, title=title, images=tuple(rows), board=dict(board),
-                     guess=dict(guess or {}), sha256=digest(paths))
+    return Recording(
+        measures,
+        dict(columns or {}),
+        {},
+        title=title,
+        images=tuple(rows),
+        board=dict(board),
+        guess=dict(guess or {}),
+        sha256=digest(paths),
+    )
 
 
 def flange_columns(places_mm: np.ndarray, turns_deg: np.ndarray) -> dict[str, np.ndarray]:
@@ -90,8 +122,16 @@ def dh_robot(name: str, source: str, rows: Sequence[tuple], **more: Sequence) ->
     for k, (theta, d, a, alpha) in enumerate(rows):
         row = {"theta_deg": theta, "d_mm": d, "a_mm": a, "alpha_deg": alpha}
         row["hayati"] = alpha % 180 == 0 and k + 1 < len(rows)
-        joints.append(row | {key: values[k] for key, values in more.items() if values[k] is not None})
-    return {"name": name, "convention": "distal", "gravity": [0.0, 0.0, -1.0], "source": source, "joint": joints}
+        joints.append(
+            row | {key: values[k] for key, values in more.items() if values[k] is not None}
+        )
+    return {
+        "name": name,
+        "convention": "distal",
+        "gravity": [0.0, 0.0, -1.0],
+        "source": source,
+        "joint": joints,
+    }
 
 
 IRB120 = {"builtin": "abb_irb120"}

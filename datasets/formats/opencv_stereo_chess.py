@@ -15,5 +15,9 @@ NUMBERS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 12, 13, 14)
 def read(folder: Path, variant: str) -> Recording:
     """Pictures of the camera that `variant` names; `placement` is the number in the file's name."""
     names = [f"{variant}{k:02d}.jpg" for k in NUMBERS]
-    rows = [{"image": name, "role": "board", "placement": str(k)} for name, k in zip(names, NUMBERS)]
-    return pictures("board-images", rows, BOARD, checked(folder, *names), f"Chessboard, {variant} camera")
+    rows = [
+        {"image": name, "role": "board", "placement": str(k)} for name, k in zip(names, NUMBERS)
+    ]
+    return pictures(
+        "board-images", rows, BOARD, checked(folder, *names), f"Chessboard, {variant} camera"
+    )

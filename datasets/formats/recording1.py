@@ -41,11 +41,22 @@ def read_recording(folder: Path, trust_data: bool = False) -> Recording:
     if "images" in keys:
         images = read_images(folder, keys["images"]["file"], called, columns.get("sample", ()))
     return Recording(
-        measures=keys["measures"], columns=columns, robot=robot, title=keys.get("title", ""),
-        sigma_mm=keys.get("sigma_mm"), balls=balls, images=images, board=keys.get("board"),
-        guess=keys.get("guess", {}), name=keys.get("name", folder.resolve().name), folder=folder,
-        source=keys.get("source", ""), licence=keys.get("licence", ""), sha256=_digest(folder, keys),
-        warnings=warnings, group_names=names,
+        measures=keys["measures"],
+        columns=columns,
+        robot=robot,
+        title=keys.get("title", ""),
+        sigma_mm=keys.get("sigma_mm"),
+        balls=balls,
+        images=images,
+        board=keys.get("board"),
+        guess=keys.get("guess", {}),
+        name=keys.get("name", folder.resolve().name),
+        folder=folder,
+        source=keys.get("source", ""),
+        licence=keys.get("licence", ""),
+        sha256=_digest(folder, keys),
+        warnings=warnings,
+        group_names=names,
     )
 
 
@@ -58,16 +69,30 @@ def read_head(folder: Path, trust_data: bool = False) -> tuple[Recording, Path, 
     keys = read_toml(folder / "recording.toml", called)
     _check_recording(keys, called)
     for section in ("robot", "samples"):
-        _has_section(keys, section, f"{section}.{'toml' if section == 'robot' else 'parquet'}", called)
+        _has_section(
+            keys, section, f"{section}.{'toml' if section == 'robot' else 'parquet'}", called
+        )
     robot, balls = read_robot(folder, keys["robot"], called), _read_artefact(folder, keys, called)
     head = Recording(
-        measures=keys["measures"], columns={}, robot=robot, title=keys.get("title", ""), sigma_mm=keys.get("sigma_mm"),
-        balls=balls, guess=keys.get("guess", {}), name=keys.get("name", folder.resolve().name), folder=folder,
-        source=keys.get("source", ""), licence=keys.get("licence", ""),
-    )  # fmt: skip
+        measures=keys["measures"],
+        columns={},
+        robot=robot,
+        title=keys.get("title", ""),
+        sigma_mm=keys.get("sigma_mm"),
+        balls=balls,
+        guess=keys.get("guess", {}),
+        name=keys.get("name", folder.resolve().name),
+        folder=folder,
+        source=keys.get("source", ""),
+        licence=keys.get("licence", ""),
+    )
     path = inside(folder, keys["samples"]["file"], "key samples.file", called)
     small = keys["samples"].get("small_range", False)
-    return head, path, Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small, trust_data)
+    return (
+        head,
+        path,
+        Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small, trust_data),
+    )
 
 
 def _check_recording(keys: Mapping, called: str) -> None:
@@ -76,8 +101,15 @@ def _check_recording(keys: Mapping, called: str) -> None:
         if section in keys:
             check_keys(keys[section], wanted, f"{called}, [{section}]")
     kind = KINDS[keys["measures"]]
-    balls = kind.artefact and keys["measures"] != "ball-centre"  # of one ball alone, the place may be unknown
-    needed = {"artefact": balls, "images": kind.images, "board": kind.images, "samples": kind.joints}
+    balls = (
+        kind.artefact and keys["measures"] != "ball-centre"
+    )  # of one ball alone, the place may be unknown
+    needed = {
+        "artefact": balls,
+        "images": kind.images,
+        "board": kind.images,
+        "samples": kind.joints,
+    }
     for section, wanted in needed.items():
         if wanted:
             _has_section(keys, section, "" if section == "board" else f"{section}.csv", called)
@@ -87,8 +119,12 @@ def _check_recording(keys: Mapping, called: str) -> None:
 
 def _has_section(keys: Mapping, section: str, file: str, called: str) -> None:
     if section not in keys:
-        raise complaint(f"{called}, key [{section}]", f"this section in a {keys['measures']} recording", "none",
-                        f"add [{section}]" + (f' with file = "{file}"' if file else ""))
+        raise complaint(
+            f"{called}, key [{section}]",
+            f"this section in a {keys['measures']} recording",
+            "none",
+            f"add [{section}]" + (f' with file = "{file}"' if file else ""),
+        )
 
 
 def _check_board(board: Mapping, where: str) -> None:
@@ -96,13 +132,26 @@ def _check_board(board: Mapping, where: str) -> None:
     if board["kind"] == "charuco":
         for name in ("marker_mm", "dictionary"):
             if name not in board:
-                raise complaint(f"{where}, key {name}", "this key of a ChArUco board", "none",
-                                'add it, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"')
+                raise complaint(
+                    f"{where}, key {name}",
+                    "this key of a ChArUco board",
+                    "none",
+                    'add it, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"',
+                )
         if board["marker_mm"] >= board["square_mm"]:
-            raise complaint(f"{where}, key marker_mm", f"a marker smaller than its square of {board['square_mm']:g} mm",
-                            f"{board['marker_mm']:g} mm", "measure both again")
+            raise complaint(
+                f"{where}, key marker_mm",
+                f"a marker smaller than its square of {board['square_mm']:g} mm",
+                f"{board['marker_mm']:g} mm",
+                "measure both again",
+            )
     if board.get("asymmetric") and board["kind"] != "circles":
-        raise complaint(f"{where}, key asymmetric", "this key with circles only", f"a {board['kind']}", "remove it")
+        raise complaint(
+            f"{where}, key asymmetric",
+            "this key with circles only",
+            f"a {board['kind']}",
+            "remove it",
+        )
 
 
 def _read_artefact(folder: Path, keys: Mapping, called: str) -> dict[int, tuple]:
@@ -113,7 +162,9 @@ def _read_artefact(folder: Path, keys: Mapping, called: str) -> dict[int, tuple]
     names = ("ball", "x_mm", "y_mm", "z_mm", "radius_mm")
     for name in names:
         if name not in table.columns:
-            raise complaint(f"{table.called}, column {name}", "this column", "no such column", "add it")
+            raise complaint(
+                f"{table.called}, column {name}", "this column", "no such column", "add it"
+            )
     balls: dict[int, tuple] = {}
     for k in range(len(table.rows)):
         cells = [float(table.columns[name][k]) for name in names]
@@ -138,16 +189,28 @@ def _unknown_ball(keys: Mapping, columns: Mapping, called: str) -> dict[int, tup
 def _check_ball(table: Table, k: int, cells: list[float], balls: Mapping) -> None:
     for name, value in zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), cells):
         if not abs(value) < 1e9:
-            raise complaint(table.where(k, name), "a finite number", f"{value:g}", "correct the cell")
+            raise complaint(
+                table.where(k, name), "a finite number", f"{value:g}", "correct the cell"
+            )
     if cells[0] != round(cells[0]) or int(cells[0]) in balls:
-        raise complaint(table.where(k, "ball"), "a whole number, every ball once", f"{cells[0]:g}",
-                        "number the balls 1, 2, 3 …")
+        raise complaint(
+            table.where(k, "ball"),
+            "a whole number, every ball once",
+            f"{cells[0]:g}",
+            "number the balls 1, 2, 3 …",
+        )
     if not cells[4] > 0.1:
-        raise complaint(table.where(k, "radius_mm"), "a radius in mm, above 0.1", f"{cells[4]:g}",
-                        "correct it, or multiply the whole table by 1000 if it is in metres")
+        raise complaint(
+            table.where(k, "radius_mm"),
+            "a radius in mm, above 0.1",
+            f"{cells[4]:g}",
+            "correct it, or multiply the whole table by 1000 if it is in metres",
+        )
 
 
-def _read_samples(folder: Path, keys: Mapping, called: str, robot: Mapping, balls: Mapping, trust_data: bool):
+def _read_samples(
+    folder: Path, keys: Mapping, called: str, robot: Mapping, balls: Mapping, trust_data: bool
+):
     """Columns of the samples, sentences on what is unusual in them, and the names of groups that have names."""
     if "samples" not in keys:
         return {}, (), {}
@@ -172,7 +235,11 @@ def checked(table: Table, context: Context) -> tuple[dict[str, np.ndarray], tupl
 
 
 def _digest(folder: Path, keys: Mapping) -> str:
-    named = [keys[s]["file"] for s in ("robot", "samples", "artefact", "images") if "file" in keys.get(s, {})]
+    named = [
+        keys[s]["file"]
+        for s in ("robot", "samples", "artefact", "images")
+        if "file" in keys.get(s, {})
+    ]
     total = hashlib.sha256()
     for name in ("recording.toml", *named):
         total.update(hashlib.sha256((folder / name).read_bytes()).digest())

@@ -27,7 +27,9 @@ def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Pat
     if _holds_its_pictures(recording, folder):
         return _write_beside(recording, folder, samples)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise complaint(str(folder), "a new or empty folder", "files in it", "name another folder or empty it")
+        raise complaint(
+            str(folder), "a new or empty folder", "files in it", "name another folder or empty it"
+        )
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
         made = Path(parent) / folder.name
@@ -46,15 +48,23 @@ def _write_beside(recording: Recording, folder: Path, samples: str) -> Path:
     """All files but the pictures; recording.toml comes last, and without it a folder is no recording."""
     for row in recording.images:
         if not (folder / row["image"]).is_file():
-            raise complaint(f"{folder.name}/{row['image']}", "a picture that lies there", "no such file",
-                            "write the pictures first")
+            raise complaint(
+                f"{folder.name}/{row['image']}",
+                "a picture that lies there",
+                "no such file",
+                "write the pictures first",
+            )
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
         made = Path(parent)
         _write_files(recording, made, samples, copy=False)
         for file in sorted(made.iterdir(), key=lambda f: f.name == "recording.toml"):
             if (folder / file.name).exists():
-                raise complaint(f"{folder.name}/{file.name}", "a folder with pictures only", "this file",
-                                "remove it or name another folder")
+                raise complaint(
+                    f"{folder.name}/{file.name}",
+                    "a folder with pictures only",
+                    "this file",
+                    "remove it or name another folder",
+                )
         for file in sorted(made.iterdir(), key=lambda f: f.name == "recording.toml"):
             file.replace(folder / file.name)
     return folder
@@ -70,7 +80,9 @@ def _write_files(recording: Recording, folder: Path, samples: str, copy: bool = 
     if recording.balls:
         keys["artefact"] = {"file": "artefact.csv"}
         rows = np.array([(ball, *xyzr) for ball, xyzr in recording.balls.items()], float).T
-        write_csv(folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows)))
+        write_csv(
+            folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows))
+        )
     if recording.images:
         keys["images"] = {"file": "images.csv"}
         _write_images(recording, folder, copy)
@@ -78,9 +90,17 @@ def _write_files(recording: Recording, folder: Path, samples: str, copy: bool = 
 
 
 def _header(recording: Recording) -> dict:
-    keys = {"format": "recording/1", "title": recording.title, "measures": recording.measures,
-            "name": recording.name, "source": recording.source, "licence": recording.licence,
-            "sigma_mm": recording.sigma_mm, "board": recording.board, "guess": recording.guess}
+    keys = {
+        "format": "recording/1",
+        "title": recording.title,
+        "measures": recording.measures,
+        "name": recording.name,
+        "source": recording.source,
+        "licence": recording.licence,
+        "sigma_mm": recording.sigma_mm,
+        "board": recording.board,
+        "guess": recording.guess,
+    }
     return {k: dict(v) if isinstance(v, Mapping) else v for k, v in keys.items()}
 
 
@@ -108,8 +128,13 @@ def write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         write_rows(file, [columns])
         for start in range(0, max(map(len, columns.values()), default=0), _AT_A_TIME):
-            some = {name: values[start : start + _AT_A_TIME].tolist() for name, values in columns.items()}
-            write_rows(file, zip(*([_cell(name, v) for v in values] for name, values in some.items())))
+            some = {
+                name: values[start : start + _AT_A_TIME].tolist()
+                for name, values in columns.items()
+            }
+            write_rows(
+                file, zip(*([_cell(name, v) for v in values] for name, values in some.items()))
+            )
 
 
 def _cell(name: str, value) -> str:

@@ -27,10 +27,21 @@ def read(folder: Path, variant: str) -> Recording:
     profiles = [_profile(path) for path in paths[1:]]
     pose = np.repeat(np.arange(count), [len(p) for p in profiles])
     points, flange = np.concatenate(profiles), _poses(paths[0], count)[pose]
-    columns = {"sample": np.arange(1.0, len(points) + 1), "pose": pose + 1.0, "ball": np.ones(len(points)),
-               **dict(zip(("x_mm", "y_mm", "z_mm"), points.T)), **flange_columns(flange[:, :3], flange[:, 3:])}
-    return Recording("ball-surface", columns, {}, title=f"Profiles of a ball of R {radius:g} mm, flange poses",
-                     balls={1: (0.0, 0.0, 0.0, radius)}, sha256=digest(paths))
+    columns = {
+        "sample": np.arange(1.0, len(points) + 1),
+        "pose": pose + 1.0,
+        "ball": np.ones(len(points)),
+        **dict(zip(("x_mm", "y_mm", "z_mm"), points.T)),
+        **flange_columns(flange[:, :3], flange[:, 3:]),
+    }
+    return Recording(
+        "ball-surface",
+        columns,
+        {},
+        title=f"Profiles of a ball of R {radius:g} mm, flange poses",
+        balls={1: (0.0, 0.0, 0.0, radius)},
+        sha256=digest(paths),
+    )
 
 
 def _profile(path: Path) -> np.ndarray:
@@ -40,8 +51,12 @@ def _profile(path: Path) -> np.ndarray:
         cells = text[text.index("[") + 1 : text.rindex("]")].replace(".Nan", "nan").split(",")
         points = np.array([float(cell) for cell in cells]).reshape(-1, 3)
     except ValueError as problem:
-        raise complaint(f"{path.parent.name}/{path.name}", "x, y and z in a scan_line", str(problem)[:60],
-                        "fetch it again") from None
+        raise complaint(
+            f"{path.parent.name}/{path.name}",
+            "x, y and z in a scan_line",
+            str(problem)[:60],
+            "fetch it again",
+        ) from None
     return points[np.isfinite(points).all(1)]
 
 
@@ -49,8 +64,15 @@ def _poses(path: Path, count: int) -> np.ndarray:
     """(count, 6) X Y Z W P R."""
     text = path.read_text(encoding="utf-8")
     as_json = path.suffix == ".rob"
-    found = np.array(json.loads(text)["RobPoses"] if as_json else [line.split() for line in text.splitlines()], float)
+    found = np.array(
+        json.loads(text)["RobPoses"] if as_json else [line.split() for line in text.splitlines()],
+        float,
+    )
     if found.shape != (count, 6):
-        raise complaint(f"{path.parent.name}/{path.name}", f"{count} poses of 6 numbers", str(found.shape),
-                        "fetch it again")
+        raise complaint(
+            f"{path.parent.name}/{path.name}",
+            f"{count} poses of 6 numbers",
+            str(found.shape),
+            "fetch it again",
+        )
     return found

@@ -37,7 +37,11 @@ class Table:
 
 
 def read_table(
-    path: Path, called: str, text: tuple[str, ...] = (), blanks: bool = False, groups: tuple[str, ...] = ()
+    path: Path,
+    called: str,
+    text: tuple[str, ...] = (),
+    blanks: bool = False,
+    groups: tuple[str, ...] = (),
 ) -> Table:
     """The table at `path`, CSV or Parquet by its suffix; columns named in `text` stay text.
 
@@ -51,9 +55,13 @@ def read_table(
     elif suffix in (".parquet", ".pq"):
         table = _numbered(_read_parquet(path, called, text, groups), groups)
     else:
-        raise complaint(called, "a .csv or .parquet file", f"the ending {suffix or 'none'!r}", "save it as one")
+        raise complaint(
+            called, "a .csv or .parquet file", f"the ending {suffix or 'none'!r}", "save it as one"
+        )
     if not len(table.rows):
-        raise complaint(called, "at least one row below the header", "none", "record samples or export it again")
+        raise complaint(
+            called, "at least one row below the header", "none", "record samples or export it again"
+        )
     return table
 
 
@@ -69,8 +77,12 @@ def _numbered(table: Table, groups: tuple[str, ...]) -> Table:
             continue
         if (values == "").any():
             row = table.rows[int(np.argmax(values == ""))]
-            raise complaint(f"{table.called}, row {row}, column {group}", "a name or a number", "an empty cell",
-                            "fill it, or delete the row or the whole column")
+            raise complaint(
+                f"{table.called}, row {row}, column {group}",
+                "a name or a number",
+                "an empty cell",
+                "fill it, or delete the row or the whole column",
+            )
         found, first, number = np.unique(values, return_index=True, return_inverse=True)
         rank = np.argsort(np.argsort(first))
         columns[group] = rank[number].astype(float) + 1
@@ -83,14 +95,19 @@ def _read_csv(path: Path, called: str, text: tuple[str, ...], blanks: bool) -> T
     lines = _lines(read_text(path, called), called)
     first = next(lines, None)
     if first is None:
-        raise complaint(called, "a header row with column names", "no text at all", "export it again")
+        raise complaint(
+            called, "a header row with column names", "no text at all", "export it again"
+        )
     header = _check_header([_text_of(cell) for cell in first[1]], called)
     parts = [_part((), header, called, text, blanks)]
     while body := list(islice(lines, _AT_A_TIME)):
         parts.append(_part(body, header, called, text, blanks))
     whole = parts[1:] or parts
-    return Table(called, {name: np.concatenate([part[1][name] for part in whole]) for name in header},
-                 np.concatenate([part[0] for part in whole]))  # fmt: skip
+    return Table(
+        called,
+        {name: np.concatenate([part[1][name] for part in whole]) for name in header},
+        np.concatenate([part[0] for part in whole]),
+    )
 
 
 def _part(body, header, called, text, blanks) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -113,8 +130,12 @@ def _lines(content: str, called: str) -> Iterator[tuple[int, list[str]]]:
             if any(cell.strip() for cell in cells):
                 yield number, cells
     except csv.Error as problem:
-        raise complaint(f"{called}, row {number + 1}", "comma-separated values",
-                        f"a row that breaks off ({problem})", "mind the quotes, or export it again") from None
+        raise complaint(
+            f"{called}, row {number + 1}",
+            "comma-separated values",
+            f"a row that breaks off ({problem})",
+            "mind the quotes, or export it again",
+        ) from None
 
 
 def _split(content: str) -> Iterator[str]:
@@ -125,19 +146,35 @@ def _split(content: str) -> Iterator[str]:
 def _check_header(header: list[str], called: str) -> list[str]:
     where = f"{called}, row 1"
     if any("\0" in cell for cell in header):
-        raise complaint(where, "UTF-8 text", "zero bytes, as in UTF-16 text or a binary file",
-                        'save it as "CSV UTF-8 (comma delimited)"')  # fmt: skip
+        raise complaint(
+            where,
+            "UTF-8 text",
+            "zero bytes, as in UTF-16 text or a binary file",
+            'save it as "CSV UTF-8 (comma delimited)"',
+        )
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) < 3 and any(mark in cell for cell in header):
-            raise complaint(where, "columns separated by commas", f"columns separated by {name}",
-                            'save it as "CSV UTF-8 (comma delimited)", numbers with a decimal point')
+            raise complaint(
+                where,
+                "columns separated by commas",
+                f"columns separated by {name}",
+                'save it as "CSV UTF-8 (comma delimited)", numbers with a decimal point',
+            )
     if "" in header:
-        raise complaint(f"{where}, column {header.index('') + 1}", "a column name", "an empty cell",
-                        "name the column or delete it")
+        raise complaint(
+            f"{where}, column {header.index('') + 1}",
+            "a column name",
+            "an empty cell",
+            "name the column or delete it",
+        )
     for name in header:
         if header.count(name) > 1:
-            raise complaint(f"{where}, column {name}", "every column once", f"it {header.count(name)} times",
-                            "delete or rename one of them")
+            raise complaint(
+                f"{where}, column {name}",
+                "every column once",
+                f"it {header.count(name)} times",
+                "delete or rename one of them",
+            )
     return header
 
 
@@ -145,12 +182,22 @@ def _check_width(row: list[str], header: list[str], number: int, called: str) ->
     if len(row) == len(header):
         return
     more = len(row) > len(header)
-    do = "write numbers with a decimal point, not a comma" if more else "fill the missing cells or delete the row"
-    raise complaint(f"{called}, row {number}, column {header[min(len(row), len(header)) - 1]}",
-                    f"{len(header)} cells as in the header", f"{len(row)} cells", do)
+    do = (
+        "write numbers with a decimal point, not a comma"
+        if more
+        else "fill the missing cells or delete the row"
+    )
+    raise complaint(
+        f"{called}, row {number}, column {header[min(len(row), len(header)) - 1]}",
+        f"{len(header)} cells as in the header",
+        f"{len(row)} cells",
+        do,
+    )
 
 
-def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bool, blanks: bool) -> np.ndarray:
+def _column(
+    name: str, cells: list[str], rows: np.ndarray, called: str, text: bool, blanks: bool
+) -> np.ndarray:
     if text:
         return _texts(name, cells, rows, called)
     cells = [cell.strip() for cell in cells]
@@ -162,7 +209,12 @@ def _column(name: str, cells: list[str], rows: np.ndarray, called: str, text: bo
 def _texts(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
     for number, cell in zip(rows, cells):
         if "\0" in cell:
-            raise complaint(f"{called}, row {number}, column {name}", "text", "a zero byte in it", "correct the cell")
+            raise complaint(
+                f"{called}, row {number}, column {name}",
+                "text",
+                "a zero byte in it",
+                "correct the cell",
+            )
     return np.array([_text_of(cell) for cell in cells], dtype=str)
 
 
@@ -178,8 +230,12 @@ def _with_blanks(name: str, cells: list[str], rows: np.ndarray, called: str) -> 
     values[filled] = _numbers(name, [cell for cell in cells if cell], rows[filled], called)
     if (wrong := filled & ~(np.abs(values) < 1e12)).any():
         k = int(np.argmax(wrong))
-        raise complaint(f"{called}, row {rows[k]}, column {name}", "a finite number or an empty cell", cells[k],
-                        "correct the cell")
+        raise complaint(
+            f"{called}, row {rows[k]}, column {name}",
+            "a finite number or an empty cell",
+            cells[k],
+            "correct the cell",
+        )
     return values
 
 
@@ -190,11 +246,22 @@ def _numbers(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.n
         bad = next(k for k, cell in enumerate(cells) if not _is_number(cell))
     cell, where = cells[bad], f"{called}, row {rows[bad]}, column {name}"
     if not cell:
-        raise complaint(where, "a number", "an empty cell", "fill it, or delete the row or the whole column")
+        raise complaint(
+            where, "a number", "an empty cell", "fill it, or delete the row or the whole column"
+        )
     if _is_number(cell.replace(",", ".")):
-        raise complaint(where, "a number with a decimal point", f"the decimal comma of {cell!r}", "write a point")
-    raise complaint(where, "a number", repr(cell)[:40],
-                    'correct it, delete the row, or move text into a column named "note"')
+        raise complaint(
+            where,
+            "a number with a decimal point",
+            f"the decimal comma of {cell!r}",
+            "write a point",
+        )
+    raise complaint(
+        where,
+        "a number",
+        repr(cell)[:40],
+        'correct it, delete the row, or move text into a column named "note"',
+    )
 
 
 def _is_number(cell: str) -> bool:
@@ -205,13 +272,19 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _read_parquet(path: Path, called: str, text: tuple[str, ...], groups: tuple[str, ...] = ()) -> Table:
+def _read_parquet(
+    path: Path, called: str, text: tuple[str, ...], groups: tuple[str, ...] = ()
+) -> Table:
     import pyarrow.parquet
 
     check_file(path, called, ".parquet")
     with parquet_errors(called), pyarrow.parquet.ParquetFile(path, memory_map=False) as file:
         found = file.read()
-        named = tuple(name for name in groups if name in found.column_names and _holds_text(found.column(name)))
+        named = tuple(
+            name
+            for name in groups
+            if name in found.column_names and _holds_text(found.column(name))
+        )
         return arrow_table(found, called, text + named)
 
 
@@ -226,12 +299,20 @@ def parquet_errors(called: str) -> Iterator[None]:
         raise
     except UnicodeDecodeError as problem:
         shown = problem.object.decode("utf-8", "backslashreplace")[:60]
-        raise complaint(f"{called}, column {shown}", "column names in UTF-8", "another encoding",
-                        "rename the column") from None  # fmt: skip
+        raise complaint(
+            f"{called}, column {shown}",
+            "column names in UTF-8",
+            "another encoding",
+            "rename the column",
+        ) from None
     except (pyarrow.ArrowException, OSError, ValueError, TypeError, KeyError) as problem:
         why = str(problem).partition("\n")[0][:90]
-        raise complaint(called, "a Parquet file", f"one that cannot be read ({why})",
-                        "write it again, or save the samples as samples.csv") from None  # fmt: skip
+        raise complaint(
+            called,
+            "a Parquet file",
+            f"one that cannot be read ({why})",
+            "write it again, or save the samples as samples.csv",
+        ) from None
 
 
 def arrow_table(found, called: str, text: tuple[str, ...] = (), first_row: int = 1) -> Table:
@@ -250,9 +331,16 @@ def _arrow_names(found, called: str) -> list[str]:
     names = [name.strip() for name in found.column_names]
     for k, name in enumerate(names, 1):
         if not name:
-            raise complaint(f"{called}, column {k}", "a column name", "an empty one", "name the column or delete it")
+            raise complaint(
+                f"{called}, column {k}",
+                "a column name",
+                "an empty one",
+                "name the column or delete it",
+            )
         if names.count(name) > 1:
-            raise complaint(f"{called}, column {name}", "every column once", "it twice", "rename one of them")
+            raise complaint(
+                f"{called}, column {name}", "every column once", "it twice", "rename one of them"
+            )
     return names
 
 
@@ -273,15 +361,24 @@ def _arrow_column(column, name: str, called: str, text: bool) -> np.ndarray:
     is_text = _holds_text(column)
     numeric = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
     if not (is_text if text else numeric):
-        raise complaint(where, "text" if text else "numbers", f"the column type {kind}",
-                        "convert the column, or delete it")
+        raise complaint(
+            where,
+            "text" if text else "numbers",
+            f"the column type {kind}",
+            "convert the column, or delete it",
+        )
     try:
         values = column.to_pylist() if text else column.cast(pyarrow.float64(), safe=False)
     except UnicodeDecodeError:
-        raise complaint(where, "text in UTF-8", "a cell in another encoding",
-                        "write the column again as UTF-8") from None  # fmt: skip
+        raise complaint(
+            where, "text in UTF-8", "a cell in another encoding", "write the column again as UTF-8"
+        ) from None
     if column.null_count:
         row = int(np.flatnonzero(column.is_null().to_numpy())[0]) + 1
-        raise complaint(f"{called}, row {row}, column {name}", "a value", "none (null)",
-                        "fill it, or delete the row or the whole column")
+        raise complaint(
+            f"{called}, row {row}, column {name}",
+            "a value",
+            "none (null)",
+            "fill it, or delete the row or the whole column",
+        )
     return np.array(values, dtype=str) if text else values.to_numpy().astype(float)

@@ -19,7 +19,8 @@ from datasets.recording import Recording
 FAR_MM = 4000.0
 """A point farther than this from the median point is a lost target."""
 _JOINTS = tuple(
-    f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    f"{name}_joint"
+    for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 )
 
 
@@ -33,7 +34,9 @@ def read(folder: Path, variant: str) -> Recording:
     points = np.stack([table[f"measurement_{axis}"] for axis in "xyz"], axis=1)
     angles = np.stack([table[f"measurement_r{axis}"] for axis in "xyz"], axis=1)
     joints = np.rad2deg(np.stack([table[name] for name in _JOINTS], axis=1))
-    is_finite = np.isfinite(np.column_stack([points, angles, joints, table["measurement_temperature"]])).all(axis=1)
+    is_finite = np.isfinite(
+        np.column_stack([points, angles, joints, table["measurement_temperature"]])
+    ).all(axis=1)
     distance = np.linalg.norm(points - np.median(points[is_finite], axis=0), axis=1)
     good = is_finite & (distance < FAR_MM)
     seconds = _seconds(table["Timestamp"])
@@ -43,19 +46,27 @@ def read(folder: Path, variant: str) -> Recording:
     more |= {"time_s": seconds[rows], "temperature_c": table["measurement_temperature"][rows]}
     title = "Universal Robots UR10, Leica T-Mac poses, grid"
     made = recording(_robot(), joints[rows], points[rows], more, paths, title, None)
-    columns = made.columns | {"sample": rows + 1.0}  # the row of the file, so that rows left out show as gaps
+    columns = made.columns | {
+        "sample": rows + 1.0
+    }  # the row of the file, so that rows left out show as gaps
     return replace(made, measures="external-pose", columns=columns)
 
 
 def _table(path: Path) -> np.ndarray:
     """Columns by name. Raises InputError where the file is no such table."""
     text = path.read_text(encoding="utf-8").replace(",", ".")
-    table = np.genfromtxt(io.StringIO(text), delimiter=";", names=True, deletechars="", replace_space=" ")
+    table = np.genfromtxt(
+        io.StringIO(text), delimiter=";", names=True, deletechars="", replace_space=" "
+    )
     wanted = {*_JOINTS, "Timestamp", "measurement_temperature"}
     missing = sorted(wanted - set(table.dtype.names or ()))
     if missing:
-        raise complaint(f"{path.parent.name}/{path.name}", "its columns by name", f"none called {missing[0]}",
-                        "fetch the file again")
+        raise complaint(
+            f"{path.parent.name}/{path.name}",
+            "its columns by name",
+            f"none called {missing[0]}",
+            "fetch the file again",
+        )
     return table
 
 
@@ -73,6 +84,14 @@ def _seconds(stamps: np.ndarray) -> np.ndarray:
 
 def _robot() -> dict:
     """Nominal kinematics without masses, which the source does not state."""
-    rows = ((0.0, 127.3, 0.0, 90.0), (0.0, 0.0, -612.0, 0.0), (0.0, 0.0, -572.3, 0.0),
-            (0.0, 163.941, 0.0, 90.0), (0.0, 115.7, 0.0, -90.0), (0.0, 92.2, 0.0, 0.0))
-    return dh_robot("Universal Robots UR10", "Denavit-Hartenberg parameters published by Universal Robots", rows)
+    rows = (
+        (0.0, 127.3, 0.0, 90.0),
+        (0.0, 0.0, -612.0, 0.0),
+        (0.0, 0.0, -572.3, 0.0),
+        (0.0, 163.941, 0.0, 90.0),
+        (0.0, 115.7, 0.0, -90.0),
+        (0.0, 92.2, 0.0, 0.0),
+    )
+    return dh_robot(
+        "Universal Robots UR10", "Denavit-Hartenberg parameters published by Universal Robots", rows
+    )

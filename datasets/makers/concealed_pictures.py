@@ -13,13 +13,26 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.makers.concealed_pictures_render import Balls, Board, Camera, Scene, blurred, developed, laser
+from datasets.makers.concealed_pictures_render import (
+    Balls,
+    Board,
+    Camera,
+    Scene,
+    blurred,
+    developed,
+    laser,
+)
 from datasets.makers.concealed_pictures_scanner import HEIGHT, WIDTH, Lens, Light, lens_of, light_of
 
 EFFECTS = {
-    "plane-bow": "laser", "mirror-wobble": "mirror", "mirror-encoder-harmonic": "mirror", "board-bow": "artefact",
-    "lens-residual": "camera", "subsurface-scatter": "sensor", "frame-sync": "time",
-}  # fmt: skip
+    "plane-bow": "laser",
+    "mirror-wobble": "mirror",
+    "mirror-encoder-harmonic": "mirror",
+    "board-bow": "artefact",
+    "lens-residual": "camera",
+    "subsurface-scatter": "sensor",
+    "frame-sync": "time",
+}
 """What can be concealed, and where it sits."""
 COLUMNS, ROWS, SQUARE = 11, 8, 8.0
 _SWEEP = np.deg2rad(12.0)
@@ -56,7 +69,9 @@ class Chance:
     noise: np.random.Generator
 
 
-def make(seed: int, folder: Path, effect: str | None = None, size: float = 1.0, counts: Counts = Counts()) -> dict:
+def make(
+    seed: int, folder: Path, effect: str | None = None, size: float = 1.0, counts: Counts = Counts()
+) -> dict:
     """Render a recording of kind scan-images into `folder`, and return its truth.
 
     effect: a word of `EFFECTS`, None for a flawless scanner; size: 1 is what a poor instrument might have, one that
@@ -69,8 +84,16 @@ def make(seed: int, folder: Path, effect: str | None = None, size: float = 1.0, 
         world, detail = _FLAWS[effect](world, flaw, size)
     rows = _pictures(world, Chance(rng, np.random.default_rng([seed, 79])), folder, counts)
     _write(folder, rows)
-    found = [] if effect is None else [{"effect": effect, "where": EFFECTS[effect], "detail": detail}]
-    return {"suite": "sensor", "seed": seed, "measures": "scan-images", "size": size, "effects": found}
+    found = (
+        [] if effect is None else [{"effect": effect, "where": EFFECTS[effect], "detail": detail}]
+    )
+    return {
+        "suite": "sensor",
+        "seed": seed,
+        "measures": "scan-images",
+        "size": size,
+        "effects": found,
+    }
 
 
 # ------------------------------------------------------------------- flaws
@@ -83,8 +106,13 @@ def _cone(world, rng, size):
 
 def _nod(world, rng, size):
     """Twice a turn, as a shaft on an oval bearing: once a turn, the mirror's place and the beam make the most of it."""
-    lean, step = size * rng.choice([-1, 1]) * rng.uniform(12e-3, 20e-3), size * rng.uniform(0.0, 0.2)
-    phase = rng.uniform(0.15, 0.85)  # near the other phases it is a turn of the beam and nothing else
+    lean, step = (
+        size * rng.choice([-1, 1]) * rng.uniform(12e-3, 20e-3),
+        size * rng.uniform(0.0, 0.2),
+    )
+    phase = rng.uniform(
+        0.15, 0.85
+    )  # near the other phases it is a turn of the beam and nothing else
     made = (lean, step, 2.0, phase)
     return replace(world, light=replace(world.light, nod=made)), {"nod": [float(x) for x in made]}
 
@@ -93,11 +121,17 @@ def _encoder(world, rng, size):
     order = int(rng.integers(4, 25))
     amplitude = size * rng.uniform(2e-4, 4e-4) * max(1.0, (10 / order) ** 2)
     made = (amplitude, order, rng.uniform(0, 2 * np.pi))
-    return replace(world, light=replace(world.light, encoder=made)), {"amplitude_rad": float(amplitude), "order": order}
+    return replace(world, light=replace(world.light, encoder=made)), {
+        "amplitude_rad": float(amplitude),
+        "order": order,
+    }
 
 
 def _bowed(world, rng, size):
-    height, half = size * rng.uniform(0.03, 0.1) * rng.choice([-1, 1]), 0.5 * SQUARE * np.hypot(COLUMNS - 1, ROWS - 1)
+    height, half = (
+        size * rng.uniform(0.03, 0.1) * rng.choice([-1, 1]),
+        0.5 * SQUARE * np.hypot(COLUMNS - 1, ROWS - 1),
+    )
     bend = 2 * height / half**2
     made = (bend, bend * rng.uniform(-0.5, 1.0), rng.uniform(0, np.pi))
     return replace(world, bow=made), {"height_mm": float(height), "along_rad": float(made[2])}
@@ -120,9 +154,14 @@ def _late(world, rng, size):
 
 
 _FLAWS = {
-    "plane-bow": _cone, "mirror-wobble": _nod, "mirror-encoder-harmonic": _encoder, "board-bow": _bowed,
-    "lens-residual": _glass, "subsurface-scatter": _translucent, "frame-sync": _late,
-}  # fmt: skip
+    "plane-bow": _cone,
+    "mirror-wobble": _nod,
+    "mirror-encoder-harmonic": _encoder,
+    "board-bow": _bowed,
+    "lens-residual": _glass,
+    "subsurface-scatter": _translucent,
+    "frame-sync": _late,
+}
 
 
 # ---------------------------------------------------------------- pictures
@@ -136,13 +175,30 @@ def _pictures(world: World, chance: Chance, folder: Path, counts: Counts) -> lis
         scene = Scene.of(camera, _board(world, chance.places))
         lamp = blurred(scene.lamp())
         _save(folder / f"images/board-{k:02d}.png", developed(0.7 * lamp, chance.noise))
-        rows.append({"image": f"images/board-{k:02d}.png", "role": "board", "placement": k, "time_s": round(clock, 3)})
-        taken, clock = _swept(world, scene, 0.01 * lamp, chance, folder / f"images/stripe-{k:02d}", counts.steps, clock)
+        rows.append(
+            {
+                "image": f"images/board-{k:02d}.png",
+                "role": "board",
+                "placement": k,
+                "time_s": round(clock, 3),
+            }
+        )
+        taken, clock = _swept(
+            world,
+            scene,
+            0.01 * lamp,
+            chance,
+            folder / f"images/stripe-{k:02d}",
+            counts.steps,
+            clock,
+        )
         rows += [{"role": "board-laser", "placement": k} | row for row in taken]
     for k in range(1, counts.scans + 1):
         scene = Scene.of(camera, _balls(world, chance.places))
         lamp = blurred(scene.lamp())
-        taken, clock = _swept(world, scene, 0.01 * lamp, chance, folder / f"images/scan-{k:02d}", counts.steps, clock)
+        taken, clock = _swept(
+            world, scene, 0.01 * lamp, chance, folder / f"images/scan-{k:02d}", counts.steps, clock
+        )
         rows += [{"role": "scan", "scan": k} | row for row in taken]
     return rows
 
@@ -158,8 +214,16 @@ def _swept(world, scene, lamp, chance: Chance, start: Path, steps: int, clock: f
         image = start.with_name(f"{start.name}-{step:02d}.png")
         _save(image, developed(lamp + stripe, chance.noise))
         since = step if way > 0 else steps - 1 - step
-        told = {"mirror_deg": round(float(np.rad2deg(commanded)), 9), "mirror_speed_deg_s": round(way * speed, 6)}
-        told |= {"image": f"images/{image.name}", "step": step, "sweep": way, "time_s": round(clock + every * since, 4)}
+        told = {
+            "mirror_deg": round(float(np.rad2deg(commanded)), 9),
+            "mirror_speed_deg_s": round(way * speed, 6),
+        }
+        told |= {
+            "image": f"images/{image.name}",
+            "step": step,
+            "sweep": way,
+            "time_s": round(clock + every * since, 4),
+        }
         rows.append(told)
     return rows, clock + every * steps
 
@@ -167,7 +231,10 @@ def _swept(world, scene, lamp, chance: Chance, start: Path, steps: int, clock: f
 def _board(world: World, rng) -> Board:
     """A board somewhere in the field, all of its corners in the picture."""
     middle = np.array([(COLUMNS - 1) * SQUARE / 2, (ROWS - 1) * SQUARE / 2, 0.0])
-    corners = np.array([[0, 0, 0], [COLUMNS - 1, 0, 0], [0, ROWS - 1, 0], [COLUMNS - 1, ROWS - 1, 0]]).T * SQUARE
+    corners = (
+        np.array([[0, 0, 0], [COLUMNS - 1, 0, 0], [0, ROWS - 1, 0], [COLUMNS - 1, ROWS - 1, 0]]).T
+        * SQUARE
+    )
     for _ in range(_TRIES):
         turn, place = _turned(rng, 35.0), _somewhere(world, rng, 100, 155, 0.35)
         place = place - turn @ middle
@@ -211,14 +278,43 @@ def _save(path: Path, picture: np.ndarray) -> None:
 
 def _write(folder: Path, rows: list[Mapping]) -> None:
     """recording.toml, images.csv and artefact.csv; nothing in them tells what is concealed."""
-    text = ["format = \"recording/1\"", "title = \"A scanner before boards and balls\"", "measures = \"scan-images\"",
-            "", "[images]", "file = \"images.csv\"", "", "[artefact]", "file = \"artefact.csv\"", "", "[board]",
-            "kind = \"chessboard\"", f"columns = {COLUMNS}", f"rows = {ROWS}", f"square_mm = {SQUARE}"]  # fmt: skip
-    names = ("image", "role", "placement", "scan", "step", "mirror_deg", "sweep", "mirror_speed_deg_s", "time_s")
-    balls = [dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), (k + 1, *place, radius)))
-             for k, (place, radius) in enumerate(zip(_BALLS.T.tolist(), _RADII.tolist()))]  # fmt: skip
-    files = {"images.csv": _table(names, rows), "artefact.csv": _table(tuple(balls[0]), balls),
-             "recording.toml": "\n".join(text) + "\n"}  # fmt: skip
+    text = [
+        'format = "recording/1"',
+        'title = "A scanner before boards and balls"',
+        'measures = "scan-images"',
+        "",
+        "[images]",
+        'file = "images.csv"',
+        "",
+        "[artefact]",
+        'file = "artefact.csv"',
+        "",
+        "[board]",
+        'kind = "chessboard"',
+        f"columns = {COLUMNS}",
+        f"rows = {ROWS}",
+        f"square_mm = {SQUARE}",
+    ]
+    names = (
+        "image",
+        "role",
+        "placement",
+        "scan",
+        "step",
+        "mirror_deg",
+        "sweep",
+        "mirror_speed_deg_s",
+        "time_s",
+    )
+    balls = [
+        dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), (k + 1, *place, radius)))
+        for k, (place, radius) in enumerate(zip(_BALLS.T.tolist(), _RADII.tolist()))
+    ]
+    files = {
+        "images.csv": _table(names, rows),
+        "artefact.csv": _table(tuple(balls[0]), balls),
+        "recording.toml": "\n".join(text) + "\n",
+    }
     for name, content in files.items():
         (folder / name).write_text(content, encoding="utf-8", newline="\n")
 

@@ -81,8 +81,9 @@ class Balls:
             with np.errstate(invalid="ignore"):
                 length = along - np.sqrt(radius**2 - gap)
             nearest = np.fmin(nearest, length)
-        return np.where(np.isfinite(nearest), rays * np.where(np.isfinite(nearest), nearest, 0), np.nan), np.full(
-            rays.shape[1], 0.8)  # fmt: skip
+        return np.where(
+            np.isfinite(nearest), rays * np.where(np.isfinite(nearest), nearest, 0), np.nan
+        ), np.full(rays.shape[1], 0.8)
 
     def normals(self, points):
         away = points[:, None] - self.centres[:, :, None]
@@ -104,7 +105,9 @@ class Camera:
         step = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
         u, v = (np.add.outer(np.arange(size), step).ravel() for size in (WIDTH, HEIGHT))
         made = self.lens.rays(u, v).reshape(3, HEIGHT, _PARTS, WIDTH, _PARTS)
-        return np.ascontiguousarray(made.transpose(0, 1, 3, 2, 4)).reshape(3, HEIGHT * WIDTH, _PARTS**2)
+        return np.ascontiguousarray(made.transpose(0, 1, 3, 2, 4)).reshape(
+            3, HEIGHT * WIDTH, _PARTS**2
+        )
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,14 @@ class Scene:
         seen = np.isfinite(points[0]).reshape(-1, _PARTS**2).any(1)
         parts = np.repeat(seen, _PARTS**2)
         points = points[:, parts]
-        return cls(thing, np.flatnonzero(seen), rays[:, parts], points, thing.normals(points), albedo[parts])
+        return cls(
+            thing,
+            np.flatnonzero(seen),
+            rays[:, parts],
+            points,
+            thing.normals(points),
+            albedo[parts],
+        )
 
     def picture(self, bright: np.ndarray, rows=None) -> np.ndarray:
         """(H, W) means over the parts of each pixel of `bright` (N,), or of those of some pixels (rows of `pixels`)."""
@@ -199,4 +209,6 @@ def developed(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(H, W) uint8 of light as shares of the full well: photons and readout are normal, thousands as they are."""
     electrons = np.maximum(light, 0) * _FULL
     noise = rng.standard_normal(light.shape, np.float32) * np.sqrt(electrons + _READ**2)
-    return np.clip(np.round(_BLACK + (electrons + noise) * (255 - _BLACK) / _FULL), 0, 255).astype(np.uint8)
+    return np.clip(np.round(_BLACK + (electrons + noise) * (255 - _BLACK) / _FULL), 0, 255).astype(
+        np.uint8
+    )

@@ -34,8 +34,12 @@ class Lens:
         u, v = self.focal[0] * seen_x + self.centre[0], self.focal[1] * seen_y + self.centre[1]
         a, b = (np.array(u) - WIDTH / 2) / (WIDTH / 2), (np.array(v) - HEIGHT / 2) / (WIDTH / 2)
         g = self.glass
-        return np.stack([u + g[0] * a**3 + g[1] * a * b * b + g[4] * (a * a - b * b) + g[5] * 2 * a * b,
-                         v + g[2] * b**3 + g[3] * b * a * a - g[4] * 2 * a * b + g[5] * (a * a - b * b)])  # fmt: skip
+        return np.stack(
+            [
+                u + g[0] * a**3 + g[1] * a * b * b + g[4] * (a * a - b * b) + g[5] * 2 * a * b,
+                v + g[2] * b**3 + g[3] * b * a * a - g[4] * 2 * a * b + g[5] * (a * a - b * b),
+            ]
+        )
 
     def rays(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(3, V, U) unit rays through every pair of columns u (U,) and rows v (V,) px, both ascending."""
@@ -79,7 +83,9 @@ class Light:
     def truly(self, commanded: float, speed: float) -> float:
         """Where the mirror is (rad) when the picture is taken; speed rad/s."""
         amplitude, order, phase = self.encoder
-        return commanded + np.arcsin(amplitude * np.sin(order * commanded + phase)) + speed * self.late
+        return (
+            commanded + np.arcsin(amplitude * np.sin(order * commanded + phase)) + speed * self.late
+        )
 
     def thrown(self, angle: float) -> tuple[np.ndarray, np.ndarray]:
         """Source and normal of the fan as the mirror shows them at its true angle."""

@@ -11,6 +11,7 @@ The arm is like a FANUC LR Mate 200iD in its link lengths (data sheet; the same
 nominal rows as Ye 2024 starts from). Masses and compliances are invented, of
 the size that such an arm has.
 """
+
 from __future__ import annotations
 
 import sys
@@ -19,7 +20,16 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.makers import folder, poses
-from datasets.mujoco_arm import Arm, Gap, Slip, arm_from_robot, ball_points, drive_errors, pose, rest
+from datasets.mujoco_arm import (
+    Arm,
+    Gap,
+    Slip,
+    arm_from_robot,
+    ball_points,
+    drive_errors,
+    pose,
+    rest,
+)
 
 SEED = 20240416
 SAMPLES = 300
@@ -98,7 +108,11 @@ def _covariates(rng: np.random.Generator, joints_deg: np.ndarray) -> dict[str, n
     blocks = rng.permutation(np.resize([0.0, 1.0, 0.0, 2.0], -(-n // BLOCK)))
     warm = 21.4 + 1.1 * (1 - np.exp(-time / 2400)) + rng.normal(0, 0.03, n)
     moved = np.sign(np.diff(joints_deg, axis=0, prepend=0))
-    columns = {"payload_kg": np.repeat(blocks, BLOCK)[:n], "time_s": time, "temperature_c": np.round(warm, 2)}
+    columns = {
+        "payload_kg": np.repeat(blocks, BLOCK)[:n],
+        "time_s": time,
+        "temperature_c": np.round(warm, 2),
+    }
     return columns | {f"approach{k}": column for k, column in enumerate(moved.T, 1)}
 
 
@@ -120,7 +134,12 @@ def make(seed: int = SEED) -> folder.Made:
         sigma_mm=SIGMA_MM,
         balls=_BALLS,
         source="made with MuJoCo statics by python -m datasets.makers.elastic_arm",
-        truth={"arm": arm, "concealed": fault, "hand_eye": hand_eye, "artefact_base": np.linalg.inv(plate)},
+        truth={
+            "arm": arm,
+            "concealed": fault,
+            "hand_eye": hand_eye,
+            "artefact_base": np.linalg.inv(plate),
+        },
     )
 
 

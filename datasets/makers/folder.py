@@ -1,4 +1,5 @@
 """A made recording in memory, and the few lines that write it as a recording/1 folder."""
+
 from __future__ import annotations
 
 import csv
@@ -80,7 +81,11 @@ def _recording_toml(made: Made) -> str:
 
 def robot_toml(robot: Mapping) -> str:
     """Text of a robot.toml: plain values first, then [payload], then each [[joint]]."""
-    lines = [f"{key} = {json.dumps(value)}" for key, value in robot.items() if key not in ("joint", "payload")]
+    lines = [
+        f"{key} = {json.dumps(value)}"
+        for key, value in robot.items()
+        if key not in ("joint", "payload")
+    ]
     if "payload" in robot:
         lines += ["", "[payload]"] + [f"{k} = {json.dumps(v)}" for k, v in robot["payload"].items()]
     for row in robot["joint"]:

@@ -21,6 +21,7 @@ recording's robot.toml the nominal ones. What the paper's copy lost or does not 
   from 0 to that, its direction random. That leaves a J of about 8, as was published; errors uniform
   within a ball would leave 15.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -32,15 +33,31 @@ from datasets import papers
 from datasets.makers import folder, poses
 
 _SOURCE = "made by datasets.makers.gubankov from the tables of Sensors 2022, 22, 3376; base frame: joint 1's axis"
-_RV_NOMINAL = [[1, 1, 1, -1], [-1, 1, 1, 1], [-1, 1, 1, -1], [1, 1, 1, 1], [1, 1, 1, -1], [1, 1, 1, 1]]
-_RV_DEVIATION = [[1, 1, 1, 1], [1, -1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, -1], [1, 1, 1, 1]]
+_RV_NOMINAL = [
+    [1, 1, 1, -1],
+    [-1, 1, 1, 1],
+    [-1, 1, 1, -1],
+    [1, 1, 1, 1],
+    [1, 1, 1, -1],
+    [1, 1, 1, 1],
+]
+_RV_DEVIATION = [
+    [1, 1, 1, 1],
+    [1, -1, 1, 1],
+    [1, 1, 1, 1],
+    [1, 1, 1, 1],
+    [1, 1, 1, -1],
+    [1, 1, 1, 1],
+]
 _RV_LIMITS = ((-240, 240), (-120, 120), (0, 160), (-200, 200), (-120, 120), (-360, 360))
 _UR_SIGNS = [[1, 1, 1, 1], [1, -1, 1, 1], [1, -1, 1, 1], [1, 1, 1, 1], [1, 1, 1, -1], [1, 1, 1, 1]]
 _UR_POINTS = ((-600.0, -300.0, 150.0), (-700.0, 250.0, 200.0), (-350.0, 600.0, 100.0))
 _UR_TIP = (3.0, -2.0, 150.0)  # not in the paper
 # Where the tool points straight down in front of the arm, deg.
 _START = {"rv2fb": (0, 20, 110, 0, 60, 0), "ur10e": (0, -75, 110, -125, -90, 0)}
-_LENGTH_OF_SIGMA = 3.0  # a length uniform up to m has a mean square of m^2 / 3, shared by three coordinates
+_LENGTH_OF_SIGMA = (
+    3.0  # a length uniform up to m has a mean square of m^2 / 3, shared by three coordinates
+)
 _EXACT_MM = 1e-3  # what is stated of touches without error
 
 
@@ -50,8 +67,17 @@ def rv2fb(driving_error_mm: float = 0.0, seed: int = 1, tilt_deg: float = 80.0) 
     nominal = np.array(table["nominal_magnitude"], float) * _RV_NOMINAL
     true = nominal + np.array(table["deviation_magnitude"]) * _RV_DEVIATION
     robot = robot_keys("Mitsubishi RV-2FB", nominal, _RV_LIMITS, (1,))
-    return _made("rv2fb", robot, true, table["tcp_mm"], table["points_mm"], table["touches"],
-                 driving_error_mm, seed, tilt_deg)  # fmt: skip
+    return _made(
+        "rv2fb",
+        robot,
+        true,
+        table["tcp_mm"],
+        table["points_mm"],
+        table["touches"],
+        driving_error_mm,
+        seed,
+        tilt_deg,
+    )
 
 
 def ur10e(
@@ -65,22 +91,48 @@ def ur10e(
     nominal = np.array(table["nominal_magnitude"], float) * _UR_SIGNS
     found = np.array(table["identified_magnitude"], float)
     small = np.array(table["nominal_magnitude"]) == 0
-    drawn = np.ones_like(found) if signs is None else np.random.default_rng(signs).choice([-1.0, 1.0], found.shape)
+    drawn = (
+        np.ones_like(found)
+        if signs is None
+        else np.random.default_rng(signs).choice([-1.0, 1.0], found.shape)
+    )
     true = found * np.where(small, drawn, _UR_SIGNS)
     robot = robot_keys("Universal Robots UR10e", nominal, ((-360, 360),) * 6, (1, 2))
-    return _made("ur10e", robot, true, _UR_TIP, _UR_POINTS, table["touches"], driving_error_mm, seed, tilt_deg)
+    return _made(
+        "ur10e",
+        robot,
+        true,
+        _UR_TIP,
+        _UR_POINTS,
+        table["touches"],
+        driving_error_mm,
+        seed,
+        tilt_deg,
+    )
 
 
 def robot_keys(name: str, rows: np.ndarray, limits, parallel) -> dict:
     """robot.toml as a mapping; rows (6, 4) theta deg, a, d mm, alpha deg; `parallel`: rows with Hayati's beta."""
     joints = [
-        {"theta_deg": theta, "d_mm": d, "a_mm": a, "alpha_deg": alpha, "hayati": k in parallel, "limits_deg": limit}
-        for k, ((theta, a, d, alpha), limit) in enumerate(zip(rows.tolist(), np.array(limits, float).tolist()))
+        {
+            "theta_deg": theta,
+            "d_mm": d,
+            "a_mm": a,
+            "alpha_deg": alpha,
+            "hayati": k in parallel,
+            "limits_deg": limit,
+        }
+        for k, ((theta, a, d, alpha), limit) in enumerate(
+            zip(rows.tolist(), np.array(limits, float).tolist())
+        )
     ]
     return {
-        "name": name, "convention": "distal", "gravity": [0.0, 0.0, -1.0],
-        "source": "nominal rows of Gubankov & Yukhimets, Sensors 2022, 22, 3376", "joint": joints,
-    }  # fmt: skip
+        "name": name,
+        "convention": "distal",
+        "gravity": [0.0, 0.0, -1.0],
+        "source": "nominal rows of Gubankov & Yukhimets, Sensors 2022, 22, 3376",
+        "joint": joints,
+    }
 
 
 def geometry_of(rows: np.ndarray) -> np.ndarray:
@@ -106,7 +158,13 @@ def _made(arm, robot, true, tip, points, touches, driving_error, seed, tilt_deg)
         robot=robot,
         sigma_mm=max(driving_error / _LENGTH_OF_SIGMA, _EXACT_MM),
         source=_SOURCE,
-        truth={"geometry": geometry, "tip": tip, "points": np.array(points, float), "start": start, "limits": limits},
+        truth={
+            "geometry": geometry,
+            "tip": tip,
+            "points": np.array(points, float),
+            "start": start,
+            "limits": limits,
+        },
     )
 
 
@@ -134,7 +192,9 @@ def touching(rng, geometry, limits, tip, targets, start, tilt: float) -> np.ndar
         begin[:, 0] += _heading(geometry, start, targets[todo])
         found, good = poses.inverse(geometry, flange, begin, limits)
         joints[todo[good]] = found[good]
-    raise ValueError(f"{np.isnan(joints[:, 0]).sum()} targets cannot be reached with the tool pointing down")
+    raise ValueError(
+        f"{np.isnan(joints[:, 0]).sum()} targets cannot be reached with the tool pointing down"
+    )
 
 
 def _heading(geometry, start, targets):
@@ -154,7 +214,9 @@ def _on_target(geometry, tip, joints, targets):
     h = 1e-6
     for _ in range(4):
         here = tips(geometry, tip, joints)
-        slope = np.stack([(tips(geometry, tip, joints + h * e) - here) / h for e in np.eye(joints.shape[1])], 2)
+        slope = np.stack(
+            [(tips(geometry, tip, joints + h * e) - here) / h for e in np.eye(joints.shape[1])], 2
+        )
         joints = joints + np.einsum("njk,nk->nj", np.linalg.pinv(slope), targets - here)
     return joints
 
@@ -172,7 +234,9 @@ def unseen(made: folder.Made, n: int = 500, seed: int = 99, tilt_deg: float = 80
     height = rng.uniform(truth["points"][:, 2].min() - 60, truth["points"][:, 2].max() + 60, n)
     targets = np.column_stack([far * np.cos(angle), far * np.sin(angle), height])
     limits, start = truth["limits"], truth["start"]
-    return touching(rng, truth["geometry"], limits, truth["tip"], targets, start, np.deg2rad(tilt_deg))
+    return touching(
+        rng, truth["geometry"], limits, truth["tip"], targets, start, np.deg2rad(tilt_deg)
+    )
 
 
 def main() -> None:

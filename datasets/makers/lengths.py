@@ -6,6 +6,7 @@ The arm of `datasets.makers.elastic_arm`, with its wrong lengths and its joints,
 drives a reflector from place to place; a ball bar or an interferometer reads how far apart two of them are.
 Nobody knows where the arm stands.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -23,8 +24,13 @@ _LEAST_MM = 50.0  # two places nearer than this are no bar's ends
 _TRIES = 20
 
 
-def lengths(pairs: int = 250, seed: int = 1, noise_mm: float = NOISE_MM, reach_mm: float = 1e4,
-            stiff: bool = False) -> folder.Made:  # fmt: skip
+def lengths(
+    pairs: int = 250,
+    seed: int = 1,
+    noise_mm: float = NOISE_MM,
+    reach_mm: float = 1e4,
+    stiff: bool = False,
+) -> folder.Made:
     """`pairs` lengths of 50 mm to `reach_mm`, each with 1 sigma `noise_mm`; stiff: an arm that does not yield.
 
     Raises ValueError where too few of the poses tried lie so near to one another.
@@ -32,7 +38,9 @@ def lengths(pairs: int = 250, seed: int = 1, noise_mm: float = NOISE_MM, reach_m
     rng = np.random.default_rng(seed)
     arm = elastic_arm.true_arm(rng)
     if stiff:
-        arm = replace(arm, joint_compliance=0.0, link_compliance=0.0, pedestal_compliance=(0.0, 0.0))
+        arm = replace(
+            arm, joint_compliance=0.0, link_compliance=0.0, pedestal_compliance=(0.0, 0.0)
+        )
     joints_deg = _pairs(rng, arm, pairs, reach_mm)
     places = _places(arm, joints_deg)
     measured = np.linalg.norm(places[0::2] - places[1::2], axis=1) + rng.normal(0, noise_mm, pairs)
@@ -52,7 +60,9 @@ def _pairs(rng, arm, pairs, reach_mm):
     """(2 pairs, J) deg: both ends of every pair, one after the other, as a controller shows them."""
     limits = np.array([row["limits_deg"] for row in elastic_arm.robot()["joint"]], float)
     middle, half = limits.mean(1), _SHARE * np.ptp(limits, axis=1) / 2
-    tried = np.round(rng.uniform(middle - half, middle + half, (2 * _TRIES * pairs, len(limits))), 4)
+    tried = np.round(
+        rng.uniform(middle - half, middle + half, (2 * _TRIES * pairs, len(limits))), 4
+    )
     rigid = replace(arm, joint_compliance=0.0, link_compliance=0.0, pedestal_compliance=(0.0, 0.0))
     places = _places(rigid, tried)
     apart = np.linalg.norm(places[0::2] - places[1::2], axis=1)
@@ -71,12 +81,20 @@ def main() -> None:
     """Write a folder."""
     import datasets
 
-    parser = argparse.ArgumentParser(description="Make a recording of lengths between places of a reflector.")
+    parser = argparse.ArgumentParser(
+        description="Make a recording of lengths between places of a reflector."
+    )
     parser.add_argument("out")
     parser.add_argument("--pairs", type=int, default=250)
     parser.add_argument("--noise", type=float, default=NOISE_MM, metavar="MM")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--reach", type=float, default=1e4, metavar="MM", help="longest length, such as a ball bar's")
+    parser.add_argument(
+        "--reach",
+        type=float,
+        default=1e4,
+        metavar="MM",
+        help="longest length, such as a ball bar's",
+    )
     parser.add_argument("--stiff", action="store_true", help="an arm that does not yield")
     args = parser.parse_args()
     made = lengths(args.pairs, args.seed, args.noise, args.reach, args.stiff)

@@ -16,6 +16,7 @@ less certainty: a2 -0.1 (-0.1105), d2 0.05 (printed apart). The twists of joints
 -0.0480, -0.0494, -0.0499 and -0.0500 deg, while "-0.3" and "-0.06" stand in the column of the actual
 ones of joints 3 and 4: -0.05 deg is taken for all four. The rest is 0, as printed.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -29,12 +30,21 @@ from datasets.makers.gubankov import geometry_of, robot_keys
 
 _SOURCE = "made by datasets.makers.liu from the tables of IEEE CYBER 2014, 365"
 _NOMINAL = (  # theta deg, a, d mm, alpha deg
-    (0, 0, 290, -90), (-90, 270, 0, 0), (0, 70, 0, -90), (0, 0, 302, 90), (0, 0, 0, -90), (180, 0, 72, 0),
-)  # fmt: skip
+    (0, 0, 290, -90),
+    (-90, 270, 0, 0),
+    (0, 70, 0, -90),
+    (0, 0, 302, 90),
+    (0, 0, 0, -90),
+    (180, 0, 72, 0),
+)
 ERRORS = (
-    (0, 0.05, 0, -0.05), (0, -0.1, 0.05, -0.05), (0, -0.04, -0.05, -0.05), (0, 0, 0.04, -0.05), (0, 0, 0.04, 0),
+    (0, 0.05, 0, -0.05),
+    (0, -0.1, 0.05, -0.05),
+    (0, -0.04, -0.05, -0.05),
+    (0, 0, 0.04, -0.05),
+    (0, 0, 0.04, 0),
     (0, 0, 0, 0),
-)  # fmt: skip
+)
 _LIMITS = ((-165, 165), (-110, 110), (-110, 70), (-160, 160), (-120, 120), (-400, 400))
 BEAM = np.array([1.0, 0, 0])
 _CAP = np.deg2rad(75)  # of the sphere, from its pole
@@ -68,7 +78,11 @@ def irb120(beams: int = 6, positions: int = 7, sigma_mm: float = 0.0, seed: int 
     geometry = geometry_of(np.array(_NOMINAL, float) + ERRORS)
     targets = middles[point] + sigma_mm * rng.normal(size=(len(point), 3))
     joints = aiming(rng, geometry, targets)
-    head = {"sample": np.arange(1, len(point) + 1), "point": point + 1, "sphere": np.ones(len(point))}
+    head = {
+        "sample": np.arange(1, len(point) + 1),
+        "point": point + 1,
+        "sphere": np.ones(len(point)),
+    }
     return folder.Made(
         measures="laser-spot",
         title=f"IRB 120 drives {beams} laser beams to each of {positions} places of a detector",
@@ -87,7 +101,14 @@ def aiming(rng, geometry: np.ndarray, targets: np.ndarray) -> np.ndarray:
         todo = np.flatnonzero(np.isnan(joints[:, 0]))
         if not todo.size:
             return _on_target(geometry, joints, targets)
-        begin = rng.uniform(limits[:, 0], limits[:, 1], (len(todo), 6)) * [0.5, 0.5, 0.5, 1, 0.8, 0.4]
+        begin = rng.uniform(limits[:, 0], limits[:, 1], (len(todo), 6)) * [
+            0.5,
+            0.5,
+            0.5,
+            1,
+            0.8,
+            0.4,
+        ]
         found, good = poses.inverse(geometry, _views(rng, targets[todo]), begin, limits, 30)
         joints[todo[good]] = found[good]
     raise ValueError(f"{np.isnan(joints[:, 0]).sum()} places of the detector cannot be reached")
@@ -120,7 +141,13 @@ def _on_target(geometry, joints, targets):
     h = 1e-6
     for _ in range(4):
         here = misses(geometry, joints, targets)
-        slope = np.stack([(misses(geometry, joints + h * e, targets) - here) / h for e in np.eye(joints.shape[1])], 2)
+        slope = np.stack(
+            [
+                (misses(geometry, joints + h * e, targets) - here) / h
+                for e in np.eye(joints.shape[1])
+            ],
+            2,
+        )
         joints = joints - np.einsum("njk,nk->nj", np.linalg.pinv(slope), here)
     return joints
 
@@ -129,7 +156,9 @@ def main() -> None:
     """Write a folder."""
     import datasets
 
-    parser = argparse.ArgumentParser(description="Make a recording of laser beams through a detector's middle.")
+    parser = argparse.ArgumentParser(
+        description="Make a recording of laser beams through a detector's middle."
+    )
     parser.add_argument("out")
     parser.add_argument("--beams", type=int, default=6)
     parser.add_argument("--positions", type=int, default=7)

@@ -3,6 +3,7 @@
 Lengths mm, angles rad. Only for choosing where the arm goes; what is measured
 there comes from the engine.
 """
+
 from __future__ import annotations
 
 import numpy as np
@@ -40,14 +41,19 @@ def _miss(geometry, joints, targets) -> np.ndarray:
 def _newton(geometry, joints, targets, damping: float = 1.0) -> np.ndarray:
     miss = _miss(geometry, joints, targets)
     h = 1e-6
-    columns = [(_miss(geometry, joints + h * unit, targets) - miss) / -h for unit in np.eye(joints.shape[1])]
+    columns = [
+        (_miss(geometry, joints + h * unit, targets) - miss) / -h
+        for unit in np.eye(joints.shape[1])
+    ]
     slope = np.stack(columns, axis=2)
     normal = slope.transpose(0, 2, 1) @ slope + damping * np.eye(joints.shape[1])
     step = np.linalg.solve(normal, np.einsum("nij,ni->nj", slope, miss)[..., None])[..., 0]
     return joints + np.clip(step, -0.4, 0.4)
 
 
-def inverse(geometry, targets, start, limits, iterations: int = 40) -> tuple[np.ndarray, np.ndarray]:
+def inverse(
+    geometry, targets, start, limits, iterations: int = 40
+) -> tuple[np.ndarray, np.ndarray]:
     """Joint angles (n, J) near `start` (n, J), and (n,) whether target and limits are met.
 
     targets: (n, 4, 4) flange poses; limits: (J, 2). Damped Newton steps on all
@@ -72,8 +78,19 @@ def looking_down(rng: np.random.Generator, n: int, tilt: float, roll: float) -> 
     return (turn * Rotation.from_euler("XZ", down)).as_matrix()
 
 
-def scanning(rng, geometry, limits, balls_base, hand_eye, n, start, roll: float = np.pi,
-             tilt: float = np.deg2rad(50), stand_off=(115.0, 135.0), half_field: float = 15.0):  # fmt: skip
+def scanning(
+    rng,
+    geometry,
+    limits,
+    balls_base,
+    hand_eye,
+    n,
+    start,
+    roll: float = np.pi,
+    tilt: float = np.deg2rad(50),
+    stand_off=(115.0, 135.0),
+    half_field: float = 15.0,
+):
     """Configurations that see the balls in the middle of the sensor's field.
 
     balls_base: (B, 3) mm; hand_eye: (4, 4) sensor in flange; start: (J,) posture
@@ -87,7 +104,9 @@ def scanning(rng, geometry, limits, balls_base, hand_eye, n, start, roll: float 
     ball = rng.integers(len(balls_base), size=many)
     view = np.tile(np.eye(4), (many, 1, 1))
     view[:, :3, :3] = looking_down(rng, many, tilt, roll)
-    seen = np.column_stack([rng.uniform(-half_field, half_field, (many, 2)), rng.uniform(*stand_off, many)])
+    seen = np.column_stack(
+        [rng.uniform(-half_field, half_field, (many, 2)), rng.uniform(*stand_off, many)]
+    )
     view[:, :3, 3] = balls_base[ball] - np.einsum("nij,nj->ni", view[:, :3, :3], seen)
     targets = view @ np.linalg.inv(hand_eye)
     begin = start + rng.uniform(-0.3, 0.3, (many, len(start)))

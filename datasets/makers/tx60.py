@@ -27,11 +27,24 @@ from datasets.makers import folder, poses
 
 POSITION_MM, AXIS_DEG = 0.048, 0.2
 KINDS = {"np": ("partial-pose", 0), "op": ("partial-pose", 1), "full": ("external-pose", None)}
-_LIMITS = ((-180, 180), (-127.5, 127.5), (-142.5, 142.5), (-270, 270), (-122.5, 133.5), (-270, 270))  # data sheet
+_LIMITS = (
+    (-180, 180),
+    (-127.5, 127.5),
+    (-142.5, 142.5),
+    (-270, 270),
+    (-122.5, 133.5),
+    (-270, 270),
+)  # data sheet
 
 
-def tx60(measures: str = "op", n: int = 300, seed: int = 1, planned: bool = False,
-         position_mm: float = POSITION_MM, axis_deg: float = AXIS_DEG) -> folder.Made:  # fmt: skip
+def tx60(
+    measures: str = "op",
+    n: int = 300,
+    seed: int = 1,
+    planned: bool = False,
+    position_mm: float = POSITION_MM,
+    axis_deg: float = AXIS_DEG,
+) -> folder.Made:
     """n poses in the paper's cube, seen as `measures` says: "np", "op" or "full".
 
     planned: the nominal arm without noise, what a plan of the measurement would hold.
@@ -45,8 +58,14 @@ def tx60(measures: str = "op", n: int = 300, seed: int = 1, planned: bool = Fals
     flange = poses.forward(nominal if planned else true, np.deg2rad(joints_deg))
     sigma = (0.0, 0.0) if planned else (position_mm, np.deg2rad(axis_deg))
     points = flange[:, :3, 3] + rng.normal(0, 1, (n, 3)) * sigma[0]
-    turns = Rotation.from_rotvec(rng.normal(0, 1, (n, 3)) * sigma[1]).as_matrix() @ flange[:, :3, :3]
-    head = {"sample": np.arange(1, n + 1), **folder.joint_columns(joints_deg), **folder.point_columns(points)}
+    turns = (
+        Rotation.from_rotvec(rng.normal(0, 1, (n, 3)) * sigma[1]).as_matrix() @ flange[:, :3, :3]
+    )
+    head = {
+        "sample": np.arange(1, n + 1),
+        **folder.joint_columns(joints_deg),
+        **folder.point_columns(points),
+    }
     return folder.Made(
         measures=kind[0],
         title=f"Staubli TX60, {'planned' if planned else 'simulated'}, {measures.upper()}",
@@ -69,13 +88,25 @@ def robot(nominal: np.ndarray) -> dict:
     """The nominal robot.toml as a mapping."""
     rows = nominal * [180 / np.pi, 1, 1, 180 / np.pi, 180 / np.pi]
     joints = [
-        {"theta_deg": theta, "d_mm": d, "a_mm": a, "alpha_deg": alpha, "hayati": k == 1, "limits_deg": list(limit)}
-        for k, ((theta, d, a, alpha, _), limit) in enumerate(zip(rows.round(9).tolist(), np.array(_LIMITS).tolist()))
+        {
+            "theta_deg": theta,
+            "d_mm": d,
+            "a_mm": a,
+            "alpha_deg": alpha,
+            "hayati": k == 1,
+            "limits_deg": list(limit),
+        }
+        for k, ((theta, d, a, alpha, _), limit) in enumerate(
+            zip(rows.round(9).tolist(), np.array(_LIMITS).tolist())
+        )
     ]
     return {
-        "name": "Staubli TX60", "convention": "distal", "gravity": [0.0, 0.0, -1.0],
-        "source": "nominal rows of Mathematics 2023, 11, 4802, Table 2", "joint": joints,
-    }  # fmt: skip
+        "name": "Staubli TX60",
+        "convention": "distal",
+        "gravity": [0.0, 0.0, -1.0],
+        "source": "nominal rows of Mathematics 2023, 11, 4802, Table 2",
+        "joint": joints,
+    }
 
 
 def in_cube(rng: np.random.Generator, geometry: np.ndarray, n: int) -> np.ndarray:
@@ -88,7 +119,9 @@ def in_cube(rng: np.random.Generator, geometry: np.ndarray, n: int) -> np.ndarra
     drawn = rng.uniform(*limits.T, (150 * n, 6))
     drawn = drawn[(np.abs(drawn[:, 0]) > np.pi / 2) & (drawn[:, 1] < 0)]
     place = poses.forward(geometry, drawn)[:, :3, 3] - measurement["cube_centre_mm"]
-    drawn, place = (rows[np.abs(place).max(1) < measurement["cube_mm"] / 2] for rows in (drawn, place))
+    drawn, place = (
+        rows[np.abs(place).max(1) < measurement["cube_mm"] / 2] for rows in (drawn, place)
+    )
     cell = np.floor((place / measurement["cube_mm"] + 0.5) * 5).astype(int) @ [25, 5, 1]
     order = np.argsort(cell, kind="stable")
     turn = np.empty(len(cell), int)
@@ -111,7 +144,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Make a partial-pose recording of a TX60.")
     parser.add_argument("out")
     parser.add_argument("--measures", choices=tuple(KINDS), default="op")
-    parser.add_argument("--planned", action="store_true", help="the nominal arm, nothing measured yet")
+    parser.add_argument(
+        "--planned", action="store_true", help="the nominal arm, nothing measured yet"
+    )
     parser.add_argument("--samples", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()

@@ -21,6 +21,7 @@ Readings are the Denavit-Hartenberg joint angles; q3 is the angle between links
 joint 1 is applied but has nothing to act on under vertical gravity; lambda of
 joint 6 is negative as printed. Base at the height of joint 2: d1 = 0.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -66,22 +67,40 @@ class Table(NamedTuple):
 FIRST = Table(  # Tables 3 and 4
     user=((500.580, 298.611, 2638.660), (-1.815, -170.153, 98.596)),
     tool=((7.096, 0.355, -348.800), (0.825, -24.750, 179.425)),
-    mdh=((0, 0, 49.780, -89.973), (-90.066, -0.0206, 330.341, 179.937), (0.0372, 0.0106, 34.969, -90.001),
-         (0.167, -335.305, -0.0286, 90.037), (179.720, -0.601, -0.0766, 90.103)),
+    mdh=(
+        (0, 0, 49.780, -89.973),
+        (-90.066, -0.0206, 330.341, 179.937),
+        (0.0372, 0.0106, 34.969, -90.001),
+        (0.167, -335.305, -0.0286, 90.037),
+        (179.720, -0.601, -0.0766, 90.103),
+    ),
     k0=(0.0690, 0.250, -0.164),
-    ka1=(-0.245, -0.261, -0.695), ka2=(-0.177, -0.272, -0.0487),
-    kb1=(-0.333, -0.196, -0.610), kb2=(-0.0437, -0.199, -0.00706),
-    compliance=(-1.159, 0.0640, 0.0582, 0.183, 0.852, -0.158), s1_mm=319.836, s2_mm=1833.495,
+    ka1=(-0.245, -0.261, -0.695),
+    ka2=(-0.177, -0.272, -0.0487),
+    kb1=(-0.333, -0.196, -0.610),
+    kb2=(-0.0437, -0.199, -0.00706),
+    compliance=(-1.159, 0.0640, 0.0582, 0.183, 0.852, -0.158),
+    s1_mm=319.836,
+    s2_mm=1833.495,
 )
 SECOND = Table(  # Tables 6 and 7; the reflector's attitude is not measured
     user=((-1105.029, -955.794, -116.344), (21.846, -0.521, 0.166)),
     tool=((44.200, -60.458, 104.009), (0, 0, 0)),
-    mdh=((0, 0, 50.202, -89.979), (-89.876, -0.0121, 330.049, 179.950), (-0.0293, 0.2361, 35.343, -89.973),
-         (0.720, -335.152, -0.232, 90.016), (-179.415, -0.0786, 0.125, 90.012)),
+    mdh=(
+        (0, 0, 50.202, -89.979),
+        (-89.876, -0.0121, 330.049, 179.950),
+        (-0.0293, 0.2361, 35.343, -89.973),
+        (0.720, -335.152, -0.232, 90.016),
+        (-179.415, -0.0786, 0.125, 90.012),
+    ),
     k0=(0.158, 0.403, -0.0281),
-    ka1=(-0.120, -0.0430, -0.503), ka2=(-0.0512, -0.0553, 0.144),
-    kb1=(-0.206, 0.0217, -0.418), kb2=(0.0819, 0.0188, 0.183),
-    compliance=(-1.289, 0.0668, 0.0522, 0.138, 0.732, -0.117), s1_mm=307.383, s2_mm=1841.103,
+    ka1=(-0.120, -0.0430, -0.503),
+    ka2=(-0.0512, -0.0553, 0.144),
+    kb1=(-0.206, 0.0217, -0.418),
+    kb2=(0.0819, 0.0188, 0.183),
+    compliance=(-1.289, 0.0668, 0.0522, 0.138, 0.732, -0.117),
+    s1_mm=307.383,
+    s2_mm=1841.103,
 )
 
 
@@ -95,7 +114,15 @@ class Grid(NamedTuple):
     x: tuple[float, float] = (320, 510)
     y: tuple[float, float] = (-200, 200)
     z: tuple[float, float] = (60, 300)
-    attitudes: tuple = ((0, 0, 0), (30, 0, 0), (-30, 0, 0), (0, 30, 0), (0, -25, 0), (25, 25, 35), (-25, 25, -35))
+    attitudes: tuple = (
+        (0, 0, 0),
+        (30, 0, 0),
+        (-30, 0, 0),
+        (0, 30, 0),
+        (0, -25, 0),
+        (25, 25, 35),
+        (-25, 25, -35),
+    )
     facing: bool = False
 
 
@@ -103,25 +130,50 @@ class Grid(NamedTuple):
 NARROW = Grid()
 # most of what the arm reaches with the tool nearly upright, turned about the vertical: makes the residuals of Table 8
 WIDE = Grid(
-    (200, 390), (-450, 450), (-250, 370),
-    ((0, 0, 0), (3, 0, 60), (-3, 0, -60), (0, 3, 30), (0, -2.5, -30), (2.5, 2.5, 90), (-2.5, 2.5, -90)), True,
-)  # fmt: skip
-CELL = Grid((380, 480), (-60, 60), (80, 200), ((0, 0, 0), (10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, -10, 0), (0, 0, 20),
-                                                (0, 0, -20)))  # fmt: skip
+    (200, 390),
+    (-450, 450),
+    (-250, 370),
+    (
+        (0, 0, 0),
+        (3, 0, 60),
+        (-3, 0, -60),
+        (0, 3, 30),
+        (0, -2.5, -30),
+        (2.5, 2.5, 90),
+        (-2.5, 2.5, -90),
+    ),
+    True,
+)
+CELL = Grid(
+    (380, 480),
+    (-60, 60),
+    (80, 200),
+    ((0, 0, 0), (10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, -10, 0), (0, 0, 20), (0, 0, -20)),
+)
 BALLS = {  # Table 2
     1: (185.328, 408.400, 2303.870, 14.999),
     2: (240.396, 377.943, 2640.910, 15.002),
     3: (-196.154, 289.749, 2727.350, 15.001),
     4: (-246.181, 344.340, 2379.780, 14.998),
 }
-_NOMINAL = ((0, 0, 50, -90), (-90, 0, 330, 180), (0, 0, 35, -90), (0, -335, 0, 90), (180, 0, 0, 90), (0, 0, 0, 0))
+_NOMINAL = (
+    (0, 0, 50, -90),
+    (-90, 0, 330, 180),
+    (0, 0, 35, -90),
+    (0, -335, 0, 90),
+    (180, 0, 0, 90),
+    (0, 0, 0, 0),
+)
 _LIMITS = ((-170, 170), (-100, 145), (-110, 200), (-190, 190), (-125, 125), (-360, 360))
 
 
 def robot(table: Table) -> dict:
     """The nominal robot.toml as a mapping, with data-sheet lengths and no link masses."""
     keys = ("theta_deg", "d_mm", "a_mm", "alpha_deg")
-    rows = [dict(zip(keys, map(float, row))) | {"limits_deg": list(limit)} for row, limit in zip(_NOMINAL, _LIMITS)]
+    rows = [
+        dict(zip(keys, map(float, row))) | {"limits_deg": list(limit)}
+        for row, limit in zip(_NOMINAL, _LIMITS)
+    ]
     return {
         "name": "FANUC LR Mate 200iD",
         "convention": "distal",
@@ -144,8 +196,12 @@ def true_arm(table: Table) -> Arm:
     mass[1:3] = np.array([_G2_N, _G3_N]) / STANDARD_GRAVITY
     com[1:3, 0] = lever2 - a2, lever3 - a3  # frame k sits at the far end of link k
     return Arm(
-        geometry, mass, com, np.eye(6),
-        tool_mass=LOAD_N / STANDARD_GRAVITY, tool_com=table.tool[0],
+        geometry,
+        mass,
+        com,
+        np.eye(6),
+        tool_mass=LOAD_N / STANDARD_GRAVITY,
+        tool_com=table.tool[0],
         joint_compliance=np.array(table.compliance) * 1e-3 / LOAD_N,
     )
 
@@ -165,8 +221,14 @@ def _flange(table: Table, joints_deg: np.ndarray) -> np.ndarray:
     return rest(true_arm(table), readings, drive_errors(readings, harmonics(table))).flange
 
 
-def ye_first_experiment(n: int = 200, seed: int = 1, noise_mm: float = 0.02, table: Table = FIRST,
-                        tilt_deg: float = 50.0, roll_deg: float = 180.0) -> folder.Made:  # fmt: skip
+def ye_first_experiment(
+    n: int = 200,
+    seed: int = 1,
+    noise_mm: float = 0.02,
+    table: Table = FIRST,
+    tilt_deg: float = 50.0,
+    roll_deg: float = 180.0,
+) -> folder.Made:
     """Ball centres in the sensor frame: n views of the four balls from above (sec. 5.2).
 
     noise_mm: 1 sigma of each coordinate. tilt_deg, roll_deg: how far views are off the vertical and how
@@ -177,15 +239,39 @@ def ye_first_experiment(n: int = 200, seed: int = 1, noise_mm: float = 0.02, tab
     balls = np.array([BALLS[k][:3] for k in sorted(BALLS)])
     in_base = (balls - artefact_base[:3, 3]) @ artefact_base[:3, :3]
     nominal = arm_from_robot(robot(table)).geometry
-    joints, ball = poses.scanning(rng, nominal, np.deg2rad(_LIMITS), in_base, hand_eye, n, _START,
-                                 np.deg2rad(roll_deg), np.deg2rad(tilt_deg))  # fmt: skip
+    joints, ball = poses.scanning(
+        rng,
+        nominal,
+        np.deg2rad(_LIMITS),
+        in_base,
+        hand_eye,
+        n,
+        _START,
+        np.deg2rad(roll_deg),
+        np.deg2rad(tilt_deg),
+    )
     joints_deg = np.round(np.rad2deg(joints), 4)
     points = ball_points(_flange(table, joints_deg), balls[ball], artefact_base, hand_eye)
-    return _made("ball-centre", "ball centres", table, joints_deg, points, rng, noise_mm, BALLS, {"ball": ball + 1})
+    return _made(
+        "ball-centre",
+        "ball centres",
+        table,
+        joints_deg,
+        points,
+        rng,
+        noise_mm,
+        BALLS,
+        {"ball": ball + 1},
+    )
 
 
-def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02, table: Table = SECOND,
-                         grid: Grid | None = NARROW) -> folder.Made:  # fmt: skip
+def ye_second_experiment(
+    n: int = 7000,
+    seed: int = 1,
+    noise_mm: float = 0.02,
+    table: Table = SECOND,
+    grid: Grid | None = NARROW,
+) -> folder.Made:
     """One reflector seen by a tracker: seven attitudes on a grid of 10 x 10 x 10 places (sec. 5.3).
 
     n below 7000 draws that many of the 7000 without repeats; the order is
@@ -197,10 +283,16 @@ def ye_second_experiment(n: int = 7000, seed: int = 1, noise_mm: float = 0.02, t
     if grid is not None and n > 7000:
         raise ValueError(f"the grid has 7000 configurations, {n} were asked for")
     rng = np.random.default_rng(seed)
-    readings = _anywhere(n, rng) if grid is None else np.rad2deg(_on_grid(table, grid, rng.permutation(7000)[:n]))
+    readings = (
+        _anywhere(n, rng)
+        if grid is None
+        else np.rad2deg(_on_grid(table, grid, rng.permutation(7000)[:n]))
+    )
     joints_deg = np.round(readings, 4)
     points = reflector_points(_flange(table, joints_deg), table.tool[0], pose(*table.user))
-    return _made("external-point", "laser tracker", table, joints_deg, points, rng, noise_mm, {}, {})
+    return _made(
+        "external-point", "laser tracker", table, joints_deg, points, rng, noise_mm, {}, {}
+    )
 
 
 def _anywhere(n: int, rng) -> np.ndarray:
@@ -216,7 +308,9 @@ def _on_grid(table: Table, grid: Grid, rows: np.ndarray) -> np.ndarray:
     if grid.facing:
         start[:, 0] = np.arctan2(targets[:, 1, 3], targets[:, 0, 3])
     geometry = arm_from_robot(robot(table)).geometry
-    joints, good = poses.inverse(geometry, targets, start, np.deg2rad(_LIMITS), 40 if grid.facing else 25)
+    joints, good = poses.inverse(
+        geometry, targets, start, np.deg2rad(_LIMITS), 40 if grid.facing else 25
+    )
     if np.sum(~good) > (0.01 * len(rows) if grid.facing else 0):
         raise ValueError(f"{np.sum(~good)} of the grid's configurations cannot be reached")
     return joints[good]
@@ -229,7 +323,9 @@ def _targets(grid: Grid) -> np.ndarray:
     down = np.diag([-1.0, -1.0, 1.0])  # at readings (0, 0, 0, 0, -90, 0) deg
     targets = np.tile(np.eye(4), (7, 1000, 1, 1))
     targets[..., :3, 3] = places
-    targets[..., :3, :3] = (Rotation.from_euler("xyz", grid.attitudes, degrees=True).as_matrix() @ down)[:, None]
+    targets[..., :3, :3] = (
+        Rotation.from_euler("xyz", grid.attitudes, degrees=True).as_matrix() @ down
+    )[:, None]
     return targets.reshape(-1, 4, 4)
 
 
@@ -252,15 +348,23 @@ def main() -> None:
     """Write a folder."""
     import datasets
 
-    parser = argparse.ArgumentParser(description="Make a recording of one of Ye et al.'s two experiments.")
+    parser = argparse.ArgumentParser(
+        description="Make a recording of one of Ye et al.'s two experiments."
+    )
     parser.add_argument("out")
     parser.add_argument("--experiment", type=int, choices=(1, 2), default=1)
     parser.add_argument("--samples", type=int, help="200 and 7000 where not given")
     parser.add_argument("--noise", type=float, default=0.02, metavar="MM")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--wide", action="store_true", help="the second experiment in a wide box, see the gallery")
-    parser.add_argument("--cell", action="store_true", help="the second experiment in a box of about 100 mm")
-    parser.add_argument("--anywhere", action="store_true", help="the second experiment in any place and attitude")
+    parser.add_argument(
+        "--wide", action="store_true", help="the second experiment in a wide box, see the gallery"
+    )
+    parser.add_argument(
+        "--cell", action="store_true", help="the second experiment in a box of about 100 mm"
+    )
+    parser.add_argument(
+        "--anywhere", action="store_true", help="the second experiment in any place and attitude"
+    )
     args = parser.parse_args()
     if args.experiment == 1:
         made = ye_first_experiment(args.samples or 200, args.seed, args.noise)

@@ -16,7 +16,11 @@ from datasets.errors import complaint
 
 def names() -> list[str]:
     """Papers that `load` knows."""
-    return sorted(f.name.removesuffix(".toml") for f in resources.files(__name__).iterdir() if f.name.endswith(".toml"))
+    return sorted(
+        f.name.removesuffix(".toml")
+        for f in resources.files(__name__).iterdir()
+        if f.name.endswith(".toml")
+    )
 
 
 def load(name: str) -> dict:
@@ -25,7 +29,9 @@ def load(name: str) -> dict:
     Raises InputError for a name that is not known.
     """
     if name not in names():
-        raise complaint(f"paper {name}", f"one of {', '.join(names())}", repr(name), "correct the name")
+        raise complaint(
+            f"paper {name}", f"one of {', '.join(names())}", repr(name), "correct the name"
+        )
     text = resources.files(__name__).joinpath(f"{name}.toml").read_text(encoding="utf-8")
     return {key: _with_arrays(value) for key, value in tomllib.loads(text).items()}
 

@@ -23,7 +23,9 @@ class LinkThermalGrowth(Effect):
 
     def table(self, chain):
         unit, size, prior = warmth_sizes(chain.state, 1e-5, self.column)
-        return (self.parameter("per_unit", f"1/{unit}", size, f"link {self.number}'s growth", prior),)
+        return (
+            self.parameter("per_unit", f"1/{unit}", size, f"link {self.number}'s growth", prior),
+        )
 
     def basis(self, state):
         lengths = state.robot.geometry[self.number - 1, [D, A]]
@@ -47,7 +49,9 @@ class BaseDrift(Effect):
     equation = "twist = sum_k c_k P_k(t)"
     source = "Legendre polynomials on the span of the recording, constant left to the base pose"
 
-    def __init__(self, where: str, start: float, end: float, order: Annotated[int, Field(ge=1, le=20)] = 3):
+    def __init__(
+        self, where: str, start: float, end: float, order: Annotated[int, Field(ge=1, le=20)] = 3
+    ):
         super().__init__(where)
         if end <= start:
             raise InputError(
@@ -95,7 +99,9 @@ class AxisRunOut(Effect):
 
     def table(self, chain):
         return tuple(
-            self.parameter(f"{axis}_{wave}", "mm", 0.02, f"joint {self.number}'s run-out {axis} {wave}")
+            self.parameter(
+                f"{axis}_{wave}", "mm", 0.02, f"joint {self.number}'s run-out {axis} {wave}"
+            )
             for axis in "xy"
             for wave in ("cos", "sin")
         )
@@ -108,5 +114,7 @@ class AxisRunOut(Effect):
     def _axes(self, state):
         """(2, 2, n) the fixed x and y across the axis, in the frame of the slots; Craig's turns with the joint."""
         turned = state.robot.convention == "craig"
-        angle = turned * (state.variables[self.number - 1] + state.robot.geometry[self.number - 1, THETA])
+        angle = turned * (
+            state.variables[self.number - 1] + state.robot.geometry[self.number - 1, THETA]
+        )
         return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

@@ -18,11 +18,15 @@ class JointCompliance(Effect):
     places = ("joint",)
     elastic = True
     equation = "dq = lambda tau(q, payload)"
-    source = "linear torsion spring: Ye et al., Sensors 24, 2559 (2024), eq. 22, with the full torque"
+    source = (
+        "linear torsion spring: Ye et al., Sensors 24, 2559 (2024), eq. 22, with the full torque"
+    )
 
     def table(self, chain):
         label = f"joint {self.number}'s compliance"
-        return (self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),)
+        return (
+            self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),
+        )
 
     def basis(self, state):
         return state.torque[self.number - 1][None, None]
@@ -40,7 +44,9 @@ class LinkSelfWeight(Effect):
 
     def table(self, chain):
         label = f"joint {self.number}'s compliance to its links"
-        return (self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),)
+        return (
+            self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),
+        )
 
     def basis(self, state):
         return state.self_torque[self.number - 1][None, None]
@@ -74,12 +80,24 @@ class YeCompliance(Effect):
         # a gear of 20 kN m/rad under ten newtons; links of ten times that load, at a quarter of a metre
         loads = [
             Parameter(
-                f"joint-{k}.joint-compliance.load", "rad/m", 0.0, 5e-4, f"the load compliance of joint {k}", 1.5e-3
+                f"joint-{k}.joint-compliance.load",
+                "rad/m",
+                0.0,
+                5e-4,
+                f"the load compliance of joint {k}",
+                1.5e-3,
             )
             for k in range(1, 7)
         ]
         weights = [
-            Parameter(f"joint-{k}.link-self-weight.s{k - 1}", "mm", 0.0, 1e3, f"the self-weight term s{k - 1}", 3e3)
+            Parameter(
+                f"joint-{k}.link-self-weight.s{k - 1}",
+                "mm",
+                0.0,
+                1e3,
+                f"the self-weight term s{k - 1}",
+                3e3,
+            )
             for k in (2, 3)
         ]
         return (*loads, *weights)
@@ -173,7 +191,9 @@ class PedestalCompliance(Effect):
 
     def table(self, chain):
         return tuple(
-            self.parameter(f"about_{axis}", "rad/(N m)", 3e-5, f"the pedestal's compliance about {axis}")
+            self.parameter(
+                f"about_{axis}", "rad/(N m)", 3e-5, f"the pedestal's compliance about {axis}"
+            )
             for axis in "xy"
         )
 
@@ -193,7 +213,10 @@ class ToolDeflection(Effect):
     source = "shift of the measured point along gravity seen from the flange"
 
     def table(self, chain):
-        return tuple(self.parameter(f"sag_{axis}", "mm", 0.05, f"the tool's sag along {axis}") for axis in "xyz")
+        return tuple(
+            self.parameter(f"sag_{axis}", "mm", 0.05, f"the tool's sag along {axis}")
+            for axis in "xyz"
+        )
 
     def basis(self, state):
         return one_each(np.einsum("cin,i->cn", state.frames.link[-1], state.gravity))
@@ -209,7 +232,9 @@ class MountTilt(Effect):
     source = "two direction cosines of gravity in the base frame"
 
     def table(self, chain):
-        return tuple(self.parameter(f"tilt_{i}", "rad", 0.01, f"the tilt of gravity ({i})") for i in (1, 2))
+        return tuple(
+            self.parameter(f"tilt_{i}", "rad", 0.01, f"the tilt of gravity ({i})") for i in (1, 2)
+        )
 
     def basis(self, state):
         gravity = state.robot.gravity
@@ -235,7 +260,10 @@ class MountTorsion(Effect):
 
     def table(self, chain):
         label = "joint 1's compliance times the tilt of gravity"
-        return tuple(self.parameter(f"torsion_{i}", joint_unit(chain, 1), 3e-6, f"{label} ({i})", 1e-4) for i in (1, 2))
+        return tuple(
+            self.parameter(f"torsion_{i}", joint_unit(chain, 1), 3e-6, f"{label} ({i})", 1e-4)
+            for i in (1, 2)
+        )
 
     def basis(self, state):
         across = np.linalg.svd(state.robot.gravity[None])[2][1:]
@@ -257,7 +285,11 @@ def _long_axis(robot, k):
     """(3,) unit vector of link k's length in its own frame; its z where it has none."""
     _, d, a, alpha, beta = robot.geometry[k]
     # craig: the link runs from frame k along its own z; distal: along x, after d along the joint's z
-    along = [0, 0, d] if robot.convention == "craig" else [a * np.cos(beta), d * np.sin(alpha), d * np.cos(alpha)]
+    along = (
+        [0, 0, d]
+        if robot.convention == "craig"
+        else [a * np.cos(beta), d * np.sin(alpha), d * np.cos(alpha)]
+    )
     length = np.linalg.norm(along)
     return np.array(along) / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
 
@@ -278,7 +310,13 @@ class FirstMoment(Effect):
         """Prior: a tenth of the arm's mass times 100 mm, or 100 kg mm where masses are unknown."""
         size = max(10.0 * chain.robot.mass.sum(), 100.0)
         return tuple(
-            self.parameter(f"m{axis}", "kg mm", size, f"the first moment of {self.where} along {axis}", prior=size)
+            self.parameter(
+                f"m{axis}",
+                "kg mm",
+                size,
+                f"the first moment of {self.where} along {axis}",
+                prior=size,
+            )
             for axis in "xyz"
         )
 

@@ -42,7 +42,8 @@ class FieldBias(Effect):
 
     def table(self, chain):
         return tuple(
-            self.parameter(name, "mm", 0.02, f"the field bias in {name}") for name in ("x", "y", "xx", "xy", "yy")
+            self.parameter(name, "mm", 0.02, f"the field bias in {name}")
+            for name in ("x", "y", "xx", "xy", "yy")
         )
 
     def basis(self, state):
@@ -60,7 +61,10 @@ class BallPosition(Effect):
     source = "one free vector a ball"
 
     def table(self, chain):
-        return tuple(self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}") for axis in "xyz")
+        return tuple(
+            self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}")
+            for axis in "xyz"
+        )
 
     def basis(self, state):
         mine = (state.index == self.number).astype(float)
@@ -93,7 +97,13 @@ class NoiseHeteroscedastic(Effect):
     equation = "log sigma -> log sigma + c (s - mean s) / spread of s"
     source = "log-linear variance model: Harvey, Econometrica 44 (1976)"
 
-    def __init__(self, where: str, covariate: str, mean: float = 0.0, spread: Annotated[float, Field(gt=0)] = 1.0):
+    def __init__(
+        self,
+        where: str,
+        covariate: str,
+        mean: float = 0.0,
+        spread: Annotated[float, Field(gt=0)] = 1.0,
+    ):
         super().__init__(where)
         self.covariate, self.mean, self.spread = covariate, mean, spread
 
@@ -102,7 +112,11 @@ class NoiseHeteroscedastic(Effect):
         return (self.covariate,)
 
     def table(self, chain):
-        return (self.parameter(self.covariate, "1", 0.3, f"the growth of the noise with {self.covariate}"),)
+        return (
+            self.parameter(
+                self.covariate, "1", 0.3, f"the growth of the noise with {self.covariate}"
+            ),
+        )
 
     def slots(self, chain):
         return (0,)

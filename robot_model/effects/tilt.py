@@ -24,7 +24,10 @@ class MeasuredTilt(Effect):
     source = "an accelerometer at rest is an inclinometer: first order in the angle"
 
     def __init__(
-        self, where: str, sensor: str, axes: Annotated[str, StringConstraints(pattern=r"^(xy|xz|yz)$")] = "xy"
+        self,
+        where: str,
+        sensor: str,
+        axes: Annotated[str, StringConstraints(pattern=r"^(xy|xz|yz)$")] = "xy",
     ):
         super().__init__(where)
         self.sensor, self.axes = sensor, axes
@@ -36,12 +39,20 @@ class MeasuredTilt(Effect):
 
     def table(self, chain):
         # ground that gives way sinks as it tilts: as if about a point many metres off
-        slots = [(f"d{c}", "mm/rad", 1000.0) for c in "xyz"] + [(f"r{c}", "rad/rad", 1.0) for c in "xyz"]
+        slots = [(f"d{c}", "mm/rad", 1000.0) for c in "xyz"] + [
+            (f"r{c}", "rad/rad", 1.0) for c in "xyz"
+        ]
         return tuple(
-            self.parameter(f"{self.sensor}_{axis}_{name}", unit, size,
-                           f"{name} by the accelerometer's {axis}", 20 * size)
-            for axis in self.axes for name, unit, size in slots
-        )  # fmt: skip
+            self.parameter(
+                f"{self.sensor}_{axis}_{name}",
+                unit,
+                size,
+                f"{name} by the accelerometer's {axis}",
+                20 * size,
+            )
+            for axis in self.axes
+            for name, unit, size in slots
+        )
 
     def basis(self, state):
         angles = np.stack([state.covariate(name) for name in self.needs]) / STANDARD_GRAVITY
@@ -51,7 +62,9 @@ class MeasuredTilt(Effect):
 def level_axes(covariates, sensor: str) -> str | None:
     """The two axes of an accelerometer across which gravity least lies; None where two are not recorded or rest."""
     held = {axis: covariates.get(f"accel_{sensor}_{axis}_m_s2") for axis in "xyz"}
-    level = sorted((float((x**2).mean()), axis) for axis, x in held.items() if x is not None and np.ptp(x) > 0)[:2]
+    level = sorted(
+        (float((x**2).mean()), axis) for axis, x in held.items() if x is not None and np.ptp(x) > 0
+    )[:2]
     return "".join(sorted(axis for _, axis in level)) if len(level) == 2 else None
 
 

@@ -31,7 +31,9 @@ class TransmissionHarmonic(Effect):
         times = f"{self.order:g} times a turn"
         # 3e-4 rad is one minute of arc: what makers state as the accuracy of a robot's gears
         return tuple(
-            self.parameter(f"{wave}{self.order:g}", "rad", 3e-4, f"joint {self.number}'s {wave} {times}")
+            self.parameter(
+                f"{wave}{self.order:g}", "rad", 3e-4, f"joint {self.number}'s {wave} {times}"
+            )
             for wave in ("cos", "sin")
         )
 
@@ -54,7 +56,11 @@ class ConstantTerm(Effect):
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 16"
 
     def table(self, chain):
-        return (self.parameter("k0", *_size(chain, self.number, 1e-3), f"the constant term of joint {self.number}"),)
+        return (
+            self.parameter(
+                "k0", *_size(chain, self.number, 1e-3), f"the constant term of joint {self.number}"
+            ),
+        )
 
     def basis(self, state):
         return np.ones((1, 1, state.n))
@@ -75,7 +81,10 @@ class Backlash(Effect):
     source = "half-gap model, e.g. Slamani, Nubiola & Bonev, Robotica 30 (2012)"
 
     def __init__(
-        self, where: str, seat: Literal["approach", "gravity"] = "approach", width: Annotated[float, Field(gt=0)] = 0.5
+        self,
+        where: str,
+        seat: Literal["approach", "gravity"] = "approach",
+        width: Annotated[float, Field(gt=0)] = 0.5,
     ):
         super().__init__(where)
         self.seat, self.width = seat, width
@@ -85,7 +94,11 @@ class Backlash(Effect):
         return (f"approach{self.number}",) if self.seat == "approach" else ()
 
     def table(self, chain):
-        return (self.parameter("half_gap", *_size(chain, self.number, 1e-3), f"joint {self.number}'s half gap"),)
+        return (
+            self.parameter(
+                "half_gap", *_size(chain, self.number, 1e-3), f"joint {self.number}'s half gap"
+            ),
+        )
 
     def basis(self, state):
         if self.seat == "approach":
@@ -137,7 +150,9 @@ class JointCoupling(Effect):
     def table(self, chain):
         if not 1 <= self.joint <= chain.robot.joints:
             expected = f"one of the arm's {chain.robot.joints} joints"
-            raise InputError(f"{self.title}, option joint: expected {expected}, found {self.joint}; correct it")
+            raise InputError(
+                f"{self.title}, option joint: expected {expected}, found {self.joint}; correct it"
+            )
         unit, size = _size(chain, self.number, 1e-3)
         other, per = _size(chain, self.joint, 1.0)
         label = f"joint {self.number}'s share of joint {self.joint}"
@@ -159,7 +174,11 @@ class JointThermalDrift(Effect):
     def table(self, chain):
         angle, kelvin = _size(chain, self.number, 1e-4)
         unit, size, prior = warmth_sizes(chain.state, kelvin, self.column)
-        return (self.parameter("per_unit", f"{angle}/{unit}", size, f"joint {self.number}'s drift", prior),)
+        return (
+            self.parameter(
+                "per_unit", f"{angle}/{unit}", size, f"joint {self.number}'s drift", prior
+            ),
+        )
 
     def basis(self, state):
         return warmth(state, self.column)[None, None]
@@ -188,7 +207,9 @@ class TimeOffset(Effect):
 
     def basis(self, state):
         speeds = [
-            state.covariate(f"qdot{k}_mm_s") if slides else np.deg2rad(state.covariate(f"qdot{k}_deg_s"))
+            state.covariate(f"qdot{k}_mm_s")
+            if slides
+            else np.deg2rad(state.covariate(f"qdot{k}_deg_s"))
             for k, slides in enumerate(sliding(state.robot), 1)
         ]
         return (state.robot.mixing @ np.stack(speeds))[None]
@@ -216,14 +237,22 @@ class ReadingLag(Effect):
 
     def table(self, chain):
         if self.law == "share":
-            return (self.parameter("share", "1", 1e-3, "the share of its last move that each joint is short by"),)
-        return (self.parameter("short", "rad", 1e-3, "what the joint that moved farthest is short by"),)
+            return (
+                self.parameter(
+                    "share", "1", 1e-3, "the share of its last move that each joint is short by"
+                ),
+            )
+        return (
+            self.parameter("short", "rad", 1e-3, "what the joint that moved farthest is short by"),
+        )
 
     def basis(self, state):
         moves = np.stack([state.covariate(f"move{k}") for k in range(1, state.robot.joints + 1)])
         if self.law == "share":
             return moves[None]
-        metres = np.where(state.robot.prismatic, 1e-3, 1.0)[:, None]  # a slide's metre counts as a radian
+        metres = np.where(state.robot.prismatic, 1e-3, 1.0)[
+            :, None
+        ]  # a slide's metre counts as a radian
         return (moves / np.maximum(np.abs(moves * metres).max(0), 1e-9))[None]
 
 

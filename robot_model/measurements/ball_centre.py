@@ -12,7 +12,12 @@ from robot_model.measurements.closure import (
     kronecker_rows,
     position_sigma,
 )
-from robot_model.measurements.multistart import MODEL_ERROR_MM, ORIGIN_PRIOR_MM, TOOL_PRIOR_MM, RotationSystem
+from robot_model.measurements.multistart import (
+    MODEL_ERROR_MM,
+    ORIGIN_PRIOR_MM,
+    TOOL_PRIOR_MM,
+    RotationSystem,
+)
 from robot_model.poses import pose_parameters, pose_values
 from workbench.core.parameters import Parameter
 from workbench.core.rigid import left_jacobian, rotation_matrix
@@ -33,7 +38,9 @@ class BallCentre:
         """From a recording with an artefact."""
         ids, index = np.unique(recording.ball, return_inverse=True)
         centres = np.array([recording.balls[int(i)][:3] for i in ids])
-        return cls(np.ascontiguousarray(recording.points.T), index, tuple(int(i) for i in ids), centres)
+        return cls(
+            np.ascontiguousarray(recording.points.T), index, tuple(int(i) for i in ids), centres
+        )
 
     def parameters(self) -> list[Parameter]:
         """Hand-eye transform T_flange_sensor."""
@@ -70,9 +77,18 @@ class BallCentre:
         tool_rows = np.empty((6, 3, len(self.index)))
         tool_rows[:3] = -turn[:, :, None]
         tool_rows[3:] = cross(seen, about.T[:, :, None])
-        ports = {"sensor": np.broadcast_to(np.eye(3)[:, :, None], (3, 3, seen.shape[1])), "target": _columns(axes)}
-        return Closure(predicted - self.measured, ball, lambda rows: -_into(axes, rows), tool_rows, ports,
-                       to_world=lambda seen: sum(axis * row for axis, row in zip(axes, seen)))  # fmt: skip
+        ports = {
+            "sensor": np.broadcast_to(np.eye(3)[:, :, None], (3, 3, seen.shape[1])),
+            "target": _columns(axes),
+        }
+        return Closure(
+            predicted - self.measured,
+            ball,
+            lambda rows: -_into(axes, rows),
+            tool_rows,
+            ports,
+            to_world=lambda seen: sum(axis * row for axis, row in zip(axes, seen)),
+        )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Base pose (6,) and hand-eye (6,) of the best of the local minima over both rotations.

@@ -34,7 +34,13 @@ class BallSurface:
         """From a recording with an artefact."""
         ids, index = np.unique(recording.ball, return_inverse=True)
         balls = np.array([recording.balls[int(i)] for i in ids])
-        return cls(np.ascontiguousarray(recording.points.T), index, tuple(int(i) for i in ids), balls, recording.poses)
+        return cls(
+            np.ascontiguousarray(recording.points.T),
+            index,
+            tuple(int(i) for i in ids),
+            balls,
+            recording.poses,
+        )
 
     def parameters(self) -> list[Parameter]:
         """Hand-eye transform T_flange_sensor."""
@@ -54,8 +60,12 @@ class BallSurface:
         return position_sigma(recording)[:1]
 
     def at(self, samples: np.ndarray) -> "BallSurface":
-        return replace(self, measured=self.measured[:, samples], index=self.index[samples],
-                       standstill=self.standstill[samples])  # fmt: skip
+        return replace(
+            self,
+            measured=self.measured[:, samples],
+            index=self.index[samples],
+            standstill=self.standstill[samples],
+        )
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, n) distance from the ball's surface, outwards, mm; the world is the artefact."""
@@ -71,16 +81,25 @@ class BallSurface:
         far = np.sqrt((out**2).sum(0))
         out = out / far
         by_flange = np.stack([(out * axis).sum(0) for axis in frames.end])
-        turned = cross(left_jacobian(values[3:]).T[:, :, None], np.broadcast_to(arm, (3, *arm.shape)))
+        turned = cross(
+            left_jacobian(values[3:]).T[:, :, None], np.broadcast_to(arm, (3, *arm.shape))
+        )
         tool_rows = np.concatenate([by_flange[:, None], (turned * by_flange).sum(1)[:, None]])
         ports = {"sensor": -(turn.T @ by_flange)[:, None], "target": -out[:, None]}
-        return Closure((far - self.balls[self.index, 3])[None], point, lambda rows: (rows * out).sum(1)[:, None],
-                       tool_rows, ports, to_world=lambda gap: out * gap)  # fmt: skip
+        return Closure(
+            (far - self.balls[self.index, 3])[None],
+            point,
+            lambda rows: (rows * out).sum(1)[:, None],
+            tool_rows,
+            ports,
+            to_world=lambda gap: out * gap,
+        )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """A ball fitted to the points of each standstill; then as for ball centres."""
-        pairs, first, group = np.unique(np.stack([self.standstill, self.index]), axis=1, return_index=True,
-                                        return_inverse=True)  # fmt: skip
+        pairs, first, group = np.unique(
+            np.stack([self.standstill, self.index]), axis=1, return_index=True, return_inverse=True
+        )
         centres = np.full((3, pairs.shape[1]), np.nan)
         for k in range(pairs.shape[1]):
             mine = self.measured[:, group.ravel() == k]
@@ -93,8 +112,12 @@ class BallSurface:
             )
         rows, ball = first[usable], self.index[first[usable]]
         seen = np.unique(ball)
-        centre = BallCentre(centres[:, usable], np.searchsorted(seen, ball), tuple(np.asarray(self.ids)[seen].tolist()),
-                            self.balls[seen, :3])  # fmt: skip
+        centre = BallCentre(
+            centres[:, usable],
+            np.searchsorted(seen, ball),
+            tuple(np.asarray(self.ids)[seen].tolist()),
+            self.balls[seen, :3],
+        )
         return centre.start(_at(frames, rows))
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
@@ -126,4 +149,8 @@ def _centre(points, radius):
 
 def _at(frames: Frames, rows) -> Frames:
     """The flange's frames of some rows."""
-    return replace(frames, end=tuple(axis[:, rows] for axis in frames.end), end_origin=frames.end_origin[:, rows])
+    return replace(
+        frames,
+        end=tuple(axis[:, rows] for axis in frames.end),
+        end_origin=frames.end_origin[:, rows],
+    )

@@ -27,7 +27,9 @@ def paired(recording):
     """
     if "pair" not in recording.columns or OTHER + "sample" in recording.columns:
         return recording
-    pairs, group, count = np.unique(recording.columns["pair"], return_inverse=True, return_counts=True)
+    pairs, group, count = np.unique(
+        recording.columns["pair"], return_inverse=True, return_counts=True
+    )
     if (count != 2).any():
         worst = int(np.argmax(count != 2))
         raise InputError(
@@ -37,7 +39,9 @@ def paired(recording):
     rows = np.argsort(group.ravel(), kind="stable").reshape(-1, 2)
     rows = rows[np.argsort(rows[:, 0])]  # in the order in which they were measured
     first, second = recording.select(rows[:, 0]), recording.select(rows[:, 1])
-    columns = dict(first.columns) | {OTHER + name: column for name, column in second.columns.items()}
+    columns = dict(first.columns) | {
+        OTHER + name: column for name, column in second.columns.items()
+    }
     for name in _LINKS:  # a repeat of a length is a repeat of both its ends
         if name in recording.columns:
             both = np.stack([columns[name], columns[OTHER + name]])
@@ -47,7 +51,11 @@ def paired(recording):
 
 def second_ends(recording):
     """The second rows of a recording that is `paired`, under their own names."""
-    columns = {name.removeprefix(OTHER): column for name, column in recording.columns.items() if name.startswith(OTHER)}
+    columns = {
+        name.removeprefix(OTHER): column
+        for name, column in recording.columns.items()
+        if name.startswith(OTHER)
+    }
     return replace(recording, columns=columns)
 
 
@@ -111,8 +119,14 @@ class Distance:
         by_flange = (axes * out).sum(1)
         tool_rows = (own[:, None] * by_flange).reshape(-1, 1, len(self.index))
         ports = {"target": by_flange[:, None], "sensor": out[:, None]}
-        return Closure(np.tile(far - self.lengths, 2)[None] / 2, point, lambda rows: (rows * out).sum(1)[:, None],
-                       tool_rows, ports, to_world=lambda gap: along * gap)  # fmt: skip
+        return Closure(
+            np.tile(far - self.lengths, 2)[None] / 2,
+            point,
+            lambda rows: (rows * out).sum(1)[:, None],
+            tool_rows,
+            ports,
+            to_world=lambda gap: along * gap,
+        )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Reflectors by Gauss-Newton from where the squared lengths, with products as unknowns, put one for all."""
@@ -127,7 +141,10 @@ class Distance:
         gap, rows = self._gaps(frames, values)
         for _ in range(_STEPS):
             move = -np.linalg.lstsq(rows.T, gap, rcond=1e-6)[0]
-            while np.abs(move).max() > 1e-6 and (self._gaps(frames, values + move)[0] ** 2).sum() >= (gap**2).sum():
+            while (
+                np.abs(move).max() > 1e-6
+                and (self._gaps(frames, values + move)[0] ** 2).sum() >= (gap**2).sum()
+            ):
                 move = move / 2
             if np.abs(move).max() <= 1e-6:
                 break

@@ -12,7 +12,13 @@ from robot_model.measurements.closure import (
     kronecker_rows,
     position_sigma,
 )
-from robot_model.measurements.multistart import MODEL_ERROR_MM, ORIGIN_PRIOR_MM, TOOL_PRIOR_MM, RotationSystem, Start
+from robot_model.measurements.multistart import (
+    MODEL_ERROR_MM,
+    ORIGIN_PRIOR_MM,
+    TOOL_PRIOR_MM,
+    RotationSystem,
+    Start,
+)
 from robot_model.poses import pose_values
 from workbench.core.parameters import Parameter
 
@@ -35,7 +41,9 @@ class ExternalPoint:
     def parameters(self) -> list[Parameter]:
         """Three coordinates a reflector, flange frame, mm."""
         return [
-            Parameter(f"tool.reflector{r}_{axis}", "mm", 0.0, 100.0, f"reflector {r} {axis} on the flange")
+            Parameter(
+                f"tool.reflector{r}_{axis}", "mm", 0.0, 100.0, f"reflector {r} {axis} on the flange"
+            )
             for r in self.ids
             for axis in "xyz"
         ]
@@ -86,7 +94,9 @@ class ExternalPoint:
         return dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual))
 
 
-def point_system(frames: Frames, measured: np.ndarray, index: np.ndarray, reflectors: int) -> RotationSystem:
+def point_system(
+    frames: Frames, measured: np.ndarray, index: np.ndarray, reflectors: int
+) -> RotationSystem:
     """X (p - mean p) + t - R_f r = t_f - mean t_f, with X = R_b^T and the reflectors r of the samples.
 
     measured (3, n) mm, external frame; index (n,) which reflector. Unknown translations: t (3,), then the

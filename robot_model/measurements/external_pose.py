@@ -25,7 +25,9 @@ class ExternalPose:
     def of(cls, recording) -> "ExternalPose":
         """From a recording with columns qw qx qy qz."""
         quaternions = np.stack([recording.columns[f"q{c}"] for c in "xyzw"], -1)
-        return cls(np.ascontiguousarray(recording.points.T), Rotation.from_quat(quaternions).as_matrix())
+        return cls(
+            np.ascontiguousarray(recording.points.T), Rotation.from_quat(quaternions).as_matrix()
+        )
 
     def parameters(self) -> list:
         """Transform T_flange_target."""
@@ -43,7 +45,11 @@ class ExternalPose:
     def sigma(self, recording) -> np.ndarray:
         """(6, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
         position = position_sigma(recording)
-        turn = np.deg2rad(recording.columns["sigma_deg"]) if "sigma_deg" in recording.columns else position[0] / 100
+        turn = (
+            np.deg2rad(recording.columns["sigma_deg"])
+            if "sigma_deg" in recording.columns
+            else position[0] / 100
+        )
         return np.concatenate([position, np.tile(turn, (3, 1))])
 
     def at(self, samples: np.ndarray) -> "ExternalPose":
@@ -51,20 +57,35 @@ class ExternalPose:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(6, n): point difference in mm, then the rotation vector from measured to predicted (rad)."""
-        point, tool, axes = frames.point(values[:3]), rotation_matrix(values[3:]), np.stack(frames.end)
+        point, tool, axes = (
+            frames.point(values[:3]),
+            rotation_matrix(values[3:]),
+            np.stack(frames.end),
+        )
         if "target" in deltas:
             slots, change = deltas["target"]
             point = point + sum(axes[s] * c for s, c in zip(slots, change))
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
-        off = Rotation.from_matrix(flange_matrices(frames) @ tool @ self.turns.transpose(0, 2, 1)).as_rotvec().T
+        off = (
+            Rotation.from_matrix(flange_matrices(frames) @ tool @ self.turns.transpose(0, 2, 1))
+            .as_rotvec()
+            .T
+        )
         tool_rows = np.zeros((6, 6, point.shape[1]))
         tool_rows[:3, :3] = axes
-        tool_rows[3:, 3:] = _of_vector(off, np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:])))
+        tool_rows[3:, 3:] = _of_vector(
+            off, np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:]))
+        )
         below = np.zeros_like(axes)
         sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
-        ports = {port: np.concatenate([rows, below], 1) for port, rows in (("target", axes), ("sensor", sensor))}
+        ports = {
+            port: np.concatenate([rows, below], 1)
+            for port, rows in (("target", axes), ("sensor", sensor))
+        }
         residual = np.concatenate([predicted - self.measured, off])
-        return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(_of_vector(off, turns)))
+        return Closure(
+            residual, point, _above, tool_rows, ports, lambda turns: _below(_of_vector(off, turns))
+        )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Base pose (6,) and tool (6,) that fit positions and orientations together best."""
@@ -73,7 +94,10 @@ class ExternalPose:
     def starts(self, frames: Frames) -> list[tuple[np.ndarray, np.ndarray]]:
         """Base and tool at every local minimum that was found, best first."""
         return [
-            (base_values(start, frames, self.measured), pose_values(start.rotations[1], start.translations[3:]))
+            (
+                base_values(start, frames, self.measured),
+                pose_values(start.rotations[1], start.translations[3:]),
+            )
             for start in self.system(frames).starts()
         ]
 

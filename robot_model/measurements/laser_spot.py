@@ -38,8 +38,12 @@ class LaserSpot:
     @classmethod
     def of(cls, recording) -> "LaserSpot":
         """From a recording with columns `point` and `sphere`."""
-        ids, first, index = np.unique(recording.columns["point"], return_index=True, return_inverse=True)
-        _, sphere, counts = np.unique(recording.columns["sphere"][first], return_inverse=True, return_counts=True)
+        ids, first, index = np.unique(
+            recording.columns["point"], return_index=True, return_inverse=True
+        )
+        _, sphere, counts = np.unique(
+            recording.columns["sphere"][first], return_inverse=True, return_counts=True
+        )
         bound = counts >= _LEAST
         sphere = np.where(bound, np.cumsum(bound) - 1, -1)[sphere]
         return cls(index, tuple(int(i) for i in ids), sphere, np.tile(np.eye(3), (len(ids), 1, 1)))
@@ -53,9 +57,21 @@ class LaserSpot:
         """The beam (z axis of a frame on the flange), then each sphere, then each point, root frame, mm and rad."""
         table = pose_parameters("tool", "beam")
         for s in range(self.spheres):
-            table += [Parameter(f"artefact.sphere{s + 1}_{axis}", "mm", 0.0, 100.0, f"centre {axis} of sphere {s + 1}")
-                      for axis in "xyz"]  # fmt: skip
-            table.append(Parameter(f"artefact.sphere{s + 1}_radius", "mm", 0.0, 100.0, f"radius of sphere {s + 1}"))
+            table += [
+                Parameter(
+                    f"artefact.sphere{s + 1}_{axis}",
+                    "mm",
+                    0.0,
+                    100.0,
+                    f"centre {axis} of sphere {s + 1}",
+                )
+                for axis in "xyz"
+            ]
+            table.append(
+                Parameter(
+                    f"artefact.sphere{s + 1}_radius", "mm", 0.0, 100.0, f"radius of sphere {s + 1}"
+                )
+            )
         for k, bound in zip(self.ids, self.sphere >= 0):
             for name, unit, size in _place_on_sphere(k) if bound else _place_anywhere(k):
                 table.append(Parameter(f"artefact.{name}", unit, 0.0, size, name.replace("_", " ")))
@@ -91,8 +107,12 @@ class LaserSpot:
         away = point - frames.point(values[:3])
         seen = np.stack([(axis * away).sum(0) for axis in axes])
         about = turn.T @ left_jacobian(values[3:6])
-        tool_rows = np.concatenate([np.repeat(-turn[:, :2, None], len(self.index), 2),
-                                    cross(seen, about.T[:, :, None])[:, :2]])  # fmt: skip
+        tool_rows = np.concatenate(
+            [
+                np.repeat(-turn[:, :2, None], len(self.index), 2),
+                cross(seen, about.T[:, :, None])[:, :2],
+            ]
+        )
         world = point_rows[:, :, self.index] * self._mine(point_rows)[:, None]
         across = np.stack(axes[:2])
         rows = np.concatenate([tool_rows, np.einsum("acn,kcn->kan", across, world)])
@@ -101,14 +121,23 @@ class LaserSpot:
             if port in ("sensor", "target"):
                 residual = residual + _two(delta, residual.shape)
         both = np.repeat(np.eye(3)[:, :2, None], len(self.index), 2)
-        return Closure(residual, point, lambda moved: -np.einsum("acn,kcn->kan", across, moved), rows,
-                       {"sensor": both, "target": both},
-                       to_world=lambda seen: np.einsum("acn,an->cn", across, seen))  # fmt: skip
+        return Closure(
+            residual,
+            point,
+            lambda moved: -np.einsum("acn,kcn->kan", across, moved),
+            rows,
+            {"sensor": both, "target": both},
+            to_world=lambda seen: np.einsum("acn,an->cn", across, seen),
+        )
 
     def _points(self, values):
         """(3, K) places of the points, root frame, and (P, 3, K) their derivative by `values`."""
         spheres = values[: 4 * self.spheres].reshape(-1, 4)
-        points, rows, at = np.zeros((3, len(self.ids))), np.zeros((len(values), 3, len(self.ids))), 4 * self.spheres
+        points, rows, at = (
+            np.zeros((3, len(self.ids))),
+            np.zeros((len(values), 3, len(self.ids))),
+            4 * self.spheres,
+        )
         for k, s in enumerate(self.sphere):  # points, not samples: a few dozen
             if s < 0:
                 points[:, k], rows[at : at + 3, :, k] = values[at : at + 3], np.eye(3)
@@ -163,7 +192,9 @@ class LaserSpot:
         off = seen - origin
         distance = float(((off - np.outer(off @ direction, direction)) ** 2).sum())
         origin = origin - (origin @ direction) * direction
-        turn, _ = rigid_fit(np.stack([np.zeros(3), [0.0, 0, 1]]), np.stack([np.zeros(3), direction]))
+        turn, _ = rigid_fit(
+            np.stack([np.zeros(3), [0.0, 0, 1]]), np.stack([np.zeros(3), direction])
+        )
         return origin, turn, points, distance
 
     def _nearest_points(self, origins, directions):

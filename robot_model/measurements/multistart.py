@@ -146,7 +146,11 @@ class RotationSystem:
 
     def _distances(self, rotations: np.ndarray, translations: np.ndarray) -> np.ndarray:
         """(n,) lengths of the residuals of the samples."""
-        gap = self.rotation_rows @ rotations.ravel() + self.translation_rows @ translations - self.right
+        gap = (
+            self.rotation_rows @ rotations.ravel()
+            + self.translation_rows @ translations
+            - self.right
+        )
         return np.linalg.norm(gap, axis=1)
 
     def _robust_weights(self, start: Start) -> np.ndarray:
@@ -161,7 +165,9 @@ class _Reduced:
 
     def __init__(self, system: RotationSystem, weights: np.ndarray, centre: np.ndarray):
         self.count, free = system.count, len(system.prior)
-        rows = np.concatenate([system.translation_rows, system.rotation_rows, -system.right[:, :, None]], 2)
+        rows = np.concatenate(
+            [system.translation_rows, system.rotation_rows, -system.right[:, :, None]], 2
+        )
         rows = (rows * np.sqrt(weights)[:, None, None]).reshape(-1, rows.shape[2])
         prior = np.zeros((free, rows.shape[1]))
         prior[:, :free] = np.diag(1 / system.prior)
@@ -172,7 +178,9 @@ class _Reduced:
 
     def translations(self, rotations: np.ndarray) -> np.ndarray:
         """(F,) best translations for rotations (K, 3, 3); the prior keeps the triangle regular."""
-        return -np.linalg.solve(self._translation, self._coupling @ np.append(rotations.ravel(), 1.0))
+        return -np.linalg.solve(
+            self._translation, self._coupling @ np.append(rotations.ravel(), 1.0)
+        )
 
     def residual(self, rotations: np.ndarray) -> np.ndarray:
         """(S, r) residuals at S sets of rotations (S, K, 3, 3)."""
@@ -243,7 +251,9 @@ class _Reduced:
         parts = []
         for k in range(self.count):
             # d vec(X) / d omega_j = vec([e_j]x X)
-            turned = np.einsum("jab,sbc->sjac", _GENERATORS, rotations[:, k]).reshape(len(rotations), 3, 9)
+            turned = np.einsum("jab,sbc->sjac", _GENERATORS, rotations[:, k]).reshape(
+                len(rotations), 3, 9
+            )
             parts.append(np.einsum("rv,sjv->srj", self.rows[:, 9 * k : 9 * k + 9], turned))
         return np.concatenate(parts, 2)
 
@@ -270,9 +280,14 @@ class _Reduced:
         return nearest_rotation(rotations)
 
 
-_GENERATORS = np.array([[[0, 0, 0], [0, 0, -1], [0, 1, 0]],
-                        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
-                        [[0, -1, 0], [1, 0, 0], [0, 0, 0]]], float)  # fmt: skip
+_GENERATORS = np.array(
+    [
+        [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
+    ],
+    float,
+)
 
 
 def _between(first: np.ndarray, second: np.ndarray) -> np.ndarray:

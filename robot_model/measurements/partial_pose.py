@@ -6,7 +6,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.chain import Frames, cross
-from robot_model.measurements.closure import Closure, add_delta, flange_matrices, kronecker_rows, position_sigma
+from robot_model.measurements.closure import (
+    Closure,
+    add_delta,
+    flange_matrices,
+    kronecker_rows,
+    position_sigma,
+)
 from robot_model.measurements.external_point import base_values, point_system
 from robot_model.measurements.multistart import MODEL_ERROR_MM, RotationSystem, lever_arm
 from robot_model.poses import pose_parameters
@@ -28,9 +34,13 @@ class PartialPose:
     @classmethod
     def of(cls, recording) -> "PartialPose":
         """From a recording with columns nx ny nz (the tool's x axis) or ox oy oz (its y axis)."""
-        names, which = next((names, k) for names, k in AXES.items() if set(names) <= set(recording.columns))
+        names, which = next(
+            (names, k) for names, k in AXES.items() if set(names) <= set(recording.columns)
+        )
         axis = np.stack([recording.columns[name] for name in names])
-        return cls(np.ascontiguousarray(recording.points.T), axis / np.linalg.norm(axis, axis=0), which)
+        return cls(
+            np.ascontiguousarray(recording.points.T), axis / np.linalg.norm(axis, axis=0), which
+        )
 
     def parameters(self) -> list:
         """Transform T_flange_target; its turn about the measured axis is nowhere seen."""
@@ -48,7 +58,11 @@ class PartialPose:
     def sigma(self, recording) -> np.ndarray:
         """(5, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
         position = position_sigma(recording)
-        turn = np.deg2rad(recording.columns["sigma_deg"]) if "sigma_deg" in recording.columns else position[0] / 100
+        turn = (
+            np.deg2rad(recording.columns["sigma_deg"])
+            if "sigma_deg" in recording.columns
+            else position[0] / 100
+        )
         return np.concatenate([position, np.tile(turn, (2, 1))])
 
     def at(self, samples: np.ndarray) -> "PartialPose":
@@ -68,7 +82,11 @@ class PartialPose:
         The logarithm on the unit sphere: its length is the angle from 0 to pi. The sines alone would be
         zero again for an axis that points the other way.
         """
-        point, tool, axes = frames.point(values[:3]), rotation_matrix(values[3:]), np.stack(frames.end)
+        point, tool, axes = (
+            frames.point(values[:3]),
+            rotation_matrix(values[3:]),
+            np.stack(frames.end),
+        )
         if "target" in deltas:
             slots, change = deltas["target"]
             point = point + sum(axes[s] * c for s, c in zip(slots, change))
@@ -91,7 +109,10 @@ class PartialPose:
         tool_rows[3:, 3:] = lean(np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:])))
         below = np.zeros((3, 2, point.shape[1]))
         sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
-        ports = {port: np.concatenate([rows, below], 1) for port, rows in (("target", axes), ("sensor", sensor))}
+        ports = {
+            port: np.concatenate([rows, below], 1)
+            for port, rows in (("target", axes), ("sensor", sensor))
+        }
         residual = np.concatenate([predicted - self.measured, leaning])
         return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(lean(turns)))
 

@@ -29,10 +29,16 @@ class PlaneTouch:
 
     def parameters(self) -> list[Parameter]:
         """The tip on the flange; of each plane two turns of its normal from z, and its distance from the root."""
-        tip = [Parameter(f"tool.tip_{axis}", "mm", 0.0, 100.0, f"tip {axis} on the flange") for axis in "xyz"]
+        tip = [
+            Parameter(f"tool.tip_{axis}", "mm", 0.0, 100.0, f"tip {axis} on the flange")
+            for axis in "xyz"
+        ]
         words = (("rx", "rad", 0.1), ("ry", "rad", 0.1), ("offset", "mm", 100.0))
-        return tip + [Parameter(f"artefact.plane{k}_{name}", unit, 0.0, size, f"plane {k} {name}")
-                      for k in self.ids for name, unit, size in words]  # fmt: skip
+        return tip + [
+            Parameter(f"artefact.plane{k}_{name}", unit, 0.0, size, f"plane {k} {name}")
+            for k in self.ids
+            for name, unit, size in words
+        ]
 
     @property
     def measured(self) -> np.ndarray:
@@ -57,13 +63,19 @@ class PlaneTouch:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, n) distance of the tip from its plane, along the plane's normal, mm."""
-        tip, planes, axes = frames.point(values[:3]), values[3:].reshape(-1, 3), np.stack(frames.end)
+        tip, planes, axes = (
+            frames.point(values[:3]),
+            values[3:].reshape(-1, 3),
+            np.stack(frames.end),
+        )
         if "target" in deltas:
             slots, change = deltas["target"]
             tip = tip + sum(axes[s] * c for s, c in zip(slots, change))
         tilt = np.column_stack([planes[:, :2], np.zeros(len(planes))])
         normals = rotation_matrix(tilt)[:, :, 2]
-        turned = np.cross(np.swapaxes(left_jacobian(tilt), 1, 2)[:, :2], normals[:, None])  # (K, 2, 3)
+        turned = np.cross(
+            np.swapaxes(left_jacobian(tilt), 1, 2)[:, :2], normals[:, None]
+        )  # (K, 2, 3)
         normal = normals[self.index].T
         across = np.einsum("nkc,cn->kn", turned[self.index], tip)
         own = np.stack([*across, np.full(len(self.index), -1.0)])
@@ -71,9 +83,14 @@ class PlaneTouch:
         plane_rows = (mine[:, None] * own).reshape(-1, 1, len(self.index))
         along = (axes * normal).sum(1)[:, None]
         residual = (normal * tip).sum(0) - planes[self.index, 2]
-        return Closure(residual[None], tip, lambda rows: (rows * normal).sum(1)[:, None],
-                       np.concatenate([along, plane_rows]), {"target": along, "sensor": normal[:, None]},
-                       to_world=lambda gap: normal * gap)  # fmt: skip
+        return Closure(
+            residual[None],
+            tip,
+            lambda rows: (rows * normal).sum(1)[:, None],
+            np.concatenate([along, plane_rows]),
+            {"target": along, "sensor": normal[:, None]},
+            to_world=lambda gap: normal * gap,
+        )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Planes through the tips and the tip that lies on them, by turns, from the flange's middle."""

@@ -10,7 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_model.chain import Frames
-from robot_model.measurements.closure import Closure, flange_matrices, position_sigma, solve_linear_start
+from robot_model.measurements.closure import (
+    Closure,
+    flange_matrices,
+    position_sigma,
+    solve_linear_start,
+)
 from workbench.core.parameters import Parameter
 
 
@@ -30,7 +35,10 @@ class TouchPoint:
 
     def parameters(self) -> list[Parameter]:
         """The tip on the flange and the touched points in the robot's root frame, mm."""
-        tip = [Parameter(f"tool.tip_{axis}", "mm", 0.0, 100.0, f"tip {axis} on the flange") for axis in "xyz"]
+        tip = [
+            Parameter(f"tool.tip_{axis}", "mm", 0.0, 100.0, f"tip {axis} on the flange")
+            for axis in "xyz"
+        ]
         return tip + [
             Parameter(f"artefact.point{k}_{axis}", "mm", 0.0, 100.0, f"touched point {k} {axis}")
             for k in self.ids
@@ -71,15 +79,22 @@ class TouchPoint:
         residual = tip - points
         if "sensor" in deltas:
             residual = residual + _spread(deltas["sensor"], residual.shape)
-        return Closure(residual, tip, lambda rows: rows, np.concatenate([axes, point_rows]),
-                       {"target": axes, "sensor": gap})  # fmt: skip
+        return Closure(
+            residual,
+            tip,
+            lambda rows: rows,
+            np.concatenate([axes, point_rows]),
+            {"target": axes, "sensor": gap},
+        )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """t_f + R_f x - p_k = 0 is linear in the tip x and the points p_k (their eq. 13, all series at once)."""
         turns = flange_matrices(frames)
         points = np.einsum("ij,nk->nikj", np.eye(3), np.eye(len(self.ids))[self.index])
         right = -frames.end_origin.T.ravel()
-        return np.zeros(0), solve_linear_start([turns.reshape(-1, 3), -points.reshape(len(right), -1)], right)
+        return np.zeros(0), solve_linear_start(
+            [turns.reshape(-1, 3), -points.reshape(len(right), -1)], right
+        )
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """A touch has no measured coordinate to write; its joint readings are the measurement."""

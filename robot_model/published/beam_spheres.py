@@ -12,7 +12,9 @@ import numpy as np
 from robot_model.chain import forward
 from robot_model.robot import Robot
 
-_SLOTS = np.array([5 * k + c for k in range(6) for c in range(4)][2:])  # theta, d, a, alpha; no beta
+_SLOTS = np.array(
+    [5 * k + c for k in range(6) for c in range(4)][2:]
+)  # theta, d, a, alpha; no beta
 _NOTHING, _STEPS = 1e-18, 300  # mm^2
 _SIZES = np.tile([0.01, 1.0, 1.0, 0.01], 6)[2:]  # rad and mm that count alike
 A2 = 4  # place of a2 among the 22
@@ -33,7 +35,9 @@ class BeamFit:
     @property
     def rank(self) -> int:
         """How many of the free parameters' directions the objective sees."""
-        return int((self.singular > 1e-6 * self.singular[0]).sum())  # central differences are no better
+        return int(
+            (self.singular > 1e-6 * self.singular[0]).sum()
+        )  # central differences are no better
 
     @property
     def spread(self) -> float:
@@ -43,7 +47,11 @@ class BeamFit:
 
 
 def calibrate_beams(
-    robot: Robot, joints: np.ndarray, point: np.ndarray, with_crossings: bool, held: tuple[int, ...] = ()
+    robot: Robot,
+    joints: np.ndarray,
+    point: np.ndarray,
+    with_crossings: bool,
+    held: tuple[int, ...] = (),
 ) -> BeamFit:
     """Minimise eq. 6, or eq. 7 where `with_crossings`, from the nominal arm by Levenberg-Marquardt.
 
@@ -51,6 +59,7 @@ def calibrate_beams(
     stay nominal, such as `A2`, without which noise shrinks the arm to nothing.
     """
     free = np.setdiff1d(np.arange(22), held)
+
     def residual(x):
         return _residual(_beams(robot, joints, _geometry(robot, free, x)), point, with_crossings)
 
@@ -90,7 +99,9 @@ def _step(residual, x, here, rows, damping):
 
 def _slopes(residual, x, h=1e-4):
     """(R, F) derivative by central differences."""
-    return np.stack([(residual(x + h * e) - residual(x - h * e)) / (2 * h) for e in np.eye(len(x))], 1)
+    return np.stack(
+        [(residual(x + h * e) - residual(x - h * e)) / (2 * h) for e in np.eye(len(x))], 1
+    )
 
 
 def _geometry(robot, free, x):

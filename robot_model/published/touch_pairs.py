@@ -47,15 +47,22 @@ def start_tip(frames: Frames, point: np.ndarray) -> np.ndarray:
     found = []
     for k in np.unique(point):
         rows = turns[point == k]
-        system = np.concatenate([rows, np.broadcast_to(-np.eye(3), rows.shape)], axis=2).reshape(-1, 6)
+        system = np.concatenate([rows, np.broadcast_to(-np.eye(3), rows.shape)], axis=2).reshape(
+            -1, 6
+        )
         found.append(np.linalg.lstsq(system, -origins[point == k].ravel(), rcond=None)[0][:3])
     return np.mean(found, axis=0)
 
 
 def calibrate_pairs(
-    robot: Robot, joints: np.ndarray, point: np.ndarray, radius: float | None = None,
-    steps: int = 100, least_fall: float = LEAST_FALL, damping: float = DAMPING,
-) -> PairFit:  # fmt: skip
+    robot: Robot,
+    joints: np.ndarray,
+    point: np.ndarray,
+    radius: float | None = None,
+    steps: int = 100,
+    least_fall: float = LEAST_FALL,
+    damping: float = DAMPING,
+) -> PairFit:
     """Minimise J of eq. 7 from the nominal arm by eq. 17.
 
     joints (n, 6) rad; point (n,) labels; radius: pairs farther apart than this (mm) do not count.
@@ -63,10 +70,14 @@ def calibrate_pairs(
     within the radius. steps, least_fall: the end, by number or by how little J fell (delta of the paper).
     """
     variables = joints.T
-    start = np.concatenate([robot.geometry.ravel()[_SLOTS], start_tip(forward(robot, variables), point)])
+    start = np.concatenate(
+        [robot.geometry.ravel()[_SLOTS], start_tip(forward(robot, variables), point)]
+    )
     first, second = pairs_of(point)
     everything = np.ones(len(first), bool)
-    values, history = _marquardt(robot, variables, (first, second), start, steps, least_fall, damping)
+    values, history = _marquardt(
+        robot, variables, (first, second), start, steps, least_fall, damping
+    )
     if radius is not None:
         gaps = _gaps(robot, variables, (first, second), values)[0]
         everything = np.linalg.norm(gaps, axis=0) <= radius

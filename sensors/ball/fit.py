@@ -8,15 +8,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sensors.ball.extent import seen_extent, shell
 from sensors.ball.form import UNLIKELY, Form, low_orders, plane_gain
 from sensors.ball.shared import Shared, solve_shared
-from sensors.ball.solve import LOSSES, Loss, Problem, Solved, bias, covariance, memory, solve, step_left, used_part
+from sensors.ball.solve import (
+    LOSSES,
+    Loss,
+    Problem,
+    Solved,
+    bias,
+    covariance,
+    memory,
+    solve,
+    step_left,
+    used_part,
+)
 from sensors.ball.start import start as find_start
 from workbench.core.errors import InputError
 
 USED, EDGE, INCIDENCE, OUTLIER, MISSING, ELSEWHERE = range(6)
-REASONS = {EDGE: "edge", INCIDENCE: "incidence", OUTLIER: "outlier", MISSING: "missing", ELSEWHERE: "elsewhere"}
-_SECTORS = 24
+REASONS = {
+    EDGE: "edge",
+    INCIDENCE: "incidence",
+    OUTLIER: "outlier",
+    MISSING: "missing",
+    ELSEWHERE: "elsewhere",
+}
 # At so many of its own sigmas a radius is not told from a plane's by a first-order covariance.
 _KNOWN = 5
 # A further step of the fit, in its own sigmas, up to which it has converged.
@@ -26,8 +43,6 @@ _CHANCE = 4.0
 # Part of the radius by which a ball's form may be off, RMS.
 _FORM = 0.01
 _FLAT = "the cap is too small"
-# Points enough for the extent of a cap.
-_ENOUGH = 20_000
 
 
 @dataclass(frozen=True)
@@ -91,12 +106,18 @@ class BallFit:
     @property
     def radius_gap(self) -> float:
         """Sigmas by which a radius of its own differs from the stated one; nan where there is nothing to compare."""
-        return np.nan if self.free is None else float((self.free.radius - self.radius) / self.free.std[-1])
+        return (
+            np.nan
+            if self.free is None
+            else float((self.free.radius - self.radius) / self.free.std[-1])
+        )
 
     @property
     def centre_moves(self) -> float:
         """mm between the centre and that of the ball with a radius of its own; nan where there is none."""
-        return np.nan if self.free is None else float(np.linalg.norm(self.free.centre - self.centre))
+        return (
+            np.nan if self.free is None else float(np.linalg.norm(self.free.centre - self.centre))
+        )
 
     @property
     def std(self) -> np.ndarray:
@@ -135,27 +156,64 @@ def fit_circle(points: np.ndarray, sigma=None, radius: float | None = None, **op
     return _fit(points, sigma, radius, 2, **options)
 
 
-def _fit(points, sigma, radius, d, *, covariance=None, direction=None, view=None, incidence=None, edge=0.0,
-         loss="tukey", groups=None, ordered=None, shared=None, at_limit=None, start=None, seed=0,
-         form=_FORM, compare=True):  # fmt: skip
+def _fit(
+    points,
+    sigma,
+    radius,
+    d,
+    *,
+    covariance=None,
+    direction=None,
+    view=None,
+    incidence=None,
+    edge=0.0,
+    loss="tukey",
+    groups=None,
+    ordered=None,
+    shared=None,
+    at_limit=None,
+    start=None,
+    seed=0,
+    form=_FORM,
+    compare=True,
+):
     points = np.asarray(points, float)
     whole = _problem(points, sigma, radius, d, covariance, direction)
     view = _units(view, points, "view")
     _check(radius, incidence, edge, loss, view, groups, shared)
     present = np.isfinite(points).all(0) & np.isfinite(whole.sigma) & (whole.sigma > 0)
     problem = whole.some(present)
-    trim = _Trim(None if view is None else view[:, present], np.pi / 2 if incidence is None else incidence, edge)
+    trim = _Trim(
+        None if view is None else view[:, present],
+        np.pi / 2 if incidence is None else incidence,
+        edge,
+    )
     failed = _Failure(points, present)
     if present.sum() < problem.size + (sigma is None):
-        return failed(f"{present.sum()} points, fewer than the {problem.size + (sigma is None)} needed")
+        return failed(
+            f"{present.sum()} points, fewer than the {problem.size + (sigma is None)} needed"
+        )
     shared = None if shared is None else shared.some(present)
-    task = _Task(problem, LOSSES[loss], trim, failed, present, _of(groups, present), _ordered(ordered, shared), shared,
-                 _of(at_limit, present), form, compare)  # fmt: skip
+    task = _Task(
+        problem,
+        LOSSES[loss],
+        trim,
+        failed,
+        present,
+        _of(groups, present),
+        _ordered(ordered, shared),
+        shared,
+        _of(at_limit, present),
+        form,
+        compare,
+    )
     if start is not None and (fit := task.fit(np.array(start, float))):
         return fit
     values = find_start(problem.points, radius, np.random.default_rng(seed))
     if values is None:
-        return failed("no ball found: the points lie on a line or a plane, or the cap is too small to curve")
+        return failed(
+            "no ball found: the points lie on a line or a plane, or the cap is too small to curve"
+        )
     return task.fit(values)
 
 
@@ -183,7 +241,9 @@ class _Task:
         """From centre and radius `values` (d + 1,)."""
         solved, made = solve(self.problem, values, self.loss, self.trim), None
         if not np.isfinite(solved.spread):
-            return self.failed("no ball found: too few points are left within the limits of incidence and edge")
+            return self.failed(
+                "no ball found: too few points are left within the limits of incidence and edge"
+            )
         if self.shared is not None:
             solved, made = solve_shared(self.problem, solved, self.loss, self.shared, self.ordered)
         part = _Part(self.problem, solved, self.loss, self.trim)
@@ -205,13 +265,17 @@ class _Task:
         if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
             return f"no ball found: a plane fits the points as well as a ball; {_FLAT}, or another surface"
         if part.step > _SETTLED:
-            return (f"no ball found: the fit has not converged, a further step would move it by {part.step:.2g} sigma; "
-                    f"the points are no ball's, or {_FLAT}")  # fmt: skip
+            return (
+                f"no ball found: the fit has not converged, a further step would move it by {part.step:.2g} sigma; "
+                f"the points are no ball's, or {_FLAT}"
+            )
         if self.problem.free and not doubt * _KNOWN < radius:
             return f"{_FLAT}: radius {radius:.4g} +- {doubt:.2g} mm; state the radius or scan more of the ball"
         if shape.probability < UNLIKELY and shape.rms > self.form * radius:
-            return (f"no ball found: the points are {shape.rms:.3g} mm RMS away from any ball in a regular form, more "
-                    f"than {100 * self.form:g} % of its radius; they lie on another surface")  # fmt: skip
+            return (
+                f"no ball found: the points are {shape.rms:.3g} mm RMS away from any ball in a regular form, more "
+                f"than {100 * self.form:g} % of its radius; they lie on another surface"
+            )
         return ""
 
 
@@ -220,23 +284,31 @@ def _compared(fit: BallFit, free: BallFit) -> BallFit:
     fit = replace(fit, free=free)
     if not abs(fit.radius_gap) > _CHANCE:
         return fit
-    told = (f"radius differs from the stated one by {abs(fit.radius_gap):.3g} sigma ({free.radius:.4f} instead of "
-            f"{fit.radius:.4f} mm); with its own the centre moves by {1000 * fit.centre_moves:.3g} um")  # fmt: skip
+    told = (
+        f"radius differs from the stated one by {abs(fit.radius_gap):.3g} sigma ({free.radius:.4f} instead of "
+        f"{fit.radius:.4f} mm); with its own the centre moves by {1000 * fit.centre_moves:.3g} um"
+    )
     return replace(fit, warnings=(*fit.warnings, told), outcome=f"{fit.outcome}; {told}")
 
 
 def _problem(points, sigma, radius, d, covariance, direction) -> Problem:
     if points.ndim != 2 or len(points) != d:
-        raise InputError(f"points: expected an array of shape ({d}, n), found {points.shape}; "
-                         "hand over one point a column")
+        raise InputError(
+            f"points: expected an array of shape ({d}, n), found {points.shape}; "
+            "hand over one point a column"
+        )
     n = points.shape[1]
     if covariance is not None and (direction is not None or sigma is not None):
-        raise InputError("points: expected sigma (with or without direction) or covariance, found both; leave one out")
+        raise InputError(
+            "points: expected sigma (with or without direction) or covariance, found both; leave one out"
+        )
     if covariance is not None:
         covariance = np.broadcast_to(np.reshape(covariance, (d, d, -1)), (d, d, n))
         sigma = np.sqrt(np.einsum("ddn->n", covariance) / d)
     sigma = np.broadcast_to(1.0 if sigma is None else np.asarray(sigma, float), (n,))
-    return Problem(points, sigma, covariance, _units(direction, points, "direction"), radius is None)
+    return Problem(
+        points, sigma, covariance, _units(direction, points, "direction"), radius is None
+    )
 
 
 def _units(vectors, points, called):
@@ -245,22 +317,32 @@ def _units(vectors, points, called):
         return None
     vectors = np.asarray(vectors, float)
     if len(vectors) != len(points) or vectors.size not in (len(points), points.size):
-        raise InputError(f"{called}: expected one vector or one a point, found shape {vectors.shape}; "
-                         "hand over one vector a column")
+        raise InputError(
+            f"{called}: expected one vector or one a point, found shape {vectors.shape}; "
+            "hand over one vector a column"
+        )
     vectors = np.broadcast_to(vectors.reshape(len(points), -1), points.shape)
     return vectors / np.linalg.norm(vectors, axis=0)
 
 
 def _check(radius, incidence, edge, loss, view, groups, shared):
     if groups is not None and shared is not None:
-        raise InputError("groups: expected groups or shared errors of known covariance, found both; leave one out")
+        raise InputError(
+            "groups: expected groups or shared errors of known covariance, found both; leave one out"
+        )
     if radius is not None and not 0 < radius < np.inf:
-        raise InputError(f"radius: expected a positive length in mm, found {radius}; measure the ball again")
+        raise InputError(
+            f"radius: expected a positive length in mm, found {radius}; measure the ball again"
+        )
     if loss not in LOSSES:
-        raise InputError(f"loss: expected one of {', '.join(LOSSES)}, found '{loss}'; choose one of them")
+        raise InputError(
+            f"loss: expected one of {', '.join(LOSSES)}, found '{loss}'; choose one of them"
+        )
     if view is None and (incidence is not None or edge):
-        raise InputError("view: expected the direction in which the sensor looks, found none; "
-                         "it is needed to trim by incidence or edge")  # fmt: skip
+        raise InputError(
+            "view: expected the direction in which the sensor looks, found none; "
+            "it is needed to trim by incidence or edge"
+        )
 
 
 def _of(array, chosen):
@@ -297,8 +379,21 @@ class _Failure:
 
     def __call__(self, why: str) -> BallFit:
         nan = np.full(self.d + 1, np.nan)
-        return BallFit(nan[1:], np.nan, np.outer(nan, nan), nan, np.nan, np.nan,
-                       np.full(len(self.reason), np.nan), self.reason, 0.0, 0.0, False, False, why)  # fmt: skip
+        return BallFit(
+            nan[1:],
+            np.nan,
+            np.outer(nan, nan),
+            nan,
+            np.nan,
+            np.nan,
+            np.full(len(self.reason), np.nan),
+            self.reason,
+            0.0,
+            0.0,
+            False,
+            False,
+            why,
+        )
 
 
 class _Part:
@@ -316,16 +411,22 @@ class _Part:
         """(n,) mm from the surface."""
         if self.problem.direction is None:
             return self.at.residual
-        return np.linalg.norm(self.problem.points - self.values[:-1, None], axis=0) - self.values[-1]
+        return (
+            np.linalg.norm(self.problem.points - self.values[:-1, None], axis=0) - self.values[-1]
+        )
 
     def plane_gain(self) -> float:
         """See `ball_form.plane_gain`."""
-        return plane_gain(self.problem.points[:, self.used], self.distance()[self.used], self.at.sigma[self.used])
+        return plane_gain(
+            self.problem.points[:, self.used], self.distance()[self.used], self.at.sigma[self.used]
+        )
 
     def form(self, lasting: float) -> Form:
         """See `ball_form.low_orders`; of the points' own errors."""
         used, sigma = self.used, self.at.sigma[self.used]
-        return low_orders(self.at.normal[:, used], self.white[used] * sigma, sigma, self.at.rows[:, used], lasting)
+        return low_orders(
+            self.at.normal[:, used], self.white[used] * sigma, sigma, self.at.rows[:, used], lasting
+        )
 
     def covariance(self, groups, ordered, made):
         """(d + 1, d + 1), of the points' errors where none is given; rows of a known radius are 0."""
@@ -346,48 +447,46 @@ class _Part:
         codes = self.trim.codes(self.values, self.at.normal)
         codes[(codes == USED) & ~used] = OUTLIER
         residual[present], reason[present] = distance, codes
-        cap, coverage = _seen(self.at.normal[:, used], self.trim.view)
+        cap, coverage = seen_extent(self.at.normal[:, used], self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
         values, told = self.values - off, _misshapen(shape)
-        return BallFit(values[:-1], float(values[-1]), made, off, sigma_scale,
-                       float(np.sqrt(np.square(distance[used]).sum() / degrees)), residual, reason,
-                       cap, coverage, cut > 0, True, _outcome(reason, cap, coverage, cut, told),
-                       self.step, shape.rms, told)  # fmt: skip
+        return BallFit(
+            values[:-1],
+            float(values[-1]),
+            made,
+            off,
+            sigma_scale,
+            float(np.sqrt(np.square(distance[used]).sum() / degrees)),
+            residual,
+            reason,
+            cap,
+            coverage,
+            cut > 0,
+            True,
+            _outcome(reason, cap, coverage, cut, told),
+            self.step,
+            shape.rms,
+            told,
+        )
 
 
 def _misshapen(shape: Form) -> tuple[str, ...]:
     if shape.probability >= UNLIKELY:
         return ()
-    return (f"its points follow a form of {1000 * shape.rms:.2g} um RMS that is not noise: the sigmas do not hold it",)
-
-
-def _seen(normal, view):
-    """Half angle (rad) of the cone about the mean direction with 99 % of the points, and the share seen all round."""
-    axis = normal.mean(1) if view is None else -view.mean(1)
-    mean, axis = (one / max(np.linalg.norm(one), 1e-300) for one in (normal.mean(1), axis))
-    some = normal[:, :: normal.shape[1] // _ENOUGH + 1]
-    cap = float(np.quantile(np.arccos(np.clip(mean @ some, -1, 1)), 0.99))
-    angle = np.arccos(np.clip(axis @ some, -1, 1))
-    across = np.linalg.svd(axis[None])[2][1:] @ some
-    turn = np.arctan2(across[1], across[0]) if len(some) == 3 else np.pi * (across[0] < 0)
-    sectors = _SECTORS if len(some) == 3 else 2
-    reach = np.zeros(sectors)
-    np.maximum.at(reach, (turn / (2 * np.pi) % 1 * sectors).astype(int) % sectors, angle)
-    return cap, float((reach > 0.7 * np.quantile(reach, 0.8)).mean())
+    return (
+        f"its points follow a form of {1000 * shape.rms:.2g} um RMS that is not noise: the sigmas do not hold it",
+    )
 
 
 def _outcome(reason, cap, coverage, cut, told):
     n, used = len(reason), int((reason == USED).sum())
     words = [f"converged on {used} of {n} points, a cap of {np.rad2deg(cap):.0f} deg half angle"]
     if cut:
-        words.append(f"cut by the field: {cut} of its points lie at the field's limit, so its centre is less certain")
+        words.append(
+            f"cut by the field: {cut} of its points lie at the field's limit, so its centre is less certain"
+        )
     elif coverage < 0.75:
-        words.append(f"seen on {100 * coverage:.0f} % of the way round: cut by the field or something stands before it")
+        words.append(
+            f"seen on {100 * coverage:.0f} % of the way round: cut by the field or something stands before it"
+        )
     return "; ".join([*words, *told])
-
-
-def shell(residual: np.ndarray, share: float) -> float:
-    """Width, mm, of the thinnest shell that holds a share of distances (n,) from the surface."""
-    ordered = np.sort(residual)
-    held = max(int(np.ceil(share * len(ordered))), 1)
-    return float((ordered[held - 1 :] - ordered[: len(ordered) - held + 1]).min())

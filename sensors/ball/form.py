@@ -33,7 +33,9 @@ def plane_gain(points: np.ndarray, distance: np.ndarray, sigma: np.ndarray) -> f
     return (ball - plane) / noise
 
 
-def low_orders(normal: np.ndarray, residual: np.ndarray, sigma: np.ndarray, rows: np.ndarray, memory: float) -> Form:
+def low_orders(
+    normal: np.ndarray, residual: np.ndarray, sigma: np.ndarray, rows: np.ndarray, memory: float
+) -> Form:
     """Form of orders two and three of the direction `normal` (d, n) in residuals (n,) mm.
 
     rows (d + 1, n): derivatives by centre and radius, which are left free. memory: times that the errors of neighbours
@@ -65,5 +67,7 @@ def _shapes(normal: np.ndarray) -> np.ndarray:
     """(k, n) products of two and of three components of the direction, without those that follow from the others."""
     two = [a * b for i, a in enumerate(normal) for b in normal[i:]][:-1]
     last = normal[-1]
-    three = [one * last for one in two] + [normal[0] ** 3, normal[0] ** 2 * normal[1]][: 2 * len(normal) - 4]
+    three = [one * last for one in two] + [normal[0] ** 3, normal[0] ** 2 * normal[1]][
+        : 2 * len(normal) - 4
+    ]
     return np.stack(two + three)

@@ -6,7 +6,9 @@ from sensors.ball.shared import Shared
 from sensors.light.planes import tilt_directions
 
 
-def pixel_error(points: np.ndarray, planes: np.ndarray, focal: float, along: str = "rows") -> np.ndarray:
+def pixel_error(
+    points: np.ndarray, planes: np.ndarray, focal: float, along: str = "rows"
+) -> np.ndarray:
     """(3, n) mm by which points (3, n) in the camera frame move when the stripe's centre errs by 1 px.
 
     `planes` (4, n) light plane of each point; `focal` px; `along` "rows" where centres are sought
@@ -21,8 +23,13 @@ def pixel_error(points: np.ndarray, planes: np.ndarray, focal: float, along: str
     return depth * (turned - slope * flat)
 
 
-def plane_error(points: np.ndarray, planes: np.ndarray, steps: np.ndarray, covariance: np.ndarray,
-                unknown: np.ndarray | None = None) -> Shared:  # fmt: skip
+def plane_error(
+    points: np.ndarray,
+    planes: np.ndarray,
+    steps: np.ndarray,
+    covariance: np.ndarray,
+    unknown: np.ndarray | None = None,
+) -> Shared:
     """What points (3, n) in the camera frame share with all others of their light plane, for `fit_ball`.
 
     `planes` (4, S); `steps` (n,) int column of `planes` of each point; `covariance` (3 S, 3 S) of each
@@ -42,7 +49,10 @@ def stripe_error(error: np.ndarray, steps: np.ndarray, along: np.ndarray) -> np.
     along them.
     """
     steps = np.unique(steps, return_inverse=True)[1]
-    low, high = np.full(steps.max(initial=-1) + 1, np.inf), np.full(steps.max(initial=-1) + 1, -np.inf)
+    low, high = (
+        np.full(steps.max(initial=-1) + 1, np.inf),
+        np.full(steps.max(initial=-1) + 1, -np.inf),
+    )
     np.minimum.at(low, steps, along)
     np.maximum.at(high, steps, along)
     tilt = (along - (low + high)[steps] / 2) / np.maximum((high - low)[steps] / 2, 1.0)

@@ -28,9 +28,19 @@ _INSIDE, _INSIDE_SHARE, _SPREAD = 0.85, 0.1, np.sin(np.deg2rad(4)) ** 2
 _MISFIT = 0.4
 
 
-def find_balls(points: np.ndarray, radii=None, *, between: tuple[float, float] | None = None, sigma=None,
-               view=None, at_limit=None, free: bool = False, form: float = 0.01, seed: int = 0,
-               **options) -> list[BallFit]:  # fmt: skip
+def find_balls(
+    points: np.ndarray,
+    radii=None,
+    *,
+    between: tuple[float, float] | None = None,
+    sigma=None,
+    view=None,
+    at_limit=None,
+    free: bool = False,
+    form: float = 0.01,
+    seed: int = 0,
+    **options,
+) -> list[BallFit]:
     """The balls in points (3, n) mm, or organised (3, H, W) with nan where nothing was seen; most points first.
 
     `radii` mm that occur (one or several), or `between` (smallest, largest) mm where they are not known;
@@ -52,8 +62,14 @@ def find_balls(points: np.ndarray, radii=None, *, between: tuple[float, float] |
         return []
     rays = _rays(points, view)
     known = None if radii is None else sorted({float(r) for r in np.atleast_1d(radii)})
-    cloud = _Cloud(points[:, present], rays[:, present], _range(points[:, present], known, between), seed)
-    peaks = [peak for radius in known for peak in cloud.of_radius(radius)] if known else cloud.of_range()
+    cloud = _Cloud(
+        points[:, present], rays[:, present], _range(points[:, present], known, between), seed
+    )
+    peaks = (
+        [peak for radius in known for peak in cloud.of_radius(radius)]
+        if known
+        else cloud.of_range()
+    )
     search = _Search(points, rays, at_limit, sigma, known, free, form, {**options, "seed": seed})
     return search.confirmed(cloud, peaks)
 
@@ -61,8 +77,10 @@ def find_balls(points: np.ndarray, radii=None, *, between: tuple[float, float] |
 def _flat(points, at_limit):
     points = np.asarray(points, float)
     if points.ndim not in (2, 3) or len(points) != 3:
-        raise InputError(f"points: expected an array of shape (3, n) or (3, H, W), found {points.shape}; "
-                         "hand over one point a column")
+        raise InputError(
+            f"points: expected an array of shape (3, n) or (3, H, W), found {points.shape}; "
+            "hand over one point a column"
+        )
     if points.ndim == 3 and at_limit is None:
         at_limit = np.zeros(points.shape[1:], bool)
         at_limit[[0, -1]], at_limit[:, [0, -1]] = True, True
@@ -71,22 +89,32 @@ def _flat(points, at_limit):
 
 def _rays(points, view):
     """(3, n) unit directions in which the sensor looks at each point."""
-    rays = points if view is None else np.broadcast_to(np.reshape(np.asarray(view, float), (3, -1)), points.shape)
+    rays = (
+        points
+        if view is None
+        else np.broadcast_to(np.reshape(np.asarray(view, float), (3, -1)), points.shape)
+    )
     return rays / np.maximum(np.linalg.norm(rays, axis=0), 1e-300)
 
 
 def _range(points, known, between):
     """Smallest and largest radius to look for, mm."""
     if known is not None and not 0 < known[0] <= known[-1] < np.inf:
-        raise InputError(f"radii: expected positive lengths in mm, found {known}; measure the balls again")
+        raise InputError(
+            f"radii: expected positive lengths in mm, found {known}; measure the balls again"
+        )
     if between is not None and not 0 < between[0] < between[1] < np.inf:
-        raise InputError(f"between: expected a smaller and a larger radius in mm, found {between}; give both")
+        raise InputError(
+            f"between: expected a smaller and a larger radius in mm, found {between}; give both"
+        )
     if known is not None or between is not None:
         return (known[0], known[-1]) if known is not None else between
     some = np.random.default_rng(0).permutation(points.shape[1])[:_THINNED]
     spacing = np.median(cKDTree(points[:, some].T).query(points[:, some[:2000]].T, 2)[0][:, 1])
     spacing *= np.sqrt(len(some) / points.shape[1])  # points on surfaces
-    return _SMALLEST * spacing, max(np.ptp(np.quantile(points, [0.01, 0.99], axis=1), axis=0).max() * 0.6, 30 * spacing)
+    return _SMALLEST * spacing, max(
+        np.ptp(np.quantile(points, [0.01, 0.99], axis=1), axis=0).max() * 0.6, 30 * spacing
+    )
 
 
 class _Cloud:
@@ -96,7 +124,9 @@ class _Cloud:
         self.between = between
         chosen, self.cell = _thinned(points, between[0] * _CELL, np.random.default_rng(seed))
         self.points, rays = points[:, chosen], rays[:, chosen]
-        apart, self.near = cKDTree(self.points.T).query(self.points.T, min(_NEIGHBOURS, len(chosen)))
+        apart, self.near = cKDTree(self.points.T).query(
+            self.points.T, min(_NEIGHBOURS, len(chosen))
+        )
         # points scattered at random over a surface, one a cell, are half a cell from the next
         self.cell = max(self.cell, 2 * float(np.median(apart[:, 1])))
         self.normals = _normals(self.points, self.near)
@@ -104,7 +134,9 @@ class _Cloud:
 
     def of_radius(self, radius):
         """Candidates (centre, radius) of one known radius."""
-        return self._peaks(self.points - radius * self.normals, np.full(self.points.shape[1], radius))
+        return self._peaks(
+            self.points - radius * self.normals, np.full(self.points.shape[1], radius)
+        )
 
     def of_range(self):
         """Candidates of any radius in the range: a point and its neighbours share the ball that they lie on."""
@@ -112,10 +144,16 @@ class _Cloud:
         turned = self.normals[:, self.near] - self.normals[:, :, None]
         bend = (turned**2).sum((0, 2))
         radius = (apart * turned).sum((0, 2)) / np.maximum(bend, 1e-12)
-        misfit = ((apart - radius[:, None] * turned) ** 2).sum((0, 2)) / np.maximum((apart**2).sum((0, 2)), 1e-300)
+        misfit = ((apart - radius[:, None] * turned) ** 2).sum((0, 2)) / np.maximum(
+            (apart**2).sum((0, 2)), 1e-300
+        )
         found, low = [], self.between[0]
         while low < self.between[1]:
-            chosen = (misfit < _MISFIT) & (radius > low / _RANGE_STEP**0.5) & (radius < low * _RANGE_STEP**1.5)
+            chosen = (
+                (misfit < _MISFIT)
+                & (radius > low / _RANGE_STEP**0.5)
+                & (radius < low * _RANGE_STEP**1.5)
+            )
             found += self._peaks((self.points - radius * self.normals)[:, chosen], radius[chosen])
             low *= _RANGE_STEP
         return found
@@ -127,14 +165,18 @@ class _Cloud:
         size = float(np.median(radius))
         reach = _VOTE_CELL * size
         least = max(_LEAST_POINTS, _LEAST_SHARE * 0.84 * (size / self.cell) ** 2)
-        places, counts = np.unique(np.floor(votes / reach).astype(np.int64), axis=1, return_counts=True)
+        places, counts = np.unique(
+            np.floor(votes / reach).astype(np.int64), axis=1, return_counts=True
+        )
         places = places[:, np.argsort(-counts, kind="stable")[:_PEAKS]]
         tree, found = cKDTree(votes.T), []
         for centre in (places.T + 0.5) * reach:
             for _ in range(3):
                 held = tree.query_ball_point(centre, reach)
                 centre = votes[:, held].mean(1) if held else centre
-            if len(held) >= least and all(np.linalg.norm(centre - other[1]) > reach for other in found):
+            if len(held) >= least and all(
+                np.linalg.norm(centre - other[1]) > reach for other in found
+            ):
                 found.append((len(held), centre, float(np.median(radius[held]))))
         return sorted(found, key=lambda peak: -peak[0])
 
@@ -156,7 +198,9 @@ def _thinned(points, cell, random):
     while True:
         place = ((drawn_points - low) / cell).astype(np.int64)
         sizes = place.max(1) + 1
-        kept = np.unique((place[0] * sizes[1] + place[1]) * sizes[2] + place[2], return_index=True)[1]
+        kept = np.unique((place[0] * sizes[1] + place[1]) * sizes[2] + place[2], return_index=True)[
+            1
+        ]
         if len(kept) <= _THINNED:
             return drawn[kept], cell
         cell *= 1.05 * np.sqrt(len(kept) / _THINNED)
@@ -183,7 +227,9 @@ class _Search:
             if any(np.linalg.norm(centre - ball.centre) < 0.5 * ball.radius for ball in found):
                 continue
             ball = self.ball(cloud, centre, radius, left)
-            if ball is not None and all(np.linalg.norm(ball.centre - one.centre) > 0.5 * one.radius for one in found):
+            if ball is not None and all(
+                np.linalg.norm(ball.centre - one.centre) > 0.5 * one.radius for one in found
+            ):
                 found.append(ball)
                 left &= ~ball.inliers
         return sorted(found, key=lambda ball: -int(ball.inliers.sum()))
@@ -204,15 +250,30 @@ class _Search:
         box, reach = np.flatnonzero(left), (1 + _NARROW) * rough.radius
         for axis, middle in zip(self.points, rough.centre):
             box = box[np.abs(axis[box] - middle) < reach]
-        gap = np.abs(np.linalg.norm(self.points[:, box] - rough.centre[:, None], axis=0) - rough.radius)
+        gap = np.abs(
+            np.linalg.norm(self.points[:, box] - rough.centre[:, None], axis=0) - rough.radius
+        )
         box = box[gap < max(_NARROW * rough.radius, 6 * rough.rms)]
         start = np.append(rough.centre, rough.radius if radius is None else radius)
-        each = {name: value[..., box] if np.ndim(value) and np.shape(value)[-1] == self.points.shape[1] else value
-                for name, value in {**self.options, "sigma": self.sigma, "at_limit": self.at_limit}.items()}
-        fit = fit_ball(self.points[:, box], radius=radius, view=self.rays[:, box], start=start, **each)
+        each = {
+            name: value[..., box]
+            if np.ndim(value) and np.shape(value)[-1] == self.points.shape[1]
+            else value
+            for name, value in {
+                **self.options,
+                "sigma": self.sigma,
+                "at_limit": self.at_limit,
+            }.items()
+        }
+        fit = fit_ball(
+            self.points[:, box], radius=radius, view=self.rays[:, box], start=start, **each
+        )
         if not fit or not self.like(fit, cloud):
             return None
-        reason, residual = np.full(self.points.shape[1], ELSEWHERE, np.uint8), np.full(self.points.shape[1], np.nan)
+        reason, residual = (
+            np.full(self.points.shape[1], ELSEWHERE, np.uint8),
+            np.full(self.points.shape[1], np.nan),
+        )
         reason[box], residual[box] = fit.reason, fit.residual
         return replace(fit, reason=reason, residual=residual)
 
@@ -270,7 +331,9 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expec
     allowed = max(fits[0][0], 1e-9) * np.sqrt(f_distribution.isf(0.001, degrees, degrees))
     others = tuple(one for rms, one in fits[1:] if rms <= allowed)
     swapped = () if expected is None else _swapped(best, np.asarray(expected))
-    return Match(best, fits[0][0], others, swapped, _match_outcome(best, fits[0][0], others, swapped))
+    return Match(
+        best, fits[0][0], others, swapped, _match_outcome(best, fits[0][0], others, swapped)
+    )
 
 
 def _apart(centres):
@@ -320,7 +383,9 @@ def _match_outcome(ball, rms, others, swapped):
     count, told = int((ball >= 0).sum()), f"within {rms:.3g} mm"
     words = [f"{count} of {len(ball)} found balls belong to the artefact, {told}"]
     if others or count < 3:
-        words.append(f"which is which is ambiguous: {len(others) + 1} assignments agree with the distances; "
-                     "scan more balls, or an artefact whose distances differ")  # fmt: skip
+        words.append(
+            f"which is which is ambiguous: {len(others) + 1} assignments agree with the distances; "
+            "scan more balls, or an artefact whose distances differ"
+        )
     words += [f"balls {a + 1} and {b + 1} are swapped" for a, b in swapped]
     return "; ".join(words)

@@ -37,8 +37,12 @@ class Shared:
         k = len(self.derivative)
         groups, labels = np.unique(np.asarray(self.labels)[chosen], return_inverse=True)
         rows = (groups[:, None] * k + np.arange(k)).ravel()
-        return Shared(labels, self.derivative[..., chosen], np.asarray(self.covariance)[np.ix_(rows, rows)],
-                      None if self.unknown is None else self.unknown[..., chosen])  # fmt: skip
+        return Shared(
+            labels,
+            self.derivative[..., chosen],
+            np.asarray(self.covariance)[np.ix_(rows, rows)],
+            None if self.unknown is None else self.unknown[..., chosen],
+        )
 
     def told(self, variance: np.ndarray) -> "Shared":
         """The same with the variances (m,) of the unknown ones."""
@@ -47,8 +51,11 @@ class Shared:
         whole[:, :k, :, :k] = self.covariance.reshape(groups, k, groups, k)
         for kind in range(m):
             whole[np.arange(groups), k + kind, np.arange(groups), k + kind] = variance[kind]
-        return Shared(self.labels, np.concatenate([self.derivative, self.unknown]),
-                      whole.reshape(groups * (k + m), -1))  # fmt: skip
+        return Shared(
+            self.labels,
+            np.concatenate([self.derivative, self.unknown]),
+            whole.reshape(groups * (k + m), -1),
+        )
 
 
 @dataclass(frozen=True)
@@ -62,8 +69,9 @@ class _Normal:
     pull_groups: np.ndarray
 
 
-def solve_shared(problem: Problem, solved: Solved, loss: Loss, shared: Shared,
-                 ordered: bool = False) -> tuple[Solved, np.ndarray]:  # fmt: skip
+def solve_shared(
+    problem: Problem, solved: Solved, loss: Loss, shared: Shared, ordered: bool = False
+) -> tuple[Solved, np.ndarray]:
     """The fit with the groups' errors, and the covariance (size, size) of what was fitted.
 
     Generalised least squares: the errors are parameters with their covariance as prior (Henderson,
@@ -90,13 +98,23 @@ def _variances(problem, solved, shared, weight):
     R and g are those of the points' weights W, less what ball and known errors, with derivatives A and
     covariance K, take: Z'W Z - Z'W A K A'W Z and Z'W r - Z'W A K A'W r.
     """
-    known, unknown = _by_error(solved.at, shared), _by_error(solved.at, replace(shared, derivative=shared.unknown))
+    known, unknown = (
+        _by_error(solved.at, shared),
+        _by_error(solved.at, replace(shared, derivative=shared.unknown)),
+    )
     k, m, groups = len(known), len(unknown), int(shared.labels.max()) + 1
-    normal = _normal(solved.at, problem.size, np.concatenate([known, unknown]), weight, shared.labels, k + m)
+    normal = _normal(
+        solved.at, problem.size, np.concatenate([known, unknown]), weight, shared.labels, k + m
+    )
     kind = np.tile(np.arange(k + m), groups)
     old, new = kind < k, kind >= k
-    part = _Normal(normal.ball, normal.between[:, old], normal.groups[np.ix_(old, old)], normal.pull,
-                   normal.pull_groups[old])  # fmt: skip
+    part = _Normal(
+        normal.ball,
+        normal.between[:, old],
+        normal.groups[np.ix_(old, old)],
+        normal.pull,
+        normal.pull_groups[old],
+    )
     taken = np.concatenate([normal.between[:, new], normal.groups[np.ix_(old, new)]])
     whole = taken.T @ _posterior(part, shared.covariance)
     own = normal.groups[np.ix_(new, new)] - whole @ taken
@@ -157,14 +175,21 @@ def _normal(at, size, by_error, weight, labels, k) -> _Normal:
     count = labels.max() + 1
 
     def sums(each):  # (len(each), kG): over each group, times how its errors move the residuals
-        made = np.array([[np.bincount(labels, one * error, count) for error in by_error] for one in each])
+        made = np.array(
+            [[np.bincount(labels, one * error, count) for error in by_error] for one in each]
+        )
         return made.transpose(0, 2, 1).reshape(len(each), -1)
 
     blocks = sums(by_error * weight).reshape(k, count, k)
     groups = np.zeros((count, k, count, k))
     groups[np.arange(count), :, np.arange(count)] = blocks.transpose(1, 0, 2)
-    return _Normal((rows * weight) @ rows.T, sums(rows * weight), groups.reshape(count * k, -1),
-                   rows @ (weight * residual), sums((weight * residual)[None])[0])  # fmt: skip
+    return _Normal(
+        (rows * weight) @ rows.T,
+        sums(rows * weight),
+        groups.reshape(count * k, -1),
+        rows @ (weight * residual),
+        sums((weight * residual)[None])[0],
+    )
 
 
 def _inner(normal, covariance):
@@ -185,10 +210,14 @@ def _covariance(problem, solved, by_error, loss, shared, lasting):
     """(size, size), from the spread that the points' own errors show, over the degrees of freedom left to them."""
     weight, slope = loss(solved.white / solved.spread)
     used = solved.keep & (weight > 0)
-    variance = lasting * np.square(weight[used] * solved.white[used]).mean() / slope[used].mean() ** 2
+    variance = (
+        lasting * np.square(weight[used] * solved.white[used]).mean() / slope[used].mean() ** 2
+    )
 
     def normal(variance):
-        return _normal(solved.at, problem.size, by_error, used / variance, shared.labels, len(by_error))
+        return _normal(
+            solved.at, problem.size, by_error, used / variance, shared.labels, len(by_error)
+        )
 
     first = normal(variance)
     spent = np.trace(_inner(first, shared.covariance) @ first.groups)

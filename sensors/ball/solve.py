@@ -45,8 +45,10 @@ class Problem:
 
     def some(self, chosen: np.ndarray | slice) -> "Problem":
         """The same of the chosen points."""
-        pick = (None if part is None else part[..., chosen]
-                for part in (self.points, self.sigma, self.covariance, self.direction))
+        pick = (
+            None if part is None else part[..., chosen]
+            for part in (self.points, self.sigma, self.covariance, self.direction)
+        )
         return Problem(*pick, self.free)
 
 
@@ -154,7 +156,9 @@ def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "
     n = problem.points.shape[1]
     if n > 4 * _SUBSET:
         part = slice(None, None, n // _SUBSET)
-        values = _rounds(problem.some(part), values, loss, lambda v, normal: trim(v, normal, part)).values
+        values = _rounds(
+            problem.some(part), values, loss, lambda v, normal: trim(v, normal, part)
+        ).values
     return _rounds(problem, values, loss, lambda v, normal: trim(v, normal, slice(None)))
 
 
@@ -255,7 +259,9 @@ def _grouped(rows, score, slope, groups):
     label = np.unique(groups, return_inverse=True)[1]
     size, count = len(rows), label.max() + 1
     sums = np.stack([np.bincount(label, row * score) for row in rows], axis=1)
-    own = np.array([[np.bincount(label, one * other * slope) for other in rows] for one in rows]).transpose(2, 0, 1)
+    own = np.array(
+        [[np.bincount(label, one * other * slope) for other in rows] for one in rows]
+    ).transpose(2, 0, 1)
     rest = own.sum(0) - own
     if count <= size:
         return np.full((size, size), np.inf)
@@ -279,7 +285,9 @@ def memory(white: np.ndarray) -> float:
     return float(max(1.0, 1 + 2 * correlation[1:end].sum()))
 
 
-def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float, used: np.ndarray) -> np.ndarray:
+def bias(
+    problem: Problem, at: Linear, part: Used, radius: float, scale: float, used: np.ndarray
+) -> np.ndarray:
     """(size,) bias of second order in the noise, mm: take it off the estimate.
 
     Noise across the normal lengthens the distance from the centre by (tr S - u'Su) / 2r, S the

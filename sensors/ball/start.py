@@ -10,7 +10,9 @@ _SHARE = 0.45
 _LARGEST = 10.0
 
 
-def start(points: np.ndarray, radius: float | None, random: np.random.Generator) -> np.ndarray | None:
+def start(
+    points: np.ndarray, radius: float | None, random: np.random.Generator
+) -> np.ndarray | None:
     """(d + 1,) centre and radius near the ball on which most of points (d, n) lie; None where there is none.
 
     Spheres through d + 1 random points each, judged by the distance within which nearly half of
@@ -55,7 +57,9 @@ def _through(points, random):
     first, rest = chosen[..., 0], chosen[..., 1:] - chosen[..., :1]
     matrix = 2 * rest.transpose(1, 2, 0)
     size = max(np.abs(matrix).max(initial=0.0), 1e-300)
-    fine = np.abs(np.linalg.det(matrix / size)) > 1e-12  # four points in one plane determine no sphere
+    fine = (
+        np.abs(np.linalg.det(matrix / size)) > 1e-12
+    )  # four points in one plane determine no sphere
     centre = np.linalg.solve(matrix[fine], (rest**2).sum(0)[fine][..., None])[..., 0].T
     return np.concatenate([centre + first[:, fine], np.linalg.norm(centre, axis=0)[None]])
 

@@ -34,15 +34,21 @@ class Board:
         """From the keys of a recording's [board]. Raises InputError where they make no board."""
         kind = "asymmetric-circles" if keys.get("asymmetric") else keys.get("kind")
         if kind not in KINDS:
-            raise InputError(f"[board], key kind: expected one of {', '.join(KINDS[:3])}, found {kind!r}; correct it")
+            raise InputError(
+                f"[board], key kind: expected one of {', '.join(KINDS[:3])}, found {kind!r}; correct it"
+            )
         more = {name: keys[name] for name in ("marker_mm", "dictionary", "legacy") if name in keys}
         board = cls(kind, int(keys["columns"]), int(keys["rows"]), float(keys["square_mm"]), **more)
         if min(board.columns, board.rows) < 2 or board.count < LEAST:
-            raise InputError(f"[board], keys columns and rows: expected 2 or more of each and {LEAST} in all, found "
-                             f"{board.columns} and {board.rows}; count the inner corners or the circles")
+            raise InputError(
+                f"[board], keys columns and rows: expected 2 or more of each and {LEAST} in all, found "
+                f"{board.columns} and {board.rows}; count the inner corners or the circles"
+            )
         if kind == "charuco" and not (board.marker_mm and board.dictionary):
-            raise InputError("[board], keys marker_mm and dictionary: expected both for a ChArUco board, found none; "
-                             'add them, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"')
+            raise InputError(
+                "[board], keys marker_mm and dictionary: expected both for a ChArUco board, found none; "
+                'add them, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"'
+            )
         return board
 
     @property

@@ -25,7 +25,9 @@ def candidates(picture: np.ndarray, light: bool) -> np.ndarray:
     found = []
     for share in BLOCKS:
         block = max(7, min(picture.shape) // share) | 1
-        marked = cv2.adaptiveThreshold(picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, block, -4 if light else 4)
+        marked = cv2.adaptiveThreshold(
+            picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, block, -4 if light else 4
+        )
         contours = cv2.findContours(marked, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
         found += [_moments(cv2.moments(contour)) for contour in contours if len(contour) >= 12]
     rows = np.array([row for row in found if row is not None]).reshape(-1, 7)
@@ -81,16 +83,27 @@ def grid_among(found: np.ndarray, columns: int, rows: int, asymmetric: bool) -> 
     places = np.ascontiguousarray(found[:2].T, np.float32).reshape(-1, 1, 2)
     kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
     for flags in (kind, kind | cv2.CALIB_CB_CLUSTERING):
-        cv2.setRNGSeed(0)  # the finder draws lots: the same picture shall always give the same answer
+        cv2.setRNGSeed(
+            0
+        )  # the finder draws lots: the same picture shall always give the same answer
         try:
-            whole, centres = cv2.findCirclesGrid(places, (columns, rows), flags=flags, blobDetector=None,
-                                                 parameters=cv2.CirclesGridFinderParameters())
+            whole, centres = cv2.findCirclesGrid(
+                places,
+                (columns, rows),
+                flags=flags,
+                blobDetector=None,
+                parameters=cv2.CirclesGridFinderParameters(),
+            )
         except cv2.error:
             continue
         if not whole:
             continue
-        chosen = np.argmin(np.hypot(*(centres.reshape(-1, 2).T[:, :, None] - found[:2, None])), axis=1)
-        if len(np.unique(chosen)) == len(chosen) and is_flat(_lattice(columns, rows, asymmetric), found[:2, chosen]):
+        chosen = np.argmin(
+            np.hypot(*(centres.reshape(-1, 2).T[:, :, None] - found[:2, None])), axis=1
+        )
+        if len(np.unique(chosen)) == len(chosen) and is_flat(
+            _lattice(columns, rows, asymmetric), found[:2, chosen]
+        ):
             return chosen
     return None
 
@@ -108,7 +121,11 @@ def is_flat(points: np.ndarray, pixels: np.ndarray) -> bool:
     """
     import cv2
 
-    h, _ = cv2.findHomography(points.T, pixels.T, cv2.RANSAC, 3.0) if points.shape[1] >= 4 else (None, None)
+    h, _ = (
+        cv2.findHomography(points.T, pixels.T, cv2.RANSAC, 3.0)
+        if points.shape[1] >= 4
+        else (None, None)
+    )
     if h is None:
         return False
     u, v, w = h @ np.vstack([points, np.ones(points.shape[1])])

@@ -16,6 +16,7 @@ from workbench.core.errors import InputError
 if TYPE_CHECKING:
     from datasets.recording import Recording
 
+
 @dataclass(frozen=True, eq=False)
 class View:
     """One picture of a board: `pixels` (2, k) of the board's corners `index` (k,), `sigma` (k,) px of a coordinate.
@@ -62,8 +63,13 @@ class Detection:
         return self.views[0].size
 
 
-def detect(picture: Picture | np.ndarray, board: Board, image: str = "", placement: str = "",
-           row: Mapping | None = None) -> View | Rejected:
+def detect(
+    picture: Picture | np.ndarray,
+    board: Board,
+    image: str = "",
+    placement: str = "",
+    row: Mapping | None = None,
+) -> View | Rejected:
     """Where the board's corners are in a picture (H, W), or why they are not known."""
     picture = pictures.as_picture(picture)
     if why := pictures.flaw(picture):
@@ -71,20 +77,39 @@ def detect(picture: Picture | np.ndarray, board: Board, image: str = "", placeme
     eight = pictures.to_eight_bits(picture.grey)
     found = board_finders.find(eight, board)
     if found.why:
-        bright = f" ({100 * picture.saturated:.0f} % of the pixels are saturated)" if picture.saturated > 0.1 else ""
+        bright = (
+            f" ({100 * picture.saturated:.0f} % of the pixels are saturated)"
+            if picture.saturated > 0.1
+            else ""
+        )
         return Rejected(image, found.why + bright, placement, found.size)
     grey = picture.grey.astype(np.float32)
     index, fit, radius = board_finders.refine(grey, board, found)
     if fit.good.sum() < max(LEAST, 0.5 * len(index)):
-        return Rejected(image, f"blurred or covered: {fit.good.sum()} of {len(index)} {board.marks} are sharp enough",
-                        placement)
+        return Rejected(
+            image,
+            f"blurred or covered: {fit.good.sum()} of {len(index)} {board.marks} are sharp enough",
+            placement,
+        )
     kept = fit.good
-    return View(image, placement, index[kept], fit.centre[:, kept], picture.size, fit.sigma[kept], radius,
-                dict(row or {}), picture.note)
+    return View(
+        image,
+        placement,
+        index[kept],
+        fit.centre[:, kept],
+        picture.size,
+        fit.sigma[kept],
+        radius,
+        dict(row or {}),
+        picture.note,
+    )
 
 
-def detect_all(recording: "Recording", progress: Callable[[int, int, str], None] | None = None,
-               board: Board | None = None) -> Detection:
+def detect_all(
+    recording: "Recording",
+    progress: Callable[[int, int, str], None] | None = None,
+    board: Board | None = None,
+) -> Detection:
     """Every `board` picture of a recording, one in memory at a time.
 
     progress: called with how many are done, how many there are, and the picture's name.
@@ -93,8 +118,10 @@ def detect_all(recording: "Recording", progress: Callable[[int, int, str], None]
     board = board or Board.of(_board_keys(recording))
     rows = [row for row in recording.images if row["role"] == "board"]
     if not rows:
-        raise InputError(f"{recording.name}/images.csv, column role: expected pictures of a board, found none; "
-                         "add rows with role board")
+        raise InputError(
+            f"{recording.name}/images.csv, column role: expected pictures of a board, found none; "
+            "add rows with role board"
+        )
     found, seen = [], {}
     for k, row in enumerate(rows):
         found.append(_one(recording, row, board, seen))
@@ -110,11 +137,15 @@ def detect_all(recording: "Recording", progress: Callable[[int, int, str], None]
 
 def _board_keys(recording: "Recording") -> Mapping:
     if not recording.board:
-        raise InputError(f"{recording.name}/recording.toml, key [board]: expected this section, found none; add it")
+        raise InputError(
+            f"{recording.name}/recording.toml, key [board]: expected this section, found none; add it"
+        )
     return recording.board
 
 
-def _one(recording: "Recording", row: Mapping, board: Board, seen: dict) -> tuple[View | Rejected, tuple[int, int]]:
+def _one(
+    recording: "Recording", row: Mapping, board: Board, seen: dict
+) -> tuple[View | Rejected, tuple[int, int]]:
     """View or rejection of one picture, and its size; `seen` holds the pixels that were met before."""
     image, placement = row["image"], str(row.get("placement", ""))
     picture = pictures.read(Path(recording.folder or ".") / image, f"{recording.name}/{image}")
@@ -130,29 +161,40 @@ def _one(recording: "Recording", row: Mapping, board: Board, seen: dict) -> tupl
 
 def _of_one_size(found: list) -> list:
     odd = pictures.odd_sizes(size for _, size in found)
-    return [(Rejected(v.image, odd[k], v.placement), size) if k in odd else (v, size)
-            for k, (v, size) in enumerate(found)]
+    return [
+        (Rejected(v.image, odd[k], v.placement), size) if k in odd else (v, size)
+        for k, (v, size) in enumerate(found)
+    ]
 
 
 def _of_another_size(board: Board, views: tuple[View, ...], rejected: tuple[Rejected, ...]) -> bool:
     """Whether no picture shows every column and row as written, and more show a whole board of another size than not:
     a board of fewer columns near the picture's edge passes for one that is cut there."""
-    whole = any(len(set((view.index % board.columns).tolist())) == board.columns
-                and len(set((view.index // board.columns).tolist())) == board.rows for view in views)  # fmt: skip
+    whole = any(
+        len(set((view.index % board.columns).tolist())) == board.columns
+        and len(set((view.index // board.columns).tolist())) == board.rows
+        for view in views
+    )
     return not whole and sum(one.found is not None for one in rejected) > len(views)
 
 
-def _nothing(recording: "Recording", board: Board, rejected: tuple[Rejected, ...], count: int) -> InputError:
+def _nothing(
+    recording: "Recording", board: Board, rejected: tuple[Rejected, ...], count: int
+) -> InputError:
     """The sentence where no picture shows the board: the size that most of them do show, else the first reason."""
     sizes = [r.found for r in rejected if r.found]
     where = f"{recording.name}/recording.toml, [board]"
     if sizes:
         size = max(set(sizes), key=sizes.count)
-        return InputError(f"{where}: expected {board.title} as written there in the pictures, "
-                          f"found {size[0]} x {size[1]} in {sizes.count(size)} of {count}; "
-                          "correct columns and rows")
-    return InputError(f"{where}: expected a {board.title} in the pictures, found it in none of {count} "
-                      f"({rejected[0]}); correct the board or take the pictures again")
+        return InputError(
+            f"{where}: expected {board.title} as written there in the pictures, "
+            f"found {size[0]} x {size[1]} in {sizes.count(size)} of {count}; "
+            "correct columns and rows"
+        )
+    return InputError(
+        f"{where}: expected a {board.title} in the pictures, found it in none of {count} "
+        f"({rejected[0]}); correct the board or take the pictures again"
+    )
 
 
 def relabelled(view: View, board: Board, turn: int) -> View:

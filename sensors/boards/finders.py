@@ -45,7 +45,11 @@ def refine(picture: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarra
     if found.discs is not None:
         fit = circles.refine(picture, found.discs)
         enough = fit.good.sum() >= 4
-        return found.index, fit, circles.radius_mm(fit, board.points[:2, found.index]) if enough else 0.0
+        return (
+            found.index,
+            fit,
+            circles.radius_mm(fit, board.points[:2, found.index]) if enough else 0.0,
+        )
     along, down = _steps(board.points[:2, found.index], found.pixels, board.square_mm)
     rim = 1.0 if board.kind == "chessboard" else (1 - board.marker_mm / board.square_mm) / 2
     return found.index, fit_saddles(picture, found.pixels, along, down, rim), 0.0
@@ -72,7 +76,9 @@ def _chessboard(picture: np.ndarray, board: "Board") -> Found:
     corners = _inner_corners(picture, board.columns, board.rows)
     if corners is None:
         return _another_chessboard(picture, board)
-    grid = _upright(corners.reshape(board.rows, board.columns, 2), _chess_turns(picture, corners, board))
+    grid = _upright(
+        corners.reshape(board.rows, board.columns, 2), _chess_turns(picture, corners, board)
+    )
     larger = _larger_chessboard(picture, grid)
     if larger != (board.columns, board.rows):
         return Found(why=_other(board, larger), size=larger)
@@ -92,7 +98,10 @@ def _second_chessboard(picture: np.ndarray, grid: np.ndarray) -> bool:
     hull = cv2.convexHull(np.rint(middle + wider * (corners - middle)).astype(np.int32))
     rest = cv2.fillConvexPoly(small.copy(), hull, int(np.median(small)))
     # the quick look answers no in a hundredth of the time that the search takes
-    return bool(cv2.checkChessboard(rest, (columns, rows)) and cv2.findChessboardCornersSB(rest, (columns, rows))[0])
+    return bool(
+        cv2.checkChessboard(rest, (columns, rows))
+        and cv2.findChessboardCornersSB(rest, (columns, rows))[0]
+    )
 
 
 def _inner_corners(picture: np.ndarray, columns: int, rows: int) -> np.ndarray | None:
@@ -128,7 +137,9 @@ def _shrunk(picture: np.ndarray, longest: int) -> tuple[np.ndarray, float]:
     if scale == 1:
         return picture, 1.0
     height, width = (side // scale for side in picture.shape)
-    return cv2.resize(picture[: height * scale, : width * scale], (width, height), interpolation=cv2.INTER_AREA), scale
+    return cv2.resize(
+        picture[: height * scale, : width * scale], (width, height), interpolation=cv2.INTER_AREA
+    ), scale
 
 
 def _chess_turns(picture: np.ndarray, corners: np.ndarray, board: "Board") -> list[int]:
@@ -143,7 +154,9 @@ def _first_is_dark(picture: np.ndarray, grid: np.ndarray) -> bool:
     """Mean over all squares of one colour against the other: a reflection on one square decides nothing."""
     middle = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
     u, v = np.rint(middle).astype(int).reshape(-1, 2).T
-    grey = picture[np.clip(v, 0, picture.shape[0] - 1), np.clip(u, 0, picture.shape[1] - 1)].astype(float)
+    grey = picture[np.clip(v, 0, picture.shape[0] - 1), np.clip(u, 0, picture.shape[1] - 1)].astype(
+        float
+    )
     even = np.add.outer(np.arange(middle.shape[0]), np.arange(middle.shape[1])).ravel() % 2 == 0
     return np.median(grey[even]) < np.median(grey[~even])
 
@@ -160,15 +173,26 @@ def _larger_chessboard(picture: np.ndarray, grid: np.ndarray) -> tuple[int, int]
         held = (beyond > 3).all(1) & (beyond < np.array(picture.shape[::-1]) - 4).all(1)
         if held.sum() < 0.5 * len(held):
             continue
-        fit = fit_saddles(picture.astype(np.float32), beyond.T[:, held], along[:, held], down[:, held])
+        fit = fit_saddles(
+            picture.astype(np.float32), beyond.T[:, held], along[:, held], down[:, held]
+        )
         near = np.hypot(*(fit.centre - beyond.T[:, held])) < 0.25 * np.hypot(*down[:, held])
-        clear = fit.good & near & (np.abs(fit.values[:, 6]) > 0.5 * usual) & (fit.sigma < 3 * np.median(inner.sigma))
+        clear = (
+            fit.good
+            & near
+            & (np.abs(fit.values[:, 6]) > 0.5 * usual)
+            & (fit.sigma < 3 * np.median(inner.sigma))
+        )
         size[(quarter + 1) % 2] += int(clear.mean() > CONTINUES)
     return size[0], size[1]
 
 
 def _chess_frame(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return grid.reshape(-1, 2).T, np.gradient(grid, axis=1).reshape(-1, 2).T, np.gradient(grid, axis=0).reshape(-1, 2).T
+    return (
+        grid.reshape(-1, 2).T,
+        np.gradient(grid, axis=1).reshape(-1, 2).T,
+        np.gradient(grid, axis=0).reshape(-1, 2).T,
+    )
 
 
 def _another_chessboard(picture: np.ndarray, board: "Board") -> Found:
@@ -178,13 +202,17 @@ def _another_chessboard(picture: np.ndarray, board: "Board") -> Found:
     small, scale = _shrunk(picture, SMALL)
     least = tuple(max(3, n - 3) for n in (board.columns, board.rows))
     for start in (least, least[::-1], (3, 3)):
-        whole, corners, meta = cv2.findChessboardCornersSBWithMeta(small, start, cv2.CALIB_CB_LARGER)
+        whole, corners, meta = cv2.findChessboardCornersSBWithMeta(
+            small, start, cv2.CALIB_CB_LARGER
+        )
         if whole and meta.shape != (board.rows, board.columns):
             grid = (corners.reshape(*meta.shape, 2).astype(float) + 0.5) * scale - 0.5
             if fit_saddles(picture.astype(np.float32), *_chess_frame(grid)).good.mean() < CONTINUES:
                 continue
             size = _as_written(meta.shape[::-1], (board.columns, board.rows))
-            cut = _leaves(grid, picture.shape) and size[0] <= board.columns and size[1] <= board.rows
+            cut = (
+                _leaves(grid, picture.shape) and size[0] <= board.columns and size[1] <= board.rows
+            )
             return Found(why=_other(board, size, cut), size=None if cut else size)
     return Found(why="no chessboard found")
 
@@ -225,10 +253,15 @@ def _circles(picture: np.ndarray, board: "Board") -> Found:
             continue
         order = _circle_order(discs[:2, chosen], board)
         discs_in_order = discs[:, chosen[order]]
-        larger = _larger_grid(discs, discs_in_order[:2].T.reshape(board.rows, board.columns, 2), asymmetric)
+        larger = _larger_grid(
+            discs, discs_in_order[:2].T.reshape(board.rows, board.columns, 2), asymmetric
+        )
         if larger != (board.columns, board.rows):
             return Found(why=_other(board, larger), size=larger)
-        if circles.grid_among(np.delete(discs, chosen, 1), board.columns, board.rows, asymmetric) is not None:
+        if (
+            circles.grid_among(np.delete(discs, chosen, 1), board.columns, board.rows, asymmetric)
+            is not None
+        ):
             return Found(why=_two(board))
         return Found(np.arange(board.count), discs_in_order[:2], discs=discs_in_order)
     return _another_grid(both, board, picture.shape)
@@ -255,7 +288,11 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
         step = 1 if sideways else apart
         if turned.shape[0] <= step:
             continue
-        beyond = 2 * turned[0] - turned[step] if sideways or not asymmetric else turned[1] + turned[0] - turned[2]
+        beyond = (
+            2 * turned[0] - turned[step]
+            if sideways or not asymmetric
+            else turned[1] + turned[0] - turned[2]
+        )
         away = np.hypot(*(beyond.T[:, :, None] - discs[:2, None])).min(1)
         reach = 0.2 * np.hypot(*(turned[0] - turned[step]).T)
         size[(quarter + 1) % 2] += int((away < reach).mean() > CONTINUES)
@@ -265,8 +302,14 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
 def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]) -> Found:
     """Which other grid of circles is there: sizes around the expected one, the largest first."""
     wide, high, asymmetric = board.columns, board.rows, board.kind == "asymmetric-circles"
-    around = {(a, b) for a in range(max(3, wide // 2), wide + 2) for b in range(max(3, high // 2), high + 2)}
-    sizes = [(*s, asymmetric) for s in (around | {(high, wide)}) - {(wide, high)}] + [(wide, high, not asymmetric)]
+    around = {
+        (a, b)
+        for a in range(max(3, wide // 2), wide + 2)
+        for b in range(max(3, high // 2), high + 2)
+    }
+    sizes = [(*s, asymmetric) for s in (around | {(high, wide)}) - {(wide, high)}] + [
+        (wide, high, not asymmetric)
+    ]
     for columns, rows, kind in sorted(sizes, key=lambda s: -s[0] * s[1]):
         for discs in both:
             chosen = circles.grid_among(discs, columns, rows, kind)
@@ -274,10 +317,14 @@ def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]
                 continue
             if kind != asymmetric:
                 other = "an asymmetric" if kind else "a symmetric"
-                return Found(why=f"{other} grid of {columns} x {rows} circles found: correct asymmetric under [board]")
+                return Found(
+                    why=f"{other} grid of {columns} x {rows} circles found: correct asymmetric under [board]"
+                )
             grid = discs[:2, chosen].T.reshape(rows, columns, 2)
             cut = _leaves(grid, shape) and columns <= wide and rows <= high
-            return Found(why=_other(board, (columns, rows), cut), size=None if cut else (columns, rows))
+            return Found(
+                why=_other(board, (columns, rows), cut), size=None if cut else (columns, rows)
+            )
     most = max(d.shape[1] for d in both)
     return Found(why=f"no grid of circles found: {most} discs of one size, {board.count} expected")
 
@@ -298,29 +345,51 @@ def _charuco(picture: np.ndarray, board: "Board") -> Found:
     return Found(why=f"no marker of {board.dictionary} found")
 
 
-def _another_charuco(picture: np.ndarray, board: "Board", corners: int, markers: np.ndarray) -> Found:
+def _another_charuco(
+    picture: np.ndarray, board: "Board", corners: int, markers: np.ndarray
+) -> Found:
     """Which other ChArUco board explains the markers: the one with most corners, of these the smallest."""
     wide, high, best = board.columns, board.rows, (max(5, 1.3 * corners), 0, None)
     around = {(wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)}
-    for columns, rows, legacy in {*around, (high, wide, board.legacy), (wide, high, not board.legacy)}:
-        index, pixels, _ = _marked(picture, columns, rows, board, legacy) if min(columns, rows) > 1 else ((), None, 0)
+    for columns, rows, legacy in {
+        *around,
+        (high, wide, board.legacy),
+        (wide, high, not board.legacy),
+    }:
+        index, pixels, _ = (
+            _marked(picture, columns, rows, board, legacy)
+            if min(columns, rows) > 1
+            else ((), None, 0)
+        )
         rank = (len(index), -columns * rows)
-        if rank > best[:2] and circles.is_flat(np.array(np.divmod(index, columns)[::-1], float), pixels):
+        if rank > best[:2] and circles.is_flat(
+            np.array(np.divmod(index, columns)[::-1], float), pixels
+        ):
             best = (*rank, (columns, rows, legacy))
-    if best[2] is None and len(np.unique(markers)) < 0.7 * len(markers):  # on one board every marker stands once
+    if best[2] is None and len(np.unique(markers)) < 0.7 * len(
+        markers
+    ):  # on one board every marker stands once
         return Found(why=_two(board))
     if best[2] is None:
         seen = f"{len(markers)} markers and {corners} corners between them found"
         return Found(why=f"{seen}, 6 corners needed: show more of the board")
     if best[2][:2] == (wide, high):
-        return Found(why=f"the markers are those of a board with legacy = {str(best[2][2]).lower()}: correct it")
+        return Found(
+            why=f"the markers are those of a board with legacy = {str(best[2][2]).lower()}: correct it"
+        )
     return Found(why=_other(board, best[2][:2]), size=best[2][:2])
 
 
 def _marked(picture, columns: int, rows: int, board: "Board", legacy: bool | None = None):
     """Index (k,), pixels (2, k) and numbers (m,) of the markers of a board of this size."""
-    detector = _detector(columns, rows, board.square_mm, board.marker_mm, board.dictionary,
-                         board.legacy if legacy is None else legacy)
+    detector = _detector(
+        columns,
+        rows,
+        board.square_mm,
+        board.marker_mm,
+        board.dictionary,
+        board.legacy if legacy is None else legacy,
+    )
     corners, ids, _, markers = detector.detectBoard(picture)
     seen = np.ravel(() if markers is None else markers)
     if ids is None or len(ids) == 0:

@@ -35,8 +35,13 @@ class Fit:
     good: np.ndarray
 
 
-def fit_saddles(picture: np.ndarray, centres: np.ndarray, along: np.ndarray, down: np.ndarray,
-                clear: float = 1.0) -> Fit:
+def fit_saddles(
+    picture: np.ndarray,
+    centres: np.ndarray,
+    along: np.ndarray,
+    down: np.ndarray,
+    clear: float = 1.0,
+) -> Fit:
     """Corners where four squares meet, from starts (2, n) px within a fifth of a square.
 
     along, down: (2, n) px, from a corner to its next one in the row and in the column. clear: share of a
@@ -47,10 +52,23 @@ def fit_saddles(picture: np.ndarray, centres: np.ndarray, along: np.ndarray, dow
     reach = np.clip(0.45 * np.minimum(np.hypot(*along), np.hypot(*down)), 2.5, REACH)
     spots, grey, weight = _patches(picture, centres, reach)
     weight = weight * (np.hypot(*spots - centres[:, :, None]) <= reach[:, None])
-    weight = weight * _beside(spots - centres[:, :, None], along, down, clear) if clear < 0.5 else weight
+    weight = (
+        weight * _beside(spots - centres[:, :, None], along, down, clear) if clear < 0.5 else weight
+    )
     middle, spread = _level(grey, weight)
-    start = np.stack([*centres, np.arctan2(along[1], along[0]), np.arctan2(down[1], down[0]),
-                      np.zeros_like(reach), middle, spread, 0 * reach, 0 * reach], 1)  # fmt: skip
+    start = np.stack(
+        [
+            *centres,
+            np.arctan2(along[1], along[0]),
+            np.arctan2(down[1], down[0]),
+            np.zeros_like(reach),
+            middle,
+            spread,
+            0 * reach,
+            0 * reach,
+        ],
+        1,
+    )
     start[:, 6] *= np.sign(_side(start, spots, grey, weight))
     fit = _fit(_saddle, start, spots, grey, weight)
     return _checked(fit, centres, reach, fit.values[:, 6])
@@ -61,13 +79,18 @@ def _beside(away: np.ndarray, along: np.ndarray, down: np.ndarray, clear: float)
     area = np.abs(along[0] * down[1] - along[1] * down[0])
     near = np.zeros(away.shape[1:], bool)
     for edge in (along, down):
-        distance = np.abs(edge[0][:, None] * away[1] - edge[1][:, None] * away[0]) / np.hypot(*edge)[:, None]
+        distance = (
+            np.abs(edge[0][:, None] * away[1] - edge[1][:, None] * away[0])
+            / np.hypot(*edge)[:, None]
+        )
         rim = clear * area / np.hypot(*edge)
         near |= distance <= np.maximum(rim - 1, 1.5)[:, None]
     return near
 
 
-def fit_discs(picture: np.ndarray, centres: np.ndarray, spread: np.ndarray, margin: np.ndarray) -> Fit:
+def fit_discs(
+    picture: np.ndarray, centres: np.ndarray, spread: np.ndarray, margin: np.ndarray
+) -> Fit:
     """Ellipses of even grey from starts (2, n) px.
 
     spread: (2, 2, n) px^2, second moments of each filled ellipse (a quarter of its squared half axes);
@@ -85,8 +108,20 @@ def fit_discs(picture: np.ndarray, centres: np.ndarray, spread: np.ndarray, marg
     weight = weight * (np.abs(scaled - 1) * np.sqrt(half.prod(1))[:, None] <= width[:, None])
     middle, contrast = _level(grey, weight)
     inner = (grey * weight * (scaled < 1)).sum(1) / np.maximum((weight * (scaled < 1)).sum(1), 1)
-    start = np.stack([*centres, bend[:, 0, 0], bend[:, 0, 1], bend[:, 1, 1], 0 * width, middle,
-                      np.where(inner < middle, contrast, -contrast), 0 * width, 0 * width], 1)  # fmt: skip
+    start = np.stack(
+        [
+            *centres,
+            bend[:, 0, 0],
+            bend[:, 0, 1],
+            bend[:, 1, 1],
+            0 * width,
+            middle,
+            np.where(inner < middle, contrast, -contrast),
+            0 * width,
+            0 * width,
+        ],
+        1,
+    )
     fit = _fit(_disc, start, spots, grey, weight)
     return _checked(fit, centres, half[:, 0], fit.values[:, 7])
 
@@ -147,12 +182,24 @@ def _saddle(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     cx, cy, first, second, blur, level, half, right, below = p.T[:, :, None]
     ux, uy, size = spots[0] - cx, spots[1] - cy, _size(blur)
-    (e1, slope1, d1), (e2, slope2, d2) = _edge(first, ux, uy, size, 1), _edge(second, ux, uy, size, -1)
+    (e1, slope1, d1), (e2, slope2, d2) = (
+        _edge(first, ux, uy, size, 1),
+        _edge(second, ux, uy, size, -1),
+    )
     by1, by2 = half * e2 * slope1, half * e1 * slope2
-    jacobian = np.stack([
-        by1 * np.sin(first) - by2 * np.sin(second) - right, by2 * np.cos(second) - by1 * np.cos(first) - below,
-        -by1 * (np.cos(first) * ux + np.sin(first) * uy), by2 * (np.cos(second) * ux + np.sin(second) * uy),
-        -by1 * d1 - by2 * d2, np.ones_like(ux), e1 * e2, ux, uy])  # fmt: skip
+    jacobian = np.stack(
+        [
+            by1 * np.sin(first) - by2 * np.sin(second) - right,
+            by2 * np.cos(second) - by1 * np.cos(first) - below,
+            -by1 * (np.cos(first) * ux + np.sin(first) * uy),
+            by2 * (np.cos(second) * ux + np.sin(second) * uy),
+            -by1 * d1 - by2 * d2,
+            np.ones_like(ux),
+            e1 * e2,
+            ux,
+            uy,
+        ]
+    )
     return level + half * e1 * e2 + right * ux + below * uy, jacobian
 
 
@@ -165,7 +212,11 @@ def _edge(angle, ux, uy, size, sign):
     from scipy.special import erf
 
     d = sign * (np.cos(angle) * uy - np.sin(angle) * ux)
-    return erf(d / (np.sqrt(2) * size)), np.sqrt(2 / np.pi) / size * np.exp(-0.5 * (d / size) ** 2), d
+    return (
+        erf(d / (np.sqrt(2) * size)),
+        np.sqrt(2 / np.pi) / size * np.exp(-0.5 * (d / size) ** 2),
+        d,
+    )
 
 
 def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -185,8 +236,20 @@ def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     edge = erf(d / (np.sqrt(2) * size))
     by = half * np.sqrt(2 / np.pi) / size * np.exp(-0.5 * (d / size) ** 2)
     by_m = by / steep
-    jacobian = np.stack([-by_m * gx - right, -by_m * gy - below, by_m * vx * ux / m, by_m * (vx * uy + vy * ux) / m,
-                         by_m * vy * uy / m, -by * d, np.ones_like(ux), edge, ux, uy])  # fmt: skip
+    jacobian = np.stack(
+        [
+            -by_m * gx - right,
+            -by_m * gy - below,
+            by_m * vx * ux / m,
+            by_m * (vx * uy + vy * ux) / m,
+            by_m * vy * uy / m,
+            -by * d,
+            np.ones_like(ux),
+            edge,
+            ux,
+            uy,
+        ]
+    )
     return level + half * edge + right * ux + below * uy, jacobian
 
 
@@ -209,7 +272,10 @@ def _levenberg(model, p, spots, grey, weight):
         new_cost, new_normal, new_slope = _normal(model, p + step, spots, grey, weight)
         better = new_cost <= cost
         p = np.where(better[:, None], p + step, p)
-        normal, slope = np.where(better[:, None, None], new_normal, normal), np.where(better[:, None], new_slope, slope)
+        normal, slope = (
+            np.where(better[:, None, None], new_normal, normal),
+            np.where(better[:, None], new_slope, slope),
+        )
         settled = np.abs(step[:, :2]).max(1) < SETTLED
         cost, damping = np.where(better, new_cost, cost), np.where(better, damping / 8, damping * 6)
         if settled.all():
@@ -224,7 +290,11 @@ def _solved(matrices, right):
     except np.linalg.LinAlgError:
         flat = np.abs(np.linalg.slogdet(matrices)[0]) == 0
         whole = np.where(flat[:, None, None], np.eye(right.shape[1]), matrices)
-        return np.where(flat[:, None], 0, _solved(whole, right)) if flat.any() else np.zeros_like(right)
+        return (
+            np.where(flat[:, None], 0, _solved(whole, right))
+            if flat.any()
+            else np.zeros_like(right)
+        )
 
 
 def _normal(model, p, spots, grey, weight):
@@ -233,10 +303,17 @@ def _normal(model, p, spots, grey, weight):
         left = weight * (grey - value)
         jacobian = np.moveaxis(jacobian * weight, 0, 2)
         turned = jacobian.swapaxes(1, 2)
-        cost, normal, slope = (left**2).sum(1), turned @ jacobian, (turned @ left[:, :, None])[:, :, 0]
+        cost, normal, slope = (
+            (left**2).sum(1),
+            turned @ jacobian,
+            (turned @ left[:, :, None])[:, :, 0],
+        )
     whole = np.isfinite(cost) & np.isfinite(normal).all((1, 2))
-    return (np.where(whole, cost, np.inf), np.where(whole[:, None, None], normal, np.eye(p.shape[1])),
-            np.where(whole[:, None], slope, 0))  # fmt: skip
+    return (
+        np.where(whole, cost, np.inf),
+        np.where(whole[:, None, None], normal, np.eye(p.shape[1])),
+        np.where(whole[:, None], slope, 0),
+    )
 
 
 def _diagonal(normal):

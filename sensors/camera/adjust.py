@@ -23,9 +23,9 @@ from sensors.camera.start import (
     usual_focal,
 )
 from sensors.camera.turns import quarter_turned, tell_apart, turn
-from workbench.core.least_squares.bundle import CHI_SQUARE_MEDIAN, BundleFit
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
+from workbench.core.least_squares.bundle import CHI_SQUARE_MEDIAN, BundleFit
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 
@@ -60,8 +60,14 @@ class Adjusted:
     left_out: dict[str, int]
 
 
-def adjusted(views: Sequence["View"], board: "Board", size: tuple[int, int], model: str, effects: Sequence[Effect],
-             loss: str) -> Adjusted:  # fmt: skip
+def adjusted(
+    views: Sequence["View"],
+    board: "Board",
+    size: tuple[int, int],
+    model: str,
+    effects: Sequence[Effect],
+    loss: str,
+) -> Adjusted:
     """Start, bundle, and bundle again without the blunders. InputError where three placements do not remain."""
     _enough(views, (), board)
     check_views(views, board, size)
@@ -77,15 +83,27 @@ def adjusted(views: Sequence["View"], board: "Board", size: tuple[int, int], mod
         chain, fit = _best(chain, effects, loss)
         far = blunders(chain, fit.residual[0])
         if not far.any():
-            return Adjusted(chain, fit, tuple(kept), tuple(rejected), {k: n for k, n in left_out.items() if n})
+            return Adjusted(
+                chain, fit, tuple(kept), tuple(rejected), {k: n for k, n in left_out.items() if n}
+            )
         counts = np.bincount(chain.labels["view"], far, len(kept))
         bad = counts > np.bincount(chain.labels["view"], minlength=len(kept)) / 2
-        rejected += [_rejected(kept[k], f"most of its corners are more than {FAR:g} times as far off as half of all "
-                                        "corners are") for k in np.flatnonzero(bad)]
-        if not bad.any():  # single corners are judged where no whole picture spoils the fit any more
+        rejected += [
+            _rejected(
+                kept[k],
+                f"most of its corners are more than {FAR:g} times as far off as half of all "
+                "corners are",
+            )
+            for k in np.flatnonzero(bad)
+        ]
+        if (
+            not bad.any()
+        ):  # single corners are judged where no whole picture spoils the fit any more
             for view, count in zip(kept, counts):
                 left_out[view.image] += int(count)
-        chain, kept = _less(replace(chain, sigma=stated), kept, bad, far if not bad.any() else np.zeros_like(far))
+        chain, kept = _less(
+            replace(chain, sigma=stated), kept, bad, far if not bad.any() else np.zeros_like(far)
+        )
         _enough(kept, rejected, board)
 
 
@@ -94,11 +112,15 @@ def _enough(views, rejected, board):
     if found >= FEWEST:
         return
     if len(rejected) > found:
-        raise InputError(f"camera: expected pictures of a {board.title}, each placement with one pose of it, found "
-                         f"{len(rejected)} of {len(rejected) + len(views)} that are none ({rejected[0]}); correct the "
-                         "board's columns and rows, or the placements")
-    raise InputError(f"camera: expected the board at {FEWEST} or more placements, found {found}; take 15 to 20 "
-                     "pictures, the board tilted by 20 to 45 degrees, out to every corner")
+        raise InputError(
+            f"camera: expected pictures of a {board.title}, each placement with one pose of it, found "
+            f"{len(rejected)} of {len(rejected) + len(views)} that are none ({rejected[0]}); correct the "
+            "board's columns and rows, or the placements"
+        )
+    raise InputError(
+        f"camera: expected the board at {FEWEST} or more placements, found {found}; take 15 to 20 "
+        "pictures, the board tilted by 20 to 45 degrees, out to every corner"
+    )
 
 
 def _rejected(view, why):
@@ -110,8 +132,11 @@ def _rejected(view, why):
 def _once(views, rejected):
     """Views without those whose corners another has: counted twice, one picture would pass for two."""
     of = repeated(views)
-    twice = [_rejected(view, f"the same corners as {views[k].image}, which would count twice")
-             for view, k in zip(views, of) if k is not None]  # fmt: skip
+    twice = [
+        _rejected(view, f"the same corners as {views[k].image}, which would count twice")
+        for view, k in zip(views, of)
+        if k is not None
+    ]
     return [view for view, k in zip(views, of) if k is None], [*rejected, *twice]
 
 
@@ -141,10 +166,17 @@ def _started(views, few, board, size, model):
         if not (bad | behind).any():
             return chain, kept, rejected
         group = placement_groups(kept)[0]
-        rejected += [_rejected(view, f"no pose of the {board.title} explains these corners: they are off by "
-                                     f"{100 * share[k]:.0f} % of the size of its image" if bad[k] else
-                                     "its corners are those of a board seen from behind, unlike the others'")
-                     for view, k in zip(kept, group) if bad[k] or behind[k]]  # fmt: skip
+        rejected += [
+            _rejected(
+                view,
+                f"no pose of the {board.title} explains these corners: they are off by "
+                f"{100 * share[k]:.0f} % of the size of its image"
+                if bad[k]
+                else "its corners are those of a board seen from behind, unlike the others'",
+            )
+            for view, k in zip(kept, group)
+            if bad[k] or behind[k]
+        ]
         kept = [view for view, k in zip(kept, group) if not bad[k] and not behind[k]]
         _enough(kept, [*few, *rejected], board)
 
@@ -176,10 +208,14 @@ def _less(chain, kept, bad, far):
     """Chain and views without the views `bad` (V,) and the corners `far` (n,), numbered anew."""
     names = placement_groups(kept)[1]
     chain = chain.at(~(bad[chain.labels["view"]] | far))
-    chain = replace(chain, labels={**chain.labels, "view": (np.cumsum(~bad) - 1)[chain.labels["view"]]})
+    chain = replace(
+        chain, labels={**chain.labels, "view": (np.cumsum(~bad) - 1)[chain.labels["view"]]}
+    )
     kept = [view for view, out in zip(kept, bad) if not out]
     still = set(placement_groups(kept)[1])
-    return group_subset(chain, np.array([k for k, name in enumerate(names) if name in still], int)), kept
+    return group_subset(
+        chain, np.array([k for k, name in enumerate(names) if name in still], int)
+    ), kept
 
 
 def _best(chain, effects, loss):
@@ -189,7 +225,10 @@ def _best(chain, effects, loss):
         return found
     chosen, new = spread(chain)
     focal = usual_focal(chain.camera)
-    usual = Camera.of(np.r_[focal, focal, chain.camera.values[2:4], 0 * chain.camera.values[4:]], chain.camera.size)
+    usual = Camera.of(
+        np.r_[focal, focal, chain.camera.values[2:4], 0 * chain.camera.values[4:]],
+        chain.camera.size,
+    )
     poses = first_poses(homographies(chain, chosen, new), usual.matrix)
     other = adjust(chain.moved(usual, poses), effects, loss)
     return min(found, other, key=lambda made: np.median((made[1].residual[0] ** 2).sum(0)))
@@ -201,7 +240,9 @@ def tilts(poses: np.ndarray) -> float:
     return float(np.arccos(np.clip(normals @ normals.T, -1, 1)).max())
 
 
-def adjust(chain: Corners, effects: Sequence[Effect], loss: str = "huber") -> tuple[Corners, BundleFit]:
+def adjust(
+    chain: Corners, effects: Sequence[Effect], loss: str = "huber"
+) -> tuple[Corners, BundleFit]:
     """Bundle over camera, effects and poses from the chain's start; the chain at the solution, and the fit.
 
     A first fit, to a few corners of each placement where they are many, weighs all corners alike. What
@@ -210,12 +251,16 @@ def adjust(chain: Corners, effects: Sequence[Effect], loss: str = "huber") -> tu
     to a hundredth of a pixel because noise alone would allow it.
     """
     many = chain.pixels.shape[1] > 3 * FEW * len(chain.poses)
-    first = replace(chain.at(thinned(chain)) if many else chain, sigma=np.full((2, 1), np.median(chain.sigma)))
+    first = replace(
+        chain.at(thinned(chain)) if many else chain, sigma=np.full((2, 1), np.median(chain.sigma))
+    )
     table = Model(first, tuple(effects)).parameters
     fit = fit_free(first, effects, table.only(np.ones(len(table), bool)), loss, _FIRST_STEPS)
     if not fit.converged and fit.history[-2] > _STILL * fit.history[-1]:
         fit = fit_free(replace(first, poses=fit.values["placement"]), effects, fit.parameters, loss)
-    chain = replace(chain, poses=fit.values["placement"], sigma=np.hypot(chain.sigma, _excess(fit, chain.sigma)))
+    chain = replace(
+        chain, poses=fit.values["placement"], sigma=np.hypot(chain.sigma, _excess(fit, chain.sigma))
+    )
     fit = fit_free(chain, effects, fit.parameters, loss)
     camera = Camera.of(fit.parameters.values[: len(chain.parameters)], chain.camera.size)
     return chain.moved(camera, fit.values["placement"]), fit

@@ -25,9 +25,9 @@ from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, placement_groups
 from sensors.effects import CATALOGUE
-from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -168,8 +168,11 @@ class CameraCalibration:
         places = [self.fit.table.index[key] for key in keys]
         values, covariance = self.fit.table.values[places], self.covariance[np.ix_(places, places)]
         names = [key.removeprefix(_BOW) for key in keys]
-        return Bow(dict(zip(names, values.tolist())), {name: self.std[_BOW + name] for name in names},
-                   *_height(self.board, values, covariance))  # fmt: skip
+        return Bow(
+            dict(zip(names, values.tolist())),
+            {name: self.std[_BOW + name] for name in names},
+            *_height(self.board, values, covariance),
+        )
 
 
 def calibrate_camera(
@@ -191,16 +194,29 @@ def calibrate_camera(
     usable placements, where the views do not fit the board or one another.
     """
     if model not in MODELS:
-        raise InputError(f"camera model: expected {' or '.join(MODELS)}, found {model!r}; choose one of them")
+        raise InputError(
+            f"camera model: expected {' or '.join(MODELS)}, found {model!r}; choose one of them"
+        )
     effects = (*((CATALOGUE["board-bow"]("artefact"),) if bow else ()), *effects)
     progress(f"camera, poses and bow from {len(views)} pictures")
     part = adjusted(views, board, size, model, effects, loss)
     made = CameraCalibration(
-        part.chain.camera, part.fit, part.chain, effects, part.views, board, part.rejected, part.left_out
+        part.chain.camera,
+        part.fit,
+        part.chain,
+        effects,
+        part.views,
+        board,
+        part.rejected,
+        part.left_out,
     )
     printed = print_errors(part.chain, part.fit, effects)
-    made = replace(made, printed=printed, lens=lens_map(part.chain, part.fit, printed),
-                   curved=curved(part.chain, part.fit, effects))  # fmt: skip
+    made = replace(
+        made,
+        printed=printed,
+        lens=lens_map(part.chain, part.fit, printed),
+        curved=curved(part.chain, part.fit, effects),
+    )
     if folds:
         known = part.fit.parameters
         progress("pictures left out in folds, beside OpenCV")
@@ -208,7 +224,9 @@ def calibrate_camera(
         progress("one half of the pictures against the other")
         halves = compare_halves(part.chain, effects, known, loss, made.distance_mm)
         made = replace(made, held_out=left_out, halves=halves)
-    return replace(made, undetermined=tuple(_undetermined(made)), remarks=tuple(_remarks(made, folds)))
+    return replace(
+        made, undetermined=tuple(_undetermined(made)), remarks=tuple(_remarks(made, folds))
+    )
 
 
 def _height(board, values, covariance):
@@ -233,9 +251,12 @@ def _undetermined(made: CameraCalibration) -> list[str]:
     weak = not made.determined[made.fit.table.index["camera.fx"]]
     sigma = f"{made.std['camera.fx']:.2g} px (1 sigma)"
     known = "cannot be told from its distance" if weak else f"is known to {sigma} only"
-    return [f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(made.poses)} "
-            f"placements: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
-            "both ways", *said]
+    return [
+        f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(made.poses)} "
+        f"placements: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
+        "both ways",
+        *said,
+    ]
 
 
 def _remarks(made: CameraCalibration, folds: int) -> list[str]:
@@ -243,18 +264,30 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
     said = []
     share = float((made.coverage > 0).mean())
     if share < _COVERED:
-        said.append(f"corners lie in {100 * share:.0f} % of the picture's cells: beyond them the lens is extrapolated, "
-                    f"to {np.nanmax(made.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the picture")
+        said.append(
+            f"corners lie in {100 * share:.0f} % of the picture's cells: beyond them the lens is extrapolated, "
+            f"to {np.nanmax(made.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the picture"
+        )
     if made.left_out:
         rows = ", ".join(f"{count} of {image}" for image, count in made.left_out.items())
-        said.append(f"corners left out because they are more than {FAR:g} times as far off as half of all are: {rows}")
-    said += [shared.sentence for shared in (made.printed, made.lens) if shared is not None and shared.significant]
+        said.append(
+            f"corners left out because they are more than {FAR:g} times as far off as half of all are: {rows}"
+        )
+    said += [
+        shared.sentence
+        for shared in (made.printed, made.lens)
+        if shared is not None and shared.significant
+    ]
     if folds and made.held_out is None:
-        said.append(f"no picture could be left out as a check: {len(made.poses)} placements are too few; take more")
+        said.append(
+            f"no picture could be left out as a check: {len(made.poses)} placements are too few; take more"
+        )
     if made.halves is not None and made.halves.p_value < UNLIKELY:
-        said.append(f"{made.halves.sentence} (chance does so with probability {made.halves.p_value:.1g}): the lens is "
-                    "not of the model fitted, or the corners of a picture share errors; neither is in the sigmas, "
-                    f"which should be taken as {made.halves.ratio:.1f} times as large")
+        said.append(
+            f"{made.halves.sentence} (chance does so with probability {made.halves.p_value:.1g}): the lens is "
+            "not of the model fitted, or the corners of a picture share errors; neither is in the sigmas, "
+            f"which should be taken as {made.halves.ratio:.1f} times as large"
+        )
     if not made.fit.converged:
         said.append(made.fit.outcome)
     return said

@@ -7,8 +7,8 @@ import numpy as np
 
 from sensors.camera.corners import Corners, placements
 from sensors.camera.model import RATIONAL, Camera
-from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.least_squares.linear_algebra import all_finite, least_squares, solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -23,7 +23,9 @@ def group_subset(chain: Corners, groups: np.ndarray) -> Corners:
     """The chain with some of its placements only (sorted indices), numbered anew."""
     chosen = chain.at(np.isin(chain.labels["placement"], groups))
     renamed = np.searchsorted(groups, chosen.labels["placement"])
-    return replace(chosen, poses=chain.poses[groups], labels={**chosen.labels, "placement": renamed})
+    return replace(
+        chosen, poses=chain.poses[groups], labels={**chosen.labels, "placement": renamed}
+    )
 
 
 def rms(residual: np.ndarray) -> float:
@@ -31,7 +33,9 @@ def rms(residual: np.ndarray) -> float:
     return float(np.sqrt((residual**2).sum(0).mean()))
 
 
-def fit_free(chain: Corners, effects: Sequence[Effect], start: Parameters, loss: str, steps: int = 50) -> BundleFit:
+def fit_free(
+    chain: Corners, effects: Sequence[Effect], start: Parameters, loss: str, steps: int = 50
+) -> BundleFit:
     """Camera, effects and all poses from a start."""
     families = {"placement": placements(chain.poses)}
     return solve_bundle([Model(chain, tuple(effects))], start, families, loss=loss, steps=steps)
@@ -40,7 +44,9 @@ def fit_free(chain: Corners, effects: Sequence[Effect], start: Parameters, loss:
 def posed(chain: Corners, effects: Sequence[Effect], known: Parameters) -> Corners:
     """The chain with each pose fitted to its corners, camera and effects as known."""
     fixed = known.only(np.zeros(len(known), bool))
-    fit = solve_bundle([Model(chain, tuple(effects))], fixed, {"placement": placements(chain.poses)})
+    fit = solve_bundle(
+        [Model(chain, tuple(effects))], fixed, {"placement": placements(chain.poses)}
+    )
     return replace(chain, poses=fit.values["placement"])
 
 
@@ -68,7 +74,9 @@ class HeldOut:
         )
 
 
-def held_out(chain: Corners, effects: Sequence[Effect], known: Parameters, loss: str, folds: int) -> HeldOut | None:
+def held_out(
+    chain: Corners, effects: Sequence[Effect], known: Parameters, loss: str, folds: int
+) -> HeldOut | None:
     """Cross-validation over placements; None where they are too few to leave any out."""
     folds = min(folds, len(chain.poses))
     if folds < 2 or len(chain.poses) - -(-len(chain.poses) // folds) < _ENOUGH:
@@ -98,7 +106,9 @@ def _ours(chain, effects, known):
     halved = np.empty(chain.pixels.shape)
     for half, other in (_halves(chain), _halves(chain)[::-1]):
         poses = posed(model.chain.at(half), effects, known).poses
-        halved[:, other] = Model(replace(model.chain, poses=poses).at(other), tuple(effects)).residual(known)
+        halved[:, other] = Model(
+            replace(model.chain, poses=poses).at(other), tuple(effects)
+        ).residual(known)
     return model.residual(known), halved
 
 
@@ -111,9 +121,13 @@ def opencv_camera(chain: Corners) -> Camera:
     pixels = [np.ascontiguousarray(chain.pixels[:, g].T, np.float32) for g in groups]
     # neither 5 nor 8 coefficients need a flag that shares its value with another in some release of OpenCV
     flags = cv2.CALIB_RATIONAL_MODEL if len(chain.camera.values) == RATIONAL else 0
-    _, matrix, distortion, *_ = cv2.calibrateCamera(points, pixels, chain.camera.size, None, None, flags=flags)
+    _, matrix, distortion, *_ = cv2.calibrateCamera(
+        points, pixels, chain.camera.size, None, None, flags=flags
+    )
     lens = distortion.ravel()[: len(chain.camera.distortion)]
-    return Camera.of([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *lens], chain.camera.size)
+    return Camera.of(
+        [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *lens], chain.camera.size
+    )
 
 
 def _opencv(chain, camera):
@@ -133,8 +147,13 @@ def _seen_by_opencv(chain, camera, fitted, asked):
     import cv2
 
     lens = camera.matrix, np.array(camera.distortion)
-    _, turn, away = cv2.solvePnP(chain.points[:, fitted].T.copy(), chain.pixels[:, fitted].T.copy(), *lens)
-    return cv2.projectPoints(chain.points[:, asked].T.copy(), turn, away, *lens)[0][:, 0].T - chain.pixels[:, asked]
+    _, turn, away = cv2.solvePnP(
+        chain.points[:, fitted].T.copy(), chain.pixels[:, fitted].T.copy(), *lens
+    )
+    return (
+        cv2.projectPoints(chain.points[:, asked].T.copy(), turn, away, *lens)[0][:, 0].T
+        - chain.pixels[:, asked]
+    )
 
 
 @dataclass(frozen=True)
@@ -158,7 +177,9 @@ def projection_uncertainty(camera: Camera, covariance: np.ndarray, distance: flo
     x, y, by_value, _ = _compensated(camera, distance)
     spread = np.einsum("pcn,pq,qdn->ncd", by_value, covariance, by_value)
     across, along, both = spread[:, 0, 0], spread[:, 1, 1], spread[:, 0, 1]
-    largest = (across + along) / 2 + np.hypot((across - along) / 2, both)  # larger eigenvalue of each 2 x 2 matrix
+    largest = (across + along) / 2 + np.hypot(
+        (across - along) / 2, both
+    )  # larger eigenvalue of each 2 x 2 matrix
     return FieldMap(x, y, np.sqrt(np.maximum(largest, 0)).reshape(len(y), len(x)), distance)
 
 
@@ -169,7 +190,12 @@ def _compensated(camera, distance):
     points = distance * camera.rays(pixels)
     good = np.isfinite(points).all(0)
     _, by_point, by_value = camera.project_rows(np.where(good, points, 1.0))
-    return x, y, np.where(good, _without(by_value, motion_rows(by_point, points), good), np.nan), points
+    return (
+        x,
+        y,
+        np.where(good, _without(by_value, motion_rows(by_point, points), good), np.nan),
+        points,
+    )
 
 
 def motion_rows(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -220,7 +246,9 @@ class Halves:
         )
 
 
-def compare_halves(chain: Corners, effects, known: Parameters, loss: str, distance: float) -> Halves | None:
+def compare_halves(
+    chain: Corners, effects, known: Parameters, loss: str, distance: float
+) -> Halves | None:
     """Cross-validation between halves; None where a half would have too few placements."""
     every = np.arange(len(chain.poses))
     if len(every) < 2 * _ENOUGH:
@@ -231,7 +259,9 @@ def compare_halves(chain: Corners, effects, known: Parameters, loss: str, distan
     spread = sum(fit.covariance[:own, :own] for fit in fits)
     gap = second.values - first.values
     typical = chain.parameters.typical
-    if not all_finite(spread):  # a half that leaves a number of its camera undetermined says nothing of the other
+    if not all_finite(
+        spread
+    ):  # a half that leaves a number of its camera undetermined says nothing of the other
         return None
     scaled = solve_positive(spread / np.outer(typical, typical), gap / typical)
     difference = projection_difference(first, second, distance)
@@ -259,4 +289,3 @@ def coverage(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """(6, 8) how many corners, pixels (2, n), lie in each cell of the picture."""
     edges = [np.linspace(-0.5, extent - 0.5, count + 1) for extent, count in zip(size, _CELLS)]
     return np.histogram2d(pixels[1], pixels[0], bins=edges[::-1])[0].astype(int)
-

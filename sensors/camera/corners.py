@@ -14,8 +14,8 @@ import numpy as np
 from sensors.boards.circles import centre_shift
 from sensors.camera.model import NAMES, Camera
 from sensors.state import SensorState
-from workbench.core.least_squares.bundle import Family
 from workbench.core.errors import InputError
+from workbench.core.least_squares.bundle import Family
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
@@ -24,10 +24,14 @@ POSE = ("x", "y", "z", "rx", "ry", "rz")
 POSE_UNITS = ("mm",) * 3 + ("rad",) * 3
 _MOVED_POSE = np.array([1.0] * 3 + [0.01] * 3)
 _LABELS = {
-    "fx": "the focal length fx", "fy": "the focal length fy", "cx": "the principal point cx",
-    "cy": "the principal point cy", **{f"k{i}": f"the radial distortion k{i}" for i in range(1, 7)},
-    "p1": "the tangential distortion p1", "p2": "the tangential distortion p2",
-}  # fmt: skip
+    "fx": "the focal length fx",
+    "fy": "the focal length fy",
+    "cx": "the principal point cx",
+    "cy": "the principal point cy",
+    **{f"k{i}": f"the radial distortion k{i}" for i in range(1, 7)},
+    "p1": "the tangential distortion p1",
+    "p2": "the tangential distortion p2",
+}
 # Order in r of each coefficient's displacement over the distance from the middle.
 _ORDERS = {"k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6, "k4": 2, "k5": 4, "k6": 6}
 _AT_THE_EDGE = 0.1  # displacement by one coefficient at the edge of the picture, over the distance from its middle
@@ -59,8 +63,10 @@ def placements(poses: np.ndarray) -> Family:
 def slots(port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
     """The rows of a port of the scanner's chains that `components` name, () for all; InputError for no such port."""
     if port not in PORTS:
-        raise InputError(f"effect at {where}: expected a port of the scanner ({', '.join(PORTS)}), found {port}; "
-                         "take an effect of the sensor")
+        raise InputError(
+            f"effect at {where}: expected a port of the scanner ({', '.join(PORTS)}), found {port}; "
+            "take an effect of the sensor"
+        )
     return tuple(components) or tuple(range(PORTS[port]))
 
 
@@ -97,18 +103,30 @@ class Corners:
         board, n = _OnBoard(self, self.points), self.pixels.shape[1]
         unknown = np.full((5, n), np.nan)
         return SensorState(
-            self.camera, self.pixels, board.points, unknown[:4], unknown[4], self.place, board.normals,
-            np.zeros(n, int), self.covariates, self.points,
-        )  # fmt: skip
+            self.camera,
+            self.pixels,
+            board.points,
+            unknown[:4],
+            unknown[4],
+            self.place,
+            board.normals,
+            np.zeros(n, int),
+            self.covariates,
+            self.points,
+        )
 
     def at(self, samples: np.ndarray) -> "Corners":
         """The same on some of the samples (indices or mask); the poses stay."""
         return replace(
-            self, points=self.points[:, samples], place=self.place[:, samples], pixels=self.pixels[:, samples],
+            self,
+            points=self.points[:, samples],
+            place=self.place[:, samples],
+            pixels=self.pixels[:, samples],
             labels={name: label[samples] for name, label in self.labels.items()},
             sigma=self.sigma if self.sigma.shape[1] == 1 else self.sigma[:, samples],
-            covariates={name: column[samples] for name, column in self.covariates.items()}, _kept_state=None,
-        )  # fmt: skip
+            covariates={name: column[samples] for name, column in self.covariates.items()},
+            _kept_state=None,
+        )
 
     def moved(self, camera: Camera, poses: np.ndarray) -> "Corners":
         """The same at another start."""
@@ -139,7 +157,9 @@ class _OnBoard:
         self.group = chain.labels["placement"]
         self.vectors = chain.poses[:, 3:]
         self.turn = _each(rotation_matrix(self.vectors), self.group)
-        self.turned = np.stack([row[0] * nominal[0] + row[1] * nominal[1] + row[2] * nominal[2] for row in self.turn])
+        self.turned = np.stack(
+            [row[0] * nominal[0] + row[1] * nominal[1] + row[2] * nominal[2] for row in self.turn]
+        )
         self.points = self.turned + chain.poses[:, :3].T[:, self.group]
 
     @property
@@ -258,4 +278,6 @@ def _dot(rows, vector):
 def _cross(vector, rows):
     """(3, 2, n) vector (3, n) x rows (3, 2, n)."""
     x, y, z = vector
-    return np.stack([y * rows[2] - z * rows[1], z * rows[0] - x * rows[2], x * rows[1] - y * rows[0]])
+    return np.stack(
+        [y * rows[2] - z * rows[1], z * rows[0] - x * rows[2], x * rows[1] - y * rows[0]]
+    )

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.camera.corners import Corners
-from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 
 _STEP = 2.0  # sigmas
@@ -57,7 +57,9 @@ def curved(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> Curved 
 def _cost(model, fit, move, poses):
     """Weighted squares with the shared parameters and the poses moved, and those of priors as the bundle has them."""
     parameters = fit.parameters.unpack(fit.parameters.pack() + move)
-    chain = replace(model.chain, poses=fit.values["placement"] + poses, _kept_state=model.chain.state)
+    chain = replace(
+        model.chain, poses=fit.values["placement"] + poses, _kept_state=model.chain.state
+    )
     residual = model.with_chain(chain).residual(parameters)
     squares = float(fit.weights[0] @ ((residual / model.chain.sigma) ** 2).sum(0))
     free = parameters.mask

@@ -106,7 +106,11 @@ class Camera:
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
         x2, y2, xy = x * x, y * y, x * y
         r2 = x2 + y2
-        radial, steep, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + 3 * r2 * k3), None
+        radial, steep, below = (
+            1 + r2 * (k1 + r2 * (k2 + r2 * k3)),
+            k1 + r2 * (2 * k2 + 3 * r2 * k3),
+            None,
+        )
         if len(self.distortion) > 5:
             below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
             radial /= below
@@ -134,14 +138,24 @@ class Camera:
 def camera_from_keys(keys: dict, called: str) -> Camera:
     """A camera from `fx_px fy_px cx_px cy_px distortion width_px height_px`; InputError where they are not usable."""
     try:
-        values = [float(keys[f"{name}_px"]) for name in NAMES[:4]] + [float(k) for k in keys["distortion"]]
+        values = [float(keys[f"{name}_px"]) for name in NAMES[:4]] + [
+            float(k) for k in keys["distortion"]
+        ]
         size = (int(keys["width_px"]), int(keys["height_px"]))
     except (KeyError, TypeError, ValueError) as problem:
-        raise InputError(f"{called}: expected fx_px, fy_px, cx_px, cy_px, distortion, width_px and height_px, "
-                         f"found none or no number for {problem}; write them again") from None
-    if len(values) not in (BROWN, RATIONAL) or not np.isfinite(values).all() or min(*values[:2], *size) <= 0:
-        raise InputError(f"{called}: expected positive focal lengths and 5 or 8 finite distortion coefficients, "
-                         f"found {values}; calibrate the camera again")
+        raise InputError(
+            f"{called}: expected fx_px, fy_px, cx_px, cy_px, distortion, width_px and height_px, "
+            f"found none or no number for {problem}; write them again"
+        ) from None
+    if (
+        len(values) not in (BROWN, RATIONAL)
+        or not np.isfinite(values).all()
+        or min(*values[:2], *size) <= 0
+    ):
+        raise InputError(
+            f"{called}: expected positive focal lengths and 5 or 8 finite distortion coefficients, "
+            f"found {values}; calibrate the camera again"
+        )
     return Camera.of(values, size)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from sensors.camera.checks import group_subset
 from sensors.camera.corners import Corners
-from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.least_squares.linear_algebra import (
     inverse_positive,
     pseudo_inverse,
@@ -22,7 +22,9 @@ from workbench.core.model import Model
 
 UNLIKELY = 0.01
 """Probability below which a difference is not put down to chance: one good calibration in a hundred is remarked on."""
-_SOME = 8  # placements that tell well enough how many numbers the unknowns take of the corners' means
+_SOME = (
+    8  # placements that tell well enough how many numbers the unknowns take of the corners' means
+)
 _CELLS = (8, 6)
 _FEW = 4  # corners of a cell that make a mean
 
@@ -67,14 +69,20 @@ def print_errors(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> P
     model = Model(chain, tuple(effects))
     rows = model.evaluate(fit.parameters).rows("target", np.array([0, 1])) * root
     residual = fit.residual[0] * root
-    own = _by_corner(np.stack([(rows[a] * rows[b]).sum(0) for a in (0, 1) for b in (0, 1)]), corner).reshape(-1, 2, 2)
+    own = _by_corner(
+        np.stack([(rows[a] * rows[b]).sum(0) for a in (0, 1) for b in (0, 1)]), corner
+    ).reshape(-1, 2, 2)
     pull = _by_corner((rows * residual).sum(1), corner)
     seen = np.linalg.det(own) > 0
     taken = float((pull[seen] * solve_positive(own[seen], pull[seen][..., None])[..., 0]).sum())
     trace = float(np.trace(own[seen], axis1=1, axis2=2).sum())
     sums = _Sums(float((residual**2).sum()), taken, trace, int(seen.sum()))
     made = _tested(fit, sums, _share(chain, fit, effects, _SOME))
-    return _tested(fit, sums, _share(chain, fit, effects, len(chain.poses))) if made.significant else made
+    return (
+        _tested(fit, sums, _share(chain, fit, effects, len(chain.poses)))
+        if made.significant
+        else made
+    )
 
 
 @dataclass(frozen=True)
@@ -99,7 +107,9 @@ def _tested(fit, sums, part):
     if p_value >= UNLIKELY:
         return PrintErrors(float(np.sqrt(variance)), p_value, fit.covariance)
     unit = fit.covariance / fit.sigma_scale**2
-    made = fit.covariance * noise / (sums.squares / fit.degrees) + variance * unit @ part.spread @ unit
+    made = (
+        fit.covariance * noise / (sums.squares / fit.degrees) + variance * unit @ part.spread @ unit
+    )
     wider = np.sqrt(np.maximum(np.diag(fit.covariance) / np.diag(made), 1))
     return PrintErrors(float(np.sqrt(variance)), p_value, made * np.outer(wider, wider))
 
@@ -129,15 +139,23 @@ def _share(chain, fit, effects, some: int) -> _Share:
     by_pose = (own[1].transpose(0, 1, 3, 2) @ inverse_own[:, None] @ own[1]).sum(0)
     total = by_pose + cross.transpose(0, 2, 1) @ pseudo_inverse(normal) @ cross
     degrees = float(np.einsum("ctu,cut->", total[good], inverse[good]))
-    return _Share(degrees, grow * float(np.trace(total, axis1=1, axis2=2).sum()),
-                  grow**2 * np.einsum("cpt,cqt->pq", cross, cross))  # fmt: skip
+    return _Share(
+        degrees,
+        grow * float(np.trace(total, axis1=1, axis2=2).sum()),
+        grow**2 * np.einsum("cpt,cqt->pq", cross, cross),
+    )
 
 
 def _blocks(chain, fit, effects, root):
     """(poses (G, 6, 6), their products with corners (G, C, 6, 2)), C_c (C, D, 2), normal (D, D), corners (C, 2, 2)."""
     model = Model(chain, tuple(effects))
     evaluation, free = model.evaluate(fit.parameters), fit.parameters.mask
-    shared = model.fill_rows(evaluation, fit.parameters, np.empty((free.sum(), *evaluation.residual.shape))) * root
+    shared = (
+        model.fill_rows(
+            evaluation, fit.parameters, np.empty((free.sum(), *evaluation.residual.shape))
+        )
+        * root
+    )
     pose = evaluation.family_rows("placement") * root
     target = evaluation.rows("target", np.array([0, 1])) * root
     group, corner = chain.labels["placement"], chain.labels["corner"]
@@ -147,13 +165,19 @@ def _blocks(chain, fit, effects, root):
     mix = solve_positive(own, _sum(np.einsum("amn,bmn->nab", pose, shared), group))
     left = shared - np.einsum("nkp,kmn->pmn", mix[group], pose)
     count = corner.max() + 1
-    at_pose = _sum(np.einsum("amn,bmn->nab", pose, target), group * count + corner, len(own) * count)
+    at_pose = _sum(
+        np.einsum("amn,bmn->nab", pose, target), group * count + corner, len(own) * count
+    )
     cross = _sum(np.einsum("amn,bmn->nab", left, target), corner)
     corners = _sum(np.einsum("amn,bmn->nab", target, target), corner)
     flat = left.reshape(len(left), -1)
     normal = flat @ flat.T
-    return ((own, at_pose.reshape(len(own), count, 6, 2)), cross / scale[:, None], normal / np.outer(scale, scale),
-            corners)  # fmt: skip
+    return (
+        (own, at_pose.reshape(len(own), count, 6, 2)),
+        cross / scale[:, None],
+        normal / np.outer(scale, scale),
+        corners,
+    )
 
 
 def _sum(blocks, group, count=None):
@@ -203,19 +227,28 @@ def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
     spent = 0
     if printed.significant:
         count = np.maximum(np.bincount(corner), 1)
-        residual = residual - np.stack([(np.bincount(corner, row) / count)[corner] for row in residual])
+        residual = residual - np.stack(
+            [(np.bincount(corner, row) / count)[corner] for row in residual]
+        )
         spent = 2 * len(np.unique(corner))
-    place = [np.clip(((row + 0.5) * count / size).astype(int), 0, count - 1)
-             for row, count, size in zip(chain.pixels, _CELLS, chain.camera.size)]  # fmt: skip
+    place = [
+        np.clip(((row + 0.5) * count / size).astype(int), 0, count - 1)
+        for row, count, size in zip(chain.pixels, _CELLS, chain.camera.size)
+    ]
     cell = place[1] * _CELLS[0] + place[0]
     count = np.bincount(cell, minlength=_CELLS[0] * _CELLS[1])
     kept = count >= _FEW
     weight = fit.weights[0]
     total = np.maximum(np.bincount(cell, weight, len(count)), 1e-300)
     means = np.stack([np.bincount(cell, weight * row, len(count)) for row in residual]) / total
-    between, squares = float((total * (means**2).sum(0))[kept].sum()), float((weight * (residual**2).sum(0)).sum())
+    between, squares = (
+        float((total * (means**2).sum(0))[kept].sum()),
+        float((weight * (residual**2).sum(0)).sum()),
+    )
     degrees = 2 * int(kept.sum()), max(fit.degrees - spent - 2 * int(kept.sum()), 1)
     noise = max(squares - between, 0.0) / degrees[1]
-    rms = np.sqrt(2 * max(between - degrees[0] * noise, 0) / max(2 * float(total[kept].sum()), 1e-300))
+    rms = np.sqrt(
+        2 * max(between - degrees[0] * noise, 0) / max(2 * float(total[kept].sum()), 1e-300)
+    )
     p_value = float(fdtrc(*degrees, between / max(degrees[0], 1) / max(noise, 1e-300)))
     return LensMap(np.where(kept, means, np.nan).reshape(2, *_CELLS[::-1]), float(rms), p_value)

@@ -29,43 +29,67 @@ def placement_groups(views: Sequence["View"]) -> tuple[np.ndarray, list[str]]:
     return np.array([order[name] for name in names], int), list(order)
 
 
-def corner_chain(views: Sequence["View"], board: "Board", size: tuple[int, int], model: str = "brown") -> Corners:
+def corner_chain(
+    views: Sequence["View"], board: "Board", size: tuple[int, int], model: str = "brown"
+) -> Corners:
     """All corners of the views, sorted by placement, before a camera and poses are known (zeros)."""
     group, names = placement_groups(views)
     order = np.argsort(group, kind="stable")
     counts = np.array([len(views[k].index) for k in order])
     index = np.concatenate([views[k].index for k in order])
     place = (board.points - board.middle[:, None])[:2] / board.half_diagonal
-    camera = Camera.of(np.r_[1.0, 1.0, (size[0] - 1) / 2, (size[1] - 1) / 2, np.zeros(MODELS[model] - 4)], size)
+    camera = Camera.of(
+        np.r_[1.0, 1.0, (size[0] - 1) / 2, (size[1] - 1) / 2, np.zeros(MODELS[model] - 4)], size
+    )
     return Corners(
-        camera, board.points[:, index], place[:, index], np.concatenate([views[k].pixels for k in order], axis=1),
-        {"placement": np.repeat(group[order], counts), "view": np.repeat(order, counts), "corner": index},
-        np.zeros((len(names), 6)), np.tile(np.concatenate([views[k].sigma for k in order]), (2, 1)),
-        float(np.median([view.radius_mm for view in views])), _covariates(views, order, counts),
-    )  # fmt: skip
+        camera,
+        board.points[:, index],
+        place[:, index],
+        np.concatenate([views[k].pixels for k in order], axis=1),
+        {
+            "placement": np.repeat(group[order], counts),
+            "view": np.repeat(order, counts),
+            "corner": index,
+        },
+        np.zeros((len(names), 6)),
+        np.tile(np.concatenate([views[k].sigma for k in order]), (2, 1)),
+        float(np.median([view.radius_mm for view in views])),
+        _covariates(views, order, counts),
+    )
 
 
 def check_views(views: Sequence["View"], board: "Board", size: tuple[int, int]) -> None:
     """InputError where a view is not of this board, of another size of picture, or holds no numbers."""
     if not np.isfinite(np.concatenate([view.pixels for view in views], axis=1)).all():
         wrong = next(view for view in views if not np.isfinite(view.pixels).all())
-        raise InputError(f"{wrong.image}: expected a place in px of every corner, found nan; detect the corners again")
+        raise InputError(
+            f"{wrong.image}: expected a place in px of every corner, found nan; detect the corners again"
+        )
     last = board.points.shape[1] - 1
     if np.max(np.concatenate([view.index for view in views]), initial=0) > last:
         wrong = next(view for view in views if np.max(view.index, initial=0) > last)
-        raise InputError(f"{wrong.image}: expected corners 0 to {last} of the board, found {np.max(wrong.index)}; "
-                         "detect the corners with this board")
+        raise InputError(
+            f"{wrong.image}: expected corners 0 to {last} of the board, found {np.max(wrong.index)}; "
+            "detect the corners with this board"
+        )
     other = next((view for view in views if tuple(view.size) != tuple(size)), None)
     if other is not None:
-        raise InputError(f"{other.image}: expected a picture of {size[0]} x {size[1]} pixels as the others, found "
-                         f"{other.size[0]} x {other.size[1]}; calibrate each size by itself")
+        raise InputError(
+            f"{other.image}: expected a picture of {size[0]} x {size[1]} pixels as the others, found "
+            f"{other.size[0]} x {other.size[1]}; calibrate each size by itself"
+        )
 
 
 def _covariates(views, order, counts):
     """Columns of numbers that every picture has."""
     shared = set.intersection(*(set(view.row) for view in views))
-    numbers = {name for name in shared if all(isinstance(view.row[name], (int, float)) for view in views)}
-    return {name: np.repeat(np.array([views[k].row[name] for k in order], float), counts) for name in sorted(numbers)}
+    numbers = {
+        name for name in shared if all(isinstance(view.row[name], (int, float)) for view in views)
+    }
+    return {
+        name: np.repeat(np.array([views[k].row[name] for k in order], float), counts)
+        for name in sorted(numbers)
+    }
 
 
 def thinned(chain: Corners) -> np.ndarray:
@@ -99,14 +123,19 @@ def _first_camera(chain, chosen, new):
 
     camera = chain.camera
     some = np.unique(np.linspace(0, len(chosen) - 1, _CAMERA_GROUPS).astype(int))
-    points, pixels = ([np.ascontiguousarray(of[:, chosen[g, new[g]]].T, np.float32) for g in some]
-                      for of in (chain.points, chain.pixels))  # fmt: skip
+    points, pixels = (
+        [np.ascontiguousarray(of[:, chosen[g, new[g]]].T, np.float32) for g in some]
+        for of in (chain.points, chain.pixels)
+    )
     try:
         found = cv2.initCameraMatrix2D(points, pixels, camera.size)
     except cv2.error:
         found = np.full((3, 3), np.nan)
     width = max(camera.size)
-    focal = [f if _WIDEST < f / width < _NARROWEST else usual_focal(camera) for f in (found[0, 0], found[1, 1])]
+    focal = [
+        f if _WIDEST < f / width < _NARROWEST else usual_focal(camera)
+        for f in (found[0, 0], found[1, 1])
+    ]
     return Camera.of(np.r_[focal, camera.values[2:]], camera.size)
 
 
@@ -154,8 +183,12 @@ def first_poses(maps: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     The two axes that the homography gives are made unit and orthogonal, both turned by the same amount.
     """
     columns = np.linalg.solve(matrix, maps)
-    columns *= (2 * np.sign(columns[:, 2, 2]) / np.linalg.norm(columns[..., :2], axis=1).sum(1))[:, None, None]
+    columns *= (2 * np.sign(columns[:, 2, 2]) / np.linalg.norm(columns[..., :2], axis=1).sum(1))[
+        :, None, None
+    ]
     sums = columns[..., 0] + columns[..., 1], columns[..., 0] - columns[..., 1]
-    along, across = (part / np.linalg.norm(part, axis=1, keepdims=True) / np.sqrt(2) for part in sums)
+    along, across = (
+        part / np.linalg.norm(part, axis=1, keepdims=True) / np.sqrt(2) for part in sums
+    )
     x, y = along + across, along - across
     return np.c_[columns[..., 2], rotation_vector(np.stack([x, y, np.cross(x, y)], axis=-1))]

@@ -9,8 +9,8 @@ import numpy as np
 from sensors.boards.detection import relabelled
 from sensors.camera.corners import Corners
 from sensors.camera.start import corner_chain, placement_groups
-from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix, rotation_vector
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from sensors.boards.detection import View
 
 _BOW = tuple(f"artefact.board-bow.{name}" for name in ("xx", "yy", "xy"))
-_TOLD = 9.0  # chi-square between the two ways round that half of the placements must exceed: 3 sigmas
+_TOLD = (
+    9.0  # chi-square between the two ways round that half of the placements must exceed: 3 sigmas
+)
 _ROUNDS = 20
 
 
@@ -83,4 +85,8 @@ def _quarter(board):
     turned = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
     away = board.points - board.middle[:, None]
     there = away[:, np.argsort(turned)]
-    return quarter if np.abs(quarter @ away - there).max() < np.abs(quarter.T @ away - there).max() else quarter.T
+    return (
+        quarter
+        if np.abs(quarter @ away - there).max() < np.abs(quarter.T @ away - there).max()
+        else quarter.T
+    )

@@ -55,7 +55,13 @@ def fit_inverse(camera) -> Inverse:
             break
     parts = np.split(found, [degree + 1, degree + 3])
     # plain floats: a numpy scalar of double precision would drag single precision up
-    return Inverse(camera, *(part.tolist() for part in parts), direction.tolist(), _enough(camera, ideal), reach)
+    return Inverse(
+        camera,
+        *(part.tolist() for part in parts),
+        direction.tolist(),
+        _enough(camera, ideal),
+        reach,
+    )
 
 
 def _samples(camera):
@@ -87,7 +93,9 @@ def _enough(camera, ideal):
     return float(np.sqrt(_EXACT / camera.fx / max(curvature, 1e-9)))
 
 
-def iterate(camera, seen: np.ndarray, start: np.ndarray | None = None, steps: int = 30) -> np.ndarray:
+def iterate(
+    camera, seen: np.ndarray, start: np.ndarray | None = None, steps: int = 30
+) -> np.ndarray:
     """(2, n) ideal points of distorted ones (2, n), by Newton's method to rounding; nan where there is none."""
     flat = seen.copy() if start is None else np.where(np.isfinite(start), start, seen)
     with np.errstate(all="ignore"):
@@ -98,14 +106,23 @@ def iterate(camera, seen: np.ndarray, start: np.ndarray | None = None, steps: in
             if np.nanmax(np.abs(step), initial=0) < 1e-14:
                 break
         # where both of the slope's eigenvalues are not positive the lens has folded the picture over
-        upright = (slope[0, 0] + slope[1, 1] > 0) & (slope[0, 0] * slope[1, 1] > slope[1, 0] * slope[0, 1])
+        upright = (slope[0, 0] + slope[1, 1] > 0) & (
+            slope[0, 0] * slope[1, 1] > slope[1, 0] * slope[0, 1]
+        )
         return np.where((np.abs(step).max(0) < 1e-9) & upright, flat, np.nan)
 
 
 def _solved(slope, gap):
     determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
-    return np.stack([slope[1, 1] * gap[0] - slope[1, 0] * gap[1],
-                     slope[0, 0] * gap[1] - slope[0, 1] * gap[0]]) / determinant  # fmt: skip
+    return (
+        np.stack(
+            [
+                slope[1, 1] * gap[0] - slope[1, 0] * gap[1],
+                slope[0, 0] * gap[1] - slope[0, 1] * gap[0],
+            ]
+        )
+        / determinant
+    )
 
 
 class Workspace:
@@ -119,7 +136,12 @@ class Workspace:
         self.inverse, self.camera = inverse, inverse.camera
         self.centre = np.array([[self.camera.cx], [self.camera.cy]])
         self.per_px = np.array([[1 / self.camera.fx], [1 / self.camera.fy]])
-        k1, k2, p1, p2, k3, k4, k5, k6 = (*(float(k) for k in self.camera.distortion), 0.0, 0.0, 0.0)[:8]
+        k1, k2, p1, p2, k3, k4, k5, k6 = (
+            *(float(k) for k in self.camera.distortion),
+            0.0,
+            0.0,
+            0.0,
+        )[:8]
         self.p1, self.p2, self.straight = p1, p2, not (p1 or p2)
         self.top, self.top_slope = _trimmed(1, k1, k2, k3), _trimmed(2 * k1, 4 * k2, 6 * k3)
         self.below, self.below_slope = _trimmed(1, k4, k5, k6), _trimmed(2 * k4, 4 * k5, 6 * k6)
@@ -139,7 +161,11 @@ class Workspace:
             for _ in range(_ROUNDS):
                 common, r2 = self._gap(out, seen, gap)
                 np.copyto(right, gap)
-                enough = beyond is None and right.max() < self.inverse.enough and right.min() > -self.inverse.enough
+                enough = (
+                    beyond is None
+                    and right.max() < self.inverse.enough
+                    and right.min() > -self.inverse.enough
+                )
                 open_ = None if enough else ~(np.abs(right) < self.inverse.enough).all(0)
                 np.copyto(gap, self._step(start, right, common, r2))
                 out -= gap
@@ -226,7 +252,9 @@ class Workspace:
         _horner(self.below_slope, r2, part)
         part *= m
         if not self.straight:  # m holds the tangential part too: taken out again
-            part -= _horner(self.below_slope, r2, other) * (2 * (self.p2 * flat[0] + self.p1 * flat[1]))
+            part -= _horner(self.below_slope, r2, other) * (
+                2 * (self.p2 * flat[0] + self.p1 * flat[1])
+            )
         steep -= part
         steep /= _horner(self.below, r2, other)
 

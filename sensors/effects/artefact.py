@@ -21,7 +21,10 @@ class BoardBow(Effect):
     source = "board warp as in mrcal, where it has two terms: Kogan, https://mrcal.secretsauce.net"
 
     def table(self, chain):
-        return tuple(self.parameter(name, "mm", 0.05, f"the board's bow in {name}") for name in ("xx", "yy", "xy"))
+        return tuple(
+            self.parameter(name, "mm", 0.05, f"the board's bow in {name}")
+            for name in ("xx", "yy", "xy")
+        )
 
     def basis(self, state):
         x, y = known(state.board)
@@ -38,7 +41,10 @@ class BallPosition(Effect):
     source = "one free vector a ball"
 
     def table(self, chain):
-        return tuple(self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}") for axis in "xyz")
+        return tuple(
+            self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}")
+            for axis in "xyz"
+        )
 
     def basis(self, state):
         return np.eye(3)[:, :, None] * (state.ball == self.number).astype(float)

@@ -26,7 +26,9 @@ class PlaneBow(Effect):
     source = "second order of a cone about its tangent plane"
 
     def __init__(
-        self, where: str, apex_mm: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+        self,
+        where: str,
+        apex_mm: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None,
     ):
         super().__init__(where)
         self.apex_mm = apex_mm
@@ -59,7 +61,9 @@ class MirrorWobble(Effect):
 
     def table(self, chain):
         return tuple(
-            self.parameter(f"{name}_{wave}{k}", unit, size, f"the mirror's {name}, {wave} of {k} turns")
+            self.parameter(
+                f"{name}_{wave}{k}", unit, size, f"the mirror's {name}, {wave} of {k} turns"
+            )
             for k in (1, 2)
             for wave in ("cos", "sin")
             for name, unit, size in (("tilt", "rad", 1e-4), ("shift", "mm", 0.01))
@@ -69,7 +73,9 @@ class MirrorWobble(Effect):
         along = known(stripe_direction(state.planes))
         none, one = np.zeros(state.n), (~np.isnan(state.planes[3])).astype(float)
         moves = np.stack([np.stack([*along, none]), np.stack([none, none, none, one])])
-        waves = known(np.stack([wave(k * state.mirror) for k in (1, 2) for wave in (np.cos, np.sin)]))
+        waves = known(
+            np.stack([wave(k * state.mirror) for k in (1, 2) for wave in (np.cos, np.sin)])
+        )
         return (waves[:, None, None] * moves).reshape(8, 4, state.n)
 
 
@@ -88,7 +94,12 @@ class MirrorEncoderHarmonic(Effect):
 
     def table(self, chain):
         return tuple(
-            self.parameter(f"{wave}{self.order}", "rad", 1e-4, f"the mirror encoder's {wave}ine of order {self.order}")
+            self.parameter(
+                f"{wave}{self.order}",
+                "rad",
+                1e-4,
+                f"the mirror encoder's {wave}ine of order {self.order}",
+            )
             for wave in ("cos", "sin")
         )
 

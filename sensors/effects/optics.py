@@ -37,24 +37,44 @@ class LensResidual(Effect):
     def terms(self) -> tuple[tuple[int, int, bool], ...]:
         """(a, b, turned by a right angle) of each parameter."""
         powers = [(d - b, b) for d in range(1, self.degree + 1) for b in range(d + 1)]
-        return tuple((a, b, turned) for a, b in powers for turned in (False, True) if (a, b, turned) not in _TAKEN)
+        return tuple(
+            (a, b, turned)
+            for a, b in powers
+            for turned in (False, True)
+            if (a, b, turned) not in _TAKEN
+        )
 
     def table(self, chain):
         return tuple(
-            self.parameter(f"z{a}c{b}{'i' if turned else 'r'}", "px", 0.05, f"the lens residual z^{a} conj(z)^{b}")
+            self.parameter(
+                f"z{a}c{b}{'i' if turned else 'r'}",
+                "px",
+                0.05,
+                f"the lens residual z^{a} conj(z)^{b}",
+            )
             for a, b, turned in self.terms
         )
 
     def basis(self, state):
         x, y = state.field
         z, r2 = x + 1j * y, x * x + y * y
-        waves = np.stack([_circle(z, r2, a, b) * (1j if turned else 1) for a, b, turned in self.terms])
+        waves = np.stack(
+            [_circle(z, r2, a, b) * (1j if turned else 1) for a, b, turned in self.terms]
+        )
         return known(np.stack([waves.real, waves.imag], axis=1))
 
 
 # degrees 1 and 2: scale, turn and aspect; decentring (p1, p2) and the board's tilt. Degree 3: k1.
-_TAKEN = {(1, 0, False), (1, 0, True), (0, 1, False), (2, 0, False), (2, 0, True), (1, 1, False), (1, 1, True),
-          (2, 1, False)}  # fmt: skip
+_TAKEN = {
+    (1, 0, False),
+    (1, 0, True),
+    (0, 1, False),
+    (2, 0, False),
+    (2, 0, True),
+    (1, 1, False),
+    (1, 1, True),
+    (2, 1, False),
+}
 # what makes z^a conj(z)^b orthogonal on the unit circle to the lower powers of its angular order:
 # replaces the first r^2 of the pair, by (angular order, number of pairs)
 _RADIAL = {(1, 1): (1.0, -2 / 3), (0, 2): (1.0, -1.0, 1 / 6), (2, 1): (1.0, -3 / 4)}
@@ -108,7 +128,9 @@ class WindowRefraction(Effect):
     port = "ray"
     places = ("camera",)
     equation = "dray = -t (tan a - tan a') e / range, sin a = N sin a'"
-    source = "plane-parallel plate: Born & Wolf, Principles of Optics, 7th ed., sec. 4.6; Snell's law"
+    source = (
+        "plane-parallel plate: Born & Wolf, Principles of Optics, 7th ed., sec. 4.6; Snell's law"
+    )
 
     def __init__(
         self,

@@ -42,7 +42,8 @@ class FieldBias(Effect):
 
     def table(self, chain):
         return tuple(
-            self.parameter(name, "mm", 0.02, f"the field bias in {name}") for name in ("x", "y", "xx", "xy", "yy")
+            self.parameter(name, "mm", 0.02, f"the field bias in {name}")
+            for name in ("x", "y", "xx", "xy", "yy")
         )
 
     def basis(self, state):
@@ -64,7 +65,9 @@ class IncidenceBias(Effect):
         return (self.parameter("shift", "mm", 0.005, "the shift with the tangent of incidence"),)
 
     def basis(self, state):
-        steepest = np.cos(np.deg2rad(89))  # at grazing incidence nothing is seen, and nothing infinite either
+        steepest = np.cos(
+            np.deg2rad(89)
+        )  # at grazing incidence nothing is seen, and nothing infinite either
         cosine = np.maximum(np.cos(state.incidence), steepest)
         return known(state.rays * np.sqrt(1 - cosine**2) / cosine)[None]
 
@@ -111,7 +114,13 @@ class NoiseHeteroscedastic(Effect):
     equation = "log sigma -> log sigma + c (s - mean s) / spread of s"
     source = "log-linear variance model: Harvey, Econometrica 44 (1976)"
 
-    def __init__(self, where: str, covariate: str, mean: float = 0.0, spread: Annotated[float, Field(gt=0)] = 1.0):
+    def __init__(
+        self,
+        where: str,
+        covariate: str,
+        mean: float = 0.0,
+        spread: Annotated[float, Field(gt=0)] = 1.0,
+    ):
         super().__init__(where)
         self.covariate, self.mean, self.spread = covariate, mean, spread
 
@@ -120,7 +129,11 @@ class NoiseHeteroscedastic(Effect):
         return () if self.covariate in _SEEN else (self.covariate,)
 
     def table(self, chain):
-        return (self.parameter(self.covariate, "1", 0.3, f"the growth of the noise with {self.covariate}"),)
+        return (
+            self.parameter(
+                self.covariate, "1", 0.3, f"the growth of the noise with {self.covariate}"
+            ),
+        )
 
     def slots(self, chain):
         return (0,)

@@ -71,7 +71,9 @@ class Adjusted:
     @property
     def residual(self) -> np.ndarray:
         """(m, n) with every pose moved by its error: what the sensor alone has left."""
-        return self.chain.with_families({POSE: self.errors}).evaluate(self.parameters.values).residual
+        return (
+            self.chain.with_families({POSE: self.errors}).evaluate(self.parameters.values).residual
+        )
 
 
 @dataclass(frozen=True)
@@ -100,12 +102,16 @@ def adjust(chain, parameters: Parameters, variances: Variances, equal: bool = Fa
         errors = fit.values.get(POSE, np.zeros_like(chain.errors))
         made = grams(chain.with_families({POSE: errors}), parameters)
         variances = restricted_likelihood(chain, made, parameters, variances)
-        moved = np.abs(np.log([variances.noise / before.noise, *(variances.spread / before.spread)])).max()
+        moved = np.abs(
+            np.log([variances.noise / before.noise, *(variances.spread / before.spread)])
+        ).max()
         if moved < _STILL or equal:
             break
     linear = _linear(chain, made, parameters, variances, equal)
     errors = linear.errors if equal else errors
-    return Adjusted(chain, parameters, errors, variances, linear, fit.outcome, fit.history, fit.converged, equal)
+    return Adjusted(
+        chain, parameters, errors, variances, linear, fit.outcome, fit.history, fit.converged, equal
+    )
 
 
 def _solved(chain, parameters, variances, equal):
@@ -114,7 +120,9 @@ def _solved(chain, parameters, variances, equal):
         whole = float(np.hypot(variances.noise, np.sqrt((variances.spread**2).sum())))
         return solve_bundle([Model(replace(chain, noise=whole))], parameters, eliminate=None)
     family = Family(POSE, np.zeros_like(chain.errors), size, _each(chain, variances.spread))
-    return solve_bundle([Model(replace(chain, noise=variances.noise))], parameters, {POSE: family}, POSE)
+    return solve_bundle(
+        [Model(replace(chain, noise=variances.noise))], parameters, {POSE: family}, POSE
+    )
 
 
 def _linear(chain, made, parameters, variances, equal):
@@ -124,7 +132,9 @@ def _linear(chain, made, parameters, variances, equal):
 
 def _each(chain, spread):
     """(L,) sigma of each number of a pose's error."""
-    return np.concatenate([np.full(g.slots.stop - g.slots.start, s) for g, s in zip(chain.groups, spread)])
+    return np.concatenate(
+        [np.full(g.slots.stop - g.slots.start, s) for g, s in zip(chain.groups, spread)]
+    )
 
 
 def grams(chain, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
@@ -134,7 +144,9 @@ def grams(chain, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     rows = np.concatenate([made.shared[parameters.mask], made.pose, plain[None]]) / chain.relative
     tiles = tiles_of({POSE: chain.pose}, len(chain.pose))
     rows = (rows[..., tiles.index] * tiles.live).reshape(*rows.shape[:2], -1, tiles.length)
-    product = sum(rows[:, j].transpose(1, 0, 2) @ rows[:, j].transpose(1, 2, 0) for j in range(rows.shape[1]))
+    product = sum(
+        rows[:, j].transpose(1, 0, 2) @ rows[:, j].transpose(1, 2, 0) for j in range(rows.shape[1])
+    )
     total = np.zeros((len(chain.flange), *product.shape[1:]))
     total[tiles.groups[POSE]] = np.add.reduceat(product, tiles.start)
     return total, np.bincount(chain.pose, minlength=len(total)) * len(plain)
@@ -146,7 +158,9 @@ def restricted_likelihood(chain, made, parameters: Parameters, start: Variances)
     for _ in range(_INNER):
         linear = solve_linear(made, parameters, noise, _each(chain, spread))
         before = np.array([noise, *spread])
-        noise = np.clip(np.sqrt(linear.squares / linear.degrees), max(noise / 3, LEAST_NOISE), 3 * noise)
+        noise = np.clip(
+            np.sqrt(linear.squares / linear.degrees), max(noise / 3, LEAST_NOISE), 3 * noise
+        )
         spread = np.array([_component(linear, group, s) for group, s in zip(chain.groups, spread)])
         if np.abs(np.log(np.array([noise, *spread]) / before)).max() < _STILL / 10:
             break
@@ -164,7 +178,9 @@ def _component(linear, group, sigma):
     count = linear.errors[:, group.slots].size
     known = count - own / sigma**2
     after = square / known if known > 1e-3 * count else (square + own) / count
-    return float(np.clip(np.sqrt(after), max(sigma / 3, group.least), min(3 * sigma, _MOST * group.typical)))
+    return float(
+        np.clip(np.sqrt(after), max(sigma / 3, group.least), min(3 * sigma, _MOST * group.typical))
+    )
 
 
 def solve_linear(made, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
@@ -186,8 +202,20 @@ def solve_linear(made, parameters: Parameters, noise: float, sigma: np.ndarray) 
     whole = np.concatenate([np.tile(change, (len(gram), 1)), errors, np.ones((len(gram), 1))], 1)
     large = (np.einsum("pi,pii->p", whole**2, made[0])).sum()
     squares = max(np.einsum("pi,pij,pj->", whole, made[0], whole), _ROUNDING * large)
-    spent = size - np.diag(covariance) @ held + (len(sigma) - (np.diagonal(blocks, 0, 1, 2) / sigma**2).sum(1)).sum()
-    return Linear(change, errors, blocks, normal, covariance, float(squares), max(measured - float(spent), 1.0))
+    spent = (
+        size
+        - np.diag(covariance) @ held
+        + (len(sigma) - (np.diagonal(blocks, 0, 1, 2) / sigma**2).sum(1)).sum()
+    )
+    return Linear(
+        change,
+        errors,
+        blocks,
+        normal,
+        covariance,
+        float(squares),
+        max(measured - float(spent), 1.0),
+    )
 
 
 def solve_equal(made, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
@@ -202,12 +230,18 @@ def solve_equal(made, parameters: Parameters, noise: float, sigma: np.ndarray) -
     size, typical = int(free.sum()), parameters.typical[free]
     plain, cross = gram[:, :size, :size], gram[:, :size, size:-1]
     total = plain.sum(0)
-    worth = max(float(np.diag(best.normal) @ typical**2), 1e-300) / max(float(np.diag(total) @ typical**2), 1e-300)
+    worth = max(float(np.diag(best.normal) @ typical**2), 1e-300) / max(
+        float(np.diag(total) @ typical**2), 1e-300
+    )
     held = parameters.precision[free] + _FLOOR / typical**2
     inverse = _scaled_covariance(total * worth, held, typical)
     pull = worth * gram[:, :size, -1].sum(0)
-    change = -inverse @ (pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free]))
-    middle = worth**2 * (noise**2 * total + ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)) + np.diag(held)
+    change = -inverse @ (
+        pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free])
+    )
+    middle = worth**2 * (
+        noise**2 * total + ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)
+    ) + np.diag(held)
     own = gram[:, size:-1] / noise**2
     said = own[:, :, -1] + own[:, :, :size] @ change
     errors = -solve_positive(own[:, :, size:-1] + np.diag(sigma**-2), said[..., None])[..., 0]
@@ -233,7 +267,9 @@ def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
         variances = restricted_likelihood(chain, others, parameters, variances)
         linear = _linear(chain, others, parameters, variances, adjusted.equal)
         far = np.abs(linear.change / parameters.typical[parameters.mask]).max()
-        parameters = parameters.unpack(parameters.pack() + linear.change * min(1, _FAR / max(far, 1e-300)))
+        parameters = parameters.unpack(
+            parameters.pack() + linear.change * min(1, _FAR / max(far, 1e-300))
+        )
         made = grams(chain.with_families({POSE: linear.errors}), parameters)
     return LeftOut(parameters.values, *_distance(chain, made, pose, linear, variances))
 
@@ -268,7 +304,9 @@ def _distance(chain, made, pose, linear, variances):
     return squared, numbers, float(f.sf(squared / numbers, numbers, rest))
 
 
-def find_blunders(chain, parameters: Parameters, variances: Variances, most: int, equal: bool = False):
+def find_blunders(
+    chain, parameters: Parameters, variances: Variances, most: int, equal: bool = False
+):
     """Adjustment without blunders, every pose left out once, and the poses left out for good.
 
     One pose at a time, that which the others find least likely, while that is less likely than
@@ -291,5 +329,10 @@ def find_blunders(chain, parameters: Parameters, variances: Variances, most: int
 def _again(chain, adjusted, gone):
     """The poses left out for good, seen from the final adjustment."""
     made = grams(chain, adjusted.parameters) if gone else None
-    return {k: LeftOut(adjusted.parameters.values,
-                       *_distance(chain, made, k, adjusted.linear, adjusted.variances)) for k in gone}  # fmt: skip
+    return {
+        k: LeftOut(
+            adjusted.parameters.values,
+            *_distance(chain, made, k, adjusted.linear, adjusted.variances),
+        )
+        for k in gone
+    }

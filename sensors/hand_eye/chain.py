@@ -20,7 +20,14 @@ from workbench.core.rigid import inverse, left_jacobian, rotation_matrix, skew
 
 POSE = "pose"
 _TURNS = {"x": "mm", "y": "mm", "z": "mm", "rx": "rad", "ry": "rad", "rz": "rad"}
-_WORDS = ("position along x", "position along y", "position along z", "turn about x", "turn about y", "turn about z")
+_WORDS = (
+    "position along x",
+    "position along y",
+    "position along z",
+    "turn about x",
+    "turn about y",
+    "turn about z",
+)
 _LEAST_CUT = 0.02  # of the radius: a plane that misses the ball still has a circle, for the solve to come back
 PLACE, TURN = 10.0, 0.05
 """Typical sizes, mm and rad: how well one knows by a ruler where a sensor sits."""
@@ -56,8 +63,10 @@ class Evaluation:
 
 def pose_table(where: str, what: str) -> list[Parameter]:
     """Six parameters of the placement of `what`: mm, and a rotation vector in rad."""
-    return [Parameter(f"{where}.{name}", unit, 0.0, PLACE if unit == "mm" else TURN, f"{what}: {words}")
-            for (name, unit), words in zip(_TURNS.items(), _WORDS)]
+    return [
+        Parameter(f"{where}.{name}", unit, 0.0, PLACE if unit == "mm" else TURN, f"{what}: {words}")
+        for (name, unit), words in zip(_TURNS.items(), _WORDS)
+    ]
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,10 @@ class BoardChain:
 
     state = None
     relative = 1.0
-    groups = (Group("position", "mm", slice(0, 3), 1.0, 1e-4), Group("rotation", "rad", slice(3, 6), 1e-3, 1e-7))
+    groups = (
+        Group("position", "mm", slice(0, 3), 1.0, 1e-4),
+        Group("rotation", "rad", slice(3, 6), 1e-3, 1e-7),
+    )
 
     @property
     def sigma(self) -> np.ndarray:
@@ -94,9 +106,20 @@ class BoardChain:
     @cached_property
     def parameters(self) -> Parameters:
         table = pose_table("sensor", "the camera") + pose_table("target", "the board")
-        table.append(Parameter("target.scale", "1", 0.0, SCALE, "the board: scale of its squares", SCALE))
-        table += [Parameter(f"camera.mode-{k}", "1", 0.0, 1.0, f"the camera, component {k} of its covariance", 1.0)
-                  for k in range(1, self.modes.shape[1] + 1)]  # fmt: skip
+        table.append(
+            Parameter("target.scale", "1", 0.0, SCALE, "the board: scale of its squares", SCALE)
+        )
+        table += [
+            Parameter(
+                f"camera.mode-{k}",
+                "1",
+                0.0,
+                1.0,
+                f"the camera, component {k} of its covariance",
+                1.0,
+            )
+            for k in range(1, self.modes.shape[1] + 1)
+        ]
         return Parameters.of(table)
 
     @property
@@ -107,7 +130,12 @@ class BoardChain:
         return replace(self, errors=families.get(POSE, self.errors))
 
     def at(self, samples: np.ndarray) -> "BoardChain":
-        return replace(self, board=self.board[:, samples], pixels=self.pixels[:, samples], pose=self.pose[samples])
+        return replace(
+            self,
+            board=self.board[:, samples],
+            pixels=self.pixels[:, samples],
+            pose=self.pose[samples],
+        )
 
     def camera_at(self, values: np.ndarray) -> Camera:
         """The camera under the shared parameters `values`."""
@@ -124,17 +152,23 @@ class BoardChain:
         moved, by_placed, by_error = self._through_flange(carried + values[6:9, None])
         local = turns[0].T @ (moved - values[:3, None])
         pixels, by_point, by_camera = self.camera_at(values).project_rows(local)
-        by_moved = np.einsum("jcn,jk->kcn", by_point, turns[0].T)  # pixel by point in the mount's frame
+        by_moved = np.einsum(
+            "jcn,jk->kcn", by_point, turns[0].T
+        )  # pixel by point in the mount's frame
         by_place = np.einsum("kcn,kjn->jcn", by_moved, by_placed)
-        shared = np.concatenate([
-            -by_moved,
-            np.einsum("jcn,jkn->kcn", by_point, _turned_back(local, values[3:6])),
-            by_place,
-            np.einsum("jcn,jkn->kcn", by_place, _turned(carried, values[9:12])),
-            np.einsum("jcn,jn->cn", by_place, turns[1] @ self.board)[None],
-            np.einsum("vcn,vm->mcn", by_camera, self.modes),
-        ])  # fmt: skip
-        return Evaluation(pixels - self.pixels, shared, np.einsum("jcn,jkn->kcn", by_moved, by_error))
+        shared = np.concatenate(
+            [
+                -by_moved,
+                np.einsum("jcn,jkn->kcn", by_point, _turned_back(local, values[3:6])),
+                by_place,
+                np.einsum("jcn,jkn->kcn", by_place, _turned(carried, values[9:12])),
+                np.einsum("jcn,jn->cn", by_place, turns[1] @ self.board)[None],
+                np.einsum("vcn,vm->mcn", by_camera, self.modes),
+            ]
+        )
+        return Evaluation(
+            pixels - self.pixels, shared, np.einsum("jcn,jkn->kcn", by_moved, by_error)
+        )
 
     def _through_flange(self, placed):
         """Points (3, n) moved by the error and carried through the flange; derivatives by the point
@@ -143,7 +177,10 @@ class BoardChain:
         error, pivot = self.errors[self.pose], self.pivot[self.pose].T
         turn = flange[:, :3, :3] @ rotation_matrix(error[:, 3:])
         spun = np.einsum("nij,jn->in", rotation_matrix(error[:, 3:]), placed - pivot)
-        moved = np.einsum("nij,jn->in", flange[:, :3, :3], spun + pivot + error[:, :3].T) + flange[:, :3, 3].T
+        moved = (
+            np.einsum("nij,jn->in", flange[:, :3, :3], spun + pivot + error[:, :3].T)
+            + flange[:, :3, 3].T
+        )
         out = np.moveaxis(flange[:, :3, :3], 0, -1)
         by_turn = np.einsum("ijn,jkn->ikn", out, _turned(spun, error[:, 3:]))
         return moved, np.moveaxis(turn, 0, -1), np.concatenate([out, by_turn], 1)
@@ -171,8 +208,10 @@ class BallChain:
     noise: float = 1.0
 
     state = None
-    groups = (Group("position at the ball", "mm", slice(0, 3), 1.0, 1e-4),
-              Group("radius of the circle", "mm", slice(3, 4), 0.1, 1e-5))  # fmt: skip
+    groups = (
+        Group("position at the ball", "mm", slice(0, 3), 1.0, 1e-4),
+        Group("radius of the circle", "mm", slice(3, 4), 0.1, 1e-5),
+    )
 
     @property
     def sigma(self) -> np.ndarray:
@@ -182,9 +221,17 @@ class BallChain:
     @cached_property
     def parameters(self) -> Parameters:
         table = pose_table("sensor", "the profiler") + [
-            Parameter(f"target.{name}", "mm", 0.0, PLACE, f"the ball: position along {name}") for name in "xyz"]
-        table.append(Parameter("target.radius", "mm", self.radius, 1.0, "the ball: radius", self.radius_sigma))
-        table.append(Parameter("sensor.range_scale", "1", 0.0, 0.02, "the profiler: scale of its z"))
+            Parameter(f"target.{name}", "mm", 0.0, PLACE, f"the ball: position along {name}")
+            for name in "xyz"
+        ]
+        table.append(
+            Parameter(
+                "target.radius", "mm", self.radius, 1.0, "the ball: radius", self.radius_sigma
+            )
+        )
+        table.append(
+            Parameter("sensor.range_scale", "1", 0.0, 0.02, "the profiler: scale of its z")
+        )
         return Parameters.of(table)
 
     @property
@@ -195,7 +242,12 @@ class BallChain:
         return replace(self, errors=families.get(POSE, self.errors))
 
     def at(self, samples: np.ndarray) -> "BallChain":
-        return replace(self, points=self.points[:, samples], pose=self.pose[samples], relative=self.relative[samples])
+        return replace(
+            self,
+            points=self.points[:, samples],
+            pose=self.pose[samples],
+            relative=self.relative[samples],
+        )
 
     def centres(self, values: np.ndarray) -> np.ndarray:
         """(P, 3) mm, the ball in the profiler's frame at every pose."""
@@ -209,12 +261,18 @@ class BallChain:
         cut = np.sqrt(np.maximum(values[9] ** 2 - centre[:, 1] ** 2, (_LEAST_CUT * values[9]) ** 2))
         towards = seen - centre[self.pose][:, [0, 2]].T
         length = np.hypot(*towards)
-        by_centre = np.stack([towards[0] / length, -(centre[:, 1] / cut)[self.pose], towards[1] / length])
+        by_centre = np.stack(
+            [towards[0] / length, -(centre[:, 1] / cut)[self.pose], towards[1] / length]
+        )
         by_flange = turn @ by_centre  # along the flange's axes, still by the ball's centre
         by_base = np.einsum("nij,jn->in", self.flange[self.pose, :3, :3], by_flange)
-        by_turn = np.einsum("jn,jkn->kn", by_centre, _turned_back(centre.T, values[3:6])[..., self.pose])
+        by_turn = np.einsum(
+            "jn,jkn->kn", by_centre, _turned_back(centre.T, values[3:6])[..., self.pose]
+        )
         by_scale = -by_centre[2] * self.points[1]
-        shared = np.concatenate([-by_flange, by_turn, by_base, (values[9] / cut)[None, self.pose], by_scale[None]])
+        shared = np.concatenate(
+            [-by_flange, by_turn, by_base, (values[9] / cut)[None, self.pose], by_scale[None]]
+        )
         residual = cut[self.pose] + self.errors[self.pose, 3] - length
         by_error = np.concatenate([-by_base, np.ones((1, len(length)))])
         return Evaluation(residual[None], shared[:, None], by_error[:, None])

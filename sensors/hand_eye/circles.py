@@ -32,7 +32,9 @@ class Circles:
     why: tuple[str, ...]
 
 
-def find_circles(flat: np.ndarray, label: np.ndarray, count: int, largest: float | None = None) -> Circles:
+def find_circles(
+    flat: np.ndarray, label: np.ndarray, count: int, largest: float | None = None
+) -> Circles:
     """Circles of profiles `flat` (2, n) mm with profile numbers `label` (n,) in 0..count-1.
 
     largest: radius of the ball, where known; no section is larger. Consensus of three points
@@ -41,19 +43,29 @@ def find_circles(flat: np.ndarray, label: np.ndarray, count: int, largest: float
     InputError where a profile holds fewer than ten points on a circle.
     """
     noise = _noise(flat, label, count)
-    used = np.concatenate([_consensus(flat[:, label == k], noise, largest, k) for k in range(count)])
+    used = np.concatenate(
+        [_consensus(flat[:, label == k], noise, largest, k) for k in range(count)]
+    )
     order = np.argsort(label, kind="stable")
     used = used[np.argsort(order, kind="stable")]
     for _ in range(_STEPS):
         centre, radius = fit_circles(flat, label, used, count)
         gap = _gaps(flat, label, centre, radius)
-        kept = _within(gap, label, used, count) & ~_ragged_ends(flat, label, used, centre, gap, count)
+        kept = _within(gap, label, used, count) & ~_ragged_ends(
+            flat, label, used, centre, gap, count
+        )
         if (kept == used).all():
             break
         used = kept
     square = np.bincount(label[used], gap[used] ** 2, count)
     number = np.bincount(label[used], minlength=count)
-    return Circles(centre, radius, np.sqrt(square / np.maximum(number - 3, 1)), used, _words(label, used, count))
+    return Circles(
+        centre,
+        radius,
+        np.sqrt(square / np.maximum(number - 3, 1)),
+        used,
+        _words(label, used, count),
+    )
 
 
 def fit_circles(flat, label, used, count) -> tuple[np.ndarray, np.ndarray]:
@@ -64,8 +76,10 @@ def fit_circles(flat, label, used, count) -> tuple[np.ndarray, np.ndarray]:
     x, z, k = *flat[:, used], label[used]
     if np.bincount(k, minlength=count).min() < _FEWEST:
         few = int(np.argmin(np.bincount(k, minlength=count)))
-        raise InputError(f"profile {few}: expected at least {_FEWEST} points on one circle, found "
-                         f"{np.bincount(k, minlength=count)[few]}; take the profile out or aim at the ball")
+        raise InputError(
+            f"profile {few}: expected at least {_FEWEST} points on one circle, found "
+            f"{np.bincount(k, minlength=count)[few]}; take the profile out or aim at the ball"
+        )
     number = np.bincount(k, minlength=count)
     middle = np.stack([np.bincount(k, v, count) / number for v in (x, z)])
     dx, dz = x - middle[0, k], z - middle[1, k]
@@ -97,25 +111,32 @@ def _noise(flat, label, count):
 
     The median over profiles: a profile full of clutter does not set it.
     """
-    inside = (label[2:] == label[:-2])
+    inside = label[2:] == label[:-2]
     bend = (flat[1, 2:] - 2 * flat[1, 1:-1] + flat[1, :-2])[inside] / np.sqrt(6)
-    spreads = [1.4826 * np.median(np.abs(bend[label[2:][inside] == k])) for k in range(count)
-               if (label[2:][inside] == k).any()]
+    spreads = [
+        1.4826 * np.median(np.abs(bend[label[2:][inside] == k]))
+        for k in range(count)
+        if (label[2:][inside] == k).any()
+    ]
     return max(float(np.median(spreads)), 1e-4) if spreads else 1e-4
 
 
 def _consensus(flat, noise, largest, k):
     """(n,) True for the points of one profile within 6 noises of the circle that has most of them."""
     if flat.shape[1] < _FEWEST:
-        raise InputError(f"profile {k}: expected at least {_FEWEST} points, found {flat.shape[1]}; "
-                         "take the profile out or aim at the ball")
+        raise InputError(
+            f"profile {k}: expected at least {_FEWEST} points, found {flat.shape[1]}; "
+            "take the profile out or aim at the ball"
+        )
     draw = np.random.default_rng(0).integers(flat.shape[1], size=(3, _TRIPLES))
     centre, radius = _through(*(flat[:, d] for d in draw))
     biggest = 3 * np.ptp(flat, axis=1).max() if largest is None else largest * 1.02 + 4 * noise
     fair = np.isfinite(radius) & (radius < biggest)
     if not fair.any():
-        raise InputError(f"profile {k}: expected an arc of a ball, found no circle smaller than {biggest:.4g} mm; "
-                         "check the radius or take the profile out")
+        raise InputError(
+            f"profile {k}: expected an arc of a ball, found no circle smaller than {biggest:.4g} mm; "
+            "check the radius or take the profile out"
+        )
     centre, radius = centre[:, fair], radius[fair]
     thin = flat[:, :: max(flat.shape[1] // 400, 1)]  # enough to rank circles by
     gap = np.hypot(thin[0, :, None] - centre[0], thin[1, :, None] - centre[1]) - radius
@@ -143,9 +164,14 @@ def _within(gap, label, used, count):
 def _ragged_ends(flat, label, used, centre, gap, count):
     """(n,) True at the ends of arcs where the noise is twice that of the middle."""
     angle = np.arctan2(*(flat - centre[:, label])[::-1])
-    middle = np.arctan2(*(np.bincount(label[used], f[used], count) for f in (np.sin(angle), np.cos(angle))))
+    middle = np.arctan2(
+        *(np.bincount(label[used], f[used], count) for f in (np.sin(angle), np.cos(angle)))
+    )
     turn = np.angle(np.exp(1j * (angle - middle[label])))
-    cell = np.clip(((turn / np.pi + 1) / 2 * 4 * _BINS).astype(int), 0, 4 * _BINS - 1) + 4 * _BINS * label
+    cell = (
+        np.clip(((turn / np.pi + 1) / 2 * 4 * _BINS).astype(int), 0, 4 * _BINS - 1)
+        + 4 * _BINS * label
+    )
     number = np.bincount(cell[used], minlength=4 * _BINS * count)
     power = np.bincount(cell[used], gap[used] ** 2, 4 * _BINS * count)
     rms = np.sqrt(power / np.maximum(number, 1)).reshape(count, -1)
@@ -159,5 +185,8 @@ def _ragged_ends(flat, label, used, centre, gap, count):
 
 def _words(label, used, count):
     total, kept = np.bincount(label, minlength=count), np.bincount(label[used], minlength=count)
-    return tuple(f"profile {k}: {t - u} of {t} points left out, off the circle or at its ragged ends"
-                 for k, (t, u) in enumerate(zip(total.tolist(), kept.tolist())) if t - u > 0.02 * t)
+    return tuple(
+        f"profile {k}: {t - u} of {t} points left out, off the circle or at its ragged ends"
+        for k, (t, u) in enumerate(zip(total.tolist(), kept.tolist()))
+        if t - u > 0.02 * t
+    )

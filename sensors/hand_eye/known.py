@@ -36,7 +36,9 @@ class Known:
         they move by more than their sigma along what is not determined."""
         made = rows @ self.covariance @ rows.T
         lost = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(made)
-        lost |= np.diag(made) > _FAR * ((rows * self.typical) ** 2).sum(1)  # less known than before measuring
+        lost |= np.diag(made) > _FAR * ((rows * self.typical) ** 2).sum(
+            1
+        )  # less known than before measuring
         made[lost] = made[:, lost] = np.nan
         made[lost, lost] = np.inf
         return made
@@ -57,8 +59,10 @@ def knowledge(adjusted, motion: Motion) -> Known:
     table, free = adjusted.parameters, adjusted.parameters.mask
     keys = tuple(key for key, mine in zip(table.keys, free) if mine)
     own = table.precision[free] == 0
-    found = identifiability(_beside(adjusted.linear.normal, table.precision[free], own),
-                            table.only(free & (table.precision == 0)))  # fmt: skip
+    found = identifiability(
+        _beside(adjusted.linear.normal, table.precision[free], own),
+        table.only(free & (table.precision == 0)),
+    )
     typical = table.typical[free]
     null = np.zeros((len(keys), found.null.shape[1]))
     null[own] = found.null
@@ -71,8 +75,13 @@ def knowledge(adjusted, motion: Motion) -> Known:
         # what is left when the open directions are held: an oblique projection on both sides keeps it non-negative
         project = np.eye(len(held)) - cross @ solve_positive(null.T @ cross, null.T)
         held = project @ held @ project.T
-    return Known(keys, held * np.outer(typical, typical), null * typical[:, None],
-                 (*motion.sentences, *(found.sentences() if more else ())), typical)
+    return Known(
+        keys,
+        held * np.outer(typical, typical),
+        null * typical[:, None],
+        (*motion.sentences, *(found.sentences() if more else ())),
+        typical,
+    )
 
 
 def _beside(normal, precision, own):

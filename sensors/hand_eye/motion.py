@@ -45,23 +45,34 @@ def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0)
     still, mount = max(STILL, _ERRORS * spin), "base" if kind == "to-hand" else "flange"
     axes = thin_svd(vectors)[2]
     near = max(_AT_REST, _ERRORS * shift)
-    if np.linalg.norm(vectors, axis=1).max() < still and (found := _short_of_translations(motions, near, mount)):
+    if np.linalg.norm(vectors, axis=1).max() < still and (
+        found := _short_of_translations(motions, near, mount)
+    ):
         return _motion(moved, *found)
     if np.linalg.norm(vectors, axis=1).max() < still:
-        return _motion(moved, _TWISTS[:, :3],
-                       f"the flange only moved and never turned: where the sensor sits in the {mount} frame is "
-                       "undetermined, only how it is turned; add poses with turns about two axes")  # fmt: skip
+        return _motion(
+            moved,
+            _TWISTS[:, :3],
+            f"the flange only moved and never turned: where the sensor sits in the {mount} frame is "
+            "undetermined, only how it is turned; add poses with turns about two axes",
+        )
     if np.linalg.norm(vectors - np.outer(vectors @ axes[0], axes[0]), axis=1).max() < still:
         axis = ", ".join(f"{a:+.2f}" for a in axes[0])
         about = _fixed_line(motions, axes[0], near)
         if about is not None:
-            return _motion(moved, np.column_stack([_along(axes[0]), about]),
-                           f"the flange rotated about one fixed line only, of direction ({axis}) in the {mount} frame: "
-                           "the sensor's position along this line and its rotation about it are undetermined; add "
-                           "rotations about another axis")  # fmt: skip
-        return _motion(moved, _along(axes[0])[:, None],
-                       f"the flange turned about one axis only, ({axis}) of the {mount} frame: the sensor's position "
-                       "along it is undetermined; add turns about another axis")  # fmt: skip
+            return _motion(
+                moved,
+                np.column_stack([_along(axes[0]), about]),
+                f"the flange rotated about one fixed line only, of direction ({axis}) in the {mount} frame: "
+                "the sensor's position along this line and its rotation about it are undetermined; add "
+                "rotations about another axis",
+            )
+        return _motion(
+            moved,
+            _along(axes[0])[:, None],
+            f"the flange turned about one axis only, ({axis}) of the {mount} frame: the sensor's position "
+            "along it is undetermined; add turns about another axis",
+        )
     return Motion(np.zeros((6, 0)), np.zeros((6, 0)), ())
 
 
@@ -124,7 +135,9 @@ def _exchanged(flange):
         yield f"poses {i} and {j} look exchanged", flange[order]
 
 
-def profile_suspicions(flange: np.ndarray, circles: np.ndarray, radius: float | None, misfit: float) -> tuple[str, ...]:
+def profile_suspicions(
+    flange: np.ndarray, circles: np.ndarray, radius: float | None, misfit: float
+) -> tuple[str, ...]:
     """The same for circles (3, P) of one ball, asked only where an arm would have to be off by a millimetre.
 
     misfit: mm, RMS of what the poses as given leave of the circles. The search for a start is
@@ -132,11 +145,20 @@ def profile_suspicions(flange: np.ndarray, circles: np.ndarray, radius: float | 
     """
     if misfit < _POOR:
         return ()
-    tried = sorted(((find_start(circles, poses, radius, 2, 60).rms, k, words, poses)
-                    for k, (words, poses) in enumerate(readings(flange))), key=lambda row: row[:2])[:2]
+    tried = sorted(
+        (
+            (find_start(circles, poses, radius, 2, 60).rms, k, words, poses)
+            for k, (words, poses) in enumerate(readings(flange))
+        ),
+        key=lambda row: row[:2],
+    )[:2]
     rows = [(find_start(circles, poses, radius).rms, words) for _, _, words, poses in tried]
     best = min(rows)
     if best[0] < misfit / _BETTER:
-        return (f"{best[1]}: read so, the poses fit the circles to {best[0]:.3g} mm instead of {misfit:.3g} mm",)
-    return (f"the circles do not fit the flange poses, by {misfit:.3g} mm: check Euler order, units, radius, and which "
-            "pose belongs to which profile",)
+        return (
+            f"{best[1]}: read so, the poses fit the circles to {best[0]:.3g} mm instead of {misfit:.3g} mm",
+        )
+    return (
+        f"the circles do not fit the flange poses, by {misfit:.3g} mm: check Euler order, units, radius, and which "
+        "pose belongs to which profile",
+    )

@@ -37,8 +37,17 @@ _SCALE = "target.scale"
 _SURE = 2.0  # sigmas from one before the board's scale is tried
 
 
-def hand_eye_from_views(views, board, camera, flange, kind="in-hand", camera_covariance=None,
-                        pivot="board", board_scale=None, reviewed: Review | None = None) -> HandEye:
+def hand_eye_from_views(
+    views,
+    board,
+    camera,
+    flange,
+    kind="in-hand",
+    camera_covariance=None,
+    pivot="board",
+    board_scale=None,
+    reviewed: Review | None = None,
+) -> HandEye:
     """Hand-eye, board and robot's pose error from views of one board.
 
     views: of each pose one with `index` (k,) and `pixels` (2, k); board: with `points` (3, N) mm;
@@ -68,8 +77,12 @@ def hand_eye_from_views(views, board, camera, flange, kind="in-hand", camera_cov
     first = Variances(_noise(chain, seen), np.array([misfit, misfit / _reach(seen)]))
     reviewed = reviewed or review_views(views, board, (camera, points), flange, kind)
     doubts = reviewed.sentences
-    most = 0 if reviewed.certain else len(flange) // 4  # poses read wrongly are not to be taken for blunders
-    found, notes = _best(chain, parameters, first, most, False if doubts and board_scale is None else board_scale)
+    most = (
+        0 if reviewed.certain else len(flange) // 4
+    )  # poses read wrongly are not to be taken for blunders
+    found, notes = _best(
+        chain, parameters, first, most, False if doubts and board_scale is None else board_scale
+    )
     return _result(chain, points, found, doubts, notes)
 
 
@@ -84,7 +97,9 @@ def _best(chain, parameters, first, most, scale):
             return plain, ()
         loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
         place = loose.parameters.keys.index(_SCALE)
-        if abs(loose.parameters[_SCALE]) < _SURE * np.sqrt(max(loose.linear.covariance[place, place], 0.0)):
+        if abs(loose.parameters[_SCALE]) < _SURE * np.sqrt(
+            max(loose.linear.covariance[place, place], 0.0)
+        ):
             return plain, ()
         parameters, first = loose.parameters, loose.variances
     scaled = find_blunders(chain, parameters.free(_SCALE), first, most)
@@ -92,24 +107,35 @@ def _best(chain, parameters, first, most, scale):
         return scaled, ()
     before, after = (_predicted(chain, found) for found in (plain, scaled))
     words = f"scale of the board {scaled[0].parameters[_SCALE]:+.2%}: held-out {before:.3g} -> {after:.3g} px"
-    return (scaled, (f"{words}, kept",)) if after < before else (plain, (f"{words}, not earned, left out",))
+    return (
+        (scaled, (f"{words}, kept",))
+        if after < before
+        else (plain, (f"{words}, not earned, left out",))
+    )
 
 
 def _predicted(chain, found):
     """px, RMS of the poses that were not left out for good, each predicted from the others."""
-    square = [(chain.at(np.flatnonzero(chain.pose == k)).evaluate(one.values).residual ** 2).sum(0)
-              for k, one in found[1].items() if k not in found[2]]  # fmt: skip
+    square = [
+        (chain.at(np.flatnonzero(chain.pose == k)).evaluate(one.values).residual ** 2).sum(0)
+        for k, one in found[1].items()
+        if k not in found[2]
+    ]
     return float(np.sqrt(np.concatenate(square).mean()))
 
 
-def review_views(views, board, camera, flange, kind="in-hand", readings: Sequence[Reading] | None = None) -> Review:
+def review_views(
+    views, board, camera, flange, kind="in-hand", readings: Sequence[Reading] | None = None
+) -> Review:
     """Whether flange poses and images fit each other, and which mistake explains it if they do not.
 
     Arguments as in `hand_eye_from_views`; camera may also be a pair (Camera, board points (3, N) mm). readings: other
     readings of the flange poses to try; None tries those of `mistakes.pose_readings`.
     """
     flange = _checked(views, flange, kind)
-    own, points = camera if isinstance(camera, tuple) else (_camera(camera, None)[0], _shape(board, camera))
+    own, points = (
+        camera if isinstance(camera, tuple) else (_camera(camera, None)[0], _shape(board, camera))
+    )
     turns = range(getattr(board, "turns", 1))
     every = [[relabelled(view, board, turn) for view in views] if turn else views for turn in turns]
     chains = [_chain(labelled, points, own, flange, kind, None) for labelled in every]
@@ -122,7 +148,9 @@ def review_views(views, board, camera, flange, kind="in-hand", readings: Sequenc
     return review(data, noise, Named(names, kind), readings, robust_starts(data))
 
 
-def camera_prior(camera: Camera, focal: float = 0.002, centre: float = 0.005, distortion: float = 0.02) -> np.ndarray:
+def camera_prior(
+    camera: Camera, focal: float = 0.002, centre: float = 0.005, distortion: float = 0.02
+) -> np.ndarray:
     """(V, V) covariance of a camera of which only values are known, as maker's sheets state them.
 
     focal: of fx and fy, as a share; centre: of cx and cy, as a share of the focal length;
@@ -135,14 +163,20 @@ def camera_prior(camera: Camera, focal: float = 0.002, centre: float = 0.005, di
 
 def _checked(views, flange, kind):
     if kind not in KINDS:
-        raise InputError(f"hand-eye: expected kind in-hand or to-hand, found '{kind}'; write one of them")
+        raise InputError(
+            f"hand-eye: expected kind in-hand or to-hand, found '{kind}'; write one of them"
+        )
     flange = checked_flange(flange, "hand-eye")
     if len(flange) != len(views):
-        raise InputError(f"hand-eye: expected one flange pose a picture, found {len(flange)} poses and "
-                         f"{len(views)} pictures; take out what has no partner")
+        raise InputError(
+            f"hand-eye: expected one flange pose a picture, found {len(flange)} poses and "
+            f"{len(views)} pictures; take out what has no partner"
+        )
     if len(flange) < 3:
-        raise InputError(f"hand-eye: expected at least 3 poses, found {len(flange)}; take more, with turns about "
-                         "two axes")
+        raise InputError(
+            f"hand-eye: expected at least 3 poses, found {len(flange)}; take more, with turns about "
+            "two axes"
+        )
     check_pixels(views)
     return flange
 
@@ -150,7 +184,9 @@ def _checked(views, flange, kind):
 def _shape(board, camera):
     """(3, N) mm of the board's points, with the bow that the camera's calibration found."""
     bow = getattr(camera, "bow", None)
-    if bow is None or getattr(board, "turns", 1) > 2:  # after a quarter turn the bow would be another
+    if (
+        bow is None or getattr(board, "turns", 1) > 2
+    ):  # after a quarter turn the bow would be another
         return board.points
     x, y = ((board.points - board.middle[:, None]) / board.half_diagonal)[:2]
     height = [bow.parameters[name] for name in ("xx", "yy", "xy")] @ np.stack([x * x, y * y, x * y])
@@ -165,8 +201,10 @@ def _camera(camera, covariance):
         return own, None
     known = np.asarray(known, float)[: len(own.values), : len(own.values)]
     if not np.isfinite(known).all():
-        raise InputError("hand-eye: expected a camera whose covariance is finite, found one that its pictures do not "
-                         "determine; name a camera.toml, or take pictures with the board tilted")
+        raise InputError(
+            "hand-eye: expected a camera whose covariance is finite, found one that its pictures do not "
+            "determine; name a camera.toml, or take pictures with the board tilted"
+        )
     return own, known
 
 
@@ -176,8 +214,17 @@ def _chain(views, points, camera, flange, kind, covariance):
     pixels = np.concatenate([view.pixels for view in views], 1).astype(float)
     points = points + _shifts(views, points, pixels, pose, camera)
     modes = np.zeros((len(camera.values), 0)) if covariance is None else _root(covariance)
-    return BoardChain(kind, camera, points, pixels, flange, pose, np.zeros((len(flange), 6)), modes,
-                      np.zeros((len(flange), 3)))
+    return BoardChain(
+        kind,
+        camera,
+        points,
+        pixels,
+        flange,
+        pose,
+        np.zeros((len(flange), 6)),
+        modes,
+        np.zeros((len(flange), 3)),
+    )
 
 
 def _shifts(views, points, pixels, pose, camera):
@@ -209,7 +256,9 @@ def _same_way_round(views, board, points, camera, flange, kind):
 def _pivot(pivot, chain, start, points):
     """(P, 3) mm, of every pose, in the base; on the flange for "to-hand"."""
     if pivot == "flange":
-        return chain.flange[:, :3, 3] if chain.kind == "in-hand" else np.zeros((len(chain.flange), 3))
+        return (
+            chain.flange[:, :3, 3] if chain.kind == "in-hand" else np.zeros((len(chain.flange), 3))
+        )
     board = placement(start[6:])
     return np.tile(board[:3, :3] @ points.mean(1) + board[:3, 3], (len(chain.flange), 1))
 
@@ -224,7 +273,9 @@ def _root(covariance):
 
 def _noise(chain, seen):
     """px, of one coordinate, by which each board misses its own picture."""
-    placed = np.einsum("nij,jn->in", seen[chain.pose, :3, :3], chain.board) + seen[chain.pose, :3, 3].T
+    placed = (
+        np.einsum("nij,jn->in", seen[chain.pose, :3, :3], chain.board) + seen[chain.pose, :3, 3].T
+    )
     return max(float(np.sqrt(np.mean((chain.camera.project(placed) - chain.pixels) ** 2))), 1e-4)
 
 
@@ -240,24 +291,49 @@ def _result(chain, points, found, doubts, notes):
     free = chain.with_families({"pose": adjusted.errors}).evaluate(values).residual
     held = np.empty_like(exact)
     for k in range(count):
-        held[:, chain.pose == k] = chain.at(np.flatnonzero(chain.pose == k)).evaluate(left_out[k].values).residual
+        held[:, chain.pose == k] = (
+            chain.at(np.flatnonzero(chain.pose == k)).evaluate(left_out[k].values).residual
+        )
     shift, spin = (0.0, 0.0) if doubts else adjusted.variances.spread
     known = knowledge(adjusted, motion(chain.flange[used], chain.kind, spin, shift))
     return HandEye(
-        kind=chain.kind, sensor=placement(values[:6]), covariance=of_block(adjusted, known, "sensor"),
-        target=placement(values[6:12]), target_covariance=of_block(adjusted, known, "target"),
-        camera=chain.camera_at(values), parameters=adjusted.parameters, std=_std(chain, known),
-        noise=adjusted.variances.noise, unit="px",
-        robot_sigma={"position_mm": float(adjusted.variances.spread[0]),
-                     "rotation_deg": float(np.degrees(adjusted.variances.spread[1]))},
-        fit={"rms_px": rms(exact, used[chain.pose]), "sensor_rms_px": rms(free, used[chain.pose]),
-             **scatter(chain, points, values, used), **least_scatter(chain, points, values, used)},
-        held_out={"rms_px": rms(held, used[chain.pose]), "folds": int(used.sum()),
-                  **held_scatter(chain, points, left_out, used), **held_least(chain, points, values, used)},
-        poses=tuple(held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders) for k in range(count)),
-        undetermined=known.sentences, suspicions=doubts, outcome=adjusted.outcome,
-        converged=adjusted.converged, history=adjusted.history, notes=notes,
-    )  # fmt: skip
+        kind=chain.kind,
+        sensor=placement(values[:6]),
+        covariance=of_block(adjusted, known, "sensor"),
+        target=placement(values[6:12]),
+        target_covariance=of_block(adjusted, known, "target"),
+        camera=chain.camera_at(values),
+        parameters=adjusted.parameters,
+        std=_std(chain, known),
+        noise=adjusted.variances.noise,
+        unit="px",
+        robot_sigma={
+            "position_mm": float(adjusted.variances.spread[0]),
+            "rotation_deg": float(np.degrees(adjusted.variances.spread[1])),
+        },
+        fit={
+            "rms_px": rms(exact, used[chain.pose]),
+            "sensor_rms_px": rms(free, used[chain.pose]),
+            **scatter(chain, points, values, used),
+            **least_scatter(chain, points, values, used),
+        },
+        held_out={
+            "rms_px": rms(held, used[chain.pose]),
+            "folds": int(used.sum()),
+            **held_scatter(chain, points, left_out, used),
+            **held_least(chain, points, values, used),
+        },
+        poses=tuple(
+            held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders)
+            for k in range(count)
+        ),
+        undetermined=known.sentences,
+        suspicions=doubts,
+        outcome=adjusted.outcome,
+        converged=adjusted.converged,
+        history=adjusted.history,
+        notes=notes,
+    )
 
 
 def _std(chain, known):

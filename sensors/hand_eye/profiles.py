@@ -23,8 +23,9 @@ _ALIKE = 1.2  # another hand-eye whose circles fit hardly worse is as good an an
 _SCALE = "sensor.range_scale"
 
 
-def hand_eye_from_profiles(points, pose, flange, radius=None, radius_sigma=None, weights="equal",
-                           range_scale=None) -> HandEye:
+def hand_eye_from_profiles(
+    points, pose, flange, radius=None, radius_sigma=None, weights="equal", range_scale=None
+) -> HandEye:
     """Hand-eye, ball and, where `radius` is None, its radius, from profiles at flange poses, without a guess.
 
     points: (3, n) mm, (x, 0, z) in the profiler's frame, rows with nan are dropped; pose (n,) int,
@@ -46,8 +47,12 @@ def hand_eye_from_profiles(points, pose, flange, radius=None, radius_sigma=None,
     parameters = replace(chain.parameters, values=values).free("*").fix(_SCALE)
     if radius is not None and radius_sigma is None:
         parameters = parameters.fix("target.radius")
-    first = Variances(max(_noise(circles), LEAST_NOISE), max(start.rms, 1e-3) * np.array([1.0, 0.2]))
-    doubts = profile_suspicions(flange, np.concatenate([circles.centre, [circles.radius]]), radius, start.rms)
+    first = Variances(
+        max(_noise(circles), LEAST_NOISE), max(start.rms, 1e-3) * np.array([1.0, 0.2])
+    )
+    doubts = profile_suspicions(
+        flange, np.concatenate([circles.centre, [circles.radius]]), radius, start.rms
+    )
     most = 0 if doubts else len(flange) // 4  # poses read wrongly are not to be taken for blunders
     found, notes = _best(chain, parameters, first, weights, range_scale, most)
     return _result(chain, found, (*circles.why, *notes), start, circles, doubts)
@@ -56,18 +61,24 @@ def hand_eye_from_profiles(points, pose, flange, radius=None, radius_sigma=None,
 def _checked(points, pose, flange):
     points, pose = np.asarray(points, float), np.asarray(pose)
     if points.ndim != 2 or len(points) != 3 or pose.shape != points.shape[1:]:
-        raise InputError(f"profiles: expected points (3, n) and one pose number a point, found {points.shape} and "
-                         f"{pose.shape}; correct them")
+        raise InputError(
+            f"profiles: expected points (3, n) and one pose number a point, found {points.shape} and "
+            f"{pose.shape}; correct them"
+        )
     flange = checked_flange(flange, "profiles")
     finite = np.isfinite(points).all(0)
     points, pose = points[:, finite], pose[finite].astype(int)
     if len(flange) < _LEAST:
-        raise InputError(f"profiles: expected at least {_LEAST} poses, found {len(flange)}; take more, with turns "
-                         "about two axes")
+        raise InputError(
+            f"profiles: expected at least {_LEAST} poses, found {len(flange)}; take more, with turns "
+            "about two axes"
+        )
     empty = np.setdiff1d(np.arange(len(flange)), pose)
     if len(empty) or pose.min() < 0 or pose.max() >= len(flange):
-        raise InputError(f"profiles: expected points at every one of {len(flange)} poses, found none at pose "
-                         f"{empty[0] if len(empty) else pose.max()}; take the pose out or number poses from 0")
+        raise InputError(
+            f"profiles: expected points at every one of {len(flange)} poses, found none at pose "
+            f"{empty[0] if len(empty) else pose.max()}; take the pose out or number poses from 0"
+        )
     return points, pose, flange
 
 
@@ -75,8 +86,15 @@ def _chain(flat, pose, flange, circles: Circles, start, radius_sigma, weights) -
     used, equal = circles.used, weights == "equal"
     # from a distance within the plane to one from the ball, which is to be the same for all
     relative = (start.values[9] / circles.radius)[pose[used]] if equal else np.ones(used.sum())
-    return BallChain(flat[:, used], float(start.values[9]), flange, pose[used], np.zeros((len(flange), 4)), relative,
-                     radius_sigma)
+    return BallChain(
+        flat[:, used],
+        float(start.values[9]),
+        flange,
+        pose[used],
+        np.zeros((len(flange), 4)),
+        relative,
+        radius_sigma,
+    )
 
 
 def _best(chain, parameters, first, weights, range_scale, most):
@@ -92,13 +110,25 @@ def _best(chain, parameters, first, weights, range_scale, most):
     before, after = (_predicted(chain, found) for found in (plain, scaled))
     scale = scaled[0].parameters[_SCALE]
     words = f"scale of the profiler's z {scale:+.2%}: held-out {before:.3g} -> {after:.3g} mm"
-    return (scaled, (f"{words}, kept",)) if after < before else (plain, (f"{words}, not earned, left out",))
+    return (
+        (scaled, (f"{words}, kept",))
+        if after < before
+        else (plain, (f"{words}, not earned, left out",))
+    )
 
 
 def _predicted(chain, found):
     """RMS distance, mm, of the poses from the ball, each with everything taken from the others."""
-    return float(np.sqrt(np.mean([(_of_pose(chain, k).distances(one.values) ** 2).mean()
-                                  for k, one in found[1].items()])))
+    return float(
+        np.sqrt(
+            np.mean(
+                [
+                    (_of_pose(chain, k).distances(one.values) ** 2).mean()
+                    for k, one in found[1].items()
+                ]
+            )
+        )
+    )
 
 
 def _of_pose(chain, pose):
@@ -113,21 +143,45 @@ def _result(chain, found, notes, start, circles, doubts):
     for k in range(count):
         held[0, chain.pose == k] = _of_pose(chain, k).distances(left_out[k].values)
     used = ~np.isin(chain.pose, blunders)
-    rows = tuple(held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders) for k in range(count))
+    rows = tuple(
+        held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders) for k in range(count)
+    )
     kept = [row for row in rows if not row.outlier]
     known = knowledge(adjusted, motion(chain.flange, "profiles"))
     return HandEye(
-        kind="profiles", sensor=placement(values[:6]), covariance=of_block(adjusted, known, "sensor"),
-        target=placement(values[6:9]), target_covariance=of_block(adjusted, known, "target"),
-        parameters=adjusted.parameters, std=known.std(), noise=_noise(circles), unit="mm",
-        robot_sigma={"position_mm": float(adjusted.variances.spread[0]),
-                     "radius_mm": float(adjusted.variances.spread[1])},
-        fit={"rms_mm": rms(exact, used), "pose_rms_mm": _over(row.residual for row in kept), "points": int(used.sum())},
-        held_out={"rms_mm": rms(held, used), "pose_rms_mm": _over(row.held_out for row in kept), "folds": len(kept)},
-        poses=rows, radius=float(values[9]), range_scale=float(values[10]), notes=notes,
+        kind="profiles",
+        sensor=placement(values[:6]),
+        covariance=of_block(adjusted, known, "sensor"),
+        target=placement(values[6:9]),
+        target_covariance=of_block(adjusted, known, "target"),
+        parameters=adjusted.parameters,
+        std=known.std(),
+        noise=_noise(circles),
+        unit="mm",
+        robot_sigma={
+            "position_mm": float(adjusted.variances.spread[0]),
+            "radius_mm": float(adjusted.variances.spread[1]),
+        },
+        fit={
+            "rms_mm": rms(exact, used),
+            "pose_rms_mm": _over(row.residual for row in kept),
+            "points": int(used.sum()),
+        },
+        held_out={
+            "rms_mm": rms(held, used),
+            "pose_rms_mm": _over(row.held_out for row in kept),
+            "folds": len(kept),
+        },
+        poses=rows,
+        radius=float(values[9]),
+        range_scale=float(values[10]),
+        notes=notes,
         undetermined=(*_ambiguous(start), *known.sentences),
-        suspicions=doubts, outcome=adjusted.outcome, converged=adjusted.converged, history=adjusted.history,
-    )  # fmt: skip
+        suspicions=doubts,
+        outcome=adjusted.outcome,
+        converged=adjusted.converged,
+        history=adjusted.history,
+    )
 
 
 def _noise(circles):
@@ -142,5 +196,7 @@ def _over(values):
 def _ambiguous(start):
     if start.second > _ALIKE * start.rms:
         return ()
-    return (f"a hand-eye turned quite otherwise fits these circles as well ({start.second:.3g} against {start.rms:.3g} "
-            "mm): take more poses, with the light plane on both sides of the ball's centre",)
+    return (
+        f"a hand-eye turned quite otherwise fits these circles as well ({start.second:.3g} against {start.rms:.3g} "
+        "mm): take more poses, with the light plane on both sides of the ball's centre",
+    )

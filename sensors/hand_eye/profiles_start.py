@@ -29,13 +29,32 @@ class Start:
 @lru_cache
 def turns() -> np.ndarray:
     """(480, 3, 3) rotations, no rotation further than about 20 degrees from one of them."""
-    twist = Rotation.from_rotvec(np.concatenate([np.zeros((1, 3)), 0.45 * np.array(
-        [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [1.2, 0, 0], [0, 1.2, 0], [0, 0, 1.2]])]))
+    twist = Rotation.from_rotvec(
+        np.concatenate(
+            [
+                np.zeros((1, 3)),
+                0.45
+                * np.array(
+                    [
+                        [1, 1, 1],
+                        [1, -1, -1],
+                        [-1, 1, -1],
+                        [-1, -1, 1],
+                        [1.2, 0, 0],
+                        [0, 1.2, 0],
+                        [0, 0, 1.2],
+                    ]
+                ),
+            ]
+        )
+    )
     icosahedral = Rotation.create_group("I")
     return np.concatenate([(icosahedral * one).as_matrix() for one in twist])
 
 
-def find_start(circles: np.ndarray, flange: np.ndarray, radius: float | None, best: int = _BEST, steps=200) -> Start:
+def find_start(
+    circles: np.ndarray, flange: np.ndarray, radius: float | None, best: int = _BEST, steps=200
+) -> Start:
     """The deepest of the `best` most promising valleys, of `steps` evaluations each.
 
     circles (3, P): x, z of the centre and radius, mm; flange (P, 4, 4) T_base_flange; radius of the
@@ -43,13 +62,20 @@ def find_start(circles: np.ndarray, flange: np.ndarray, radius: float | None, be
     """
     known = radius if radius is not None else 1.02 * circles[2].max()
     values = _linear(circles, flange, known)
-    cost = (_residual(values, circles, flange, known if radius is None else radius) ** 2).sum((1, 2))
-    found = [_descend(values[k], circles, flange, radius, steps) for k in np.argsort(cost, kind="stable")[:best]]
+    cost = (_residual(values, circles, flange, known if radius is None else radius) ** 2).sum(
+        (1, 2)
+    )
+    found = [
+        _descend(values[k], circles, flange, radius, steps)
+        for k in np.argsort(cost, kind="stable")[:best]
+    ]
     found.sort(key=lambda pair: pair[1])
     top = found[0]
     other = [cost for x, cost in found if _elsewhere(x, top[0])]
     count = circles.size
-    return Start(top[0], float(np.sqrt(top[1] / count)), float(np.sqrt(min(other, default=np.inf) / count)))
+    return Start(
+        top[0], float(np.sqrt(top[1] / count)), float(np.sqrt(min(other, default=np.inf) / count))
+    )
 
 
 def _linear(circles, flange, radius):
@@ -60,15 +86,24 @@ def _linear(circles, flange, radius):
     back = np.swapaxes(flange[:, :3, :3], 1, 2)
     home = (back @ flange[:, :3, 3, None])[..., 0]  # R' p
     axes = turns()[:, :, [0, 2]].transpose(0, 2, 1)  # (S, 2, 3) the plane's axes in the flange
-    rows = np.concatenate([np.broadcast_to(-axes[:, None], (len(axes), len(flange), 2, 3)),
-                           np.einsum("saj,pjk->spak", axes, back)], -1)  # fmt: skip
+    rows = np.concatenate(
+        [
+            np.broadcast_to(-axes[:, None], (len(axes), len(flange), 2, 3)),
+            np.einsum("saj,pjk->spak", axes, back),
+        ],
+        -1,
+    )
     right = circles[:2].T + np.einsum("saj,pj->spa", axes, home)
     rows, right = rows.reshape(len(axes), -1, 6), right.reshape(len(axes), -1, 1)
-    size = np.sqrt((rows**2).sum(1, keepdims=True).max(0))  # what poses that never turn leave open stays small
+    size = np.sqrt(
+        (rows**2).sum(1, keepdims=True).max(0)
+    )  # what poses that never turn leave open stays small
     normal = (rows / size).transpose(0, 2, 1) @ (rows / size) + 1e-9 * np.eye(6)
     solved = solve_positive(normal, (rows / size).transpose(0, 2, 1) @ right)[..., 0] / size[:, 0]
     vectors = rotation_vector(turns())
-    return np.concatenate([solved[:, :3], vectors, solved[:, 3:], np.full((len(axes), 1), radius)], 1)
+    return np.concatenate(
+        [solved[:, :3], vectors, solved[:, 3:], np.full((len(axes), 1), radius)], 1
+    )
 
 
 def _residual(values, circles, flange, radius):

@@ -90,16 +90,24 @@ def placement(values: np.ndarray) -> np.ndarray:
 
 def of_block(adjusted, known: Known, where: str) -> np.ndarray:
     """(6, 6) or (3, 3) covariance of the placement at `where`: mm, and a small turn about the outer axes."""
-    names = [key for key in known.keys if key in {f"{where}.{name}" for name in ("x", "y", "z", "rx", "ry", "rz")}]
+    names = [
+        key
+        for key in known.keys
+        if key in {f"{where}.{name}" for name in ("x", "y", "z", "rx", "ry", "rz")}
+    ]
     rows = np.eye(len(known.keys))[[known.keys.index(key) for key in names]]
     if len(names) == 6:
-        rows[3:] = left_jacobian(np.array([adjusted.parameters[key] for key in names[3:]])) @ rows[3:]
+        rows[3:] = (
+            left_jacobian(np.array([adjusted.parameters[key] for key in names[3:]])) @ rows[3:]
+        )
     return known.of(rows)
 
 
 def rms(residual: np.ndarray, chosen: np.ndarray) -> float:
     """Root of the mean squared length of the chosen columns of (m, n)."""
-    return float(np.sqrt((residual[:, chosen] ** 2).sum(0).mean())) if chosen.any() else float("nan")
+    return (
+        float(np.sqrt((residual[:, chosen] ** 2).sum(0).mean())) if chosen.any() else float("nan")
+    )
 
 
 def held_row(pose, chain, adjusted, exact, held, left_out, blunder) -> PoseRow:
@@ -110,6 +118,21 @@ def held_row(pose, chain, adjusted, exact, held, left_out, blunder) -> PoseRow:
     turned = float(np.degrees(np.linalg.norm(error[3:6]))) if len(error) == 6 else float("nan")
     unit = "px" if len(exact) == 2 else "mm"
     usual = rms(held, ~mine)
-    why = (f"pose {pose}: {other:.3g} {unit} from what the other poses predict, where they are {usual:.3g} {unit} off; "
-           "left out: check its flange pose and its picture") if blunder else ""  # fmt: skip
-    return PoseRow(pose, residual, other, float(np.linalg.norm(error[:3])), turned, left_out.chance, blunder, why)
+    why = (
+        (
+            f"pose {pose}: {other:.3g} {unit} from the prediction of the other poses, "
+            f"which are {usual:.3g} {unit} off; left out: check its flange pose and its picture"
+        )
+        if blunder
+        else ""
+    )
+    return PoseRow(
+        pose,
+        residual,
+        other,
+        float(np.linalg.norm(error[:3])),
+        turned,
+        left_out.chance,
+        blunder,
+        why,
+    )

@@ -22,7 +22,9 @@ LEVER = 300.0
 """mm of the board's origin that count as much as one radian of its turn."""
 
 
-def placed_boards(flange: np.ndarray, sensor: np.ndarray, seen: np.ndarray, kind: str) -> np.ndarray:
+def placed_boards(
+    flange: np.ndarray, sensor: np.ndarray, seen: np.ndarray, kind: str
+) -> np.ndarray:
     """(P, 4, 4) the board as every picture has it, T_base_board, or T_flange_board for "to-hand".
 
     flange (P, 4, 4) T_base_flange, sensor (4, 4) hand-eye, seen (P, 4, 4) T_camera_board.
@@ -30,7 +32,9 @@ def placed_boards(flange: np.ndarray, sensor: np.ndarray, seen: np.ndarray, kind
     return (flange if kind == "in-hand" else inverse(flange)) @ sensor @ seen
 
 
-def deviations(placed: np.ndarray, points: np.ndarray, others: np.ndarray | None = None) -> dict[str, np.ndarray]:
+def deviations(
+    placed: np.ndarray, points: np.ndarray, others: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
     """(P,) `origin_mm`, `centre_mm`, `turn_deg` of boards (P, 4, 4) from the mean of `others` (theirs by default)."""
     others = placed if others is None else others
     found = {}
@@ -69,7 +73,10 @@ def least_scatter(chain, points, values, used) -> dict[str, float]:
     Each board's pose from its picture alone, camera as found; started at the hand-eye of `values`.
     """
     seen, flange = _seen(chain, values)[used], chain.flange[used]
-    away = deviations(placed_boards(flange, _least(flange, seen, chain.kind, values[:6]), seen, chain.kind), points)
+    away = deviations(
+        placed_boards(flange, _least(flange, seen, chain.kind, values[:6]), seen, chain.kind),
+        points,
+    )
     return _named(away)
 
 
@@ -78,7 +85,9 @@ def held_least(chain, points, values, used) -> dict[str, float]:
     seen, flange, rows = _seen(chain, values)[used], chain.flange[used], []
     for k in range(len(flange)):
         others = np.arange(len(flange)) != k
-        placed = placed_boards(flange, _least(flange[others], seen[others], chain.kind, values[:6]), seen, chain.kind)
+        placed = placed_boards(
+            flange, _least(flange[others], seen[others], chain.kind, values[:6]), seen, chain.kind
+        )
         rows.append(deviations(placed[[k]], points, placed[others]))
     return _named({name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
 

@@ -13,7 +13,9 @@ STILL = np.radians(0.5)  # below it a turn is what an arm makes when it only mov
 _HALF_TURN = np.radians(170.0)  # near a half turn the axis of a relative rotation has no sign
 
 
-def board_poses(board: np.ndarray, pixels: np.ndarray, pose: np.ndarray, camera: Camera) -> np.ndarray:
+def board_poses(
+    board: np.ndarray, pixels: np.ndarray, pose: np.ndarray, camera: Camera
+) -> np.ndarray:
     """(P, 4, 4) T_camera_board of each picture alone: least squares of its pixels (OpenCV).
 
     board (3, n) mm, pixels (2, n) and the picture's number pose (n,), 0..P-1. InputError where a
@@ -25,13 +27,22 @@ def board_poses(board: np.ndarray, pixels: np.ndarray, pose: np.ndarray, camera:
     for number in range(int(pose.max()) + 1):
         mine = pose == number
         if mine.sum() < 4:
-            raise InputError(f"picture {number}: expected at least 4 points of the board, found {mine.sum()}; "
-                             "take the picture out")
-        found = cv2.solvePnP(np.ascontiguousarray(board[:, mine].T), np.ascontiguousarray(pixels[:, mine].T),
-                             camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_ITERATIVE)  # fmt: skip
+            raise InputError(
+                f"picture {number}: expected at least 4 points of the board, found {mine.sum()}; "
+                "take the picture out"
+            )
+        found = cv2.solvePnP(
+            np.ascontiguousarray(board[:, mine].T),
+            np.ascontiguousarray(pixels[:, mine].T),
+            camera.matrix,
+            np.array(camera.distortion),
+            flags=cv2.SOLVEPNP_ITERATIVE,
+        )
         if not found[0] or not np.isfinite(found[1]).all():
-            raise InputError(f"picture {number}: expected a view of the board, found pixels that no pose explains; "
-                             "take the picture out")
+            raise InputError(
+                f"picture {number}: expected a view of the board, found pixels that no pose explains; "
+                "take the picture out"
+            )
         placed.append(transform(Rotation.from_rotvec(found[1][:, 0]).as_matrix(), found[2][:, 0]))
     return np.array(placed)
 
@@ -48,7 +59,9 @@ def closed_forms(flange: np.ndarray, seen: np.ndarray, kind: str) -> dict[str, n
     back, found = inverse(moved), {}
     for name in METHODS:
         arguments = (moved[:, :3, :3], moved[:, :3, 3], seen[:, :3, :3], seen[:, :3, 3])
-        found[name] = _called(cv2, cv2.calibrateHandEye, arguments, getattr(cv2, f"CALIB_HAND_EYE_{name}"))
+        found[name] = _called(
+            cv2, cv2.calibrateHandEye, arguments, getattr(cv2, f"CALIB_HAND_EYE_{name}")
+        )
     for name in ("SHAH", "LI"):
         arguments = (seen[:, :3, :3], seen[:, :3, 3], back[:, :3, :3], back[:, :3, 3])
         method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
@@ -80,14 +93,20 @@ def start_from_boards(flange, seen, points, kind) -> tuple[np.ndarray, float]:
     that a pose that is a blunder does not choose.
     """
     moved = flange if kind == "in-hand" else inverse(flange)
-    candidates = [*closed_forms(flange, seen, kind).values(), *_without_one(moved, seen), *_every_turn(moved, seen)]
+    candidates = [
+        *closed_forms(flange, seen, kind).values(),
+        *_without_one(moved, seen),
+        *_every_turn(moved, seen),
+    ]
     corners = _corners(points)
     scored = [(*_spread(moved @ sensor @ seen, corners), sensor) for sensor in candidates]
     misfit, board, sensor = min(scored, key=lambda row: row[0])
     return np.concatenate([_values(sensor), _values(board)]), max(misfit, 1e-3)
 
 
-def nearest_turns(flange: np.ndarray, seen: np.ndarray, points: np.ndarray, kind: str) -> np.ndarray:
+def nearest_turns(
+    flange: np.ndarray, seen: np.ndarray, points: np.ndarray, kind: str
+) -> np.ndarray:
     """(P,) which of T readings of each picture, seen (T, P, 4, 4), puts the board where the others have it.
 
     Each reading of the first picture in turn is taken for right; that of the second which makes the
@@ -95,8 +114,12 @@ def nearest_turns(flange: np.ndarray, seen: np.ndarray, points: np.ndarray, kind
     """
     turns, count = seen.shape[:2]
     moved = flange if kind == "in-hand" else inverse(flange)
-    alpha = np.linalg.norm(rotation_vector((inverse(moved)[None, :] @ moved[:, None])[..., :3, :3]), axis=-1)
-    relative = seen[:, None, :, None] @ inverse(seen)[None, :, None, :]  # [reading i, reading j, i, j]
+    alpha = np.linalg.norm(
+        rotation_vector((inverse(moved)[None, :] @ moved[:, None])[..., :3, :3]), axis=-1
+    )
+    relative = (
+        seen[:, None, :, None] @ inverse(seen)[None, :, None, :]
+    )  # [reading i, reading j, i, j]
     beta = np.linalg.norm(rotation_vector(relative[..., :3, :3]), axis=-1)
     apart = np.abs(beta - alpha)
     best = [apart[:, turn, :, 0].argmin(0) for turn in range(turns)]
@@ -110,7 +133,9 @@ def nearest_turns(flange: np.ndarray, seen: np.ndarray, points: np.ndarray, kind
 
 def _corners(points):
     low, high = points.min(1), points.max(1)
-    return np.array([[x, y, points[2].mean()] for x in (low[0], high[0]) for y in (low[1], high[1])]).T
+    return np.array(
+        [[x, y, points[2].mean()] for x in (low[0], high[0]) for y in (low[1], high[1])]
+    ).T
 
 
 def _spread(placed, corners):
@@ -129,7 +154,11 @@ def _values(matrix):
 def _without_one(moved, seen):
     """Closed form without each pose: one of them is free of a blunder."""
     count = len(moved)
-    return [align(moved[keep], seen[keep])[0] for keep in ~np.eye(count, dtype=bool)] if count > 4 else []
+    return (
+        [align(moved[keep], seen[keep])[0] for keep in ~np.eye(count, dtype=bool)]
+        if count > 4
+        else []
+    )
 
 
 def _every_turn(moved, seen):
@@ -165,12 +194,21 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
     half = turning & ~sure
     only_half = half.any() and not (turning & sure).any()
     candidates = (
-        _half_turns(half, flange, camera) if only_half else _turns(alpha[sure], beta[sure], flange, camera)
+        _half_turns(half, flange, camera)
+        if only_half
+        else _turns(alpha[sure], beta[sure], flange, camera)
     )
     for turn in candidates:
         shift, rest = _translation(turn, flange, camera)
-        gap = (_turned_apart(turn, flange, camera) if only_half else (alpha - beta @ turn.T)[sure]) * reach
-        found.append((float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())), transform(turn, shift)))
+        gap = (
+            _turned_apart(turn, flange, camera) if only_half else (alpha - beta @ turn.T)[sure]
+        ) * reach
+        found.append(
+            (
+                float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())),
+                transform(turn, shift),
+            )
+        )
     misfit, best = min(found, key=lambda row: row[0])
     return best, misfit, angles
 
@@ -193,7 +231,9 @@ def _half_turns(half, flange, camera):
     A half turn about a is 2 a a' - 1, whose largest eigenvector is a up to its sign. Two axes that are far from
     parallel give a rotation for each choice of signs; of a single axis both directions are searched about it.
     """
-    own, seen = (symmetric_eigen(_axis_products(motions[half]))[1][:, :, 2] for motions in (flange, camera))
+    own, seen = (
+        symmetric_eigen(_axis_products(motions[half]))[1][:, :, 2] for motions in (flange, camera)
+    )
     other = int(np.argmin(np.abs(own @ own[0])))
     single = abs(own[other] @ own[0]) > np.cos(STILL)
     tried = []
@@ -222,16 +262,24 @@ def _turned_apart(turn, flange, camera):
 
 def _spun(axis):
     """(24, 3, 3) rotations about an axis, a whole turn of them."""
-    return Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 24, endpoint=False), axis)).as_matrix()
+    return Rotation.from_rotvec(
+        np.outer(np.linspace(0, 2 * np.pi, 24, endpoint=False), axis)
+    ).as_matrix()
 
 
 def _about(turns, axis, flange, camera):
     """The best of `turns` (S, 3, 3), turned about the axis by Newton's step of the translations' misfit."""
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
-    right = (np.einsum("sij,kj->kis", turns, camera[:, :3, 3]) - flange[:, :3, 3, None]).reshape(len(rows), -1)
+    right = (np.einsum("sij,kj->kis", turns, camera[:, :3, 3]) - flange[:, :3, 3, None]).reshape(
+        len(rows), -1
+    )
     cost = ((rows @ np.linalg.lstsq(rows, right, rcond=1e-9)[0] - right) ** 2).sum(0)
     k = int(np.argmin(cost))
-    before, at, after = cost[k - 1], cost[k], cost[(k + 1) % len(cost)]  # a sine of the angle, near its lowest
+    before, at, after = (
+        cost[k - 1],
+        cost[k],
+        cost[(k + 1) % len(cost)],
+    )  # a sine of the angle, near its lowest
     bend = before - 2 * at + after
     step = 2 * np.pi / len(turns) * (before - after) / (2 * bend) if bend > 0 else 0.0
     near = Rotation.from_rotvec(np.outer([0, step], axis)).as_matrix() @ turns[k]

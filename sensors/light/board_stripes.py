@@ -35,14 +35,30 @@ class BoardStripes:
     shape: np.ndarray | None = None
 
     @classmethod
-    def of(cls, stripes, placements: Sequence[str], steps: Sequence[int], mirror_deg: Sequence[float] | None = None,
-           covariates: Mapping[str, Sequence[float]] | None = None) -> "BoardStripes":  # fmt: skip
+    def of(
+        cls,
+        stripes,
+        placements: Sequence[str],
+        steps: Sequence[int],
+        mirror_deg: Sequence[float] | None = None,
+        covariates: Mapping[str, Sequence[float]] | None = None,
+    ) -> "BoardStripes":
         """From `stripe.Stripes` of F pictures and what images.csv says of each of them (F,)."""
         frame = stripes.frame
         angles = None if mirror_deg is None else np.deg2rad(np.asarray(mirror_deg, float))[frame]
-        columns = {name: np.asarray(values, float)[frame] for name, values in (covariates or {}).items()}
-        return cls(stripes.pixels, np.asarray(placements, str)[frame], np.asarray(steps, int)[frame],
-                   np.asarray(stripes.sigma, float), stripes.along, angles, columns, stripes.shape)  # fmt: skip
+        columns = {
+            name: np.asarray(values, float)[frame] for name, values in (covariates or {}).items()
+        }
+        return cls(
+            stripes.pixels,
+            np.asarray(placements, str)[frame],
+            np.asarray(steps, int)[frame],
+            np.asarray(stripes.sigma, float),
+            stripes.along,
+            angles,
+            columns,
+            stripes.shape,
+        )
 
     @property
     def n(self) -> int:
@@ -56,11 +72,15 @@ class BoardStripes:
     def at(self, keep: np.ndarray) -> "BoardStripes":
         """Some of them (mask or indices)."""
         return replace(
-            self, pixels=self.pixels[:, keep], placement=self.placement[keep], step=self.step[keep],
-            sigma=self.sigma[keep], mirror=None if self.mirror is None else self.mirror[keep],
+            self,
+            pixels=self.pixels[:, keep],
+            placement=self.placement[keep],
+            step=self.step[keep],
+            sigma=self.sigma[keep],
+            mirror=None if self.mirror is None else self.mirror[keep],
             covariates={name: column[keep] for name, column in self.covariates.items()},
             shape=None if self.shape is None else self.shape[:, keep],
-        )  # fmt: skip
+        )
 
     def angles(self, steps: np.ndarray) -> np.ndarray | None:
         """(S,) rad of steps (S,), None where a step has none; InputError where a step has two."""
@@ -72,8 +92,10 @@ class BoardStripes:
         np.maximum.at(high, place, self.mirror)
         if (odd := np.flatnonzero(high - low > 1e-9)).size:
             first = np.rad2deg([low[odd[0]], high[odd[0]]])
-            raise InputError(f"images.csv, step {steps[odd[0]]}: expected one mirror_deg, found {first[0]:g} and "
-                             f"{first[1]:g}; give every angle a step of its own")
+            raise InputError(
+                f"images.csv, step {steps[odd[0]]}: expected one mirror_deg, found {first[0]:g} and "
+                f"{first[1]:g}; give every angle a step of its own"
+            )
         return low
 
 
@@ -81,15 +103,29 @@ def joined(parts: Sequence[BoardStripes]) -> BoardStripes:
     """Several as one; InputError where there is none, or they were not measured along one and the same direction."""
     if not parts or len({part.along for part in parts}) > 1:
         found = "none" if not parts else "some along rows and some along columns"
-        raise InputError(f"stripes on boards: expected stripes measured in one direction, found {found}; "
-                         "take pictures of the board under the laser, all with one setting")
-    known, shaped = (all(getattr(part, name) is not None for part in parts) for name in ("mirror", "shape"))
+        raise InputError(
+            f"stripes on boards: expected stripes measured in one direction, found {found}; "
+            "take pictures of the board under the laser, all with one setting"
+        )
+    known, shaped = (
+        all(getattr(part, name) is not None for part in parts) for name in ("mirror", "shape")
+    )
     names = set.intersection(*(set(part.covariates) for part in parts))
-    gather = {name: np.concatenate([part.covariates[name] for part in parts]) for name in sorted(names)}
-    whole = (np.concatenate([getattr(part, name) for part in parts]) for name in ("placement", "step", "sigma"))
-    return BoardStripes(np.hstack([part.pixels for part in parts]), *whole, parts[0].along,
-                        np.concatenate([part.mirror for part in parts]) if known else None, gather,
-                        np.hstack([part.shape for part in parts]) if shaped else None)  # fmt: skip
+    gather = {
+        name: np.concatenate([part.covariates[name] for part in parts]) for name in sorted(names)
+    }
+    whole = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("placement", "step", "sigma")
+    )
+    return BoardStripes(
+        np.hstack([part.pixels for part in parts]),
+        *whole,
+        parts[0].along,
+        np.concatenate([part.mirror for part in parts]) if known else None,
+        gather,
+        np.hstack([part.shape for part in parts]) if shaped else None,
+    )
 
 
 def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:
@@ -128,9 +164,13 @@ def _fitted(shape, values, weights, group, count):
     normal = np.empty((count, 3, 3))
     for i in range(3):
         for j in range(i, 3):
-            normal[:, i, j] = normal[:, j, i] = np.bincount(group, weights * shape[i] * shape[j], count)
+            normal[:, i, j] = normal[:, j, i] = np.bincount(
+                group, weights * shape[i] * shape[j], count
+            )
     right = np.stack([np.bincount(group, weights * row * values, count) for row in shape], 1)
-    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
+    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(
+        3
+    )
     found = np.linalg.solve(normal + ridge, right[..., None])[..., 0]
     return (shape * found.T[:, group]).sum(0)
 

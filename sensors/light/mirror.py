@@ -95,7 +95,9 @@ def mirror_parameters(by_step: bool = False) -> Parameters:
     cos(angle) after 1, cos(2 angle) and sin(2 angle): over a few degrees nearly nothing.
     by_step: angles are numbers of steps, and the gain, rad a step, is unknown.
     """
-    table = [Parameter(f"mirror.{name}", unit, 0.0, size, label) for name, unit, size, label in _TABLE]
+    table = [
+        Parameter(f"mirror.{name}", unit, 0.0, size, label) for name, unit, size, label in _TABLE
+    ]
     label = "the mirror's turn a step, over that of the start" if by_step else table[GAIN].label
     table[GAIN] = Parameter("mirror.gain", "1", 1.0, 0.01, label)
     return Parameters.of(table)
@@ -127,7 +129,9 @@ class MovedMirror:
         normal, _ = self._beam_normal()
         distance = start.beam[:3] @ start.point + start.beam[3] + self.change[6]
         beam = np.append(normal, distance - normal @ start.point)
-        return Mirror(rotation @ start.axis, point, rotation @ start.face, start.offset + self.change[8], beam)
+        return Mirror(
+            rotation @ start.axis, point, rotation @ start.face, start.offset + self.change[8], beam
+        )
 
     def _beam_normal(self):
         """(3,) unit normal of the beam and (2, 3) its derivative by cone and turn."""
@@ -155,7 +159,9 @@ class MovedMirror:
         normals = mirror.normals(angles)
         rows = np.zeros((10, 4, len(angles)))
         turning = (left_jacobian(vector) @ columns).T  # (3, 3): rotation per unit of tilts and zero
-        rows[[0, 1, 9]] = mirror.by_normal(angles, np.cross(turning[:, None], normals.T).transpose(0, 2, 1))
+        rows[[0, 1, 9]] = mirror.by_normal(
+            angles, np.cross(turning[:, None], normals.T).transpose(0, 2, 1)
+        )
         share = 2 * (mirror.beam[:3] @ normals)
         rows[2:4, 3] = share * (columns[:, :2].T @ normals)
         _, tilts = self._beam_normal()
@@ -168,7 +174,9 @@ class MovedMirror:
         return rows
 
 
-def start_mirror(planes: np.ndarray, commanded: np.ndarray, by_step: bool = False, incidence: float = np.pi / 4):
+def start_mirror(
+    planes: np.ndarray, commanded: np.ndarray, by_step: bool = False, incidence: float = np.pi / 4
+):
     """A mirror that makes planes (4, S), S >= 3, at commanded angles (S,), face through the axis; and the gain.
 
     Axis: the direction that all normals hold one angle with, the shortest singular vector of their
@@ -192,7 +200,9 @@ def start_mirror(planes: np.ndarray, commanded: np.ndarray, by_step: bool = Fals
     scale = gain if by_step else 1.0
     turn = at_zero + incidence + scale * commanded.mean() - np.pi
     beam_turn = turn + scale * commanded.mean() + incidence
-    return _assemble(axis, first, second, point, turn, beam_turn, axis @ normals.mean(1), distance), gain
+    return _assemble(
+        axis, first, second, point, turn, beam_turn, axis @ normals.mean(1), distance
+    ), gain
 
 
 def _assemble(axis, first, second, point, face_turn, beam_turn, along, distance):

@@ -19,7 +19,15 @@ _LEAST = 1e-3
 """Probability below which the stripes contradict the mirror."""
 _AS_WELL = 5.0
 """Times the usual sigma of a plane over the working volume, beyond which it does not count for the mirror's start."""
-_FIRST = ("tilt_face", "tilt_across", "shift_face", "shift_across", "beam_cone", "beam_turn", "beam_shift")
+_FIRST = (
+    "tilt_face",
+    "tilt_across",
+    "shift_face",
+    "shift_across",
+    "beam_cone",
+    "beam_turn",
+    "beam_shift",
+)
 # `independent` keeps what is known to ten typical sizes; here to one, and the face's distance is not guessed at.
 _STRICT = 10.0
 
@@ -88,7 +96,10 @@ def try_mirror(
     start, gain = start_mirror(free.sheets.planes[:, known], commanded[known], by_step)
     said = _odd_gain(gain, by_step)
     if said:  # what was commanded is no angle of the mirror: only its steps count
-        by_step, (start, gain) = True, start_mirror(free.sheets.planes[:, known], commanded[known], True)
+        by_step, (start, gain) = (
+            True,
+            start_mirror(free.sheets.planes[:, known], commanded[known], True),
+        )
     angles = commanded * gain if by_step else commanded
     sheets = fresh_start(free, start.planes(angles), start, angles)
     names = (*_FIRST, "gain") if by_step else _FIRST
@@ -120,12 +131,15 @@ def _determined(made: Adjustment, by_step):
     every = tuple(name for name in NAMES if by_step or name != "gain")
     whole = solve_once(made.corners, made.sheets, made.effects, made.parameters, every)
     _, tied = independent(whole.fit.normal, whole.fit.table, _STRICT * whole.fit.sigma_scale)
-    left_out = {key.removeprefix("mirror.") for key in tied if key.startswith("mirror.")} | {"face_zero"}
+    left_out = {key.removeprefix("mirror.") for key in tied if key.startswith("mirror.")} | {
+        "face_zero"
+    }
     labels = {p.key: p.label for p in whole.fit.table.table}
     said = [
         f"{labels[f'mirror.{name}']} cannot be told from the others here: it is kept where it started"
-        for name in every if name in left_out
-    ]  # fmt: skip
+        for name in every
+        if name in left_out
+    ]
     kept = tuple(name for name in every if name in made.free or name not in left_out)
     return kept, said
 
@@ -133,7 +147,11 @@ def _determined(made: Adjustment, by_step):
 def _odd_gain(gain, by_step):
     if by_step or abs(gain - 1) < 0.05:
         return []
-    also = ", as if mirror_deg were the angle of the light and not of the mirror" if abs(gain - 0.5) < 0.03 else ""
+    also = (
+        ", as if mirror_deg were the angle of the light and not of the mirror"
+        if abs(gain - 0.5) < 0.03
+        else ""
+    )
     return [
         f"the free planes turn by {2 * gain:.3g} of the commanded angle, expected 2{also}; correct mirror_deg; "
         "here the mirror's turn per commanded turn was fitted instead"
@@ -141,16 +159,34 @@ def _odd_gain(gain, by_step):
 
 
 def _compared(free, made, gain, volume, said):
-    more = len(made.fit.parameters.pack()) - len(free.fit.parameters.pack())  # the mirror's and its effects'
+    more = len(made.fit.parameters.pack()) - len(
+        free.fit.parameters.pack()
+    )  # the mirror's and its effects'
     degrees = max(3 * free.sheets.planes.shape[1] - more, 1)
     excess = max(made.chi2 - free.chi2, 0.0)
-    probability = float(fdtrc(degrees, free.fit.degrees, excess / degrees / free.fit.sigma_scale**2))
+    probability = float(
+        fdtrc(degrees, free.fit.degrees, excess / degrees / free.fit.sigma_scale**2)
+    )
     each, whole, expected = plane_differences(free, made, volume)
-    std = {name: free_std for name in made.free if (free_std := made.fit.std.get(f"mirror.{name}")) is not None}
+    std = {
+        name: free_std
+        for name in made.free
+        if (free_std := made.fit.std.get(f"mirror.{name}")) is not None
+    }
     return MirrorCheck(
-        made.sheets.mirror, made.sheets.angles, made.free, std, float(gain), float(excess), degrees, probability,
-        whole, expected, each, tuple(said),
-    )  # fmt: skip
+        made.sheets.mirror,
+        made.sheets.angles,
+        made.free,
+        std,
+        float(gain),
+        float(excess),
+        degrees,
+        probability,
+        whole,
+        expected,
+        each,
+        tuple(said),
+    )
 
 
 def plane_differences(free: Adjustment, made: Adjustment, volume: tuple[float, float]):
@@ -160,8 +196,12 @@ def plane_differences(free: Adjustment, made: Adjustment, volume: tuple[float, f
     difference of the covariances (Hausman, Econometrica 46 (1978)).
     """
     planes = free.sheets.planes
-    points, step, distance, _ = laid_over(free.camera, planes, made.camera, made.sheets.planes, volume)
+    points, step, distance, _ = laid_over(
+        free.camera, planes, made.camera, made.sheets.planes, volume
+    )
     count = np.maximum(np.bincount(step, minlength=planes.shape[1]), 1)
     each = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)
-    variance = plane_variance(planes, points, step, free.apart(volume).planes - made.apart(volume).planes)
+    variance = plane_variance(
+        planes, points, step, free.apart(volume).planes - made.apart(volume).planes
+    )
     return each, float(np.sqrt((distance**2).mean())), float(np.sqrt(max(variance.mean(), 0.0)))

@@ -69,7 +69,9 @@ def plane_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return plane * (1.0 if plane[3] >= 0 else -1.0), spread / np.sqrt(kept.sum())
 
 
-def plane_variance(planes: np.ndarray, points: np.ndarray, step: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def plane_variance(
+    planes: np.ndarray, points: np.ndarray, step: np.ndarray, covariance: np.ndarray
+) -> np.ndarray:
     """(n,) mm^2, of the distance of points (3, n) from their planes, column `step` (n,) of planes (4, S).
 
     covariance: (3 S, 3 S) of the planes' tilts and offsets.

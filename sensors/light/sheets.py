@@ -55,7 +55,11 @@ class Sheets:
     def parameters(self) -> Parameters:
         """The camera's, and with a mirror the mirror's."""
         own = camera_parameters(self.camera)
-        return own if self.mirror is None else Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
+        return (
+            own
+            if self.mirror is None
+            else Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
+        )
 
     @property
     def n(self) -> int:
@@ -104,7 +108,9 @@ class Sheets:
         """Shape (n,), where what the points of a stripe share is taken off, and variance of a placement's error."""
         if self.together is None or not self.together.sigma[2]:
             return None
-        return decorrelated(self._apart[0], self.together.shapes[2]), float(self.together.sigma[2] ** 2)
+        return decorrelated(self._apart[0], self.together.shapes[2]), float(
+            self.together.sigma[2] ** 2
+        )
 
     @cached_property
     def state(self) -> SensorState:
@@ -115,32 +121,46 @@ class Sheets:
         on_board = here.on_board
         angles = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
         return SensorState(
-            self.camera, self.pixels, here.hits, self.planes[:, step], angles[step],
-            (on_board[:2] - self.middle[:, None]) / self.half_diagonal, here.normal, np.zeros(self.n, int),
-            self.covariates, on_board,
-        )  # fmt: skip
+            self.camera,
+            self.pixels,
+            here.hits,
+            self.planes[:, step],
+            angles[step],
+            (on_board[:2] - self.middle[:, None]) / self.half_diagonal,
+            here.normal,
+            np.zeros(self.n, int),
+            self.covariates,
+            on_board,
+        )
 
     def at(self, samples: np.ndarray) -> "Sheets":
         """The same on some of the samples (indices or mask); poses and planes stay."""
         return replace(
-            self, pixels=self.pixels[:, samples],
+            self,
+            pixels=self.pixels[:, samples],
             labels={name: label[samples] for name, label in self.labels.items()},
             scan=self.scan if self.scan.shape[1] == 1 else self.scan[:, samples],
             sigma=self.sigma if self.sigma.shape[1] == 1 else self.sigma[:, samples],
             covariates={name: column[samples] for name, column in self.covariates.items()},
             together=None if self.together is None else self.together.at(samples),
             _start=None if self._start is None else self._start.at(samples),
-        )  # fmt: skip
+        )
 
     def with_families(self, values: Mapping[str, np.ndarray]) -> "Sheets":
         """The same with other poses and changes of planes; the state stays that of the start."""
         start = self if self._start is None else self._start
-        return replace(self, poses=values.get("placement", self.poses), change=values.get("step", self.change),
-                       _start=start)  # fmt: skip
+        return replace(
+            self,
+            poses=values.get("placement", self.poses),
+            change=values.get("step", self.change),
+            _start=start,
+        )
 
     def moved(self, camera: Camera, poses: np.ndarray, planes: np.ndarray, mirror=None) -> "Sheets":
         """The same measurements started elsewhere."""
-        return replace(self, camera=camera, poses=poses, planes=planes, mirror=mirror, change=None, _start=None)
+        return replace(
+            self, camera=camera, poses=poses, planes=planes, mirror=mirror, change=None, _start=None
+        )
 
     def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
         return corners.slots(port, where, components)
@@ -235,11 +255,13 @@ class Evaluation(Sight):
         across = (along * self.place).sum(0)
         return np.stack([*self.place, np.ones(self.chain.n), across**2])
 
-    ports = MappingProxyType({
-        "pixel": lambda here: -here.by_pixel,
-        "ray": lambda here: here.by_ray * here.length,
-        "mirror": Sight.mirror_rows,
-        "plane": _plane_rows,
-        "point": lambda here: here.slope,
-        "target": _target_rows,
-    })  # fmt: skip
+    ports = MappingProxyType(
+        {
+            "pixel": lambda here: -here.by_pixel,
+            "ray": lambda here: here.by_ray * here.length,
+            "mirror": Sight.mirror_rows,
+            "plane": _plane_rows,
+            "point": lambda here: here.slope,
+            "target": _target_rows,
+        }
+    )

@@ -28,7 +28,9 @@ class Sight:
         self.chain, self.gain = chain, gain
         self.camera = Camera.of(values[: len(chain.camera.values)], chain.camera.size)
         self.changes = values[len(chain.camera.values) :]
-        self.deltas = {port: _whole(port, *delta, chain.n) for port, delta in deltas.items() if port != "noise"}
+        self.deltas = {
+            port: _whole(port, *delta, chain.n) for port, delta in deltas.items() if port != "noise"
+        }
         self.flat = self.camera.normalised(chain.pixels - self._delta("pixel"))
         self.ray = np.stack([*self.flat, np.ones(chain.n)])
         self.length = np.sqrt((self.ray**2).sum(0))
@@ -56,9 +58,13 @@ class Sight:
             planes = self.mirror.planes(*self._angles())
             return planes if "mirror" in self.deltas else planes[:, step]
         if "mirror" in self.deltas:
-            raise InputError("an effect of the mirror: expected the mirror's angles and its model, found free light "
-                             "planes, which already hold it; give mirror_deg or take the effect out")
-        return (chain.planes if chain.change is None else moved(chain.planes, chain.change))[:, step]
+            raise InputError(
+                "an effect of the mirror: expected the mirror's angles and its model, found free light "
+                "planes, which already hold it; give mirror_deg or take the effect out"
+            )
+        return (chain.planes if chain.change is None else moved(chain.planes, chain.change))[
+            :, step
+        ]
 
     @cached_property
     def by_bent(self) -> np.ndarray:
@@ -68,8 +74,15 @@ class Sight:
             by_flat = by_flat + (self.by_ray * self.deltas["ray"]).sum(0) / self.length * self.flat
         slope = self.lens[1]
         determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
-        return np.stack([slope[1, 1] * by_flat[0] - slope[0, 1] * by_flat[1],
-                         slope[0, 0] * by_flat[1] - slope[1, 0] * by_flat[0]]) / determinant  # fmt: skip
+        return (
+            np.stack(
+                [
+                    slope[1, 1] * by_flat[0] - slope[0, 1] * by_flat[1],
+                    slope[0, 0] * by_flat[1] - slope[1, 0] * by_flat[0],
+                ]
+            )
+            / determinant
+        )
 
     @cached_property
     def lens(self):
@@ -84,15 +97,25 @@ class Sight:
     def own_rows(self, indices: np.ndarray) -> np.ndarray:
         """(k, 1, n) for parameters of the camera and the mirror."""
         seen, _, by_coefficient = self.lens
-        made = np.concatenate([-self.by_pixel * seen, -self.by_pixel, -(self.by_bent * by_coefficient).sum(1)])
+        made = np.concatenate(
+            [-self.by_pixel * seen, -self.by_pixel, -(self.by_bent * by_coefficient).sum(1)]
+        )
         if len(indices) and indices.max() >= len(self.camera.values):
-            made = np.concatenate([made, self._by_planes(self._of_points(self.mirror.rows(*self._angles())))])
+            made = np.concatenate(
+                [made, self._by_planes(self._of_points(self.mirror.rows(*self._angles())))]
+            )
         return (made[indices] / self.gain)[:, None]
 
     def step_rows(self) -> np.ndarray:
         """(3, 1, n) for the tilts and the offset of the step's plane."""
-        change = np.zeros((self.chain.planes.shape[1], 3)) if self.chain.change is None else self.chain.change
-        made = self._by_planes(moved_rows(self.chain.planes, change)[..., self.chain.labels["step"]])
+        change = (
+            np.zeros((self.chain.planes.shape[1], 3))
+            if self.chain.change is None
+            else self.chain.change
+        )
+        made = self._by_planes(
+            moved_rows(self.chain.planes, change)[..., self.chain.labels["step"]]
+        )
         return (made / self.gain)[:, None]
 
     def mirror_rows(self) -> np.ndarray:

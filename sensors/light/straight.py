@@ -40,8 +40,15 @@ def unshaded(chain: Sheets, sheet: float, light: np.ndarray) -> Sheets:
 def _bend(chain, light) -> Bend:
     turns, placement = rotation_matrix(chain.poses[:, 3:]), chain.labels["placement"]
     heights = (turns[:, :, 2] * chain.poses[:, :3]).sum(1)
-    return bend_on_boards(chain.camera, turns[placement, :, 2].T, heights[placement], chain.pixels,
-                          chain.planes[:, chain.labels["step"]], chain.scan[:, 0], light)  # fmt: skip
+    return bend_on_boards(
+        chain.camera,
+        turns[placement, :, 2].T,
+        heights[placement],
+        chain.pixels,
+        chain.planes[:, chain.labels["step"]],
+        chain.scan[:, 0],
+        light,
+    )
 
 
 def _without(chain, pull):

@@ -14,7 +14,11 @@ import numpy as np
 from sensors.light.grouping import centred, groups
 
 NAMES = ("stripe", "tilt", "placement")
-WORDS = ("shift of a whole stripe", "tilt of a stripe, at its ends", "shift of all stripes of a placement")
+WORDS = (
+    "shift of a whole stripe",
+    "tilt of a stripe, at its ends",
+    "shift of all stripes of a placement",
+)
 
 
 @dataclass(frozen=True)
@@ -40,10 +44,16 @@ class Together:
     def sentence(self) -> str:
         """What the covariance holds of them."""
         every = zip(WORDS, self.sigma, self.std)
-        told = [f"{word} {1000 * sigma:.2g} +- {1000 * std:.1g}" for word, sigma, std in every if np.isfinite(std)]
+        told = [
+            f"{word} {1000 * sigma:.2g} +- {1000 * std:.1g}"
+            for word, sigma, std in every
+            if np.isfinite(std)
+        ]
         if not told:
-            return ("too few stripes to tell what the points of a stripe err by together: the sigmas of light planes "
-                    "do not hold it")  # fmt: skip
+            return (
+                "too few stripes to tell what the points of a stripe err by together: the sigmas of light planes "
+                "do not hold it"
+            )
         return f"points of a stripe err together too, in 0.001 px (1 sigma): {', '.join(told)}; it is in the sigmas"
 
     def too_much(self, centre_px: float) -> list[str]:
@@ -54,23 +64,34 @@ class Together:
         sigma, std = self.sigma[2], self.std[2]
         if not sigma - 2 * std > centre_px:
             return []
-        return [f"all stripes of a placement are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single "
-                f"centre by {centre_px:.2g} px: no light on a board does that; something that changed from placement "
-                "to placement is missing, as the direction or speed of the mirror's sweep, or temperature: see "
-                "`workbench diagnose`"]  # fmt: skip
+        return [
+            f"all stripes of a placement are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single "
+            f"centre by {centre_px:.2g} px: no light on a board does that; something that changed from placement "
+            "to placement is missing, as the direction or speed of the mirror's sweep, or temperature: see "
+            "`workbench diagnose`"
+        ]
 
     @classmethod
     def of(cls, labels: Mapping[str, np.ndarray], along: np.ndarray) -> "Together":
         """Of points with `placement` and `step`, at places `along` (n,) px their stripes; none erring yet."""
         stripe, count = groups(labels["placement"], labels["step"])
         one = np.ones(len(along))
-        return cls(np.zeros(3), np.full(3, np.inf), np.stack([stripe, stripe, groups(labels["placement"])[0]]),
-                   np.stack([one, centred(along, stripe, count), one]), np.arange(len(along)))  # fmt: skip
+        return cls(
+            np.zeros(3),
+            np.full(3, np.inf),
+            np.stack([stripe, stripe, groups(labels["placement"])[0]]),
+            np.stack([one, centred(along, stripe, count), one]),
+            np.arange(len(along)),
+        )
 
     def at(self, samples: np.ndarray) -> "Together":
         """Of some of the points (indices or mask)."""
-        return replace(self, labels=self.labels[:, samples], shapes=self.shapes[:, samples],
-                       number=self.number[samples])  # fmt: skip
+        return replace(
+            self,
+            labels=self.labels[:, samples],
+            shapes=self.shapes[:, samples],
+            number=self.number[samples],
+        )
 
     def averaged(self, first: np.ndarray, mean: Callable[[np.ndarray], np.ndarray]) -> "Together":
         """Shared errors of weighted means over blocks of points of one stripe.
@@ -79,7 +100,9 @@ class Together:
         The mean of points that share an error shares it in proportion to their mean shape.
         """
         shapes = np.stack([mean(shape) for shape in self.shapes])
-        return replace(self, labels=self.labels[:, first], shapes=shapes, number=np.arange(len(first)))
+        return replace(
+            self, labels=self.labels[:, first], shapes=shapes, number=np.arange(len(first))
+        )
 
     def steps(self, sigma: np.ndarray) -> list["Step"]:
         """Both of `steps_apart`, one after the other."""
@@ -99,7 +122,14 @@ class Together:
         made: list[Step] = []
         kinds = [kind for kind in range(len(NAMES)) if self.sigma[kind] > 0]
         for kind in kinds:
-            made.append(_step(self.sigma[kind], self.labels[kind], decorrelated(made, self.shapes[kind]), weight))
+            made.append(
+                _step(
+                    self.sigma[kind],
+                    self.labels[kind],
+                    decorrelated(made, self.shapes[kind]),
+                    weight,
+                )
+            )
         within = len(kinds) - (2 in kinds)
         return made[:within], made[within:]
 

@@ -9,7 +9,27 @@ from sensors.rendering.scene import Scene, read_scene
 from sensors.rendering.surfaces import BallSurface, BoardSurface, MeshSurface, true_balls
 
 __all__ = [
-    "BallSurface", "BoardSurface", "Causes", "Chip", "Instrument", "Lamp", "Laser", "Made", "MeshSurface", "Moment",
-    "Optics", "Pattern", "Scene", "Stations", "lamp_light", "laser_light", "make_causes", "make_recording",
-    "read_scene", "render_board", "render_scan", "sweeping_mirror", "true_balls",
-]  # fmt: skip
+    "BallSurface",
+    "BoardSurface",
+    "Causes",
+    "Chip",
+    "Instrument",
+    "Lamp",
+    "Laser",
+    "Made",
+    "MeshSurface",
+    "Moment",
+    "Optics",
+    "Pattern",
+    "Scene",
+    "Stations",
+    "lamp_light",
+    "laser_light",
+    "make_causes",
+    "make_recording",
+    "read_scene",
+    "render_board",
+    "render_scan",
+    "sweeping_mirror",
+    "true_balls",
+]

@@ -40,7 +40,9 @@ def blur(light, sigma: float):
     from kornia.filters import gaussian_blur2d
 
     side = 2 * int(np.ceil(_SPREAD * sigma)) + 1
-    return gaussian_blur2d(light[None, None], (side, side), (float(sigma), float(sigma)), border_type="constant")[0, 0]
+    return gaussian_blur2d(
+        light[None, None], (side, side), (float(sigma), float(sigma)), border_type="constant"
+    )[0, 0]
 
 
 def defocus(light, sigma):
@@ -66,7 +68,9 @@ def defocus(light, sigma):
 def _share(value, knots, k):
     """Weight of knot k in the straight line between knots: 1 there, 0 at its neighbours."""
     rise = (value - knots[k - 1]) / (knots[k] - knots[k - 1]) if k else 1 + 0 * value
-    fall = (knots[k + 1] - value) / (knots[k + 1] - knots[k]) if k + 1 < len(knots) else 1 + 0 * value
+    fall = (
+        (knots[k + 1] - value) / (knots[k + 1] - knots[k]) if k + 1 < len(knots) else 1 + 0 * value
+    )
     import torch
 
     return torch.minimum(rise, fall).clamp(0, 1)
@@ -105,7 +109,9 @@ def _wrapped_blur(field, sigma):
 
     side = min(2 * int(np.ceil(_SPREAD * sigma)) + 1, 2 * (min(field.shape) // 2) - 1)
     side = max(side, 1)
-    return gaussian_blur2d(field[None, None], (side, side), (sigma, sigma), border_type="circular")[0, 0]
+    return gaussian_blur2d(field[None, None], (side, side), (sigma, sigma), border_type="circular")[
+        0, 0
+    ]
 
 
 def develop(light, chip: Chip, random, spread=None) -> np.ndarray:

@@ -124,8 +124,13 @@ class Instrument:
         return self.laser.source - 2 * beyond * face
 
 
-def sweeping_mirror(baseline_mm: float, aim_mm: float, offset_mm: float, distance_mm: float,
-                    tilt_deg: tuple[float, float] = (0.0, 0.0)) -> tuple[Mirror, np.ndarray]:  # fmt: skip
+def sweeping_mirror(
+    baseline_mm: float,
+    aim_mm: float,
+    offset_mm: float,
+    distance_mm: float,
+    tilt_deg: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Mirror, np.ndarray]:
     """A mirror beside the camera that throws a sheet, standing along the image's columns, to z = `aim_mm`.
 
     Its axis goes through (baseline, 0, 0) along y, turned by `tilt_deg` about x and z; the light

@@ -50,7 +50,9 @@ class Pattern:
 
     def albedo(self, x: np.ndarray, y: np.ndarray, width: np.ndarray | float) -> np.ndarray:
         """(n,) mean reflectance over squares of side `width` mm around (x, y)."""
-        ink = (_circles if self.board.marks == "circles" else self._squares)(*self._flat(x, y, width))
+        ink = (_circles if self.board.marks == "circles" else self._squares)(
+            *self._flat(x, y, width)
+        )
         return self.white + (self.dark - self.white) * (1 - ink if self.negative else ink)
 
     def _flat(self, x, y, width):
@@ -70,8 +72,12 @@ class Pattern:
     def _markers(self, x, y, width):
         """Ink of the ArUco markers in the light squares, from a table of their bits."""
         column, row = np.floor(x).astype(int) + 1, np.floor(y).astype(int) + 1
-        known = (column >= 0) & (column <= self.board.columns) & (row >= 0) & (row <= self.board.rows)
-        number = np.where(known, self._table[np.where(known, row, 0), np.where(known, column, 0)], -1)
+        known = (
+            (column >= 0) & (column <= self.board.columns) & (row >= 0) & (row <= self.board.rows)
+        )
+        number = np.where(
+            known, self._table[np.where(known, row, 0), np.where(known, column, 0)], -1
+        )
         side = self.board.marker_mm / self.board.square_mm
         bits = self._bits.shape[1]
         u, v = (((place - np.floor(place)) - (1 - side) / 2) / side * bits for place in (x, y))
@@ -103,7 +109,9 @@ class Pattern:
         """(markers, side, side) 1 where a bit, or the marker's frame, is ink."""
         made, names = self._aruco
         side = names.markerSize + 2
-        return np.stack([names.generateImageMarker(int(k), side) < 128 for k in made.getIds().ravel()]).astype(float)
+        return np.stack(
+            [names.generateImageMarker(int(k), side) < 128 for k in made.getIds().ravel()]
+        ).astype(float)
 
 
 def _wave(x, width):
@@ -146,8 +154,13 @@ def _texture(bits, number, u, v, width):
     (left, right_share), (above, below_share) = _between(u, width), _between(v, width)
     for across in (0, 1):
         for down in (0, 1):
-            column, row = np.clip(left + across + 1, 0, side + 1), np.clip(above + down + 1, 0, side + 1)
-            weight = (right_share if across else 1 - right_share) * (below_share if down else 1 - below_share)
+            column, row = (
+                np.clip(left + across + 1, 0, side + 1),
+                np.clip(above + down + 1, 0, side + 1),
+            )
+            weight = (right_share if across else 1 - right_share) * (
+                below_share if down else 1 - below_share
+            )
             share = share + weight * padded[number, row, column]
     return share
 

@@ -15,25 +15,34 @@ _TRIES = 400
 def board_poses(views: Views, pattern: Pattern, camera: Camera, rng) -> np.ndarray:
     """(G, 6) T_camera_board; those at random show all of the grid. InputError where that cannot be."""
     middle = np.append(pattern.middle, 0.0)
-    made = [_random(views, middle, camera, rng, lambda poses: _in_view(poses, pattern, camera))
-            for _ in range(views.count)]  # fmt: skip
+    made = [
+        _random(views, middle, camera, rng, lambda poses: _in_view(poses, pattern, camera))
+        for _ in range(views.count)
+    ]
     return np.array([*(_values(place) for place in views.places), *made]).reshape(-1, 6)
 
 
 def artefact_poses(views: Views, middles: np.ndarray, camera: Camera, rng) -> np.ndarray:
     """(G, 6) T_camera_artefact: each of `middles` (3, b), mm, in turn about the middle of the field."""
-    made = [_random(views, middles[:, k % middles.shape[1]], camera, rng) for k in range(views.count)]
+    made = [
+        _random(views, middles[:, k % middles.shape[1]], camera, rng) for k in range(views.count)
+    ]
     return np.array([*(_values(place) for place in views.places), *made]).reshape(-1, 6)
 
 
 def _values(place: Place) -> np.ndarray:
-    return np.concatenate([place.xyz_mm, Rotation.from_euler("xyz", place.rpy_deg, degrees=True).as_rotvec()])
+    return np.concatenate(
+        [place.xyz_mm, Rotation.from_euler("xyz", place.rpy_deg, degrees=True).as_rotvec()]
+    )
 
 
 def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
     """(6,) pose that brings the object's point `middle` into the field; the first of many that `fits`."""
     tilt = np.deg2rad(views.tilt_deg) * np.sqrt(rng.uniform(size=_TRIES))
-    about, roll = rng.uniform(0, 2 * np.pi, _TRIES), np.deg2rad(views.roll_deg) * rng.uniform(-1, 1, _TRIES)
+    about, roll = (
+        rng.uniform(0, 2 * np.pi, _TRIES),
+        np.deg2rad(views.roll_deg) * rng.uniform(-1, 1, _TRIES),
+    )
     tilts = Rotation.from_rotvec((tilt * np.stack([np.cos(about), np.sin(about), 0 * about])).T)
     turns = (tilts * Rotation.from_rotvec(np.outer(roll, [0, 0, 1.0]))).as_matrix()
     size = np.array(camera.size)[:, None]
@@ -43,8 +52,10 @@ def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
     poses = np.concatenate([places.T - turns @ middle, rotation_vector(turns)], axis=1)
     good = np.flatnonzero(fits(poses)) if fits else np.arange(1)
     if not good.size:
-        raise InputError("placements: expected a board that fits into the picture, found none that does; make the "
-                         "board smaller, or range_mm larger, or give the places")  # fmt: skip
+        raise InputError(
+            "placements: expected a board that fits into the picture, found none that does; make the "
+            "board smaller, or range_mm larger, or give the places"
+        )
     return poses[good[0]]
 
 

@@ -49,17 +49,25 @@ class _Numbering:
         return tuple(range(1, self.balls + 1))
 
 
-def make_causes(rows: Iterable[tuple[str, str, Mapping, Mapping]], camera: Camera, covariates: Iterable[str],
-                balls: int) -> Causes:  # fmt: skip
+def make_causes(
+    rows: Iterable[tuple[str, str, Mapping, Mapping]],
+    camera: Camera,
+    covariates: Iterable[str],
+    balls: int,
+) -> Causes:
     """From (effect, where, options, values) rows; values by the last part of a parameter's key.
 
     covariates: names of the columns that the pictures will have; balls: how many there are.
     Raises InputError for an unknown effect, place, option, parameter, or a column that is missing.
     """
     rows = list(rows)
-    effects = make_effects(CATALOGUE, [(name, where, dict(options)) for name, where, options, _ in rows])
+    effects = make_effects(
+        CATALOGUE, [(name, where, dict(options)) for name, where, options, _ in rows]
+    )
     chain = _Numbering(blank_state(camera, 1, dict.fromkeys(covariates, 0.0)), balls)
-    pairs = [(e, _values(e.parameters(chain), values, e.title)) for e, (*_, values) in zip(effects, rows)]
+    pairs = [
+        (e, _values(e.parameters(chain), values, e.title)) for e, (*_, values) in zip(effects, rows)
+    ]
     for effect in effects:
         for need in effect.needs:
             chain.state.covariate(need)
@@ -70,7 +78,9 @@ def _values(table: tuple[Parameter, ...], values: Mapping[str, float], title: st
     names = [parameter.key.rpartition(".")[2] for parameter in table]
     for name in values:
         if name not in names:
-            raise InputError(f"effect {title}, key values: expected {', '.join(names)}, found {name}; correct the name")
+            raise InputError(
+                f"effect {title}, key values: expected {', '.join(names)}, found {name}; correct the name"
+            )
     return np.array([float(values.get(name, 0.0)) for name in names])
 
 
@@ -79,7 +89,11 @@ def blank_state(camera: Camera, n: int, covariates: Mapping[str, float], **known
     nothing = {"pixels": 2, "points": 3, "planes": 4, "board": 2, "normals": 3, "target": 3}
     fields = {name: np.broadcast_to(np.nan, (rows, n)) for name, rows in nothing.items()}
     fields |= {"mirror": np.broadcast_to(np.nan, n), "ball": np.broadcast_to(0, n)} | known
-    return SensorState(camera, covariates={k: np.broadcast_to(float(v), n) for k, v in covariates.items()}, **fields)
+    return SensorState(
+        camera,
+        covariates={k: np.broadcast_to(float(v), n) for k, v in covariates.items()},
+        **fields,
+    )
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from sensors.rendering.ports import Moment
 from sensors.rendering.render import render_board, render_scan
 from sensors.rendering.scene import Scene
 from sensors.rendering.surfaces import BallSurface, BoardSurface, MeshSurface, Surface, true_balls
-from workbench.core.text.csv_text import write_rows
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector
+from workbench.core.text.csv_text import write_rows
 
 _ROLES = ("board", "board-laser", "scan")
 _EXPOSURE_S = 1.0  # between two pictures while nothing sweeps
@@ -61,8 +61,13 @@ class _Take:
     seconds: float = _EXPOSURE_S
 
 
-def make_recording(scene: Scene, folder: Path, progress: Callable[[int, int], None] | None = None,
-                   stations: Stations | None = None, truth: Path | None = None) -> Made:  # fmt: skip
+def make_recording(
+    scene: Scene,
+    folder: Path,
+    progress: Callable[[int, int], None] | None = None,
+    stations: Stations | None = None,
+    truth: Path | None = None,
+) -> Made:
     """Render the scene into `folder`, which then is a recording of kind scan-images or board-images.
 
     progress: called with pictures done and in all; stations: of a scene with an arm, whose scans
@@ -94,7 +99,9 @@ def _places(scene: Scene, stations: Stations | None) -> tuple[np.ndarray, np.nda
     boards = board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
     if stations is None:
         middles = np.array(scene.balls)[:, :3].T if scene.balls else np.zeros((3, 1))
-        return boards, artefact_poses(scene.scans, middles, scene.sees, np.random.default_rng((scene.seed, 2)))
+        return boards, artefact_poses(
+            scene.scans, middles, scene.sees, np.random.default_rng((scene.seed, 2))
+        )
     if stations.boards is not None:
         boards = _six(stations.boards)
     return boards, _six(inverse(np.asarray(stations.poses)))
@@ -111,17 +118,24 @@ def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
     laser = len(boards) if wanted is None else min(wanted, len(boards))
     laser = laser if len(scene.instrument.steps) else 0
     order = [("board", k) for k in range(len(boards))]
-    order += [("board-laser", k) for k in range(laser)] + [("scan", k) for k in range(len(artefacts))]
+    order += [("board-laser", k) for k in range(laser)] + [
+        ("scan", k) for k in range(len(artefacts))
+    ]
     order.sort(key=lambda item: (item[0] == "scan", item[1], item[0]))
     for count, (role, k) in enumerate(order):
-        covariates, seconds = _covariates(scene, role, k, clock, count / max(len(order) - 1, 1), rng)
+        covariates, seconds = _covariates(
+            scene, role, k, clock, count / max(len(order) - 1, 1), rng
+        )
         moment = Moment(scene.causes, covariates)
         if role == "scan":
             surfaces, row = _artefact(scene, artefacts[k], moment), {"scan": k + 1}
             number = None if stations is None else stations.columns["sample"][k]
         else:
             surfaces = (BoardSurface(scene.board.pattern, boards[k], scene.sees, moment),)
-            row, held = {"placement": k + 1}, stations is not None and stations.board_samples is not None
+            row, held = (
+                {"placement": k + 1},
+                stations is not None and stations.board_samples is not None,
+            )
             number = stations.board_samples[k] if held else None
         if number is not None:
             row["sample"] = int(number)
@@ -151,8 +165,11 @@ def _artefact(scene, pose, moment) -> tuple[Surface, ...]:
         table = np.array(scene.balls).T
         centres, radii = true_balls(table[:3], table[3], camera, moment)
         centres = turn @ centres + pose[:3, None]
-        surfaces = [BallSurface(centres[:, k], radii[k], k + 1, scene.ball_white) for k in range(len(radii))
-                    if _in_view(centres[:, k], radii[k], camera)]  # fmt: skip
+        surfaces = [
+            BallSurface(centres[:, k], radii[k], k + 1, scene.ball_white)
+            for k in range(len(radii))
+            if _in_view(centres[:, k], radii[k], camera)
+        ]
     if scene.mesh:
         vertices, triangles = _mesh(scene.mesh.file)
         surfaces.append(MeshSurface(vertices @ turn.T + pose[:3], triangles, scene.mesh.white))
@@ -160,7 +177,9 @@ def _artefact(scene, pose, moment) -> tuple[Surface, ...]:
 
 
 def _in_view(centre, radius, camera) -> bool:
-    corners = camera.rays(np.array([[0, 1, 0, 1], [0, 0, 1, 1.0]]) * (np.array(camera.size)[:, None] - 1))
+    corners = camera.rays(
+        np.array([[0, 1, 0, 1], [0, 0, 1, 1.0]]) * (np.array(camera.size)[:, None] - 1)
+    )
     distance = np.linalg.norm(centre)
     if distance <= radius:
         return True
@@ -173,13 +192,19 @@ def _mesh(file):
 
     mesh = o3d.io.read_triangle_mesh(file)
     if not len(mesh.triangles):
-        raise InputError(f"{file}: expected a mesh with triangles, found none; save it as PLY, STL or OBJ")
+        raise InputError(
+            f"{file}: expected a mesh with triangles, found none; save it as PLY, STL or OBJ"
+        )
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
 
 
 def _pictures(scene, take: _Take, folder) -> Iterator[Mapping]:
     """Render and write the pictures of one take; their rows of images.csv."""
-    seed = int(np.random.SeedSequence((scene.seed, _ROLES.index(take.role), take.place)).generate_state(1)[0])
+    seed = int(
+        np.random.SeedSequence((scene.seed, _ROLES.index(take.role), take.place)).generate_state(1)[
+            0
+        ]
+    )
     instrument, moment = scene.instrument, Moment(scene.causes, take.covariates)
     common = {"role": take.role, "placement": "", "scan": "", **take.row, **take.covariates}
     if take.role == "board":
@@ -216,24 +241,37 @@ def _writing(path):
     try:
         yield
     except OSError as problem:
-        raise InputError(f"{path}: expected a place to write a recording to, found the system's "
-                         f"'{problem.strerror or problem}'; make room or choose another folder") from problem
+        raise InputError(
+            f"{path}: expected a place to write a recording to, found the system's "
+            f"'{problem.strerror or problem}'; make room or choose another folder"
+        ) from problem
 
 
 def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) -> None:
     """images.csv, artefact.csv, samples.csv, robot.toml, and last recording.toml."""
     _write_csv(folder / "images.csv", made.images)
     scans = any(row["role"] != "board" for row in made.images)
-    keys = {"format": "recording/1", "title": scene.title, "measures": "scan-images" if scans else "board-images",
-            "source": "rendered", "images": {"file": "images.csv"}, "board": scene.board.recorded}  # fmt: skip
+    keys = {
+        "format": "recording/1",
+        "title": scene.title,
+        "measures": "scan-images" if scans else "board-images",
+        "source": "rendered",
+        "images": {"file": "images.csv"},
+        "board": scene.board.recorded,
+    }
     if scene.balls:
         keys["artefact"] = {"file": "artefact.csv"}
         names = ("ball", "x_mm", "y_mm", "z_mm", "radius_mm")
-        _write_csv(folder / "artefact.csv", [dict(zip(names, (k + 1, *b))) for k, b in enumerate(scene.balls)])
+        _write_csv(
+            folder / "artefact.csv",
+            [dict(zip(names, (k + 1, *b))) for k, b in enumerate(scene.balls)],
+        )
     if stations is not None:
         keys["samples"] = {"file": "samples.csv"}
         columns = {name: np.asarray(values).tolist() for name, values in stations.columns.items()}
-        _write_csv(folder / "samples.csv", [dict(zip(columns, cells)) for cells in zip(*columns.values())])
+        _write_csv(
+            folder / "samples.csv", [dict(zip(columns, cells)) for cells in zip(*columns.values())]
+        )
         if stations.robot:
             _write_toml(folder / "robot.toml", stations.robot)
         keys["robot"] = dict(stations.section) or {"file": "robot.toml"}
@@ -260,13 +298,21 @@ def _truth(scene: Scene, boards: np.ndarray, artefacts: np.ndarray, takes: list[
     found: dict = {"title": scene.title, "camera": camera_keys(instrument.camera)}
     if len(instrument.steps):
         planes = zip(instrument.steps, instrument.nominal_planes().T)
-        found["planes"] = [{"step": int(k), "normal": p[:3].tolist(), "offset_mm": float(p[3])} for k, p in planes]
+        found["planes"] = [
+            {"step": int(k), "normal": p[:3].tolist(), "offset_mm": float(p[3])} for k, p in planes
+        ]
     if (mirror := instrument.mirror) is not None:
-        vectors = {name: getattr(mirror, name).tolist() for name in ("axis", "point", "face", "beam")}
+        vectors = {
+            name: getattr(mirror, name).tolist() for name in ("axis", "point", "face", "beam")
+        }
         found["mirror"] = vectors | {"offset_mm": float(mirror.offset)}
-    found["effects"] = [{"effect": c.effect, "where": c.where, **(c.model_extra or {}), "values": c.values}
-                        for c in scene.effect]  # fmt: skip
-    found["boards"] = [{"placement": k + 1, "T_camera_board": pose.tolist()} for k, pose in enumerate(boards)]
+    found["effects"] = [
+        {"effect": c.effect, "where": c.where, **(c.model_extra or {}), "values": c.values}
+        for c in scene.effect
+    ]
+    found["boards"] = [
+        {"placement": k + 1, "T_camera_board": pose.tolist()} for k, pose in enumerate(boards)
+    ]
     scans = [take for take in takes if take.role == "scan"]
     found["scans"] = [_scan_truth(take, pose) for take, pose in zip(scans, artefacts)]
     return found
@@ -274,6 +320,9 @@ def _truth(scene: Scene, boards: np.ndarray, artefacts: np.ndarray, takes: list[
 
 def _scan_truth(take: _Take, pose: np.ndarray) -> dict:
     """Pose of the artefact, and the balls in view as they truly stood, camera frame."""
-    balls = [{"ball": s.number, "centre_mm": s.centre.tolist(), "radius_mm": float(s.radius)}
-             for s in take.surfaces if isinstance(s, BallSurface)]  # fmt: skip
+    balls = [
+        {"ball": s.number, "centre_mm": s.centre.tolist(), "radius_mm": float(s.radius)}
+        for s in take.surfaces
+        if isinstance(s, BallSurface)
+    ]
     return {"scan": take.place, "T_camera_artefact": pose.tolist(), "balls": balls}

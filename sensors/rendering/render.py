@@ -13,8 +13,13 @@ from sensors.rendering.surfaces import Surface
 STILL = Moment()
 
 
-def render_board(instrument: Instrument, surfaces: Sequence[Surface], moment: Moment = STILL, seed: int = 0,
-                 parts: int = 4) -> np.ndarray:  # fmt: skip
+def render_board(
+    instrument: Instrument,
+    surfaces: Sequence[Surface],
+    moment: Moment = STILL,
+    seed: int = 0,
+    parts: int = 4,
+) -> np.ndarray:
     """(H, W) picture, uint8 or uint16, of surfaces under the lamp, laser off."""
     return formation.develop(
         lamp_light(instrument, surfaces, instrument.lamp.board, moment, parts),
@@ -23,8 +28,13 @@ def render_board(instrument: Instrument, surfaces: Sequence[Surface], moment: Mo
     )
 
 
-def render_scan(instrument: Instrument, surfaces: Sequence[Surface], moments: Sequence[Moment] | None = None,
-                seed: int = 0, parts: int = 2) -> Iterator[np.ndarray]:  # fmt: skip
+def render_scan(
+    instrument: Instrument,
+    surfaces: Sequence[Surface],
+    moments: Sequence[Moment] | None = None,
+    seed: int = 0,
+    parts: int = 2,
+) -> Iterator[np.ndarray]:
     """Pictures (H, W), uint8 or uint16, one a step of the instrument, of the stripe on the surfaces.
 
     `moments` one a step; what acts on the lens, and the surfaces, are those of the first: during
@@ -41,8 +51,12 @@ def render_scan(instrument: Instrument, surfaces: Sequence[Surface], moments: Se
         yield formation.develop(light, instrument.chip, random, spread)
 
 
-def laser_light(instrument: Instrument, surfaces: Sequence[Surface], moments: Sequence[Moment] | None = None,
-                parts: int = 2) -> Iterator[np.ndarray]:  # fmt: skip
+def laser_light(
+    instrument: Instrument,
+    surfaces: Sequence[Surface],
+    moments: Sequence[Moment] | None = None,
+    parts: int = 2,
+) -> Iterator[np.ndarray]:
     """(H, W) float32 electrons of the stripe of each step alone: blurred, without speckle, lamp or noise."""
     moments = [STILL] * len(instrument.steps) if moments is None else moments
     canvas = _canvas(instrument, surfaces, moments[0])
@@ -52,8 +66,13 @@ def laser_light(instrument: Instrument, surfaces: Sequence[Surface], moments: Se
         yield _full(_spread_stripe(instrument, found, canvas), canvas).cpu().numpy()
 
 
-def lamp_light(instrument: Instrument, surfaces: Sequence[Surface], level: float, moment: Moment = STILL,
-               parts: int = 4):  # fmt: skip
+def lamp_light(
+    instrument: Instrument,
+    surfaces: Sequence[Surface],
+    level: float,
+    moment: Moment = STILL,
+    parts: int = 4,
+):
     """(H, W) tensor, electrons that the lamp's light gives, blurred; `level` the share of the full well from white.
 
     A lamp at the camera: Lambert's cosine of the angle of view. Pixels whose four corners agree are
@@ -63,13 +82,19 @@ def lamp_light(instrument: Instrument, surfaces: Sequence[Surface], level: float
 
     canvas = _canvas(instrument, surfaces, moment)
     corners, seen = _corners(instrument, surfaces, canvas, moment)
-    even, value = _even(corners, seen.surface.reshape(corners.shape), np.max(np.nan_to_num(corners), initial=0))
+    even, value = _even(
+        corners, seen.surface.reshape(corners.shape), np.max(np.nan_to_num(corners), initial=0)
+    )
     flat = np.flatnonzero(~even)
     inner = sight.look(instrument, surfaces, canvas.pixels(flat, parts), moment)
-    value.ravel()[flat] = _lamp(instrument, surfaces, inner, parts).reshape(len(flat), parts**2).mean(1)
+    value.ravel()[flat] = (
+        _lamp(instrument, surfaces, inner, parts).reshape(len(flat), parts**2).mean(1)
+    )
     depth = seen.points[2].reshape(corners.shape)[:-1, :-1]
     known = np.nan_to_num(depth, nan=instrument.optics.focus_mm)
-    sigma = torch.as_tensor(instrument.optics.sigma(known), dtype=torch.float32, device=formation.device())
+    sigma = torch.as_tensor(
+        instrument.optics.sigma(known), dtype=torch.float32, device=formation.device()
+    )
     light = torch.as_tensor(value, dtype=torch.float32, device=formation.device())
     light = light * (level * instrument.chip.full_well_e)
     return canvas.crop(formation.defocus(light, sigma)).contiguous()
@@ -104,7 +129,9 @@ def _canvas(instrument, surfaces, moment) -> Canvas:
     """With the margin that blur needs at the depths of this scene."""
     width, height = instrument.camera.size
     across, down = np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33))
-    depth = sight.look(instrument, surfaces, np.stack([across.ravel(), down.ravel()]), moment).points[2]
+    depth = sight.look(
+        instrument, surfaces, np.stack([across.ravel(), down.ravel()]), moment
+    ).points[2]
     return Canvas(width, height, formation.margin(instrument.optics, depth) + 1)
 
 
@@ -119,7 +146,10 @@ def _spread_stripe(instrument, found: Stripe, canvas):
     rows, columns = np.divmod(found.flat, canvas.shape[1])
     reach = canvas.margin
     top, left = max(rows.min() - reach, 0), max(columns.min() - reach, 0)
-    bottom, right = min(rows.max() + reach + 1, canvas.shape[0]), min(columns.max() + reach + 1, canvas.shape[1])
+    bottom, right = (
+        min(rows.max() + reach + 1, canvas.shape[0]),
+        min(columns.max() + reach + 1, canvas.shape[1]),
+    )
     shape = (bottom - top, right - left)
     place = (rows - top) * shape[1] + columns - left
     sigma = instrument.optics.sigma(found.depth)
@@ -132,8 +162,10 @@ def _spread_stripe(instrument, found: Stripe, canvas):
     fine, inner = (shape[0] * parts, shape[1] * parts), np.arange(parts)
     corner = parts * ((rows - top) * fine[1] + columns - left)
     place = corner[:, None] + np.add.outer(inner * fine[1], inner).ravel()
-    light = formation.defocus(_placed(found.light * scale, place, fine),
-                              _placed(np.repeat(parts * sigma, parts**2), place, fine))  # fmt: skip
+    light = formation.defocus(
+        _placed(found.light * scale, place, fine),
+        _placed(np.repeat(parts * sigma, parts**2), place, fine),
+    )
     return formation.gathered(light, parts), spread, top, left
 
 

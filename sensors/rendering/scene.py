@@ -133,14 +133,24 @@ class BoardKeys(_Table):
     @property
     def recorded(self) -> dict:
         """What recording.toml says."""
-        keys = {"kind": self.kind, "columns": self.columns, "rows": self.rows, "square_mm": self.square_mm}
-        more = {name: getattr(self, name) for name in ("asymmetric", "marker_mm", "dictionary", "legacy")}
+        keys = {
+            "kind": self.kind,
+            "columns": self.columns,
+            "rows": self.rows,
+            "square_mm": self.square_mm,
+        }
+        more = {
+            name: getattr(self, name)
+            for name in ("asymmetric", "marker_mm", "dictionary", "legacy")
+        }
         return keys | {name: value for name, value in more.items() if value}
 
     @property
     def pattern(self) -> Pattern:
         """What is printed."""
-        return Pattern(Board.of(self.recorded), self.white, self.dark, self.margin, self.negative, self.radius)
+        return Pattern(
+            Board.of(self.recorded), self.white, self.dark, self.margin, self.negative, self.radius
+        )
 
 
 class Place(_Table):
@@ -245,9 +255,16 @@ class Scene(_Table):
             if source is not None:
                 laser["reach_mm"] = float(np.linalg.norm(source - [0, 0, self.lens.focus_mm]))
         return Instrument(
-            self.sees, steps, angles, mirror, planes, Optics(**self.lens.model_dump()),
-            Chip(**self.chip.model_dump()), Laser(**laser, source=source), Lamp(**self.lamp.model_dump()),
-        )  # fmt: skip
+            self.sees,
+            steps,
+            angles,
+            mirror,
+            planes,
+            Optics(**self.lens.model_dump()),
+            Chip(**self.chip.model_dump()),
+            Laser(**laser, source=source),
+            Lamp(**self.lamp.model_dump()),
+        )
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -280,8 +297,10 @@ def read_scene(path: Path) -> Scene:
         raise InputError(f"scene {path}: {problem}") from None
     beside = Path(path).parent
     if scene.mesh and not (beside / scene.mesh.file).is_file():
-        raise InputError(f"scene {path}, key mesh.file: expected a file beside the scene, found no {scene.mesh.file}; "
-                         "correct the name")  # fmt: skip
+        raise InputError(
+            f"scene {path}, key mesh.file: expected a file beside the scene, found no {scene.mesh.file}; "
+            "correct the name"
+        )
     if scene.mesh:
         scene.mesh.file = str(beside / scene.mesh.file)
     if scene.arm:

@@ -20,7 +20,9 @@ class Seen:
     surface: np.ndarray
 
 
-def look(instrument: Instrument, surfaces: Sequence[Surface], pixels: np.ndarray, moment: Moment) -> Seen:
+def look(
+    instrument: Instrument, surfaces: Sequence[Surface], pixels: np.ndarray, moment: Moment
+) -> Seen:
     """What pixels (2, n), as observed, see at this moment.
 
     Observed pixel -> ideal pixel (port `pixel`) -> ray (port `ray`) -> nearest surface. What bends the ray
@@ -28,7 +30,9 @@ def look(instrument: Instrument, surfaces: Sequence[Surface], pixels: np.ndarray
     """
     starts = range(0, max(pixels.shape[1], 1), _BLOCK)
     parts = [_look(instrument, surfaces, pixels[:, k : k + _BLOCK], moment) for k in starts]
-    return Seen(np.concatenate([p.points for p in parts], 1), np.concatenate([p.surface for p in parts]))
+    return Seen(
+        np.concatenate([p.points for p in parts], 1), np.concatenate([p.surface for p in parts])
+    )
 
 
 def _look(instrument, surfaces, pixels, moment):
@@ -65,12 +69,19 @@ def parts_of_pixels(flat: np.ndarray, width: int, parts: int) -> np.ndarray:
 
 def normals(surfaces: Sequence[Surface], seen: Seen) -> np.ndarray:
     """(3, n) unit normals of what is seen, nan where nothing is."""
-    return _each(surfaces, seen, np.full(seen.points.shape, np.nan), lambda s, points: s.normals(points))
+    return _each(
+        surfaces, seen, np.full(seen.points.shape, np.nan), lambda s, points: s.normals(points)
+    )
 
 
 def albedo(surfaces: Sequence[Surface], seen: Seen, spread: float) -> np.ndarray:
     """(n,) reflectance of what is seen, 0 where nothing is; `spread` rad, the angle between samples."""
-    return _each(surfaces, seen, np.zeros(len(seen.surface)), lambda s, points: s.albedo(points, spread * points[2]))
+    return _each(
+        surfaces,
+        seen,
+        np.zeros(len(seen.surface)),
+        lambda s, points: s.albedo(points, spread * points[2]),
+    )
 
 
 def ball(surfaces: Sequence[Surface], seen: Seen) -> np.ndarray:

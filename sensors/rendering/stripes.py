@@ -34,7 +34,9 @@ class Canvas:
 
     def crop(self, light):
         """The picture itself."""
-        return light[self.margin : self.margin + self.height, self.margin : self.margin + self.width]
+        return light[
+            self.margin : self.margin + self.height, self.margin : self.margin + self.width
+        ]
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,13 @@ class Stage:
     parts: int
 
 
-def set_stage(instrument: Instrument, surfaces: Sequence[Surface], moments: Sequence[Moment], canvas: Canvas,
-              parts: int = 2) -> Stage:  # fmt: skip
+def set_stage(
+    instrument: Instrument,
+    surfaces: Sequence[Surface],
+    moments: Sequence[Moment],
+    canvas: Canvas,
+    parts: int = 2,
+) -> Stage:
     """Look through every pixel that a stripe may reach; `moments` one a step."""
     middle = _middles(instrument, surfaces, moments[0], canvas)
     rough = middle.astype(np.float32)
@@ -71,16 +78,22 @@ def set_stage(instrument: Instrument, surfaces: Sequence[Surface], moments: Sequ
     seen = sight.look(instrument, surfaces, canvas.pixels(flat, parts), moments[0])
     shape = (len(flat), parts**2)
     return Stage(
-        canvas, flat, seen.points.reshape(3, *shape),
+        canvas,
+        flat,
+        seen.points.reshape(3, *shape),
         sight.normals(surfaces, seen).reshape(3, *shape),
         sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * parts)).reshape(shape),
-        sight.ball(surfaces, seen).reshape(shape), tuple(order[rows] for rows in reached), parts,
-    )  # fmt: skip
+        sight.ball(surfaces, seen).reshape(shape),
+        tuple(order[rows] for rows in reached),
+        parts,
+    )
 
 
 def _middles(instrument, surfaces, moment, canvas) -> np.ndarray:
     """(3, H W) what the middle of every pixel sees; of a pixel that just misses, what its neighbour sees."""
-    points = sight.look(instrument, surfaces, canvas.pixels(np.arange(np.prod(canvas.shape))), moment).points
+    points = sight.look(
+        instrument, surfaces, canvas.pixels(np.arange(np.prod(canvas.shape))), moment
+    ).points
     points = points.reshape(3, *canvas.shape)
     filled = points.copy()
     for axis, shift in ((1, 1), (1, -1), (2, 1), (2, -1)):
@@ -122,7 +135,9 @@ def _sheet(instrument, index, points, moment, known) -> np.ndarray:
 
 def _state(instrument, index, points, moment, planes, known) -> SensorState:
     mirror = np.full(points.shape[1], instrument.commanded[index])
-    return moment.state(instrument.camera, points.shape[1], points=points, planes=planes, mirror=mirror, **known)
+    return moment.state(
+        instrument.camera, points.shape[1], points=points, planes=planes, mirror=mirror, **known
+    )
 
 
 @dataclass(frozen=True)
@@ -138,7 +153,9 @@ class Stripe:
     thin: bool
 
 
-def stripe(instrument: Instrument, surfaces: Sequence[Surface], stage: Stage, index: int, moment: Moment) -> Stripe:
+def stripe(
+    instrument: Instrument, surfaces: Sequence[Surface], stage: Stage, index: int, moment: Moment
+) -> Stripe:
     """The stripe of step `index` in the parts of each pixel that it reaches.
 
     Gaussian across the sheet; Lambert's cosine of the light's incidence; falls with the distance
@@ -147,8 +164,13 @@ def stripe(instrument: Instrument, surfaces: Sequence[Surface], stage: Stage, in
     rows = stage.chosen[index]
     points = stage.points[:, rows].reshape(3, -1)
     normals = stage.normals[:, rows].reshape(3, -1)
-    known = {"pixels": stage.canvas.pixels(stage.flat[rows], stage.parts) if moment.causes.pairs else None,
-             "normals": normals, "ball": stage.ball[rows].ravel()}  # fmt: skip
+    known = {
+        "pixels": stage.canvas.pixels(stage.flat[rows], stage.parts)
+        if moment.causes.pairs
+        else None,
+        "normals": normals,
+        "ball": stage.ball[rows].ravel(),
+    }
     if known["pixels"] is None:
         del known["pixels"]
     distance = _sheet(instrument, index, points, moment, known)
@@ -159,7 +181,9 @@ def stripe(instrument: Instrument, surfaces: Sequence[Surface], stage: Stage, in
     light[lit] = bright[lit]
     depth = np.nan_to_num(stage.points[2, rows, 0], nan=instrument.optics.focus_mm)
     shape = (len(rows), stage.parts**2)
-    thin = _thin(distance.reshape(shape), light.reshape(shape), stage.parts, instrument.laser.width_mm)
+    thin = _thin(
+        distance.reshape(shape), light.reshape(shape), stage.parts, instrument.laser.width_mm
+    )
     spread = _noise(instrument, stage, index, rows, moment)
     return Stripe(stage.flat[rows], light.reshape(shape), depth, spread, thin)
 
@@ -196,8 +220,11 @@ def _noise(instrument, stage, index, rows, moment):
     if not moment.causes.on("noise"):
         return None
     points = stage.points[:, rows, 0]
-    known = {"pixels": stage.canvas.pixels(stage.flat[rows]), "normals": stage.normals[:, rows, 0],
-             "ball": stage.ball[rows, 0]}  # fmt: skip
+    known = {
+        "pixels": stage.canvas.pixels(stage.flat[rows]),
+        "normals": stage.normals[:, rows, 0],
+        "ball": stage.ball[rows, 0],
+    }
     planes = np.broadcast_to(instrument.nominal_planes()[:, index, None], (4, len(rows)))
     state = _state(instrument, index, points, moment, planes, known)
     return np.exp(moment.causes.delta("noise", state)[0])

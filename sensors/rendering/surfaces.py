@@ -16,7 +16,9 @@ from sensors.rendering.ports import Moment
 from workbench.core.rigid import rotation_matrix
 
 _CLEAR = 1e-3  # mm: what is nearer than this to a point is the surface that the point lies on
-_ROUNDS = 3  # each leaves a thousandth of the last one's gap on a board that is warped by a thousandth
+_ROUNDS = (
+    3  # each leaves a thousandth of the last one's gap on a board that is warped by a thousandth
+)
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,9 @@ class BoardSurface:
     def _moved(self, flat):
         """(3, n) displacement of the board's points of nominal place (2, n)."""
         target = np.vstack([flat, np.zeros(flat.shape[1])])
-        state = self.moment.state(self.camera, flat.shape[1], board=self._share(flat), target=target)
+        state = self.moment.state(
+            self.camera, flat.shape[1], board=self._share(flat), target=target
+        )
         return self.moment.causes.delta("target", state)
 
     def _nominal(self, flat):
@@ -187,7 +191,9 @@ class MeshSurface:
 Surface = BoardSurface | BallSurface | MeshSurface
 
 
-def true_balls(centres: np.ndarray, radii: np.ndarray, camera: Camera, moment: Moment) -> tuple[np.ndarray, np.ndarray]:
+def true_balls(
+    centres: np.ndarray, radii: np.ndarray, camera: Camera, moment: Moment
+) -> tuple[np.ndarray, np.ndarray]:
     """Centres (3, b) and radii (b,) with what acts on the balls of a certificate, artefact frame.
 
     An effect on the port `target` moves a surface's point; moved alike on both sides it is the
@@ -196,7 +202,8 @@ def true_balls(centres: np.ndarray, radii: np.ndarray, camera: Camera, moment: M
     n = centres.shape[1]
     side = np.tile([[0.0], [0.0], [1.0]], n)
     states = [
-        moment.state(camera, n, normals=normals, target=centres, ball=np.arange(1, n + 1)) for normals in (side, -side)
+        moment.state(camera, n, normals=normals, target=centres, ball=np.arange(1, n + 1))
+        for normals in (side, -side)
     ]
     front, back = (moment.causes.delta("target", state) for state in states)
     return centres + (front + back) / 2, radii + (front - back)[2] / 2

@@ -11,8 +11,8 @@ from sensors.light.mirror import NAMES, MovedMirror
 from sensors.light.planes import in_tilts, moved, steps_family
 from sensors.light.sheets import Sheets
 from sensors.scanner.errors import Apart, apart_from_frame
-from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -72,7 +72,9 @@ class Adjustment:
         if sheets.mirror is None:
             made[:, -3 * steps :] = np.eye(3 * steps)
             return made
-        by_mirror = in_tilts(sheets.planes, MovedMirror(sheets.mirror, _unmoved()).rows(sheets.angles))
+        by_mirror = in_tilts(
+            sheets.planes, MovedMirror(sheets.mirror, _unmoved()).rows(sheets.angles)
+        )
         for k, name in enumerate(NAMES):
             if (key := f"mirror.{name}") in table.index:
                 made[:, table.index[key]] = by_mirror[k].T.ravel()
@@ -91,7 +93,9 @@ def models(corners: Corners, sheets: Sheets, effects: Sequence[Effect]) -> tuple
     return Model(corners, both), Model(sheets, tuple(effects))
 
 
-def stripe_model(sheets: Sheets, effects: Sequence[Effect], known: Parameters) -> tuple[Model, Parameters]:
+def stripe_model(
+    sheets: Sheets, effects: Sequence[Effect], known: Parameters
+) -> tuple[Model, Parameters]:
     """The model of stripes that start where they are, and its table with the effects' `known` values."""
     model, own = Model(sheets, tuple(effects)), sheets.parameters
     return model, model.parameters.take_over(known).update({key: own[key] for key in own.keys})
@@ -112,8 +116,14 @@ def shared(two: Sequence[Model], known: Parameters | None, free: Sequence[str]) 
     return table
 
 
-def solve_once(corners: Corners, sheets: Sheets, effects: Sequence[Effect], known: Parameters | None = None,
-               free: Sequence[str] = (), loss: str = "linear") -> Adjustment:  # fmt: skip
+def solve_once(
+    corners: Corners,
+    sheets: Sheets,
+    effects: Sequence[Effect],
+    known: Parameters | None = None,
+    free: Sequence[str] = (),
+    loss: str = "linear",
+) -> Adjustment:
     """One bundle from where the chains stand, with the noise that they state."""
     fit = _bundle(corners, sheets, effects, known, free, loss=loss)
     return at_solution(Adjustment(corners, sheets, tuple(effects), fit, tuple(free)))
@@ -122,7 +132,10 @@ def solve_once(corners: Corners, sheets: Sheets, effects: Sequence[Effect], know
 def linearised(made: Adjustment) -> Adjustment:
     """The same with the fit's residuals and covariance those of where it stands: a solve ends one step after its last
     derivative, and its chains then start anew."""
-    return replace(made, fit=_bundle(made.corners, made.sheets, made.effects, made.parameters, made.free, steps=0))
+    return replace(
+        made,
+        fit=_bundle(made.corners, made.sheets, made.effects, made.parameters, made.free, steps=0),
+    )
 
 
 def _bundle(corners, sheets, effects, known, free, **options) -> BundleFit:
@@ -141,7 +154,9 @@ def at_solution(made: Adjustment) -> Adjustment:
     if sheets.mirror is None:
         planes = moved(sheets.planes, fit.values["step"])
     else:
-        change = MovedMirror(sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES]))
+        change = MovedMirror(
+            sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
+        )
         sheets = replace(sheets, angles=sheets.angles * change.gain)
         mirror = change.mirror
         planes = mirror.planes(sheets.angles)
@@ -149,8 +164,14 @@ def at_solution(made: Adjustment) -> Adjustment:
     return replace(made, corners=corners, sheets=sheets.moved(camera, poses, planes, mirror))
 
 
-def adjust(corners: Corners, sheets: Sheets, effects: Sequence[Effect], known: Parameters | None = None,
-           free: Sequence[str] = (), progress: Callable[[str], None] = lambda text: None) -> Adjustment:  # fmt: skip
+def adjust(
+    corners: Corners,
+    sheets: Sheets,
+    effects: Sequence[Effect],
+    known: Parameters | None = None,
+    free: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda text: None,
+) -> Adjustment:
     """Robust first, then without what is wrong, until the noise of stripes is what it was taken for.
 
     Variance components: each kind of measurement is weighted by its own residuals (Foerstner,
@@ -159,11 +180,16 @@ def adjust(corners: Corners, sheets: Sheets, effects: Sequence[Effect], known: P
     the stripes contradict them, and no noise.
     """
     made = solve_once(corners, sheets, effects, known, free, "huber")
-    corners, sheets = _without_wrong(made.corners, made.fit, 0), _without_wrong(made.sheets, made.fit, 1)
+    corners, sheets = (
+        _without_wrong(made.corners, made.fit, 0),
+        _without_wrong(made.sheets, made.fit, 1),
+    )
     progress(f"{sheets.n} points of stripes and {corners.pixels.shape[1]} corners are kept")
     scales = made.fit.scales
     for _ in range(_ROUNDS):
-        corners = replace(corners, sigma=corners.sigma * (scales[0] if scales[0] < 1 - _AGREES else 1))
+        corners = replace(
+            corners, sigma=corners.sigma * (scales[0] if scales[0] < 1 - _AGREES else 1)
+        )
         sheets = replace(sheets, sigma=sheets.sigma * scales[1])
         made = solve_once(corners, sheets, effects, made.parameters, free)
         corners, sheets, scales = made.corners, made.sheets, made.fit.scales
@@ -177,7 +203,9 @@ def _without_wrong(chain, fit: BundleFit, which: int):
     return chain.at(white <= _WRONG * max(fit.scales[which], 1e-12))
 
 
-def fresh_start(made: Adjustment, planes: np.ndarray | None = None, mirror=None, angles=None) -> Sheets:
+def fresh_start(
+    made: Adjustment, planes: np.ndarray | None = None, mirror=None, angles=None
+) -> Sheets:
     """The stripes of an adjustment, started at its solution with other planes or with a mirror."""
     sheets = made.sheets if angles is None else replace(made.sheets, angles=angles)
     planes = sheets.planes if planes is None else planes

@@ -90,7 +90,9 @@ class ScannerCalibration:
     def sigma_told_mm(self) -> np.ndarray:
         """(S,) mm, `sigma_apart_mm` of three planes or more; of fewer, which a frame that fits best takes up whole and
         leaves nothing to tell of, `sigma_plane_mm`."""
-        return self.sigma_apart_mm if len(self.scanner.steps) >= _FRAME_TAKES else self.sigma_plane_mm
+        return (
+            self.sigma_apart_mm if len(self.scanner.steps) >= _FRAME_TAKES else self.sigma_plane_mm
+        )
 
     @property
     def std(self) -> dict[str, float]:
@@ -139,7 +141,9 @@ def calibrate_scanner(
     every = (*camera.effects, *effects)
     progress(f"light planes of {len(found.steps)} steps from {found.whole.n} points of stripes")
     thin, _ = thinned(found.whole.at(~found.wrong))
-    still = tuple(effect for effect in every if effect.where != "mirror" and effect.port != "mirror")
+    still = tuple(
+        effect for effect in every if effect.where != "mirror" and effect.port != "mirror"
+    )
     corners = replace(camera.chain, sigma=camera.chain.sigma * camera.fit.scales[0])
     free = with_shared_errors(adjust(corners, thin, still, camera.parameters, progress=progress))
     made, checked = free, None
@@ -170,19 +174,49 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
     dropped = {**found.dropped, _WRONG: int((~good).sum())}
     apart, centre = made.apart(found.volume), _centre_noise(last.at(good), pixels[good])
     scanner = Scanner(
-        made.camera, found.steps, made.sheets.planes, made.sheets.mirror,
-        None if made.sheets.mirror is None else made.sheets.angles, _effects(made),
-        centre, apart.planes, found.volume, last.scan[:, 0], dict(provenance or {}),
-        apart.frame, made.sheets.together.named,
-    )  # fmt: skip
-    said = (*_on_dropped(dropped), *camera.undetermined, *_on_mirror(checked), made.sheets.together.sentence,
-            *made.sheets.together.too_much(centre), *_on_fit(made))  # fmt: skip
+        made.camera,
+        found.steps,
+        made.sheets.planes,
+        made.sheets.mirror,
+        None if made.sheets.mirror is None else made.sheets.angles,
+        _effects(made),
+        centre,
+        apart.planes,
+        found.volume,
+        last.scan[:, 0],
+        dict(provenance or {}),
+        apart.frame,
+        made.sheets.together.named,
+    )
+    said = (
+        *_on_dropped(dropped),
+        *camera.undetermined,
+        *_on_mirror(checked),
+        made.sheets.together.sentence,
+        *made.sheets.together.too_much(centre),
+        *_on_fit(made),
+    )
     step = last.labels["step"]
     return ScannerCalibration(
-        scanner, camera, made, free, checked, left, tuple(camera.placements), last, pixels, millimetres, ~good,
-        _rms(pixels, step, good, len(found.steps)), _rms(millimetres, step, good, len(found.steps)),
-        _sigma_planes(made, found.volume), apart, dropped, found.volume, said,
-    )  # fmt: skip
+        scanner,
+        camera,
+        made,
+        free,
+        checked,
+        left,
+        tuple(camera.placements),
+        last,
+        pixels,
+        millimetres,
+        ~good,
+        _rms(pixels, step, good, len(found.steps)),
+        _rms(millimetres, step, good, len(found.steps)),
+        _sigma_planes(made, found.volume),
+        apart,
+        dropped,
+        found.volume,
+        said,
+    )
 
 
 def _centre_noise(sheets, residual):
@@ -226,23 +260,36 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     here = _chain(camera, kept, board, group).at_start
     on = on_the_board(board, here.on_board) & (here.depth > 0)
     kept, group, hits = _less(kept, on, dropped, _OFF_BOARD), group[on], here.hits[:, on]
-    _some(kept, "points of the laser's line on a board that was seen", dropped,
-          "see that placements of board and board-laser pictures agree")  # fmt: skip
+    _some(
+        kept,
+        "points of the laser's line on a board that was seen",
+        dropped,
+        "see that placements of board and board-laser pictures agree",
+    )
     steps, step = np.unique(kept.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
     on = fine[step]
     kept, group = _less(kept, on, dropped, _NO_PLANE), group[on]
-    _some(kept, f"a step seen at {_FEWEST_PLACEMENTS} placements with the board at different depths", dropped,
-          "move the board and take more pictures")  # fmt: skip
+    _some(
+        kept,
+        f"a step seen at {_FEWEST_PLACEMENTS} placements with the board at different depths",
+        dropped,
+        "move the board and take more pictures",
+    )
     steps = steps[fine]
     whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])
     whole, sheet = straightened(whole, kept.shape)
-    return _Found(whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped, sheet)
+    return _Found(
+        whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped, sheet
+    )
 
 
 def _some(kept, expected, dropped, remedy):
     if not kept.n:
-        counts = ", ".join(f"{number} points: {why}" for why, number in dropped.items()) or "no point at all"
+        counts = (
+            ", ".join(f"{number} points: {why}" for why, number in dropped.items())
+            or "no point at all"
+        )
         raise InputError(f"stripes on boards: expected {expected}, found none ({counts}); {remedy}")
 
 
@@ -257,9 +304,17 @@ def _chain(camera, stripes, board, group, step=None, planes=None) -> Sheets:
     step = np.zeros(stripes.n, int) if step is None else step
     planes = np.zeros((4, 1)) if planes is None else planes
     return Sheets(
-        camera.camera, stripes.pixels, {"placement": group, "step": step}, camera.poses, planes, board.middle[:2],
-        board.half_diagonal, stripes.scan, stripes.sigma[None], covariates=stripes.covariates,
-    )  # fmt: skip
+        camera.camera,
+        stripes.pixels,
+        {"placement": group, "step": step},
+        camera.poses,
+        planes,
+        board.middle[:2],
+        board.half_diagonal,
+        stripes.scan,
+        stripes.sigma[None],
+        covariates=stripes.covariates,
+    )
 
 
 def _start_planes(points, group, step, count):
@@ -282,7 +337,9 @@ def _effects(made: Adjustment):
             continue
         start = f"{effect.where}.{effect.effect}."
         names = [p.key for p in effect.parameters(made.sheets)]
-        kept.append((effect, np.array([made.parameters[name] for name in names if name.startswith(start)])))
+        kept.append(
+            (effect, np.array([made.parameters[name] for name in names if name.startswith(start)]))
+        )
     return tuple(kept)
 
 
@@ -303,7 +360,11 @@ def _over_volume(made, covariance, volume):
 
 
 def _on_dropped(dropped):
-    return [f"{number} points of stripes were left out: {why}" for why, number in dropped.items() if number]
+    return [
+        f"{number} points of stripes were left out: {why}"
+        for why, number in dropped.items()
+        if number
+    ]
 
 
 def _on_mirror(check: MirrorCheck | None):

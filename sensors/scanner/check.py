@@ -63,7 +63,9 @@ def _rms(values):
     return float(np.sqrt((values**2).mean())) if values.size else float("nan")
 
 
-def leave_out(made: Adjustment, whole: Sheets, progress: Callable[[str], None] = lambda text: None) -> LeftOut | None:
+def leave_out(
+    made: Adjustment, whole: Sheets, progress: Callable[[str], None] = lambda text: None
+) -> LeftOut | None:
     """Each placement's stripes left out of the adjustment; in folds where there are more than twenty.
 
     whole: all stripe points on the board, wrong ones too. None with fewer than three placements.

@@ -43,7 +43,10 @@ def _inverse_slope(camera, points):
     """(2, 2, n) [of the distorted, by component of the ideal] normalised point."""
     _, slope, _ = camera.distort_rows(points[:2] / points[2])
     determinant = slope[0, 0] * slope[1, 1] - slope[1, 0] * slope[0, 1]
-    return np.stack([np.stack([slope[1, 1], -slope[0, 1]]), np.stack([-slope[1, 0], slope[0, 0]])]) / determinant
+    return (
+        np.stack([np.stack([slope[1, 1], -slope[0, 1]]), np.stack([-slope[1, 0], slope[0, 0]])])
+        / determinant
+    )
 
 
 def by_camera(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
@@ -64,15 +67,22 @@ def by_plane(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
     return -shift[:, None] * (points / (planes[:3] * points).sum(0))
 
 
-def field_points(camera: Camera, planes: np.ndarray, near: float, far: float) -> tuple[np.ndarray, np.ndarray]:
+def field_points(
+    camera: Camera, planes: np.ndarray, near: float, far: float
+) -> tuple[np.ndarray, np.ndarray]:
     """(3, n) mm over the working volume and the column (n,) of `planes` (4, S) of each.
 
     In every plane, at depths from `near` to `far`, places along the stripe that the picture shows.
     """
-    depth, along = (a.ravel() for a in np.meshgrid(np.linspace(near, far, _DEPTHS), np.linspace(-0.5, 0.5, _PLACES)))
+    depth, along = (
+        a.ravel()
+        for a in np.meshgrid(np.linspace(near, far, _DEPTHS), np.linspace(-0.5, 0.5, _PLACES))
+    )
     reach = np.hypot(*camera.size) / min(camera.fx, camera.fy)
     across = (planes[:2] ** 2).sum(0)
-    nearest = -(np.outer(planes[2], depth) + planes[3][:, None]) / across[:, None] * planes[:2, :, None]
+    nearest = (
+        -(np.outer(planes[2], depth) + planes[3][:, None]) / across[:, None] * planes[:2, :, None]
+    )
     direction = stripe_direction(planes)[:2, :, None]
     made = np.empty((3, planes.shape[1], len(depth)))
     made[:2], made[2] = nearest + direction * (along * reach * depth), depth
@@ -80,7 +90,9 @@ def field_points(camera: Camera, planes: np.ndarray, near: float, far: float) ->
     points = made.reshape(3, -1)
     pixels = camera.project(points)
     size = np.array(camera.size)[:, None]
-    inside = ((pixels > 0) & (pixels < size - 1)).all(0) & (np.hypot(*points[:2]) < 0.6 * reach * points[2])
+    inside = ((pixels > 0) & (pixels < size - 1)).all(0) & (
+        np.hypot(*points[:2]) < 0.6 * reach * points[2]
+    )
     return points[:, inside], step[inside]
 
 
@@ -118,7 +130,9 @@ class Apart:
     point_mm: float
 
 
-def apart_from_frame(camera: Camera, planes: np.ndarray, volume: tuple[float, float], joint: np.ndarray) -> Apart:
+def apart_from_frame(
+    camera: Camera, planes: np.ndarray, volume: tuple[float, float], joint: np.ndarray
+) -> Apart:
     """Part what a calibration leaves uncertain into a rigid motion of everything, and the rest.
 
     joint: (P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts and
@@ -142,7 +156,13 @@ def apart_from_frame(camera: Camera, planes: np.ndarray, volume: tuple[float, fl
     return Apart(left @ left.T, laid @ laid.T, float(np.sqrt((moves**2).sum() / len(step))))
 
 
-def laid_over(camera: Camera, planes: np.ndarray, other_camera: Camera, other: np.ndarray, volume: tuple[float, float]):
+def laid_over(
+    camera: Camera,
+    planes: np.ndarray,
+    other_camera: Camera,
+    other: np.ndarray,
+    volume: tuple[float, float],
+):
     """Another calibration's planes (4, S) laid over these by the rigid motion that fits their points best.
 
     Gives points (3, n) of these planes, their column (n,), their distances (n,) from the other's

@@ -59,8 +59,13 @@ class _Light(_Section):
     sigma_tilt_rad: list[Pair] | None = None
     sigma_offset_mm: list[Finite] | None = None
     covariance: str | None = None
-    frame_covariance: Annotated[list[Annotated[list[Finite], Field(min_length=6, max_length=6)]],
-                                Field(min_length=6, max_length=6)] | None = None  # fmt: skip
+    frame_covariance: (
+        Annotated[
+            list[Annotated[list[Finite], Field(min_length=6, max_length=6)]],
+            Field(min_length=6, max_length=6),
+        ]
+        | None
+    ) = None
 
 
 class _File(_Section):
@@ -81,23 +86,37 @@ def write_scanner(scanner: Scanner, path: Path) -> None:
         partial.replace(path)
     except OSError as problem:
         partial.unlink(missing_ok=True)
-        raise InputError(f"{path}: expected a place to write the scanner to, found {problem.strerror}; "
-                         "choose another folder") from None
+        raise InputError(
+            f"{path}: expected a place to write the scanner to, found {problem.strerror}; "
+            "choose another folder"
+        ) from None
 
 
 def scanner_text(scanner: Scanner) -> str:
     """The text of scanner.toml."""
-    keys: dict[str, Any] = {"format": FORMAT, "camera": camera_keys(scanner.camera), "light": _light_keys(scanner)}
+    keys: dict[str, Any] = {
+        "format": FORMAT,
+        "camera": camera_keys(scanner.camera),
+        "light": _light_keys(scanner),
+    }
     if scanner.mirror is not None:
         mirror = scanner.mirror
         keys["mirror"] = {
-            "axis": _list(mirror.axis), "point_mm": _list(mirror.point), "face": _list(mirror.face),
-            "offset_mm": float(mirror.offset), "beam": _list(mirror.beam), "angles_rad": _list(scanner.angles),
-        }  # fmt: skip
+            "axis": _list(mirror.axis),
+            "point_mm": _list(mirror.point),
+            "face": _list(mirror.face),
+            "offset_mm": float(mirror.offset),
+            "beam": _list(mirror.beam),
+            "angles_rad": _list(scanner.angles),
+        }
     if scanner.effects:
-        keys["effect"] = [_effect_keys(scanner, effect, values) for effect, values in scanner.effects]
+        keys["effect"] = [
+            _effect_keys(scanner, effect, values) for effect, values in scanner.effects
+        ]
     if scanner.provenance:
-        keys["provenance"] = {name: value for name, value in scanner.provenance.items() if value is not None}
+        keys["provenance"] = {
+            name: value for name, value in scanner.provenance.items() if value is not None
+        }
     return tomli_w.dumps(keys)
 
 
@@ -106,8 +125,12 @@ def _list(values):
 
 
 def _light_keys(scanner):
-    keys = {"steps": [int(step) for step in scanner.steps], "planes": _list(scanner.planes.T),
-            "scan": _list(scanner.scan), "sigma_px": float(scanner.sigma_px)}  # fmt: skip
+    keys = {
+        "steps": [int(step) for step in scanner.steps],
+        "planes": _list(scanner.planes.T),
+        "scan": _list(scanner.scan),
+        "sigma_px": float(scanner.sigma_px),
+    }
     if scanner.shared_px:
         keys["shared_px"] = {name: float(sigma) for name, sigma in scanner.shared_px.items()}
     if scanner.volume is not None:
@@ -115,7 +138,9 @@ def _light_keys(scanner):
     if scanner.covariance is not None:
         std = np.sqrt(np.maximum(np.diag(scanner.covariance), 0)).reshape(-1, 3)
         keys |= {"sigma_tilt_rad": _list(std[:, :2]), "sigma_offset_mm": _list(std[:, 2])}
-        keys["covariance"] = base64.b64encode(np.asarray(scanner.covariance, "<f8").tobytes()).decode("ascii")
+        keys["covariance"] = base64.b64encode(
+            np.asarray(scanner.covariance, "<f8").tobytes()
+        ).decode("ascii")
     if scanner.frame is not None:
         keys["frame_covariance"] = _list(scanner.frame)  # shift mm, turn rad
     return keys
@@ -124,7 +149,11 @@ def _light_keys(scanner):
 def _effect_keys(scanner, effect, values):
     names = [p.key.rpartition(".")[2] for p in effect.table(scanner)]
     options = {name: _plain(value) for name, value in effect.options.items() if value is not None}
-    keys = {"effect": effect.effect, "where": effect.where, "parameters": dict(zip(names, _list(values)))}
+    keys = {
+        "effect": effect.effect,
+        "where": effect.where,
+        "parameters": dict(zip(names, _list(values))),
+    }
     return keys | ({"options": options} if options else {})
 
 
@@ -149,7 +178,12 @@ def read_scanner(path: Path) -> Scanner:
 def scanner_of(keys: Mapping, where: str) -> Scanner:
     """The scanner of scanner.toml's keys."""
     if keys.get("format") != FORMAT:
-        raise _wrong(f"{where}, key format", f'"{FORMAT}"', repr(keys.get("format")), "calibrate the scanner again")
+        raise _wrong(
+            f"{where}, key format",
+            f'"{FORMAT}"',
+            repr(keys.get("format")),
+            "calibrate the scanner again",
+        )
     try:
         file = _File.model_validate(dict(keys))
     except ValidationError as problem:
@@ -164,8 +198,21 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
     angles = None if mirror is None else np.array(file.mirror.angles_rad)
     light = file.light
     volume = None if light.volume_mm is None else tuple(light.volume_mm)
-    bare = Scanner(camera, steps, planes, mirror, angles, (), light.sigma_px, _covariance(light, where), volume,
-                   np.array(light.scan), file.provenance, _frame(light, where), light.shared_px or {})  # fmt: skip
+    bare = Scanner(
+        camera,
+        steps,
+        planes,
+        mirror,
+        angles,
+        (),
+        light.sigma_px,
+        _covariance(light, where),
+        volume,
+        np.array(light.scan),
+        file.provenance,
+        _frame(light, where),
+        light.shared_px or {},
+    )
     effects = tuple(_effect(row, bare, where) for row in file.effect)
     return replace(bare, effects=effects)
 
@@ -183,12 +230,21 @@ def _checked_light(file, where):
     light = file.light
     planes, steps = np.array(light.planes, float).reshape(-1, 4).T, np.array(light.steps)
     if planes.shape[1] != len(steps):
-        raise _wrong(f"{where}, key light.planes", f"{len(steps)}, one a step", f"{planes.shape[1]}", "correct it")
+        raise _wrong(
+            f"{where}, key light.planes",
+            f"{len(steps)}, one a step",
+            f"{planes.shape[1]}",
+            "correct it",
+        )
     if len(np.unique(steps)) < len(steps):
         raise _wrong(f"{where}, key light.steps", "every step once", "one twice", "correct it")
     if (odd := np.flatnonzero(np.abs(np.linalg.norm(planes[:3], axis=0) - 1) > _UNIT)).size:
-        raise _wrong(f"{where}, key light.planes.{odd[0]}", "a unit normal and an offset in mm",
-                     _short(light.planes[odd[0]]), "correct it")  # fmt: skip
+        raise _wrong(
+            f"{where}, key light.planes.{odd[0]}",
+            "a unit normal and an offset in mm",
+            _short(light.planes[odd[0]]),
+            "correct it",
+        )
     if abs(np.hypot(*light.scan) - 1) > _UNIT:
         raise _wrong(f"{where}, key light.scan", "a unit vector", f"{light.scan}", "correct it")
     return planes, steps
@@ -199,14 +255,20 @@ def _mirror(file, planes, where):
         return None
     keys = file.mirror
     if len(keys.angles_rad) != planes.shape[1]:
-        raise _wrong(f"{where}, key mirror.angles_rad", f"{planes.shape[1]}, one a step",
-                     f"{len(keys.angles_rad)}", "correct it")  # fmt: skip
+        raise _wrong(
+            f"{where}, key mirror.angles_rad",
+            f"{planes.shape[1]}, one a step",
+            f"{len(keys.angles_rad)}",
+            "correct it",
+        )
     vectors = (np.array(values) for values in (keys.axis, keys.point_mm, keys.face))
     mirror = Mirror(*vectors, keys.offset_mm, np.array(keys.beam))
     made = mirror.planes(np.array(keys.angles_rad))
     made = made * np.sign((made[:3] * planes[:3]).sum(0))
     if not np.abs(made - planes).max() < _SAME * max(1.0, np.abs(planes[3]).max()):
-        raise _wrong(f"{where}, [mirror]", "the planes that light.planes holds", "others", "calibrate again")
+        raise _wrong(
+            f"{where}, [mirror]", "the planes that light.planes holds", "others", "calibrate again"
+        )
     return mirror
 
 
@@ -215,12 +277,18 @@ def _covariance(light, where):
         return None
     size = 3 * len(light.steps)
     try:
-        values = np.frombuffer(base64.b64decode(light.covariance, validate=True), "<f8").astype(float)
+        values = np.frombuffer(base64.b64decode(light.covariance, validate=True), "<f8").astype(
+            float
+        )
     except (binascii.Error, ValueError):
         values = np.empty(0)
     if values.size != size**2 or not np.isfinite(values).all():
-        raise _wrong(f"{where}, key light.covariance", f"{size} x {size} numbers, base64 of little-endian doubles",
-                     f"{values.size} of them", "remove the key or calibrate again")  # fmt: skip
+        raise _wrong(
+            f"{where}, key light.covariance",
+            f"{size} x {size} numbers, base64 of little-endian doubles",
+            f"{values.size} of them",
+            "remove the key or calibrate again",
+        )
     return values.reshape(size, size)
 
 
@@ -230,9 +298,17 @@ def _frame(light, where):
     values = np.array(light.frame_covariance)
     std = np.sqrt(np.maximum(np.diag(values), 0))
     scaled = values / np.outer(std, std) if (std > 0).all() else np.full((6, 6), np.inf)
-    if not (np.isfinite(scaled).all() and np.allclose(scaled, scaled.T) and np.linalg.eigvalsh(scaled)[0] > -_SAME):
-        raise _wrong(f"{where}, key light.frame_covariance", "a covariance of six numbers, symmetric and positive",
-                     "another matrix", "remove the key or calibrate again")  # fmt: skip
+    if not (
+        np.isfinite(scaled).all()
+        and np.allclose(scaled, scaled.T)
+        and np.linalg.eigvalsh(scaled)[0] > -_SAME
+    ):
+        raise _wrong(
+            f"{where}, key light.frame_covariance",
+            "a covariance of six numbers, symmetric and positive",
+            "another matrix",
+            "remove the key or calibrate again",
+        )
     return values
 
 
@@ -243,6 +319,10 @@ def _effect(row, scanner, where):
         raise InputError(f"{where}, [[effect]]: {problem}") from None
     names = [p.key.rpartition(".")[2] for p in effect.table(scanner)]
     if set(names) != set(row.parameters):
-        raise _wrong(f"{where}, effect {row.effect}, key parameters", ", ".join(names),
-                     ", ".join(row.parameters) or "none", "correct it")  # fmt: skip
+        raise _wrong(
+            f"{where}, effect {row.effect}, key parameters",
+            ", ".join(names),
+            ", ".join(row.parameters) or "none",
+            "correct it",
+        )
     return effect, np.array([row.parameters[name] for name in names])

@@ -68,7 +68,9 @@ class Scanner:
         steps = _whole(steps)
         if self._table is None:
             order = np.argsort(self.steps)
-            found = order[np.minimum(np.searchsorted(self.steps, steps, sorter=order), len(order) - 1)]
+            found = order[
+                np.minimum(np.searchsorted(self.steps, steps, sorter=order), len(order) - 1)
+            ]
             missing = self.steps[found] != steps
         else:
             low, table = self._table
@@ -85,11 +87,19 @@ class Scanner:
         return found
 
     def _no_plane(self, step):
-        return InputError(f"step {step}: expected one of the {len(self.steps)} steps of "
-                          "the scanner, found none like it; calibrate the scanner at this step too")
+        return InputError(
+            f"step {step}: expected one of the {len(self.steps)} steps of "
+            "the scanner, found none like it; calibrate the scanner at this step too"
+        )
 
-    def reconstruct(self, pixels: np.ndarray, steps: np.ndarray, covariates: Mapping[str, np.ndarray] | None = None,
-                    normals: np.ndarray | None = None, ball: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
+    def reconstruct(
+        self,
+        pixels: np.ndarray,
+        steps: np.ndarray,
+        covariates: Mapping[str, np.ndarray] | None = None,
+        normals: np.ndarray | None = None,
+        ball: np.ndarray | None = None,
+    ) -> np.ndarray:
         """(3, n) mm, points in the camera frame of stripe pixels (2, n) at steps (n,).
 
         Ray through the undistorted pixel, cut with the light plane (Ye et al., Sensors 24 (2024)
@@ -102,18 +112,25 @@ class Scanner:
         if not self.effects:
             return points
         self._check_surface(normals=normals, ball=ball)
-        return self._corrected(pixels, place, self._state(pixels, place, points, covariates or {}, normals, ball))
+        return self._corrected(
+            pixels, place, self._state(pixels, place, points, covariates or {}, normals, ball)
+        )
 
     def _check_surface(self, **given):
         for effect, _ in self.effects:
             lacking = [name for name in effect.surface if given[name] is None]
             if lacking:
-                raise InputError(f"scanner, {effect.title}: expected {' and '.join(lacking)} of the surface at each "
-                                 "point, found none; give them to reconstruct, or take the effect out")
+                raise InputError(
+                    f"scanner, {effect.title}: expected {' and '.join(lacking)} of the surface at each "
+                    "point, found none; give them to reconstruct, or take the effect out"
+                )
 
     def _corrected(self, pixels, place, state):
         """With the effects, in the order pixel, ray, mirror, plane, point."""
-        change = {port: sum(self._changes(port, state), np.zeros((width, 1))) for port, width in corners.PORTS.items()}
+        change = {
+            port: sum(self._changes(port, state), np.zeros((width, 1)))
+            for port, width in corners.PORTS.items()
+        }
         ray = self.camera.rays(pixels - change["pixel"]) + change["ray"]
         plane = self._turned(place, change["mirror"]) + change["plane"][:4]
         along = (stripe_direction(self.planes)[:, place] * ray).sum(0)
@@ -129,9 +146,17 @@ class Scanner:
         angles = np.full(len(self.steps), np.nan) if self.angles is None else self.angles
         nowhere = np.full((3, n), np.nan)
         return SensorState(
-            self.camera, pixels, points, self.planes[:, place], angles[place], nowhere[:2],
-            nowhere if normals is None else normals, np.zeros(n, int) if ball is None else ball, covariates, nowhere,
-        )  # fmt: skip
+            self.camera,
+            pixels,
+            points,
+            self.planes[:, place],
+            angles[place],
+            nowhere[:2],
+            nowhere if normals is None else normals,
+            np.zeros(n, int) if ball is None else ball,
+            covariates,
+            nowhere,
+        )
 
     def _changes(self, port, state):
         for effect, values in self.effects:
@@ -144,7 +169,9 @@ class Scanner:
         if not extra.any():
             return self.planes[:, place]
         if self.mirror is None:
-            raise InputError("scanner: expected a mirror for the effects on its angle, found none; calibrate it again")
+            raise InputError(
+                "scanner: expected a mirror for the effects on its angle, found none; calibrate it again"
+            )
         return self.mirror.planes(self.angles[place] + extra[0])
 
     @cached_property
@@ -176,14 +203,18 @@ class Scanner:
         """(3, 3, n) mm^2 that places (3, n) in the camera frame have from the frame alone: all points of a scan move
         together by it, so that no distance and no hand-eye calibration notices. Zero where it is unknown."""
         moves = frame_moves(np.asarray(points, float))
-        return np.einsum("pin,pq,qjn->ijn", moves, np.zeros((6, 6)) if self.frame is None else self.frame, moves)
+        return np.einsum(
+            "pin,pq,qjn->ijn", moves, np.zeros((6, 6)) if self.frame is None else self.frame, moves
+        )
 
     def by_stripe(self, points: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """(3, n) mm that points (3, n) move by when the centre of their stripe errs by one px."""
         rows = by_pixel(self.camera, points, self.planes[:, self.places(steps)])
         return np.einsum("c,cin->in", self.scan, rows)
 
-    def point_covariance(self, points: np.ndarray, steps: np.ndarray, sigma: np.ndarray | None = None) -> np.ndarray:
+    def point_covariance(
+        self, points: np.ndarray, steps: np.ndarray, sigma: np.ndarray | None = None
+    ) -> np.ndarray:
         """(3, 3, n) mm^2 of reconstructed points (3, n): noise of their stripe, `sigma` (n,) px, and of their plane.
 
         Points of one plane share the plane's part: it does not average out over them.
@@ -206,13 +237,21 @@ def _whole(steps) -> np.ndarray:
     steps = np.asarray(steps)
     if steps.dtype.kind in "iu":
         return steps
-    odd = steps[~(np.isfinite(steps) & (steps == np.round(steps)))] if steps.dtype.kind == "f" else steps.ravel()
+    odd = (
+        steps[~(np.isfinite(steps) & (steps == np.round(steps)))]
+        if steps.dtype.kind == "f"
+        else steps.ravel()
+    )
     if odd.size:
-        raise InputError(f"steps: expected whole numbers, found {odd[0]}; number the steps as in the scanner's file")
+        raise InputError(
+            f"steps: expected whole numbers, found {odd[0]}; number the steps as in the scanner's file"
+        )
     return steps.astype(int)
 
 
-def _blockwise(camera: Camera, planes: np.ndarray, place: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def _blockwise(
+    camera: Camera, planes: np.ndarray, place: np.ndarray, pixels: np.ndarray
+) -> np.ndarray:
     """(3, n) mm; blocks of points stay in the cache from pixel to point."""
     n = pixels.shape[1]
     if n < 2 * BLOCK or not (planes[3] != 0).all():

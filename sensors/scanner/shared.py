@@ -39,7 +39,11 @@ def _held_by_corners(made: Adjustment) -> Adjustment:
     sheets = replace(made.sheets, sigma=made.sheets.sigma * _LIGHT)
     held = solve_once(made.corners, sheets, made.effects, made.parameters, made.free)
     sheets = replace(held.sheets, sigma=held.sheets.sigma / _LIGHT)
-    together, left, sigma = Together.of(sheets.labels, sheets.along), held.fit.residual[1][0], np.zeros(len(NAMES))
+    together, left, sigma = (
+        Together.of(sheets.labels, sheets.along),
+        held.fit.residual[1][0],
+        np.zeros(len(NAMES)),
+    )
     for kind in (2, 0):
         label = together.labels[kind]
         means = np.bincount(label, left) / np.bincount(label)
@@ -58,7 +62,11 @@ def _turned(made):
     """Whether the mirror's numbers, whose covariance is that about the start, ended a way off it."""
     names = [f"mirror.{name}" for name in made.free]
     table = made.fit.table
-    moved = {name: made.parameters[name] - table.nulls[table.index[name]] for name in names if name in table.index}
+    moved = {
+        name: made.parameters[name] - table.nulls[table.index[name]]
+        for name in names
+        if name in table.index
+    }
     return any(abs(move) > _NEAR * made.fit.std[name] for name, move in moved.items())
 
 
@@ -76,12 +84,17 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
     effects = _effects(sheets, together)
     if not len(effects.kind):
         return together, 1.0
-    noise = own_noise(made.fit.residual[1][0], np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0, together)
+    noise = own_noise(
+        made.fit.residual[1][0], np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0, together
+    )
     noise = noise if np.isfinite(noise) else 1.0
     own, pull, kind = _apart_from_all(*_left(made, effects), effects.kind)
     found = components(own / noise, pull / noise, kind)
     more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
-    variance, doubt = np.append(found.expected, np.zeros(more)), np.append(found.std, np.full(more, np.inf))
+    variance, doubt = (
+        np.append(found.expected, np.zeros(more)),
+        np.append(found.std, np.full(more, np.inf)),
+    )
     sigma = np.sqrt(variance)
     # of a square root; of one that is 0, the sigma that two sigmas of its variance would make
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -101,7 +114,9 @@ def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> f
 
     total = sums(np.ones(len(residual)))
     for shape in (np.ones(len(residual)), place - (sums(place) / total)[stripe]):
-        residual = residual - shape * (sums(shape * residual) / np.maximum(sums(shape**2), 1e-300))[stripe]
+        residual = (
+            residual - shape * (sums(shape * residual) / np.maximum(sums(shape**2), 1e-300))[stripe]
+        )
     degrees = float(np.maximum(np.bincount(stripe) - 2, 0).sum())
     return max(float(weight @ residual**2) / degrees, 1e-300) if degrees >= _LEAST else float("nan")
 
@@ -123,8 +138,7 @@ def _apart_from_all(own, pull, kind):
 
 @dataclass(frozen=True)
 class _Effects:
-    """E shared errors: `sums` (E, n) sparse, w z of each point; `kind`, `placement` (E,); `norm` (E, E) sparse, Z'W Z.
-    """
+    """E shared errors: `sums` (E, n) sparse, w z of each point; `kind`, `placement` (E,); `norm` (E, E), Z'W Z."""
 
     sums: object
     kind: np.ndarray
@@ -176,12 +190,20 @@ def _left(made: Adjustment, effects: _Effects):
     fit, where, residual = apart.fit, effects.placement, apart.fit.residual[1][0]
     rows, pose = _rows(apart)
     by_pose = effects.sums @ pose.T
-    dense = (effects.sums @ rows).toarray() - np.einsum("el,eld->ed", by_pose, fit.eliminated.mix[where])
+    dense = (effects.sums @ rows).toarray() - np.einsum(
+        "el,eld->ed", by_pose, fit.eliminated.mix[where]
+    )
     unit = fit.covariance / fit.sigma_scale**2
     inner = np.einsum("el,elk->ek", by_pose, fit.eliminated.inverse[where])
-    own = effects.norm.toarray() - dense @ unit @ dense.T - np.where(where[:, None] == where, inner @ by_pose.T, 0)
+    own = (
+        effects.norm.toarray()
+        - dense @ unit @ dense.T
+        - np.where(where[:, None] == where, inner @ by_pose.T, 0)
+    )
     moves, own_moves = fit.next
-    residual = residual + rows @ moves + (pose * own_moves[made.sheets.labels["placement"]].T).sum(0)
+    residual = (
+        residual + rows @ moves + (pose * own_moves[made.sheets.labels["placement"]].T).sum(0)
+    )
     return own, effects.sums @ residual
 
 
@@ -203,5 +225,7 @@ def _rows(made: Adjustment):
         return csr_array(whole.T), pose
     own = evaluation.family_rows("step")[:, 0]
     place = 3 * made.sheets.labels["step"][:, None] + np.arange(3)
-    by_step = csr_array((own.T.ravel(), (np.repeat(np.arange(n), 3), place.ravel())), shape=(n, steps))
+    by_step = csr_array(
+        (own.T.ravel(), (np.repeat(np.arange(n), 3), place.ravel())), shape=(n, steps)
+    )
     return hstack([csr_array(whole.T), by_step]).tocsr(), pose

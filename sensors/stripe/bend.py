@@ -65,8 +65,15 @@ class Bend:
         return float(np.sqrt(max(grown, 0.0)))
 
 
-def bend_on_ball(camera: Camera, centre: np.ndarray, radius: float, pixels: np.ndarray, planes: np.ndarray,
-                 scan: np.ndarray, light: np.ndarray | None = None) -> Bend:  # fmt: skip
+def bend_on_ball(
+    camera: Camera,
+    centre: np.ndarray,
+    radius: float,
+    pixels: np.ndarray,
+    planes: np.ndarray,
+    scan: np.ndarray,
+    light: np.ndarray | None = None,
+) -> Bend:
     """How the sheet and its light change along the scan line at pixels (2, n) on a ball.
 
     centre (3,) and radius mm in the camera frame; planes (4, n) of the points; scan (2,) unit vector;
@@ -76,14 +83,23 @@ def bend_on_ball(camera: Camera, centre: np.ndarray, radius: float, pixels: np.n
     def surface(rays):
         along = centre @ rays
         with np.errstate(invalid="ignore"):
-            points = rays * (along - np.sqrt(radius**2 - ((rays * along - centre[:, None]) ** 2).sum(0)))
+            points = rays * (
+                along - np.sqrt(radius**2 - ((rays * along - centre[:, None]) ** 2).sum(0))
+            )
         return points, (points - centre[:, None]) / radius
 
     return _bend(camera, surface, pixels, planes, scan, light)
 
 
-def bend_on_boards(camera: Camera, normals: np.ndarray, heights: np.ndarray, pixels: np.ndarray, planes: np.ndarray,
-                   scan: np.ndarray, light: np.ndarray | None = None) -> Bend:  # fmt: skip
+def bend_on_boards(
+    camera: Camera,
+    normals: np.ndarray,
+    heights: np.ndarray,
+    pixels: np.ndarray,
+    planes: np.ndarray,
+    scan: np.ndarray,
+    light: np.ndarray | None = None,
+) -> Bend:
     """As `bend_on_ball`, of points on flat boards n.X = h: unit normals (3, n) and heights (n,) mm, camera frame."""
     side = np.sign((normals * (0 if light is None else light[:, None])).sum(0) - heights)
 
@@ -95,10 +111,17 @@ def bend_on_boards(camera: Camera, normals: np.ndarray, heights: np.ndarray, pix
 
 def _bend(camera, surface, pixels, planes, scan, light):
     low, middle, high = (
-        _seen(surface, camera.rays(pixels + step * scan[:, None]), planes, light) for step in (-_STEP, 0.0, _STEP)
+        _seen(surface, camera.rays(pixels + step * scan[:, None]), planes, light)
+        for step in (-_STEP, 0.0, _STEP)
     )
     away, shade = (high - low) / (2 * _STEP)
-    return Bend(away, (high[0] - 2 * middle[0] + low[0]) / (2 * _STEP**2), shade, np.exp(middle[1]), middle[0])
+    return Bend(
+        away,
+        (high[0] - 2 * middle[0] + low[0]) / (2 * _STEP**2),
+        shade,
+        np.exp(middle[1]),
+        middle[0],
+    )
 
 
 def _seen(surface, rays, planes, light):

@@ -81,6 +81,10 @@ def _counts(lines: np.ndarray, low: float, largest) -> np.ndarray:
 
     if lines.dtype.kind == "u":
         ends = [int(low) + 1, int(largest) + 1]
-        return cv2.calcHist([lines.reshape(len(lines), -1)], [0], None, [ends[1] - ends[0]], ends)[:, 0]
+        return cv2.calcHist([lines.reshape(len(lines), -1)], [0], None, [ends[1] - ends[0]], ends)[
+            :, 0
+        ]
     high = lines[lines > low]
-    return np.append(np.unique(high[high < largest], return_counts=True)[1], np.count_nonzero(high == largest))
+    return np.append(
+        np.unique(high[high < largest], return_counts=True)[1], np.count_nonzero(high == largest)
+    )

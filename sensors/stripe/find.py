@@ -12,7 +12,16 @@ import numpy as np
 
 from sensors.stripe.clipping import clip_level
 from sensors.stripe.fit import Fits, Setting
-from sensors.stripe.flags import ALONE, NAMES, WEAK, flags, follow, noise_scale, others, usual_misfit
+from sensors.stripe.flags import (
+    ALONE,
+    NAMES,
+    WEAK,
+    flags,
+    follow,
+    noise_scale,
+    others,
+    usual_misfit,
+)
 from sensors.stripe.noise import exposure_scale, pixel_noise
 from sensors.stripe.pilot import SAMPLE, Search, first_look
 from sensors.stripe.profile import Noise, speckle_floor
@@ -62,12 +71,16 @@ class Stripes:
     @property
     def pixels(self) -> np.ndarray:
         """(2, n) px."""
-        return np.stack([self.centre, self.line] if self.along == "rows" else [self.line, self.centre]).astype(float)
+        return np.stack(
+            [self.centre, self.line] if self.along == "rows" else [self.line, self.centre]
+        ).astype(float)
 
     @property
     def shape(self) -> np.ndarray:
         """(2, n) width in px, and photon variance at the peak over that beside the line."""
-        return np.stack([self.width, self.noise.gain * self.peak / self.noise.variance(self.background)]).astype(float)
+        return np.stack(
+            [self.width, self.noise.gain * self.peak / self.noise.variance(self.background)]
+        ).astype(float)
 
     def select(self, keep: np.ndarray) -> "Stripes":
         """Those where `keep` (n,) bool says so."""
@@ -96,7 +109,9 @@ class Task:
         pixels, under = self._cut(self.stack[frames], step), None
         scale = None
         if self.background is not None:
-            under = self._cut(self.background[frames] if len(self.background) > 1 else self.background, step)
+            under = self._cut(
+                self.background[frames] if len(self.background) > 1 else self.background, step
+            )
             scale = exposures(pixels, under)
         region = None if self.region is None else self._cut(self.region[None], step)[0]
         height = pixels.shape[1]
@@ -108,16 +123,28 @@ class Task:
         if not self.turned:
             return np.ascontiguousarray(pictures[:, step // 2 :: step])
         kind = np.uint8 if pictures.dtype == bool else pictures.dtype
-        made = np.empty((len(pictures), -(-(pictures.shape[2] - step // 2) // step), pictures.shape[1]), kind)
+        made = np.empty(
+            (len(pictures), -(-(pictures.shape[2] - step // 2) // step), pictures.shape[1]), kind
+        )
         for picture, into in zip(pictures, made):
             part = picture[:, step // 2 :: step]
             cv2.transpose(np.ascontiguousarray(part).view(kind), dst=into)
         return made.view(pictures.dtype)
 
 
-def find_stripes(stack: np.ndarray, along: str = "rows", mode: str = "gauss", background: np.ndarray | None = None,
-                 region: np.ndarray | None = None, *, saturation: float | None = None, speckle: float = 0.0,
-                 grain: float | None = None, smoothing: float = 3.0, flagged: bool = False) -> Stripes:  # fmt: skip
+def find_stripes(
+    stack: np.ndarray,
+    along: str = "rows",
+    mode: str = "gauss",
+    background: np.ndarray | None = None,
+    region: np.ndarray | None = None,
+    *,
+    saturation: float | None = None,
+    speckle: float = 0.0,
+    grain: float | None = None,
+    smoothing: float = 3.0,
+    flagged: bool = False,
+) -> Stripes:
     """The laser line's centre in every row ("rows", the line runs down) or column ("columns") of pictures.
 
     stack (F, H, W): uint8, uint16 or float. background (H, W) or (F, H, W): the same scene without
@@ -136,7 +163,9 @@ def find_stripes(stack: np.ndarray, along: str = "rows", mode: str = "gauss", ba
     """
     task = _task(stack, along, background, region, saturation)
     if mode not in ("gauss", "ridge"):
-        raise InputError(f"find_stripes: expected mode gauss or ridge, found {mode}; name one of them")
+        raise InputError(
+            f"find_stripes: expected mode gauss or ridge, found {mode}; name one of them"
+        )
     if mode == "ridge":
         from sensors.stripe.ridge import ridge_parts
 
@@ -154,7 +183,10 @@ def _gauss_parts(task: Task):
     step = max(1, task.height * count // SAMPLE)
     setting, search = first_look(*task.rows(slice(0, count), step), task.saturation)
     starts = range(0, count, BLOCK)
-    parts = [(first, *_block(*task.rows(slice(first, first + BLOCK)), setting, search)) for first in starts]
+    parts = [
+        (first, *_block(*task.rows(slice(first, first + BLOCK)), setting, search))
+        for first in starts
+    ]
     apart = max(1, sum(len(fits.row) for _, fits, *_ in parts) // SOME)
     some = _joined([fits.take(slice(None, None, apart)) for _, fits, *_ in parts])
     misfit, scale = usual_misfit(some), noise_scale(some, setting)
@@ -186,52 +218,84 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
     flag, count = (np.concatenate([part[k] for part in parts]) for k in (2, 3))
     sound = ~((flag & WEAK > 0) & (flag & ALONE > 0))
     dropped = {name: int((flag[sound] & bit > 0).sum()) for bit, name in NAMES.items()}
-    made = Stripes(frame, fits.row % task.height, fits.centre, fits.sigma, fits.width, fits.peak, fits.background,
-                   fits.saturated, flag, count, dropped, noise, "columns" if task.turned else "rows", mode,
-                   resolution)  # fmt: skip
+    made = Stripes(
+        frame,
+        fits.row % task.height,
+        fits.centre,
+        fits.sigma,
+        fits.width,
+        fits.peak,
+        fits.background,
+        fits.saturated,
+        flag,
+        count,
+        dropped,
+        noise,
+        "columns" if task.turned else "rows",
+        mode,
+        resolution,
+    )
     return made.select(sound)
 
 
 def exposures(pixels: np.ndarray, under: np.ndarray) -> np.ndarray:
     """(F,) how much brighter pictures (F, h, w) are exposed than their backgrounds (F or 1, h, w)."""
     noise = pixel_noise(pixels[0, :: max(1, pixels[0].size // 24_000)])
-    scale = [exposure_scale(picture, under[k % len(under)], noise) for k, picture in enumerate(pixels)]
+    scale = [
+        exposure_scale(picture, under[k % len(under)], noise) for k, picture in enumerate(pixels)
+    ]
     return np.array(scale, np.float32)
 
 
 def _task(stack, along, background, region, saturation) -> Task:
     if along not in ("rows", "columns"):
-        raise InputError(f"find_stripes: expected along rows or columns, found {along}; name one of them")
+        raise InputError(
+            f"find_stripes: expected along rows or columns, found {along}; name one of them"
+        )
     stack = _pictures(stack, "stack", 3)
     if background is not None:
         background = _pictures(background, "background", np.ndim(background))
         background = background[None] if background.ndim == 2 else background
         fits = background.shape[1:] == stack.shape[1:] and len(background) in (1, len(stack))
         if not fits or background.dtype != stack.dtype:
-            raise InputError(f"background: expected {stack.dtype} pictures of the stack's shape {stack.shape}, found "
-                             f"{background.dtype} {background.shape}; read it as the stack was read")  # fmt: skip
+            raise InputError(
+                f"background: expected {stack.dtype} pictures of the stack's shape {stack.shape}, found "
+                f"{background.dtype} {background.shape}; read it as the stack was read"
+            )
     if region is not None:
         region = np.asarray(region)
         if region.dtype != bool or region.shape != stack.shape[1:]:
-            raise InputError(f"region: expected a bool mask of shape {stack.shape[1:]}, found {region.dtype} "
-                             f"{region.shape}; draw it on one of the pictures")  # fmt: skip
+            raise InputError(
+                f"region: expected a bool mask of shape {stack.shape[1:]}, found {region.dtype} "
+                f"{region.shape}; draw it on one of the pictures"
+            )
     turned = along == "columns"
-    return Task(stack, background, region, turned, clip_level(stack, saturation, 1 if turned else 2))
+    return Task(
+        stack, background, region, turned, clip_level(stack, saturation, 1 if turned else 2)
+    )
 
 
 def _pictures(stack, called: str, axes: int) -> np.ndarray:
     """uint8, uint16 or float32, finite, large enough; InputError else."""
     stack = np.asarray(stack)
     if stack.ndim != axes or axes not in (2, 3) or min(stack.shape, default=0) == 0:
-        raise InputError(f"{called}: expected pictures (F, H, W), found shape {stack.shape}; convert colour to grey, "
-                         "stack single pictures")  # fmt: skip
+        raise InputError(
+            f"{called}: expected pictures (F, H, W), found shape {stack.shape}; convert colour to grey, "
+            "stack single pictures"
+        )
     if min(stack.shape[-2:]) < NARROWEST_PICTURE:
-        raise InputError(f"{called}: expected pictures of at least {NARROWEST_PICTURE} px, found {stack.shape[-2:]}; "
-                         "check the crop")  # fmt: skip
+        raise InputError(
+            f"{called}: expected pictures of at least {NARROWEST_PICTURE} px, found {stack.shape[-2:]}; "
+            "check the crop"
+        )
     if stack.dtype not in (np.uint8, np.uint16):
         if stack.dtype.kind not in "iuf":
-            raise InputError(f"{called}: expected uint8, uint16 or float pictures, found {stack.dtype}; convert them")
+            raise InputError(
+                f"{called}: expected uint8, uint16 or float pictures, found {stack.dtype}; convert them"
+            )
         stack = stack.astype(np.float32)
         if not np.isfinite(stack).all():
-            raise InputError(f"{called}: expected finite grey values, found nan or infinity; fill them first")
+            raise InputError(
+                f"{called}: expected finite grey values, found nan or infinity; fill them first"
+            )
     return stack

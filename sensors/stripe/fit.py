@@ -5,7 +5,16 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from sensors.stripe.masked import fit_masked
-from sensors.stripe.profile import NARROWEST, PHASES, WIDEST, Bank, Noise, bank, ratio_bin, width_bin
+from sensors.stripe.profile import (
+    NARROWEST,
+    PHASES,
+    WIDEST,
+    Bank,
+    Noise,
+    bank,
+    ratio_bin,
+    width_bin,
+)
 from sensors.stripe.rows import Rows, row_max, without_spikes
 
 _STEPS = 4
@@ -53,7 +62,10 @@ class Fits:
     def empty(cls, row: np.ndarray) -> "Fits":
         """Nothing fitted yet in rows (n,): numbers as they come, but for `strength` and `wide`, which are 0."""
         number = [np.empty(len(row), np.float32) for _ in range(5)]
-        nothing, no = [np.zeros(len(row), np.float32) for _ in range(2)], np.zeros((2, len(row)), bool)
+        nothing, no = (
+            [np.zeros(len(row), np.float32) for _ in range(2)],
+            np.zeros((2, len(row)), bool),
+        )
         return cls(row, np.empty(len(row)), *number[:4], *nothing, number[4], *no)
 
 
@@ -108,7 +120,12 @@ def first_step(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting
         _move(fits, slice(None), column.astype(float), table.width, number)
     hard = fits.cut | fits.saturated
     if hard.any():
-        fits.put(hard, _rough(fits.take(hard), net[hard], raw[hard] >= setting.saturation, start[hard], setting))
+        fits.put(
+            hard,
+            _rough(
+                fits.take(hard), net[hard], raw[hard] >= setting.saturation, start[hard], setting
+            ),
+        )
     quiet = setting.noise.variance(fits.background + 2 * rows.ambient(row, column))
     fits.strength = np.where(hard, fits.peak, fits.strength) / np.sqrt(quiet)
     return fits, hard, _steep(raw, table.half, 8 * setting.noise.read)
@@ -119,7 +136,9 @@ def _steep(raw, half, limit):
     if raw.shape[1] < half + 2:
         return np.empty(0, np.intp)
     beside = np.maximum(raw[:, half - 1], raw[:, half + 1])
-    return np.flatnonzero((raw[:, half] > beside) & (raw[:, half] - beside.astype(np.float32) > limit))
+    return np.flatnonzero(
+        (raw[:, half] > beside) & (raw[:, half] - beside.astype(np.float32) > limit)
+    )
 
 
 def _rough(fits, net, full, start, setting):
@@ -161,7 +180,9 @@ def _tabulated(rows: Rows, fits: Fits, setting: Setting, todo: np.ndarray) -> np
         for key in np.flatnonzero(np.bincount(bins)):
             mine = bins == key
             place, part = (todo, level) if mine.all() else (todo[mine], level[mine])
-            again.append(_step(rows, fits, place, part, bank(int(key) // 8, int(key) % 8), setting, hard))
+            again.append(
+                _step(rows, fits, place, part, bank(int(key) // 8, int(key) % 8), setting, hard)
+            )
         todo = np.concatenate(again)
     return hard
 

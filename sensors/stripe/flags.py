@@ -9,7 +9,14 @@ from sensors.stripe.rows import Brightest, Rows, _cut, floor, row_max, without_s
 from sensors.stripe.surface import NEGLIGIBLE
 
 DOUBLE, EDGE, WEAK, SHAPE, ALONE, UNEVEN = 1, 2, 4, 8, 16, 32
-NAMES = {DOUBLE: "double", EDGE: "edge", WEAK: "weak", SHAPE: "shape", ALONE: "alone", UNEVEN: "uneven"}
+NAMES = {
+    DOUBLE: "double",
+    EDGE: "edge",
+    WEAK: "weak",
+    SHAPE: "shape",
+    ALONE: "alone",
+    UNEVEN: "uneven",
+}
 STRONG = 7.0
 """Matched filter over its sigma below which a peak is weak: below it noise next to the peak pulls it off too often."""
 SECOND = 0.25
@@ -69,7 +76,9 @@ def _suspicious(found: Brightest, fits: Fits, limit, setting):
     pieces, every = found.pieces.take(fits.row, 0), np.arange(len(fits.row)) * found.pieces.shape[1]
     first, last = ((middle + side) // length for side in (-half, half))
     for own in range(int((last - first).max(initial=0)) + 1):
-        pieces.reshape(-1)[every + np.clip(np.minimum(first + own, last), 0, pieces.shape[1] - 1)] = floor(pieces)
+        pieces.reshape(-1)[
+            every + np.clip(np.minimum(first + own, last), 0, pieces.shape[1] - 1)
+        ] = floor(pieces)
     made = row_max(pieces) > limit
     start, size = middle - half - length, 2 * (half + length) + 1
     inner = (start >= 0) & (start + size <= width)
@@ -112,8 +121,10 @@ def follow(fits: Fits, place: np.ndarray, second: Fits, rows: int, height: int) 
     for _ in range(8):
         line = np.full(rows, np.nan)
         line[fits.row] = fits.centre
-        agree = [(same & (np.abs(line[near] - peak[:, None]) < 1 + STEEPEST * np.abs(offset))).sum(1)
-                 for peak in (fits.centre[place], second.centre)]  # fmt: skip
+        agree = [
+            (same & (np.abs(line[near] - peak[:, None]) < 1 + STEEPEST * np.abs(offset))).sum(1)
+            for peak in (fits.centre[place], second.centre)
+        ]
         swap = agree[1] > agree[0]
         if not swap.any():
             break
@@ -152,13 +163,26 @@ def _linked(row, centre, loose, height) -> np.ndarray:
     return linked & (step <= 4) & (row[1:] % height >= step)
 
 
-def flags(fits: Fits, double: np.ndarray, rows: int, height: int, setting: Setting, misfit: float,
-          pull: np.ndarray | float = 0.0, strong: float = STRONG) -> np.ndarray:  # fmt: skip
+def flags(
+    fits: Fits,
+    double: np.ndarray,
+    rows: int,
+    height: int,
+    setting: Setting,
+    misfit: float,
+    pull: np.ndarray | float = 0.0,
+    strong: float = STRONG,
+) -> np.ndarray:
     """(n,) uint8, sums of `NAMES`. `double` (n,) bool; `misfit` as `usual_misfit`, `pull` as `uneven_pull` gives it."""
     around = smooth_log_width(fits, rows, setting.width, 65)
     change = np.abs(np.log(fits.width) - around) / np.hypot(_WIDTH_CHANGE, 4.5 * fits.wide)
     allowed = 1 + 6 * np.sqrt(2 / _freedom(setting)) + 8 * misfit * fits.strength**2
-    odd = (change > 1) | ~_plausible(fits, setting) | (fits.misfit > allowed) | ~np.isfinite(fits.sigma)
+    odd = (
+        (change > 1)
+        | ~_plausible(fits, setting)
+        | (fits.misfit > allowed)
+        | ~np.isfinite(fits.sigma)
+    )
     made = EDGE * fits.cut + WEAK * (fits.strength < strong) + SHAPE * odd
     made = made + DOUBLE * double + ALONE * ~supported(fits, height, made == 0)
     if np.any(pull):
@@ -182,7 +206,9 @@ def noise_scale(fits: Fits, setting: Setting) -> float:
     if setting.noise.gain > 0 or clean.sum() < 100:
         return 1.0
     left = fits.misfit[clean]
-    return float(np.sqrt(left[left < (1 + 4.5 * np.sqrt(2 / _freedom(setting))) * np.median(left)].mean()))
+    return float(
+        np.sqrt(left[left < (1 + 4.5 * np.sqrt(2 / _freedom(setting))) * np.median(left)].mean())
+    )
 
 
 def _freedom(setting: Setting) -> int:

@@ -25,18 +25,26 @@ def _fit(rows, fits, setting):
     start = np.clip(np.rint(fits.centre).astype(np.intp) - half, 0, rows.width - size)
     raw, net = rows.windows(fits.row, start, size)
     x, net = start[:, None] + np.arange(size), net.astype(float)
-    ambient = 2 * rows.ambient(fits.row, np.clip(np.rint(fits.centre), 0, rows.width - 1).astype(np.intp))
+    ambient = 2 * rows.ambient(
+        fits.row, np.clip(np.rint(fits.centre), 0, rows.width - 1).astype(np.intp)
+    )
     ambient = np.broadcast_to(ambient, len(fits.row))
     clipped = raw >= setting.saturation
-    number = np.stack([fits.background, np.maximum(fits.peak, 1e-3), fits.centre, np.log(fits.width)]).astype(float)
+    number = np.stack(
+        [fits.background, np.maximum(fits.peak, 1e-3), fits.centre, np.log(fits.width)]
+    ).astype(float)
     for _ in range(_STEPS):
         mask, basis, variance = _linear(number, x, clipped, raw - net, setting, ambient)
-        inverse, answer = _solved(net, basis, mask / variance, number, clipped.any(1) / _PRIOR, setting.width)
+        inverse, answer = _solved(
+            net, basis, mask / variance, number, clipped.any(1) / _PRIOR, setting.width
+        )
         before, number = number, _moved(number, answer)
         if np.abs(number[2:] - before[2:]).max() < 0.01:
             break
     fits.saturated = clipped.any(1)
-    return _read(fits, number, net, (mask, basis, variance, inverse, answer), rows.width, setting, ambient)
+    return _read(
+        fits, number, net, (mask, basis, variance, inverse, answer), rows.width, setting, ambient
+    )
 
 
 def _linear(number, x, clipped, under, setting, ambient):
@@ -45,7 +53,11 @@ def _linear(number, x, clipped, under, setting, ambient):
     g = np.exp(-u * u / 2)
     variance = setting.noise.variance(b + a * g + ambient[:, None])
     limit = setting.saturation - 2 * np.sqrt(variance) - under
-    mask = ~clipped & ((b + a * g < limit) | ~clipped.any(1)[:, None]) & (np.abs(u) < 3 + 2 / np.exp(log))
+    mask = (
+        ~clipped
+        & ((b + a * g < limit) | ~clipped.any(1)[:, None])
+        & (np.abs(u) < 3 + 2 / np.exp(log))
+    )
     return mask, np.stack([np.ones_like(g), g, g * u, g * u * u], 1), variance
 
 
@@ -53,7 +65,10 @@ def _solved(net, basis, weight, number, trust, width):
     normal = np.einsum("niw,nw,njw->nij", basis, weight, basis)
     right = np.einsum("niw,nw->ni", basis, weight * net)
     nought = 0 * trust
-    prior = np.stack([nought, number[3] - np.log(width), nought, nought + 1], 1) * (trust / number[1])[:, None]
+    prior = (
+        np.stack([nought, number[3] - np.log(width), nought, nought + 1], 1)
+        * (trust / number[1])[:, None]
+    )
     normal += prior[:, :, None] * prior[:, None, :]
     scale = np.sqrt(np.einsum("nii->ni", normal)) + 1e-12
     normal = normal / scale[:, :, None] / scale[:, None, :] + 1e-9 * np.eye(4)
@@ -66,20 +81,34 @@ def _moved(number, answer):
     b, a, across, wide = answer.T
     a = np.clip(a, 0.3 * number[1], 3 * number[1])
     width = np.exp(number[3])
-    return np.stack([b, a, number[2] + width * np.clip(across / a, -0.6, 0.6),
-                     number[3] + np.clip(wide / a, -0.3, 0.3)])  # fmt: skip
+    return np.stack(
+        [
+            b,
+            a,
+            number[2] + width * np.clip(across / a, -0.6, 0.6),
+            number[3] + np.clip(wide / a, -0.3, 0.3),
+        ]
+    )
 
 
 def _read(fits, number, net, last, width, setting, ambient):
     mask, basis, variance, inverse, answer = last
-    fits.background, fits.peak, fits.centre = number[0].astype(np.float32), number[1].astype(np.float32), number[2]
+    fits.background, fits.peak, fits.centre = (
+        number[0].astype(np.float32),
+        number[1].astype(np.float32),
+        number[2],
+    )
     fits.width = np.exp(np.clip(number[3], -3, 5)).astype(np.float32)
     fits.sigma = (fits.width * np.sqrt(inverse[:, 2, 2]) / fits.peak).astype(np.float32)
     fits.wide = (np.sqrt(inverse[:, 3, 3]) / fits.peak).astype(np.float32)
     quiet = setting.noise.variance(number[0] + ambient)
-    fits.strength = (_matched(basis[:, 1], net, basis[:, 1] > 1e-3) / np.sqrt(quiet)).astype(np.float32)
+    fits.strength = (_matched(basis[:, 1], net, basis[:, 1] > 1e-3) / np.sqrt(quiet)).astype(
+        np.float32
+    )
     left = net - np.einsum("niw,ni->nw", basis, answer)
-    fits.misfit = ((mask * left**2 / variance).sum(1) / np.maximum(mask.sum(1) - 4, 1)).astype(np.float32)
+    fits.misfit = ((mask * left**2 / variance).sum(1) / np.maximum(mask.sum(1) - 4, 1)).astype(
+        np.float32
+    )
     fits.cut = (number[2] < 1.5 * fits.width) | (number[2] > width - 1 - 1.5 * fits.width)
     return fits
 

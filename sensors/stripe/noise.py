@@ -23,12 +23,16 @@ def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
         kept = rough[rough < _CLIP * sigma]
         sigma = max(float(np.sqrt((kept**2).mean() / _KEPT)), 1e-6) if len(kept) else sigma
     floor = image.min()
-    if (image == floor).mean() > 0.2:  # clipped at black: only the upper half of the noise is there to be seen
+    if (
+        image == floor
+    ).mean() > 0.2:  # clipped at black: only the upper half of the noise is there to be seen
         sigma = max(sigma, float(np.quantile(image[::2], 0.977) - floor) / 2)
     return sigma
 
 
-def fitted_noise(squares: np.ndarray, level: np.ndarray, freedom: np.ndarray, least: float) -> Noise | None:
+def fitted_noise(
+    squares: np.ndarray, level: np.ndarray, freedom: np.ndarray, least: float
+) -> Noise | None:
     """Read noise and photon gain from squared residuals (n,) of fits, by the level (n,) that the model gives them.
 
     E(squares) = freedom (read^2 + gain level), freedom (n,) = 1 - leverage; weighted by

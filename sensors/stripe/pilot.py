@@ -7,7 +7,14 @@ import numpy as np
 from sensors.stripe.fit import Fits, Setting, fit_rows
 from sensors.stripe.noise import fitted_noise, pixel_noise
 from sensors.stripe.profile import Noise, bank, width_bin
-from sensors.stripe.rows import Brightest, Rows, brightest, lines_enhanced, without_hot, without_spikes
+from sensors.stripe.rows import (
+    Brightest,
+    Rows,
+    brightest,
+    lines_enhanced,
+    without_hot,
+    without_spikes,
+)
 
 SAMPLE = 1024
 """Rows of a stack that are looked at first."""
@@ -25,12 +32,20 @@ class Search:
 
     def brightest(self, image: np.ndarray) -> Brightest:
         """The most likely place of the line in every row of (n, width)."""
-        return brightest(image if self.width is None else lines_enhanced(without_hot(image), self.width))
+        return brightest(
+            image if self.width is None else lines_enhanced(without_hot(image), self.width)
+        )
 
     def fits(self, found: Brightest, rows: Rows, setting: Setting) -> Fits:
         """Fits of the brightest place of every row."""
         column = np.minimum(found.column, rows.width - 1)
-        return fit_rows(rows, np.arange(len(column)), column, setting, found.image if self.width is None else None)
+        return fit_rows(
+            rows,
+            np.arange(len(column)),
+            column,
+            setting,
+            found.image if self.width is None else None,
+        )
 
 
 def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Setting, Search]:
@@ -45,7 +60,10 @@ def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Settin
         if len(fits.row) < 20:
             return setting, search
         before, setting = setting, _learned(rows, fits, setting, _finest(rows.pixels))
-        if abs(np.log(setting.width / before.width)) < 0.5 and setting.noise.gain == before.noise.gain:
+        if (
+            abs(np.log(setting.width / before.width)) < 0.5
+            and setting.noise.gain == before.noise.gain
+        ):
             break
     return setting, search
 
@@ -62,7 +80,9 @@ def _some(rows: Rows):
 
 def _finest(image) -> float:
     """1 sigma of rounding to whole grey values; of pictures in other numbers, of their resolution."""
-    return float(np.sqrt(1 / 12)) if image.dtype.kind == "u" else 1e-6 * float(np.ptp(image)) + 1e-12
+    return (
+        float(np.sqrt(1 / 12)) if image.dtype.kind == "u" else 1e-6 * float(np.ptp(image)) + 1e-12
+    )
 
 
 def _search(image, found: Brightest, noise: float) -> tuple[float, Search]:
@@ -70,7 +90,9 @@ def _search(image, found: Brightest, noise: float) -> tuple[float, Search]:
     rows = np.sort(np.argsort(found.value.astype(float))[-128:])
     part, best = image[rows], None
     calm = without_hot(part).astype(np.float32)
-    seen = without_spikes(part, np.arange(len(part)), np.minimum(found.column[rows], image.shape[1] - 1), noise)
+    seen = without_spikes(
+        part, np.arange(len(part)), np.minimum(found.column[rows], image.shape[1] - 1), noise
+    )
     for width in _SCALES:
         made = lines_enhanced(calm, width)
         rough = pixel_noise_of(made)
@@ -97,8 +119,10 @@ def _learned(rows: Rows, fits: Fits, setting: Setting, least: float) -> Setting:
     odd = 1 + 4.5 * np.sqrt(2 / (2 * bank(int(width_bin(np.log(setting.width))), 0).half - 3))
     clean = clean.take(clean.misfit < odd * np.median(clean.misfit)) if len(clean.row) else clean
     clean = clean.take(slice(None, None, max(1, len(clean.row) // 1000)))
-    pairs = [residuals(rows, clean.take(width_bin(np.log(clean.width)) == k), bank(k, 0))
-             for k in np.unique(width_bin(np.log(clean.width)))]  # fmt: skip
+    pairs = [
+        residuals(rows, clean.take(width_bin(np.log(clean.width)) == k), bank(k, 0))
+        for k in np.unique(width_bin(np.log(clean.width)))
+    ]
     noise = fitted_noise(*np.concatenate(pairs, 1), least) if pairs else None
     return Setting(noise or setting.noise, float(np.median(fits.width)), setting.saturation)
 
@@ -114,4 +138,6 @@ def residuals(rows: Rows, fits: Fits, table) -> np.ndarray:
     model = fits.background[:, None] + fits.peak[:, None] * np.exp(-u * u / 2)
     phase = np.rint((fits.centre - whole + 0.5) * (len(table.leverage) - 1)).astype(np.intp)
     level = model + np.reshape(2 * rows.ambient(fits.row, whole), (-1, 1))
-    return np.stack([((net - model) ** 2).ravel(), level.ravel(), 1 - table.leverage[phase].ravel()])
+    return np.stack(
+        [((net - model) ** 2).ravel(), level.ravel(), 1 - table.leverage[phase].ravel()]
+    )

@@ -42,7 +42,9 @@ class Noise:
         return self.read**2 + self.gain * np.maximum(level, 0)
 
 
-def centre_bound(width, amplitude, noise: Noise, background: float = 0.0, phase: float = 0.0) -> float:
+def centre_bound(
+    width, amplitude, noise: Noise, background: float = 0.0, phase: float = 0.0
+) -> float:
     """Cramer-Rao bound, px (1 sigma), of one row's centre; amplitude, background, centre and width unknown.
 
     Fisher information J' V^-1 J of the four unknowns over the pixels within 6 widths, V the
@@ -138,6 +140,9 @@ def bank(width: int, ratio: int) -> Bank:
     for name, row in (("across", solution[1]), ("wide", solution[2])):
         spread[name], spread[name + "_lit"] = (row**2).sum(-1), (row**2 * g).sum(-1)
     table = (q * root[..., None]).transpose(1, 0, 2).reshape(2 * half + 1, -1)
-    single = [np.ascontiguousarray(a.astype(np.float32)) for a in (table, back.reshape(-1, 16).T, weight.T)]
+    single = [
+        np.ascontiguousarray(a.astype(np.float32))
+        for a in (table, back.reshape(-1, 16).T, weight.T)
+    ]
     spread = {name: values.astype(np.float32) for name, values in spread.items()}
     return Bank(w, RATIOS[ratio], half, *single, spread, (q**2).sum(-1))

@@ -29,7 +29,9 @@ SECOND = 0.25
 def ridge_parts(task, smoothing: float):
     """Parts as the mode "gauss" makes them, the `Noise` of a pixel, and the rows that a centre averages (FWHM)."""
     if not 0.5 <= smoothing <= task.height / 4:
-        raise InputError(f"smoothing: expected 0.5 to {task.height / 4:g} rows, found {smoothing:g}; choose another")
+        raise InputError(
+            f"smoothing: expected 0.5 to {task.height / 4:g} rows, found {smoothing:g}; choose another"
+        )
     setting = _look(task, smoothing)
     parts = []
     for k in range(len(task.stack)):
@@ -46,7 +48,9 @@ def _look(task, smoothing) -> Setting:
     setting, _ = first_look(*task.rows(slice(0, count), step), task.saturation)
     pictures = [_net(task.rows(slice(k, k + 1))[0]) for k in sorted({0, count // 2, count - 1})]
     kernel = gaussian_kernel(smoothing, 0)
-    soft = np.concatenate([_along(picture, kernel)[:: max(1, int(smoothing))] for picture in pictures])
+    soft = np.concatenate(
+        [_along(picture, kernel)[:: max(1, int(smoothing))] for picture in pictures]
+    )
     width = first_look(Rows(soft, len(soft) // len(pictures)), soft, np.inf)[0].width
     return replace(setting, width=width)
 
@@ -74,8 +78,11 @@ class Kernels:
     @classmethod
     def of(cls, width: float, smoothing: float) -> "Kernels":
         orders = range(3)
-        return cls((width, smoothing), [gaussian_kernel(width, k) for k in orders],
-                   [gaussian_kernel(smoothing, k) for k in orders])  # fmt: skip
+        return cls(
+            (width, smoothing),
+            [gaussian_kernel(width, k) for k in orders],
+            [gaussian_kernel(smoothing, k) for k in orders],
+        )
 
     def noise(self, across: int, along: int) -> float:
         """1 sigma of a derivative for pixels of noise 1."""
@@ -86,11 +93,16 @@ def _picture(rows: Rows, setting: Setting, smoothing: float):
     """`Fits` of one picture's ridge, a row each, and how many further ridges each row has (n,)."""
     kernels = Kernels.of(max(setting.width, 0.8), smoothing)
     smooth = [_along(_net(rows), kernel) for kernel in kernels.along]
-    bent = -cv2.sepFilter2D(smooth[0], cv2.CV_32F, kernels.across[2], np.ones(1), borderType=cv2.BORDER_REPLICATE)
+    bent = -cv2.sepFilter2D(
+        smooth[0], cv2.CV_32F, kernels.across[2], np.ones(1), borderType=cv2.BORDER_REPLICATE
+    )
     if rows.region is not None:
         bent[~rows.region] = 0
     column = np.minimum(brightest(bent).column, rows.width - 1)
-    limit, square = setting.noise.read * kernels.noise(2, 0), setting.width**2 + kernels.sigma[0] ** 2
+    limit, square = (
+        setting.noise.read * kernels.noise(2, 0),
+        setting.width**2 + kernels.sigma[0] ** 2,
+    )
     fits = _centres(smooth, np.arange(len(bent)), column, kernels, rows.width, square)
     fits.strength = (bent[fits.row, column] / limit).astype(np.float32)
     last = len(bent) - 1 - int(2.5 * smoothing)
@@ -119,7 +131,10 @@ def _centres(smooth, row, column, kernels: Kernels, width: int, square: float) -
         at = np.clip(column, 0, width - 1)
         inside = np.clip(at[:, None] + np.arange(-half, half + 1), 0, width - 1)
         pieces = [picture[row[:, None], inside] for picture in smooth]
-        d = {(i, j): pieces[j] @ kernels.across[i] for i, j in ((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (0, 2))}
+        d = {
+            (i, j): pieces[j] @ kernels.across[i]
+            for i, j in ((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (0, 2))
+        }
         across = _crossing(d, square)
         column = np.rint(at + across).astype(np.intp)
     fits.centre = at + across
@@ -162,7 +177,9 @@ def _uncertain(fits, kernels: Kernels, setting: Setting, rows: Rows):
     """Noise of the first derivative over the curvature; photons add where the line is bright."""
     x = np.arange(len(kernels.across[0])) - len(kernels.across[0]) // 2
     lit = np.exp(-0.5 * (x / fits.width[:, None]) ** 2)
-    ambient = 2 * rows.ambient(fits.row, np.clip(np.rint(fits.centre), 0, rows.width - 1).astype(np.intp))
+    ambient = 2 * rows.ambient(
+        fits.row, np.clip(np.rint(fits.centre), 0, rows.width - 1).astype(np.intp)
+    )
     variance = setting.noise.variance(fits.background + ambient)[:, None]
     variance = variance + setting.noise.gain * fits.peak[:, None] * lit
     slope = (variance * kernels.across[1] ** 2).sum(1) * (kernels.along[0] ** 2).sum()
@@ -170,7 +187,9 @@ def _uncertain(fits, kernels: Kernels, setting: Setting, rows: Rows):
     fits.sigma = (np.sqrt(slope) * total**1.5 / (fits.peak * fits.width)).astype(np.float32)
     fits.wide = 2 * fits.sigma / fits.width
     fits.misfit = np.ones(len(fits.row), np.float32)
-    around = np.clip(np.rint(fits.centre)[:, None] + np.array([-1, 0, 1]), 0, rows.width - 1).astype(np.intp)
+    around = np.clip(
+        np.rint(fits.centre)[:, None] + np.array([-1, 0, 1]), 0, rows.width - 1
+    ).astype(np.intp)
     fits.saturated = (rows.pixels[fits.row[:, None], around] >= setting.saturation).any(1)
 
 
@@ -178,5 +197,7 @@ def _others(bent, fits, column, kernels, limit):
     """(n,) how many further stretches of rows `bent` (n, width) are ridges."""
     reach = 4 * np.sqrt(fits.width**2 + kernels.sigma[0] ** 2)
     far = np.abs(np.arange(bent.shape[1]) - fits.centre[:, None]) > reach[:, None]
-    high = far & (bent > np.maximum(SECOND * bent[np.arange(len(bent)), column], 6 * limit)[:, None])
+    high = far & (
+        bent > np.maximum(SECOND * bent[np.arange(len(bent)), column], 6 * limit)[:, None]
+    )
     return runs(high, fits.width.max(initial=1))

@@ -27,7 +27,9 @@ class Rows:
     def width(self) -> int:
         return self.pixels.shape[1]
 
-    def windows(self, row: np.ndarray, start: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    def windows(
+        self, row: np.ndarray, start: np.ndarray, size: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (n, size) of rows (n,) from column start (n,), as recorded and, as float32, less what is under."""
         raw = _cut(self.pixels, row * self.width + start, size)
         net = raw.astype(np.float32)
@@ -53,7 +55,9 @@ class Rows:
         made = np.empty_like(self.pixels)
         for k in range(len(self.pixels) // self.height):
             place = slice(k * self.height, (k + 1) * self.height)
-            self._subtract(place, float(self.scale[k]) if self.under is not None else 0.0, made[place])
+            self._subtract(
+                place, float(self.scale[k]) if self.under is not None else 0.0, made[place]
+            )
             if self.region is not None:
                 made[place] = np.where(self.region, made[place], floor(made[place]))
         return made
@@ -120,7 +124,11 @@ def floor(table: np.ndarray):
 
 def row_max(table: np.ndarray) -> np.ndarray:
     """(n,) largest of each row of (n, w)."""
-    return cv2.reduce(table, 1, cv2.REDUCE_MAX)[:, 0] if table.size else np.zeros(len(table), table.dtype)
+    return (
+        cv2.reduce(table, 1, cv2.REDUCE_MAX)[:, 0]
+        if table.size
+        else np.zeros(len(table), table.dtype)
+    )
 
 
 def spikes(image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float) -> np.ndarray:
@@ -139,7 +147,9 @@ def spikes(image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float)
     return made
 
 
-def without_spikes(image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float) -> np.ndarray:
+def without_spikes(
+    image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float
+) -> np.ndarray:
     """(n,) columns, those on a hot pixel replaced by the next largest pixel of their row that is none."""
     column, again = column.copy(), np.flatnonzero(spikes(image, row, column, noise))
     rest = image[row[again]]

@@ -26,12 +26,16 @@ def uneven_pull(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
     pull = np.zeros((2, len(fits.row)))  # px, and its variance
     if rows.under is None or not len(fits.row):
         return pull[0]
-    rows = replace(rows, scale=np.ones_like(rows.scale))  # its pattern counts, not its brightness under the laser
+    rows = replace(
+        rows, scale=np.ones_like(rows.scale)
+    )  # its pattern counts, not its brightness under the laser
     bins = width_bin(np.log(np.maximum(fits.width, 0.1)))
     for key in np.unique(bins):
         table, place = bank(int(key), 0), np.flatnonzero(bins == key)
         if 2 * table.half + 1 <= rows.width:
-            pull[:, place] = _pull(rows, fits.row[place], fits.centre[place], table, noise / np.sqrt(2))
+            pull[:, place] = _pull(
+                rows, fits.row[place], fits.centre[place], table, noise / np.sqrt(2)
+            )
     pull, variance = cv2.blur(pull, (_OVER, 1))
     sure = np.where(pull**2 > 9 * variance / _OVER, np.abs(pull), 0)
     return cv2.dilate(sure, np.ones((_OVER, 1)))[:, 0]
@@ -43,7 +47,9 @@ def _pull(rows, row, centre, table, noise):
     u = (start[:, None] + np.arange(size) - centre[:, None]) / table.width
     g = np.exp(-u * u / 2)
     lit = g * rows.ambient_windows(row, start, size)
-    phase = np.clip(np.rint((centre - start - table.half + 0.5) * PHASES), 0, PHASES).astype(np.intp)
+    phase = np.clip(np.rint((centre - start - table.half + 0.5) * PHASES), 0, PHASES).astype(
+        np.intp
+    )
     at = np.arange(len(row)) * (PHASES + 1) + phase
     q = (lit.astype(np.float32) @ table.q).reshape(-1, 4).take(at, 0)
     number = np.einsum("nij,nj->ni", table.back.T[phase].reshape(-1, 4, 4), q)

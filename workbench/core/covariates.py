@@ -5,10 +5,14 @@ import numpy as np
 
 def clock(state) -> np.ndarray:
     """(n,) time in s where it was recorded, else the row number."""
-    return state.covariates.get("time_s", state.covariates.get("row", np.arange(state.n, dtype=float)))
+    return state.covariates.get(
+        "time_s", state.covariates.get("row", np.arange(state.n, dtype=float))
+    )
 
 
-def last_moves(variables: np.ndarray, time: np.ndarray, still: np.ndarray, pose: np.ndarray) -> np.ndarray:
+def last_moves(
+    variables: np.ndarray, time: np.ndarray, still: np.ndarray, pose: np.ndarray
+) -> np.ndarray:
     """(J, n) how far each joint came from the configuration before, in the order of `time` (n,).
 
     Rows one after another with the same `pose` (n,), or that differ by no more than `still` (J,), were measured at one
@@ -17,7 +21,9 @@ def last_moves(variables: np.ndarray, time: np.ndarray, still: np.ndarray, pose:
     order = np.argsort(time, kind="stable")
     q = variables[:, order]
     step = np.diff(q, axis=1, prepend=q[:, :1])
-    came = (np.abs(step) > still[:, None]).any(0) & (np.diff(pose[order], prepend=pose[order[:1]]) != 0)
+    came = (np.abs(step) > still[:, None]).any(0) & (
+        np.diff(pose[order], prepend=pose[order[:1]]) != 0
+    )
     arrived = np.maximum.accumulate(np.where(came, np.arange(len(order)), 0))
     moves = np.empty_like(q)
     moves[:, order] = step[:, arrived]

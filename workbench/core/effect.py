@@ -29,10 +29,14 @@ class Effect:
     places: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
     surface: tuple[str, ...] = ()
-    components: tuple[int, ...] = ()  # which components of its port at its place; () for all of them
+    components: tuple[
+        int, ...
+    ] = ()  # which components of its port at its place; () for all of them
     turning = False  # True: speaks of a turn of its joint, which a slide does not make
     by_moves = False  # True: reads the joints' last moves, which the order of the samples tells
-    elastic = False  # True: reads the state's torques or moments, so gravity and masses act through it
+    elastic = (
+        False  # True: reads the state's torques or moments, so gravity and masses act through it
+    )
     equation = ""
     source = ""
 
@@ -93,17 +97,23 @@ class Effect:
         """Half-steps of the numeric derivative, in the units of the parameters."""
         return 1e-6
 
-    def parameter(self, name: str, unit: str, typical: float, label: str, prior: float | None = None) -> Parameter:
+    def parameter(
+        self, name: str, unit: str, typical: float, label: str, prior: float | None = None
+    ) -> Parameter:
         """A parameter of this effect, null 0, its key made from place, effect and `name`.
 
         prior: 1 sigma of what is known before measuring; three typical sizes where not given.
         """
-        return Parameter(f"{self.where}.{self.effect}.{name}", unit, 0.0, typical, label, prior or 3 * typical)
+        return Parameter(
+            f"{self.where}.{self.effect}.{name}", unit, 0.0, typical, label, prior or 3 * typical
+        )
 
     @property
     def options(self) -> dict:
         """What its constructor was given beside its place, so that a file can say it; each is kept by its own name."""
-        return {name: getattr(self, name) for name in list(inspect.signature(type(self)).parameters)[1:]}
+        return {
+            name: getattr(self, name) for name in list(inspect.signature(type(self)).parameters)[1:]
+        }
 
     @property
     def title(self) -> str:
@@ -116,7 +126,9 @@ def numeric_derivative(function, p: np.ndarray, step) -> np.ndarray:
     return np.stack([(function(p + h) - function(p - h)) / (2 * h.sum()) for h in steps])
 
 
-def make_effects(catalogue: Mapping[str, type[Effect]], rows: Iterable[tuple[str, str, dict]]) -> tuple[Effect, ...]:
+def make_effects(
+    catalogue: Mapping[str, type[Effect]], rows: Iterable[tuple[str, str, dict]]
+) -> tuple[Effect, ...]:
     """Effects from (effect, where, options) rows, looked up in a package's catalogue.
 
     Raises InputError for a name that is not in the catalogue, a place where that effect cannot
@@ -140,18 +152,26 @@ def _sits(kind, where) -> bool:
 
 def _make(catalogue, name, where, options) -> Effect:
     if not isinstance(name, str) or name not in catalogue:
-        raise InputError(f"no effect is called '{name}': known are {', '.join(sorted(catalogue))}; choose one of them")
+        raise InputError(
+            f"no effect is called '{name}': known are {', '.join(sorted(catalogue))}; choose one of them"
+        )
     kind = catalogue[name]
     if not _sits(kind, where):
         places = ", ".join(f"{place}-K" if place in NUMBERED else place for place in kind.places)
-        raise InputError(f"effect '{name}' cannot sit at '{where}': expected {places}; correct the place")
+        raise InputError(
+            f"effect '{name}' cannot sit at '{where}': expected {places}; correct the place"
+        )
     return kind(where, **_checked(kind, name, options))
 
 
 def _checked(kind, name, options) -> dict:
     """The options, each of the type that the effect's constructor says, none missing or unknown."""
     known = dict(list(inspect.signature(kind).parameters.items())[1:])
-    missing = [key for key, option in known.items() if option.default is option.empty and key not in options]
+    missing = [
+        key
+        for key, option in known.items()
+        if option.default is option.empty and key not in options
+    ]
     if missing:
         raise InputError(f"effect '{name}': option {missing[0]} is expected, found none; add it")
     for key, value in options.items():
@@ -161,8 +181,12 @@ def _checked(kind, name, options) -> dict:
                 f"effect '{name}' does not take these options: expected {expected}, found {key}; remove it"
             )
         try:
-            TypeAdapter(known[key].annotation, config={"allow_inf_nan": False}).validate_python(value, strict=True)
+            TypeAdapter(known[key].annotation, config={"allow_inf_nan": False}).validate_python(
+                value, strict=True
+            )
         except ValidationError as problem:
             what = problem.errors()[0]["msg"].removeprefix("Input should be ")
-            raise InputError(f"effect '{name}', option {key}: expected {what}, found {value!r}; correct it") from None
+            raise InputError(
+                f"effect '{name}', option {key}: expected {what}, found {value!r}; correct it"
+            ) from None
     return options

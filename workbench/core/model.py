@@ -27,7 +27,9 @@ class Evaluation(Protocol):
 
     residual: np.ndarray  # (m, n) predicted minus measured
 
-    def own_rows(self, indices: np.ndarray) -> np.ndarray: ...  # (k, m, n) for the chain's parameters
+    def own_rows(
+        self, indices: np.ndarray
+    ) -> np.ndarray: ...  # (k, m, n) for the chain's parameters
     def rows(self, port: str, slots: np.ndarray) -> np.ndarray: ...  # (k, m, n) for slots of a port
 
 
@@ -41,7 +43,9 @@ class Chain(Protocol):
     def evaluate(self, values: np.ndarray, deltas: Deltas) -> Evaluation: ...
     def at(self, samples: np.ndarray) -> "Chain": ...
     def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]: ...
-    def numbers(self, place: str) -> tuple[int, ...]: ...  # what K may be in `joint-K`, `ball-K`, ...
+    def numbers(
+        self, place: str
+    ) -> tuple[int, ...]: ...  # what K may be in `joint-K`, `ball-K`, ...
     def slides(self, joint: int) -> bool: ...  # whether joint K is prismatic
 
 
@@ -80,7 +84,9 @@ class Model:
     def with_chain(self, chain: Chain) -> "Model":
         """The same effects on `chain`: the same samples with the same state, other values of what they own."""
         made = replace(self, chain=chain)
-        made.__dict__.update({name: getattr(self, name) for name in ("parameters", "spans", "_slots_by_port")})
+        made.__dict__.update(
+            {name: getattr(self, name) for name in ("parameters", "spans", "_slots_by_port")}
+        )
         return made
 
     def residual(self, parameters: Parameters) -> np.ndarray:
@@ -96,7 +102,9 @@ class Model:
         """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
         evaluation = self.evaluate(parameters)
         rows = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
-        return self._joined(evaluation.residual), self._joined(self.fill_rows(evaluation, parameters, rows))
+        return self._joined(evaluation.residual), self._joined(
+            self.fill_rows(evaluation, parameters, rows)
+        )
 
     def _joined(self, columns: np.ndarray) -> np.ndarray:
         """(..., n) sums of (..., looks n): where a chain looks several times for one sample, its looks add up."""
@@ -105,7 +113,9 @@ class Model:
             return columns
         return columns.reshape(*columns.shape[:-1], looks, columns.shape[-1] // looks).sum(-2)
 
-    def fill_rows(self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray) -> np.ndarray:
+    def fill_rows(
+        self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray
+    ) -> np.ndarray:
         """Into `rows` (F, m, n) the derivative of the residual of `evaluation`, made at `parameters`."""
         own, values = len(self.chain.parameters), parameters.values
         filled = parameters.mask[:own].sum()
@@ -125,7 +135,9 @@ class Model:
         every: dict[str, set] = {}
         for effect in self.effects:
             if effect.port not in (NOISE, *STATE_PORTS):
-                every.setdefault(effect.port, set()).update(np.asarray(effect.slots(self.chain)).tolist())
+                every.setdefault(effect.port, set()).update(
+                    np.asarray(effect.slots(self.chain)).tolist()
+                )
         return {port: np.array(sorted(slots)) for port, slots in every.items()}
 
     def jacobian(self, parameters: Parameters) -> np.ndarray:
@@ -140,7 +152,11 @@ class Model:
         elif effect.port in STATE_PORTS:
             out[:] = self._load_rows(effect, span, values, evaluation)[free]
         else:
-            _contract(self._derivative(effect, span, values)[free], self._port_rows(effect, evaluation), out)
+            _contract(
+                self._derivative(effect, span, values)[free],
+                self._port_rows(effect, evaluation),
+                out,
+            )
 
     def _port_rows(self, effect, evaluation):
         return evaluation.rows(effect.port, np.asarray(effect.slots(self.chain)))
@@ -174,20 +190,31 @@ class Model:
     def _loads(self, values):
         """The effects on gravity and masses that are not at their null, with their spans."""
         pairs = zip(self.effects, self.spans)
-        return [(e, s) for e, s in pairs if e.port in STATE_PORTS and (values[s] != self.parameters.nulls[s]).any()]
+        return [
+            (e, s)
+            for e, s in pairs
+            if e.port in STATE_PORTS and (values[s] != self.parameters.nulls[s]).any()
+        ]
 
     def _state(self, values):
         """The state under what the effects on gravity and masses make of it."""
         state = self.chain.state
-        changes = [(e.port, e.slots(self.chain), e.delta(values[s], state)) for e, s in self._loads(values)]
+        changes = [
+            (e.port, e.slots(self.chain), e.delta(values[s], state)) for e, s in self._loads(values)
+        ]
         return state.altered(changes) if changes else state
 
     def _deltas(self, values) -> Deltas:
         """Changes of every port's slots; effects on the same slot add up."""
         parts: dict[str, list] = {}
         for effect, span in zip(self.effects, self.spans):
-            if effect.port not in STATE_PORTS and (values[span] != self.parameters.nulls[span]).any():
-                parts.setdefault(effect.port, []).append((effect.slots(self.chain), self._delta(effect, span, values)))
+            if (
+                effect.port not in STATE_PORTS
+                and (values[span] != self.parameters.nulls[span]).any()
+            ):
+                parts.setdefault(effect.port, []).append(
+                    (effect.slots(self.chain), self._delta(effect, span, values))
+                )
         return {port: _add_up(pieces) for port, pieces in parts.items()}
 
     def _delta(self, effect, span, values):
@@ -220,13 +247,19 @@ class Model:
     def _changes_of_basis(self, effect, cause):
         state, slots = self.chain.state, cause.slots(self.chain)
         steps = np.diag([p.typical for p in cause.parameters(self.chain)])
-        moved = [effect.basis(state.altered([(cause.port, slots, cause.delta(h, state))])) for h in steps]
+        moved = [
+            effect.basis(state.altered([(cause.port, slots, cause.delta(h, state))])) for h in steps
+        ]
         return np.stack([(b - effect.basis(state)) / h.sum() for b, h in zip(moved, steps)])
 
     def _kept(self, effect, cause, make):
         key = (id(effect), id(cause))
         if key not in self._bases:
-            self._bases[key] = make(), effect, cause  # kept with it, so that no other object gets its id
+            self._bases[key] = (
+                make(),
+                effect,
+                cause,
+            )  # kept with it, so that no other object gets its id
         return self._bases[key][0]
 
 
@@ -234,7 +267,12 @@ class _Once:
     """An evaluation that makes the rows of a port once, for all the effects on it together."""
 
     def __init__(self, evaluation, slots_by_port):
-        self.residual, self._evaluation, self._slots, self._rows = evaluation.residual, evaluation, slots_by_port, {}
+        self.residual, self._evaluation, self._slots, self._rows = (
+            evaluation.residual,
+            evaluation,
+            slots_by_port,
+            {},
+        )
 
     def rows(self, port, slots):
         if port not in self._rows:

@@ -30,7 +30,9 @@ def information(model: Model, parameters: Parameters, weights: np.ndarray) -> np
     return 2 * len(model.chain.sigma) * (basis * weights) @ basis.T
 
 
-def fit_noise(model: Model, parameters: Parameters, residual: np.ndarray, weights: np.ndarray) -> Parameters:
+def fit_noise(
+    model: Model, parameters: Parameters, residual: np.ndarray, weights: np.ndarray
+) -> Parameters:
     """The free noise parameters that make residuals (m, n) over their sigma equally spread."""
     mask = noise_mask(model, parameters)
     basis = _basis(model, parameters, weights)

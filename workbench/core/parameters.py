@@ -45,7 +45,9 @@ class Parameters:
         keys = [parameter.key for parameter in table]
         if len(set(keys)) != len(keys):
             twice = sorted({key for key in keys if keys.count(key) > 1})
-            raise InputError(f"two parameters are called {twice[0]}: list an effect at one place once")
+            raise InputError(
+                f"two parameters are called {twice[0]}: list an effect at one place once"
+            )
         values = np.array([parameter.null for parameter in table], dtype=float)
         return cls(table, values, np.zeros(len(table), bool))
 
@@ -85,7 +87,9 @@ class Parameters:
         for pattern in patterns:
             hits = np.array([fnmatchcase(key, pattern) for key in self.keys], bool)
             if not hits.any():
-                raise InputError(f"no parameter matches '{pattern}': the model has {_some(self.keys)}")
+                raise InputError(
+                    f"no parameter matches '{pattern}': the model has {_some(self.keys)}"
+                )
             chosen |= hits
         return chosen
 
@@ -149,10 +153,14 @@ class Parameters:
         values, mask = self.values.copy(), self.mask.copy()
         for key, row in read.items():
             if key not in self.index:
-                raise InputError(f"parameter '{key}' is not in this model, which has {_some(self.keys)}")
+                raise InputError(
+                    f"parameter '{key}' is not in this model, which has {_some(self.keys)}"
+                )
             k = self.index[key]
             if row["unit"] != self.table[k].unit:
-                raise InputError(f"parameter '{key}' is in {self.table[k].unit}, not in {row['unit']}")
+                raise InputError(
+                    f"parameter '{key}' is in {self.table[k].unit}, not in {row['unit']}"
+                )
             values[k], mask[k] = row["value"], row["free"]
         return replace(self, values=values, mask=mask)
 
@@ -162,13 +170,23 @@ def _parameter_rows(text: str) -> dict:
     try:
         rows = tomllib.loads(text).get("parameters")
     except tomllib.TOMLDecodeError as problem:
-        raise InputError(f"the parameters file is not TOML ({problem}); write one table line a parameter") from None
+        raise InputError(
+            f"the parameters file is not TOML ({problem}); write one table line a parameter"
+        ) from None
     if not isinstance(rows, dict):
-        raise InputError("the parameters file has no table [parameters]; write one line a parameter under it")
+        raise InputError(
+            "the parameters file has no table [parameters]; write one line a parameter under it"
+        )
     for key, row in rows.items():
-        kinds = [type(row.get(name)) for name in ("value", "unit", "free")] if isinstance(row, dict) else []
+        kinds = (
+            [type(row.get(name)) for name in ("value", "unit", "free")]
+            if isinstance(row, dict)
+            else []
+        )
         if kinds not in ([float, str, bool], [int, str, bool]):
-            raise InputError(f"parameter '{key}': expected value, unit and free, found {row!r}; correct it")
+            raise InputError(
+                f"parameter '{key}': expected value, unit and free, found {row!r}; correct it"
+            )
     return rows
 
 

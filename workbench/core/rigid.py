@@ -20,7 +20,9 @@ def skew(vector: np.ndarray) -> np.ndarray:
     """(..., 3, 3) matrix of `vector x`."""
     x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)
     zero = np.zeros_like(x)
-    return np.stack([np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2)
+    return np.stack(
+        [np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2
+    )
 
 
 def left_jacobian(vector: np.ndarray) -> np.ndarray:

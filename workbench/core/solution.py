@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.least_squares.identifiability import Identifiability, identifiability
-from workbench.core.parameters import Parameters
 from workbench.core.least_squares.solver import Fit
+from workbench.core.parameters import Parameters
 
 _STATED = 20.0
 

@@ -1,8 +1,27 @@
 """What physics a fitted baseline leaves out: located, named, modelled and proved."""
 
-from workbench.diagnosis.problem import Bench, Candidate, Finding, Found, Located, Problem, Scan, Site
+from workbench.diagnosis.problem import (
+    Bench,
+    Candidate,
+    Finding,
+    Found,
+    Located,
+    Problem,
+    Scan,
+    Site,
+)
 
-__all__ = ["Bench", "Candidate", "Finding", "Found", "Located", "Problem", "Scan", "Site", "diagnose"]
+__all__ = [
+    "Bench",
+    "Candidate",
+    "Finding",
+    "Found",
+    "Located",
+    "Problem",
+    "Scan",
+    "Site",
+    "diagnose",
+]
 
 
 def __getattr__(name: str):

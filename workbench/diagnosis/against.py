@@ -14,13 +14,13 @@ import numpy as np
 from robot_model.measurements import samples_of
 from robot_model.system import bind, geometry_free
 from workbench.core.errors import InputError
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.core.least_squares.solver import solve
+from workbench.files.solution_file import read_solution
 from workbench.fitting.cross_validation import in_space
 from workbench.fitting.plans import frames_of
 from workbench.jobs.simulate import truth_of
-from workbench.files.solution_file import read_solution
 
 _LENGTH_MM, _TURN_RAD = 1.0, 0.01
 
@@ -115,7 +115,9 @@ def shares(
     """
     total = _square(model, parameters)
     placed = solve(model, _free(parameters, frames_of(parameters)))
-    every = _free(placed.parameters, (*frames_of(parameters), *geometry_free(model.chain.robot)), model)
+    every = _free(
+        placed.parameters, (*frames_of(parameters), *geometry_free(model.chain.robot)), model
+    )
     fitted = solve(model, every)
     residual = in_space(fitted.residual)
     left = float((residual**2).sum(0).mean())
@@ -125,9 +127,14 @@ def shares(
     noise = min(noise - swallowed, left) + swallowed
     placing = max(total - float((in_space(placed.residual) ** 2).sum(0).mean()), 0.0)
     return Shares(
-        name, total, total - left - swallowed, placing, noise, left + swallowed - noise,
+        name,
+        total,
+        total - left - swallowed,
+        placing,
+        noise,
+        left + swallowed - noise,
         _moved(parameters, fitted.parameters),
-    )  # fmt: skip
+    )
 
 
 def _square(model, parameters) -> float:
@@ -149,7 +156,11 @@ def _moved(before: Parameters, after: Parameters) -> tuple[dict, ...]:
     change = np.where(frames | ~after.mask, 0.0, (after.values - before.values) / after.typical)
     order = [int(k) for k in np.argsort(-np.abs(change), kind="stable")[:8] if change[k]]
     return tuple(
-        {"name": after.keys[k], "before": float(before.values[k]), "after": float(after.values[k]),
-         "unit": after.table[k].unit}
+        {
+            "name": after.keys[k],
+            "before": float(before.values[k]),
+            "after": float(after.values[k]),
+            "unit": after.table[k].unit,
+        }
         for k in order
-    )  # fmt: skip
+    )

@@ -13,7 +13,15 @@ from workbench.diagnosis import against, proof, replicates, stated_noise, words
 from workbench.diagnosis.experiment import missing_of, next_experiment
 from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.problem import Bench, Finding, Found
-from workbench.diagnosis.result import UNEXPLAINED, Diagnosis, Term, Views, much_left, verdict_of, with_statements
+from workbench.diagnosis.result import (
+    UNEXPLAINED,
+    Diagnosis,
+    Term,
+    Views,
+    much_left,
+    verdict_of,
+    with_statements,
+)
 from workbench.diagnosis.robot import RobotBench, bench_of
 from workbench.diagnosis.scatter import CLAIMED, scattered, unrecorded
 from workbench.diagnosis.select import LEVEL, find
@@ -21,8 +29,10 @@ from workbench.diagnosis.visible import smallest
 from workbench.files.provenance import provenance
 
 PICTURES = ("board-images", "scan-images")
-NO_MASSES = ("The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "
-             "for: write mass_kg and com_mm of every joint.")  # fmt: skip
+NO_MASSES = (
+    "The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "
+    "for: write mass_kg and com_mm of every joint."
+)
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 _UNEVEN = "noise-heteroscedastic"
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
@@ -70,14 +80,18 @@ def _of_sensor(recording, reference, progress) -> Diagnosis:
             f"recording '{recording.name}': --simulation and --solution expect a recording of an arm, found pictures; "
             "leave the option out."
         )
-    return _whole(recording, sensor.bench_of(recording, progress), "camera, mirror and poses", None, progress)
+    return _whole(
+        recording, sensor.bench_of(recording, progress), "camera, mirror and poses", None, progress
+    )
 
 
 def _against(bench: RobotBench, reference: against.Reference, recording):
     """The bench whose baseline holds the reference's effects, and the three shares of the difference."""
     model, values = against.bound(reference, recording)
     effects = (*(e for e in bench.baseline if not _held(e, reference.effects)), *reference.effects)
-    chain = replace(model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates))
+    chain = replace(
+        model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates)
+    )
     wider = RobotBench(chain, bench.pose, effects, bench.recording, bench.warnings)
     pose, index = bench.pose, chain.state.index
 
@@ -102,7 +116,9 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     last = _Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, terms, refused, last.after))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
-    if (verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))) == UNEXPLAINED:
+    if (
+        verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))
+    ) == UNEXPLAINED:
         terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
     visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
@@ -110,14 +126,36 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
     made = Diagnosis(
-        recording.name, recording.title or recording.name, recording.measures, found.before.n, baseline, unit,
-        verdict, terms, refused, found.located, found.rest,
-        replace(proved, lack=last.lack()), visible, experiment, found, last.views(),
-        shares, last.outliers(), missing_of(terms), _warnings(bench, recording), dict(provenance(recording)),
+        recording.name,
+        recording.title or recording.name,
+        recording.measures,
+        found.before.n,
+        baseline,
+        unit,
+        verdict,
+        terms,
+        refused,
+        found.located,
+        found.rest,
+        replace(proved, lack=last.lack()),
+        visible,
+        experiment,
+        found,
+        last.views(),
+        shares,
+        last.outliers(),
+        missing_of(terms),
+        _warnings(bench, recording),
+        dict(provenance(recording)),
         fixed_points(recording, bench, terms),
-    )  # fmt: skip
-    return with_statements(made, [words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
-                       for term in (*terms, *refused)])  # fmt: skip
+    )
+    return with_statements(
+        made,
+        [
+            words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
+            for term in (*terms, *refused)
+        ],
+    )
 
 
 def _with_stated_noise(last: "_Final", proved, terms, refused):
@@ -130,12 +168,16 @@ def _with_stated_noise(last: "_Final", proved, terms, refused):
     if compared is None:
         return proved, terms
     unnamed = any(term.finding.effect == "unknown" for term in terms)
-    not_modelled = bool(refused) and last.found.p_first <= LEVEL and not any(t.finding.effects for t in terms)
+    not_modelled = (
+        bool(refused) and last.found.p_first <= LEVEL and not any(t.finding.effects for t in terms)
+    )
     structure_left = last.found.p_rest <= LEVEL or unnamed or not_modelled
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
         noise = float(np.sqrt(len(compared.white)) * _sigma(last.bench.recording) * wrong.factor)
-        proved = replace(proved, noise=noise, noise_from=f"{wrong.source}; the stated noise is wrong")
+        proved = replace(
+            proved, noise=noise, noise_from=f"{wrong.source}; the stated noise is wrong"
+        )
         term = Term(stated_noise.finding_of(wrong), stated_noise.parameters_of(wrong))
         return proved, (*terms, term)
     p = compared.lack_of_fit()
@@ -160,7 +202,9 @@ def _proved(bench, found: Found, noise, say, jobs):
     effects = [e for term in kept for e in term.finding.effects]
     rows = bench.parameters(effects)
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in kept)
-    gone = tuple(_with_numbers(bench, term, (*effects, *term.finding.effects), None) for term in refused)
+    gone = tuple(
+        _with_numbers(bench, term, (*effects, *term.finding.effects), None) for term in refused
+    )
     return stay, gone, proved
 
 
@@ -168,7 +212,9 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
     """The term with its parameters and the RMS displacement that it makes."""
     rows = bench.parameters(list(effects)) if rows is None else rows
     own = {(e.effect, e.where) for e in term.finding.effects}
-    mine = tuple(row for row in rows if (row["effect"], row["where"]) in own and _of(row, term, bench))
+    mine = tuple(
+        row for row in rows if (row["effect"], row["where"]) in own and _of(row, term, bench)
+    )
     return replace(term, parameters=mine, size=_size(bench, effects, term))
 
 
@@ -197,7 +243,9 @@ def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     still = moves.site.where if moves else None
     told = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
     if not terms and found.p_first <= LEVEL and {f.effect for f in told} <= {_UNEVEN, "outliers"}:
-        told = [f for f in told if f.effect != _UNEVEN]  # a mean that nothing explains makes a spread uneven, too
+        told = [
+            f for f in told if f.effect != _UNEVEN
+        ]  # a mean that nothing explains makes a spread uneven, too
     return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in told)
 
 
@@ -221,14 +269,27 @@ def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     """
     if any(term.finding.effect == "unknown" for term in terms):
         return ()
-    places = [one for one in (found.rest if terms else found.located)
-              if one.depends_on and one.p_value < _PLACED and one.share > 0]  # fmt: skip
+    places = [
+        one
+        for one in (found.rest if terms else found.located)
+        if one.depends_on and one.p_value < _PLACED and one.share > 0
+    ]
     if not places:
         return (Term(_of_refused(found, refused, bool(terms)), rest=bool(terms)),)
     at = places[0]
     label = "a smooth function of " + " and ".join(at.depends_on)
-    unknown = Finding("unknown", at.where, label, (), at.p_value, 0.0, at.size, 0.0, at.depends_on,
-                      unrecorded(problem, at))  # fmt: skip
+    unknown = Finding(
+        "unknown",
+        at.where,
+        label,
+        (),
+        at.p_value,
+        0.0,
+        at.size,
+        0.0,
+        at.depends_on,
+        unrecorded(problem, at),
+    )
     return (Term(unknown, share=at.share, rest=bool(terms)),)
 
 
@@ -275,7 +336,11 @@ class _Final:
 
     def stated_noise(self) -> stated_noise.StatedNoise | None:
         """Residuals of the final model over the stated sigma; None where none is stated."""
-        if self.unit != "mm" or self.bench.chain.sigma_unknown or _sigma(self.bench.recording) is None:
+        if (
+            self.unit != "mm"
+            or self.bench.chain.sigma_unknown
+            or _sigma(self.bench.recording) is None
+        ):
             return None
         left = residuals_of(self.after)
         rows = slice(0, min(3, len(left)))  # of poses the position: what `sigma_mm` states
@@ -283,7 +348,9 @@ class _Final:
         if not np.isfinite(white).all():
             return None
         degrees = self.after.degrees * white.size / left.size
-        return stated_noise.StatedNoise(white, degrees, ~self.found.outliers, self.bench.pose, self._index())
+        return stated_noise.StatedNoise(
+            white, degrees, ~self.found.outliers, self.bench.pose, self._index()
+        )
 
     def _index(self):
         return self.bench.chain.state.index[: self.before.n]
@@ -292,8 +359,12 @@ class _Final:
         """Lack of fit of baseline and final model against replicates; None without these."""
         if self.unit != "mm":
             return None
-        rows = {name: replicates.lack_of_fit(self.bench.pose, self._index(), residuals_of(p)[:3], _rank(p))
-                for name, p in (("before", self.before), ("after", self.after))}  # fmt: skip
+        rows = {
+            name: replicates.lack_of_fit(
+                self.bench.pose, self._index(), residuals_of(p)[:3], _rank(p)
+            )
+            for name, p in (("before", self.before), ("after", self.after))
+        }
         return rows if all(rows.values()) else None
 
     def outliers(self) -> tuple[int, ...]:
@@ -308,14 +379,28 @@ class _Final:
         chain = self.bench.chain
         model, fit, _ = self.bench.solve(self.before.effects)
         own = fit.parameters.values[: len(chain.parameters)]
-        points = model.chain.to_root(own, model.chain.evaluate(own, {}), np.zeros((3, self.before.n)))[0]
+        points = model.chain.to_root(
+            own, model.chain.evaluate(own, {}), np.zeros((3, self.before.n))
+        )[0]
         named = [f"joint-{k}" for k in range(1, chain.robot.joints + 1)]
-        places = ("base", *(w for k, joint in enumerate(named, 1) for w in (joint, f"link-{k}")), "tool",
-                  *(("sensor", "artefact") if chain.measurement.place == "sensor" else ()))  # fmt: skip
+        places = (
+            "base",
+            *(w for k, joint in enumerate(named, 1) for w in (joint, f"link-{k}")),
+            "tool",
+            *(("sensor", "artefact") if chain.measurement.place == "sensor" else ()),
+        )
         before, after = residuals_of(self.before), residuals_of(self.after)
         rotation = (before[3:], after[3:]) if self.before.rotation is not None else None
-        return Views(before[:3], after[:3], points, _plain(self.before), places, self.bench.recording.sample_ids,
-                     self._links(), rotation=rotation)  # fmt: skip
+        return Views(
+            before[:3],
+            after[:3],
+            points,
+            _plain(self.before),
+            places,
+            self.bench.recording.sample_ids,
+            self._links(),
+            rotation=rotation,
+        )
 
     def _links(self):
         """(3, J+2) mm: the arm at the pose nearest to the middle of all, root frame."""
@@ -323,13 +408,25 @@ class _Final:
         middle = np.median(state.variables, axis=1, keepdims=True)
         at = int(np.argmin(((state.variables - middle) ** 2).sum(0)))
         frames = state.frames
-        return np.vstack([frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]).T
+        return np.vstack(
+            [frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]
+        ).T
 
     def _sensor_views(self) -> Views:
         before, after = (residuals_of(p) for p in (self.before, self.after))
-        points = np.stack([self.before.covariates.get(c, np.zeros(self.before.n)) for c in ("u", "v")])
-        return Views(before, after, points, _plain(self.before), SENSOR_CHAIN, np.arange(self.before.n), None,
-                     ("u", "v", "along")[: len(before)])  # fmt: skip
+        points = np.stack(
+            [self.before.covariates.get(c, np.zeros(self.before.n)) for c in ("u", "v")]
+        )
+        return Views(
+            before,
+            after,
+            points,
+            _plain(self.before),
+            SENSOR_CHAIN,
+            np.arange(self.before.n),
+            None,
+            ("u", "v", "along")[: len(before)],
+        )
 
 
 def _plain(problem) -> dict:

@@ -22,7 +22,9 @@ _MANY, _INNER = 2000, 3.5  # samples beyond which those within so many sigmas st
 def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     """Log Bayes factor that some of the residuals (m, n) are outliers, and the probability (n,) of each then."""
     middle = float(np.median((white**2).sum(0)))
-    if not 0 < middle < np.inf:  # most fit exactly, or something is no number: there is no noise to judge by
+    if (
+        not 0 < middle < np.inf
+    ):  # most fit exactly, or something is no number: there is no noise to judge by
         return -np.inf, np.zeros(white.shape[1])
     x = white / np.sqrt(middle / chi2.ppf(0.5, len(white)))
     chosen, counts = _thinned(x)
@@ -32,12 +34,21 @@ def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     for prior, density in noises:
         near = density(x[:, chosen])
         none.append(prior + counts @ near)
-        some.append([prior - np.log(_SHARES) + counts @ _mixed(near, far[chosen], s) for s in shares])
+        some.append(
+            [prior - np.log(_SHARES) + counts @ _mixed(near, far[chosen], s) for s in shares]
+        )
     total = logsumexp(some)
-    likely = [(float(w), s, density) for row, (_, density) in zip(np.exp(np.array(some) - total), noises)
-              for w, s in zip(row, shares) if w > 1e-4]  # fmt: skip
+    likely = [
+        (float(w), s, density)
+        for row, (_, density) in zip(np.exp(np.array(some) - total), noises)
+        for w, s in zip(row, shares)
+        if w > 1e-4
+    ]
     weight = sum(w for w, *_ in likely)
-    each = sum(w * np.exp(far + np.log(s) - _mixed(density(x), far, s)) for w, s, density in likely) / weight
+    each = (
+        sum(w * np.exp(far + np.log(s) - _mixed(density(x), far, s)) for w, s, density in likely)
+        / weight
+    )
     return float(total - logsumexp(none)), each
 
 
@@ -62,7 +73,9 @@ def _sphere(m: int) -> float:
 
 def _off(length, m):
     """Log density in m dimensions, but for the sphere's area: every logarithm of the length is as likely."""
-    inside = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - np.log(np.log(_FARTHEST / _NEAREST))
+    inside = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - np.log(
+        np.log(_FARTHEST / _NEAREST)
+    )
     return np.where(length < _NEAREST, -np.inf, inside)
 
 
@@ -72,7 +85,9 @@ def _noises(m: int):
     for scale in _SCALES:
         yield share, _scaled(_gauss, scale)
         for nu in _DEGREES:
-            same = scale * np.sqrt(chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu)))  # the median stays
+            same = scale * np.sqrt(
+                chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu))
+            )  # the median stays
             for kind in (_joint, _each):
                 yield share - half, _scaled(kind, same, nu)
 

@@ -23,12 +23,16 @@ from workbench.diagnosis.result import Control
 _TRIALS, _TURNS = 199, 39
 _LEVEL, _LEFT, _HALF, _MOST = 0.01, 0.2, 0.5, 0.75
 _MADE = 0.8  # share of the fitted effect that a scrambled cause makes, from which on it cannot tell
-_SAME = 1e-3  # of a column's length, by which two that mean the same differ from rounding and refitting
+_SAME = (
+    1e-3  # of a column's length, by which two that mean the same differ from rounding and refitting
+)
 PERMUTED, REVERSED, ROTATED = "permuted", "reversed", "clock moved round"
 _CLOCKS = ("time_s", "time", "row", "order")
 
 
-def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed: int = 0) -> tuple[Control, ...]:
+def controls(
+    bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed: int = 0
+) -> tuple[Control, ...]:
     """The controls that can be made of the effects `own` beside a model that holds `others`.
 
     A linearised gain: the fall of the whitened sum of squares when the effects' columns join. Permuted: 199 times
@@ -38,7 +42,15 @@ def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed
     without what it makes by being like the effect itself.
     """
     if any(e.port in (*STATE_PORTS, NOISE) for e in own):
-        return (Control(PERMUTED, None, None, None, why="it acts through other effects or on the noise alone"),)
+        return (
+            Control(
+                PERMUTED,
+                None,
+                None,
+                None,
+                why="it acts through other effects or on the noise alone",
+            ),
+        )
     trial = _Trial(bench, others, own)
     rng = np.random.default_rng(seed)
     gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
@@ -50,12 +62,16 @@ def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
     """Backwards, where that changes what the effect does; and its clock moved round, where it reads one."""
-    if trial.chain is None or not trial.changes(backwards := _backwards_state(trial.chain, trial.problem.pose)):
+    if trial.chain is None or not trial.changes(
+        backwards := _backwards_state(trial.chain, trial.problem.pose)
+    ):
         return ()
     made = [_told(REVERSED, trial, [backwards], "backwards in time it does nearly the same")]
     if any(_clocked(e, trial.chain.state, backwards) for e in trial.effects):
         turned = [_turned_state(trial.chain, part) for part in rng.uniform(0.05, 0.95, _TURNS)]
-        made.append(_told(ROTATED, trial, turned, "with its clock moved round it does nearly the same"))
+        made.append(
+            _told(ROTATED, trial, turned, "with its clock moved round it does nearly the same")
+        )
     return tuple(made)
 
 
@@ -70,7 +86,9 @@ def _told(kind: str, trial: "_Trial", states, why: str) -> Control:
     left = np.array([(trial.beyond(g) - m) / (1 - m) for g, m in zip(gains, made[telling])])
     share = float(np.clip(np.quantile(left, _MOST), 0.0, None))
     p = float((1 + (gains >= trial.own).sum()) / (1 + len(gains))) if len(states) > 1 else None
-    limit = _LEFT if len(states) > 1 else _HALF  # one trial by itself is less sure than most of many
+    limit = (
+        _LEFT if len(states) > 1 else _HALF
+    )  # one trial by itself is less sure than most of many
     return Control(kind, share, p, share < limit, len(telling))
 
 
@@ -134,7 +152,9 @@ class _Trial:
     def basis(self, state):
         """(P, K, n) the effects side by side, each on slots of its own."""
         made = [e.basis(state) for e in self.effects]
-        whole = np.zeros((sum(len(b) for b in made), sum(b.shape[1] for b in made), made[0].shape[2]))
+        whole = np.zeros(
+            (sum(len(b) for b in made), sum(b.shape[1] for b in made), made[0].shape[2])
+        )
         p = k = 0
         for b in made:
             whole[p : p + len(b), k : k + b.shape[1]] = b
@@ -144,13 +164,19 @@ class _Trial:
     def _rows(self, bench, others):
         model, fit, _ = bench.solve(others)
         here = model.evaluate(fit.parameters)
-        rows = np.concatenate([here.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects])
+        rows = np.concatenate(
+            [here.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects]
+        )
         root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
         return rows * root.reshape(rows.shape[1:])
 
     def columns(self, small):
         """(N, P) whitened columns."""
-        made = small if self.rows is None else np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
+        made = (
+            small
+            if self.rows is None
+            else np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
+        )
         return made.reshape(len(small), -1).T
 
     def gain(self, small) -> float:

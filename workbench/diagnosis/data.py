@@ -21,12 +21,18 @@ def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
         return np.zeros(problem.n, bool), spread
     found = each > 0.5
     p, label = float(np.exp(-min(factor, 690.0))), f"{found.sum()} of {problem.n}"
-    return found, (*spread, Finding("outliers", "samples", label, (), p, 1 / (1 + _RARE * p), 0.0, 0.0))
+    return found, (
+        *spread,
+        Finding("outliers", "samples", label, (), p, 1 / (1 + _RARE * p), 0.0, 0.0),
+    )
 
 
 def far_off(problem: Problem, outliers: np.ndarray) -> float:
     """Whitened sum of squares of the samples `outliers` (n,) bool, without the robust weights."""
-    left = problem.clear(problem.residual) / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    left = (
+        problem.clear(problem.residual)
+        / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    )
     return float((left[outliers[problem.sample]] ** 2).sum())
 
 
@@ -59,13 +65,18 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
     Those with equally many coordinates are judged together, and the factors averaged; `name`: of the covariate that
     the spread goes with.
     """
-    white = problem.clear(problem.residual) / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    white = (
+        problem.clear(problem.residual)
+        / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    )
     order = np.argsort(problem.sample, kind="stable")
     count, each, factors = np.bincount(problem.sample, minlength=problem.n), np.zeros(problem.n), []
     for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
         mine = order[count[problem.sample[order]] == m].reshape(-1, m)
         at, left = problem.sample[mine[:, 0]], white[mine].T
-        factor, each[at] = contaminated(evened(left, problem.covariates[name][at]) if name else left)
+        factor, each[at] = contaminated(
+            evened(left, problem.covariates[name][at]) if name else left
+        )
         factors.append(factor)
     return float(logsumexp(factors) - np.log(len(factors))), each
 
@@ -78,7 +89,11 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     if found is None or found[1] > CLAIMED:
         return ()
     name, p = found
-    return (Finding("noise-heteroscedastic", "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
+    return (
+        Finding(
+            "noise-heteroscedastic", "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)
+        ),
+    )
 
 
 __all__ = ["CLAIMED", "evened_out", "far_off", "of_data", "unevenly"]

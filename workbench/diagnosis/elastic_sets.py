@@ -277,9 +277,7 @@ def _explained(terms: Sequence[Term], gram: np.ndarray, score: np.ndarray) -> fl
     if not columns:
         return 0.0
     own = np.concatenate(columns)
-    return float(
-        score[own] @ pseudo_inverse(gram[np.ix_(own, own)], 1e-9) @ score[own]
-    )
+    return float(score[own] @ pseudo_inverse(gram[np.ix_(own, own)], 1e-9) @ score[own])
 
 
 def _term(candidate: Candidate, own: np.ndarray, responses) -> Term:

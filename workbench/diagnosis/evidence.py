@@ -25,7 +25,9 @@ from workbench.diagnosis.problem import Problem, Scan
 
 SIZES = np.geomspace(0.1, 100.0, 13)
 """Sizes of a disturbance in units of what is typical."""
-_LIKELY = -np.log(np.maximum(1.0, SIZES / 3.0))  # each as likely as the others up to three times typical, then 1/s
+_LIKELY = -np.log(
+    np.maximum(1.0, SIZES / 3.0)
+)  # each as likely as the others up to three times typical, then 1/s
 _TOTAL = float(logsumexp(_LIKELY))
 _ANCHOR = 4.0  # degrees of freedom that the stated sigma is worth: it may be wrong
 _GONE = 1e-9  # squared share of a direction that rounding leaves when the baseline makes it exactly
@@ -66,9 +68,15 @@ class Projected:
         self.y = problem.clear(problem.residual)
         self.crowd = crowding(self.y, problem)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
-        self.yy, self.degrees = float(self.y @ self.y) / self.crowd, max(problem.degrees, 1) / self.crowd
+        self.yy, self.degrees = (
+            float(self.y @ self.y) / self.crowd,
+            max(problem.degrees, 1) / self.crowd,
+        )
         self.known = problem.known
-        self._first, self._more = problem.basis[:, : problem.first], problem.basis[:, problem.first :]
+        self._first, self._more = (
+            problem.basis[:, : problem.first],
+            problem.basis[:, problem.first :],
+        )
         n, size = problem.n, len(problem.sample)
         self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
 
@@ -101,7 +109,9 @@ class Projected:
 
     def fall(self, columns: np.ndarray) -> float:
         """Fall of y'y by columns (N, P)."""
-        length = np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)  # one that moves nothing makes nothing
+        length = np.maximum(
+            np.sqrt((columns**2).sum(0)), 1e-300
+        )  # one that moves nothing makes nothing
         return float(self.judge(self.of_columns(columns[None] / length)).gain[0])
 
     def judge(self, moments: Moments) -> Scores:
@@ -210,7 +220,9 @@ class Slots:
         raw = sums[:, functions[None, :, None, :], slots[:, None, :, None]]
         return raw.reshape(len(squares), k * count, k * count)
 
-    def steps(self, name: tuple, x: np.ndarray, options: np.ndarray, typical: np.ndarray) -> Moments:
+    def steps(
+        self, name: tuple, x: np.ndarray, options: np.ndarray, typical: np.ndarray
+    ) -> Moments:
         """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,). name: of the steps."""
         order = np.argsort(x, kind="stable")[::-1]
         after = len(x) - np.searchsorted(x[order][::-1], options, side="right")
@@ -224,7 +236,9 @@ class Slots:
         score = _summed(self.score[order])[after]
         return self._moments(name, score, np.broadcast_to(typical, score.shape), raw, made)
 
-    def waves(self, name: tuple, pair: tuple[np.ndarray, np.ndarray], typical: np.ndarray) -> Moments:
+    def waves(
+        self, name: tuple, pair: tuple[np.ndarray, np.ndarray], typical: np.ndarray
+    ) -> Moments:
         """Moments of rows * cos(option x) and rows * sin(option x), one hypothesis an option; typical (k,).
 
         name: of the waves; pair: cosines and sines (V, n). Squares and products of waves are waves of twice the
@@ -234,13 +248,17 @@ class Slots:
 
         def made(basis):
             flat = basis.transpose(1, 0, 2).reshape(n, -1)
-            return np.stack([(part @ flat).reshape(len(part), k, -1) for part in pair], 2).reshape(*size, -1)
+            return np.stack([(part @ flat).reshape(len(part), k, -1) for part in pair], 2).reshape(
+                *size, -1
+            )
 
         def raw():
             rows = self.rows.transpose(1, 0, 2).reshape(n, k * k)
             cosines, sines = pair
             once, even, odd = rows.sum(0), (cosines**2 - sines**2) @ rows, (cosines * sines) @ rows
-            blocks = np.stack([(once + even) / 2, odd, odd, (once - even) / 2]).reshape(2, 2, -1, k, k)
+            blocks = np.stack([(once + even) / 2, odd, odd, (once - even) / 2]).reshape(
+                2, 2, -1, k, k
+            )
             return blocks.transpose(2, 3, 0, 4, 1).reshape(*size, 2 * k)
 
         score = np.stack([part @ self.score for part in pair], 2).reshape(size)
@@ -287,7 +305,9 @@ def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * left
     evidence = _summed_over_sizes(logs)
     left = np.maximum(degrees - rank, 1)
-    p = np.where(rank > 0, betainc(left / 2, np.maximum(rank, 1) / 2, 1 - gain / max(yy, 1e-300)), 1.0)
+    p = np.where(
+        rank > 0, betainc(left / 2, np.maximum(rank, 1) / 2, 1 - gain / max(yy, 1e-300)), 1.0
+    )
     return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
 
 
@@ -300,7 +320,9 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     for start in range(0, len(scan.options), _CHUNK // 4):
         pair = _turned(projected.problem, scan, start)
         parts.append(slots.waves(("wave", start), pair, scan.typical))
-    return Moments(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("gram", "score", "raw")))
+    return Moments(
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("gram", "score", "raw"))
+    )
 
 
 def _turned(problem: Problem, scan: Scan, start: int) -> tuple[np.ndarray, np.ndarray]:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_model.system import bind
-from workbench.core.least_squares.design import choose
 from workbench.core.errors import InputError
+from workbench.core.least_squares.design import choose
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.diagnosis.planned import Plan, plans
@@ -26,11 +26,16 @@ from workbench.diagnosis.words import covariate, listed, place
 
 POSES, _ASKED = 30, 3
 _HOPELESS = 30  # times as many samples as were planned
-_LIKELY, _ALIKE = 0.05, 0.9  # probability, or share of the signature, from which on a rival is to be reckoned with
+_LIKELY, _ALIKE = (
+    0.05,
+    0.9,
+)  # probability, or share of the signature, from which on a rival is to be reckoned with
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
 NOTHING = "Nothing that was found is in doubt, so that no further recording is needed to tell it from anything else."
-FEW = ("Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
-       "others.")  # fmt: skip
+FEW = (
+    "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
+    "others."
+)
 CLEAN = "Nothing is missing that these data can show; the table of smallest sizes says what they cannot."
 
 
@@ -58,10 +63,16 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     if not doubtful:
         return Experiment(NOTHING)
     missing = _missing(doubtful)
-    asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[:_ASKED]
+    asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
+        :_ASKED
+    ]
     tried = [_asked(bench, terms, term, problem) for term in asked]
-    open_yet = [k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0]
-    k = open_yet[0] if open_yet else 0  # rather one that these poses leave open than one that they tell already
+    open_yet = [
+        k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0
+    ]
+    k = (
+        open_yet[0] if open_yet else 0
+    )  # rather one that these poses leave open than one that they tell already
     term, (others, doubt, rows) = asked[k], tried[k]
     if not rows:
         return Experiment(missing or _by_word(term))
@@ -82,19 +93,32 @@ def _asked(bench, terms, term: Term, problem: Problem):
 def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
     """Names of covariates that were not recorded and that a rival of some term would need, where that is likely."""
     rivals = [one for term in terms for one in term.finding.alternatives if one.missing]
-    return tuple(sorted({one.missing for one in rivals if one.probability >= _LIKELY or one.alike >= _ALIKE}))
+    return tuple(
+        sorted({one.missing for one in rivals if one.probability >= _LIKELY or one.alike >= _ALIKE})
+    )
 
 
 def _missing(terms: Sequence[Term]) -> str:
     """The sentence on columns that were not recorded and that a rival of some term would need."""
     lacking = {covariate(name) for name in missing_of(terms)}
-    return f"Record {listed(sorted(lacking))} beside every sample; without it this stays open." if lacking else ""
+    return (
+        f"Record {listed(sorted(lacking))} beside every sample; without it this stays open."
+        if lacking
+        else ""
+    )
 
 
 def _by_word(term: Term) -> str:
     others = [f"{one.effect} at {place(one.where)}" for one in term.finding.alternatives[:3]]
-    changed = listed([covariate(name) for name in sorted(term.finding.depends_on)]) or "what it depends on"
-    aim = f"tell {_called(term)} from {listed(others, 'or')}" if others else f"learn what makes {_called(term)}"
+    changed = (
+        listed([covariate(name) for name in sorted(term.finding.depends_on)])
+        or "what it depends on"
+    )
+    aim = (
+        f"tell {_called(term)} from {listed(others, 'or')}"
+        if others
+        else f"learn what makes {_called(term)}"
+    )
     return f"To {aim}: measure again where {changed} changes and nothing else does."
 
 
@@ -157,8 +181,15 @@ def _worth(bench, others, doubt: Doubt, plan: Plan) -> dict | None:
         return None
     samples = int(np.isin(plan.pose, chosen).sum())
     needed = samples * max(told_apart() ** 2 - now**2, 0.0) / gained
-    return {"plan": plan.name, "poses": chosen, "samples": samples, "apart_now_sigma": now, "apart_then_sigma": then,
-            "gain_per_sample": gained / samples, "samples_needed": float(np.ceil(needed))}  # fmt: skip
+    return {
+        "plan": plan.name,
+        "poses": chosen,
+        "samples": samples,
+        "apart_now_sigma": now,
+        "apart_then_sigma": then,
+        "gain_per_sample": gained / samples,
+        "samples_needed": float(np.ceil(needed)),
+    }
 
 
 def _apart(normal, size, own) -> float:
@@ -183,7 +214,10 @@ def _rows(bench, others, doubt: Doubt, plan: Plan):
     typical = free.typical[free.mask]
     rows = model.linearise(free)[1] / sigma * typical[:, None, None]
     keys = [key for key, chosen in zip(free.keys, free.mask) if chosen]
-    prior = np.where(np.isin(keys, own + rival), _BROAD**-2, free.precision[free.mask] * typical**2) + 1e-9
+    prior = (
+        np.where(np.isin(keys, own + rival), _BROAD**-2, free.precision[free.mask] * typical**2)
+        + 1e-9
+    )
     mine = np.array([keys.index(key) for key in own])
     return rows.transpose(2, 1, 0), mine, prior, typical[mine]
 
@@ -201,15 +235,21 @@ def told(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> str:
     """What `compared` found, as a sentence or two."""
     best, plan = rows[0]
     if best["samples_needed"] == 0:
-        return (f"These poses tell {doubt.name} from {doubt.other} already: at this size they stand "
-                f"{best['apart_now_sigma']:.1f} σ apart ({told_apart():.1f} σ are needed to be 95 % sure).")
+        return (
+            f"These poses tell {doubt.name} from {doubt.other} already: at this size they stand "
+            f"{best['apart_now_sigma']:.1f} σ apart ({told_apart():.1f} σ are needed to be 95 % sure)."
+        )
     if best["samples_needed"] > _HOPELESS * best["samples"]:
-        return (f"No recording of the kinds that were compared tells {doubt.name} from {doubt.other}: they move the "
-                f"measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "
-                f"with {best['samples']} more samples, {plan.name}. Either corrects for both.")  # fmt: skip
-    first = (f"To tell {doubt.name} from {doubt.other}: {plan.words.format(poses=len(best['poses']))}. They would then "
-             f"stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
-             f"({told_apart():.1f} σ are needed to be 95 % sure).")  # fmt: skip
+        return (
+            f"No recording of the kinds that were compared tells {doubt.name} from {doubt.other}: they move the "
+            f"measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "
+            f"with {best['samples']} more samples, {plan.name}. Either corrects for both."
+        )
+    first = (
+        f"To tell {doubt.name} from {doubt.other}: {plan.words.format(poses=len(best['poses']))}. They would then "
+        f"stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
+        f"({told_apart():.1f} σ are needed to be 95 % sure)."
+    )
     if len(rows) > 1:
         other, second = rows[1]
         first += f" The next best, {second.name}, would reach {other['apart_then_sigma']:.1f} σ with as many poses."

@@ -20,23 +20,41 @@ def save(made: Diagnosis, folder: Path) -> None:
     if made.visible:
         rows = made.as_json()["smallest_visible"]
         keys = [key for key in rows[0] if key != "twin"]
-        lines = [[*(row[key] for key in keys), *(row["twin"] or {"effect": "", "where": ""}).values()] for row in rows]
-        (folder / VISIBLE).write_text(csv_text([*keys, "twin", "twin_where"], lines), encoding="utf-8")
+        lines = [
+            [*(row[key] for key in keys), *(row["twin"] or {"effect": "", "where": ""}).values()]
+            for row in rows
+        ]
+        (folder / VISIBLE).write_text(
+            csv_text([*keys, "twin", "twin_where"], lines), encoding="utf-8"
+        )
     _experiment(made, folder)
 
 
 def _residuals(made: Diagnosis) -> str:
     """One line a sample: residual before and after (predicted minus measured), held-out errors, fold, outlier."""
     views, proof, unit = made.views, made.proof, made.unit
-    names = [f"{when}_{name}_{unit}" for when in ("before", "after") for name in views.names[: len(views.before)]]
-    head = ["sample", *names, f"held_out_before_{unit}", f"held_out_after_{unit}", "fold", "outlier"]
+    names = [
+        f"{when}_{name}_{unit}"
+        for when in ("before", "after")
+        for name in views.names[: len(views.before)]
+    ]
+    head = [
+        "sample",
+        *names,
+        f"held_out_before_{unit}",
+        f"held_out_after_{unit}",
+        "fold",
+        "outlier",
+    ]
     out = set(made.outliers)
     columns = np.concatenate([views.before, views.after, proof.errors])
     for name, values in _rotation_columns(made).items():
         head.insert(-2, name)
         columns = np.concatenate([columns, values[None]])
-    lines = [[int(i), *(f"{v:.6g}" for v in row), int(fold), int(int(i) in out)]
-             for i, row, fold in zip(views.sample, columns.T, proof.fold)]  # fmt: skip
+    lines = [
+        [int(i), *(f"{v:.6g}" for v in row), int(fold), int(int(i) in out)]
+        for i, row, fold in zip(views.sample, columns.T, proof.fold)
+    ]
     return csv_text(head, lines)
 
 
@@ -58,7 +76,9 @@ def _experiment(made: Diagnosis, folder: Path) -> None:
 
     plan = made.experiment
     if plan.scene is not None:
-        (folder / SCENE).write_text(f"# {plan.sentence}\n" + tomli_w.dumps(plan.scene), encoding="utf-8")
+        (folder / SCENE).write_text(
+            f"# {plan.sentence}\n" + tomli_w.dumps(plan.scene), encoding="utf-8"
+        )
     if plan.robot is not None:
         (folder / ROBOT).write_text(tomli_w.dumps(dict(plan.robot)), encoding="utf-8")
     if plan.poses is not None:

@@ -36,15 +36,24 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         shares[h.key] = shares.get(h.key, 0.0) + float(np.exp(h.log_weight - total))
     size = search.size(i)
     made = Finding(
-        *mine.key, mine.label, mine.effects, max(family_wise(table), 1e-300), shares.get(mine.key, 0.0), size,
-        own.gain, mine.unnamed, _alternatives(rivals, shares, own, search.left(), _NEAR * search.variance()),
-    )  # fmt: skip
+        *mine.key,
+        mine.label,
+        mine.effects,
+        max(family_wise(table), 1e-300),
+        shares.get(mine.key, 0.0),
+        size,
+        own.gain,
+        mine.unnamed,
+        _alternatives(rivals, shares, own, search.left(), _NEAR * search.variance()),
+    )
     if names and mine.key in names:
         made = _among_sets(made, shares, names)
     return made if mine.unnamed else _doubted(search, own, made)
 
 
-def _among_sets(made: Finding, shares: Mapping[tuple, float], names: Mapping[tuple, Name]) -> Finding:
+def _among_sets(
+    made: Finding, shares: Mapping[tuple, float], names: Mapping[tuple, Name]
+) -> Finding:
     """The finding with the posterior over sets of elastic terms in place of single exchanges between these.
 
     Everything else keeps its share: together the elastic terms have what they had.
@@ -73,8 +82,16 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
     for key, share in ranked:
         other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
         twin = other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
-        near = left > 0 and not other.unnamed and other.gain > own.gain - left and other.rank <= own.rank
-        within = own.label == LABEL and (other.effect, other.where) == ("link-self-weight", own.where)
+        near = (
+            left > 0
+            and not other.unnamed
+            and other.gain > own.gain - left
+            and other.rank <= own.rank
+        )
+        within = own.label == LABEL and (other.effect, other.where) == (
+            "link-self-weight",
+            own.where,
+        )
         near = twin or within or near and len(out) < _SHOWN
         if key != own.key and (covered < _CREDIBLE or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
@@ -99,9 +116,17 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
     two = (1 - UNNAMED_SHARE) * np.exp(SECOND) / (1 if moves else places)
     one = UNNAMED_SHARE * share ** (max(_NUMBERS - own.rank, 1) / 2)
     sure = float(two / (two + one))
-    other = Alternative("unknown", made.where, "one thing that makes this and what is left there",
-                        made.probability * (1 - sure), 1.0, "what is left at this place is beyond chance")  # fmt: skip
-    return replace(made, probability=made.probability * sure, alternatives=(other, *made.alternatives))
+    other = Alternative(
+        "unknown",
+        made.where,
+        "one thing that makes this and what is left there",
+        made.probability * (1 - sure),
+        1.0,
+        "what is left at this place is beyond chance",
+    )
+    return replace(
+        made, probability=made.probability * sure, alternatives=(other, *made.alternatives)
+    )
 
 
 def tells(search: Search, own: Hypothesis) -> bool:
@@ -116,7 +141,11 @@ def with_hidden(search: Search, made: Finding) -> Finding:
     if search.scatter is None or search.scatter.site.where != made.where:
         return made
     known = {(a.effect, a.where, a.label) for a in made.alternatives}
-    more = [a for a in hidden(search.scatter, search.problem) if (a.effect, a.where, a.label) not in known]
+    more = [
+        a
+        for a in hidden(search.scatter, search.problem)
+        if (a.effect, a.where, a.label) not in known
+    ]
     if made.effect != "unknown":
         more = [a for a in more if a.effect == made.effect]
     return replace(made, alternatives=(*made.alternatives, *more))
@@ -127,9 +156,14 @@ def _beside(search: Search, own: Hypothesis) -> tuple[float, bool]:
     not recorded, that may make it."""
     places, noise = same_place(own), search.variance()
     table = search.table(search.everyone)
-    left = [h.gain - h.rank * noise for h in table
-            if h.unnamed and h.where in places and h.p / h.weight <= search.level]  # fmt: skip
-    left += [search.own(i).gain for i, h in enumerate(search.accepted) if h.unnamed and h.where in places]
+    left = [
+        h.gain - h.rank * noise
+        for h in table
+        if h.unnamed and h.where in places and h.p / h.weight <= search.level
+    ]
+    left += [
+        search.own(i).gain for i, h in enumerate(search.accepted) if h.unnamed and h.where in places
+    ]
     moves = search.scatter is not None and search.scatter.site.where in places
     if moves:
         left.append(movement(search.scatter))

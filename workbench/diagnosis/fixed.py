@@ -11,13 +11,16 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.least_squares.linear_algebra import inverse_positive
-from workbench.core.rigid import rotation_matrix
 from workbench.core.least_squares.solver import pose_scores
+from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.library import options
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.words import length, listed
 
-_PART, _LEAST = 0.2, 10  # first and last part of the recording that are compared, and rows that each must have
+_PART, _LEAST = (
+    0.2,
+    10,
+)  # first and last part of the recording that are compared, and rows that each must have
 _SIGMAS = 3.0
 _WARM = "link-thermal-growth", "joint-thermal-drift"
 
@@ -47,8 +50,10 @@ class FixedPoints:
     def sentence(self) -> str:
         """What they say."""
         told = _um(self.measured, self.std)
-        said = (f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {told} µm from the first to "
-                "the last fifth of the recording")  # fmt: skip
+        said = (
+            f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {told} µm from the first to "
+            "the last fifth of the recording"
+        )
         if self.found is None:
             return f"{said} ({length(float(np.linalg.norm(self.measured)))}); no drift of the base was claimed."
         found = _um(self.found, self.found_std)
@@ -59,16 +64,23 @@ class FixedPoints:
         off = [name for name, good in zip("xyz", self._near()) if not good]
         if not off:
             return "they agree"
-        return (f"they disagree in {listed(off)}, where a part of what is called the base's drift is the arm's own, or "
-                "the fixed reflectors' own")  # fmt: skip
+        return (
+            f"they disagree in {listed(off)}, where a part of what is called the base's drift is the arm's own, or "
+            "the fixed reflectors' own"
+        )
 
     def _near(self) -> np.ndarray:
         return np.abs(self.found - self.measured) < _SIGMAS * np.hypot(self.std, self.found_std)
 
     def as_json(self) -> dict:
         """Keys with their unit."""
-        plain = {"reflectors": list(self.reflectors), "measured_mm": self.measured, "measured_std_mm": self.std,
-                 "found_mm": self.found, "found_std_mm": self.found_std}  # fmt: skip
+        plain = {
+            "reflectors": list(self.reflectors),
+            "measured_mm": self.measured,
+            "measured_std_mm": self.std,
+            "found_mm": self.found,
+            "found_std_mm": self.found_std,
+        }
         return plain | {"agrees": self.agrees, "statement": self.sentence}
 
 
@@ -81,7 +93,11 @@ def _um(values, stds) -> str:
 def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
     """What the rows of a recording that do not move say of the base's drift; None where there are too few."""
     fixed = recording.select(~recording.moving)
-    if recording.measures != "external-point" or fixed.n < 2 * _LEAST or not hasattr(bench, "chain"):
+    if (
+        recording.measures != "external-point"
+        or fixed.n < 2 * _LEAST
+        or not hasattr(bench, "chain")
+    ):
         return None
     labels = recording.poses  # of the whole recording: a selection numbers its own
     time, known = _clock_of(labels[~recording.moving], labels[recording.moving], bench)
@@ -99,7 +115,9 @@ def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
     first, last = (moved[:, end] for end in ends)
     std = np.sqrt(first.var(1, ddof=1) / first.shape[1] + last.var(1, ddof=1) / last.shape[1])
     found, error = _predicted(bench, terms, points, time, ends)
-    return FixedPoints(tuple(int(k) for k in np.unique(ids)), last.mean(1) - first.mean(1), std, found, error)
+    return FixedPoints(
+        tuple(int(k) for k in np.unique(ids)), last.mean(1) - first.mean(1), std, found, error
+    )
 
 
 def _clock_of(poses, moving, bench) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +145,10 @@ def _predicted(bench, terms, points, time, ends):
     pose = fit.parameters.values[:6]
     turn = rotation_matrix(pose[3:])
     place = turn.T @ (points - pose[:3, None])
-    by = sum(sign * _displaced(drift, turn, place[:, end], time[end]).mean(2) for sign, end in zip((-1, 1), ends))
+    by = sum(
+        sign * _displaced(drift, turn, place[:, end], time[end]).mean(2)
+        for sign, end in zip((-1, 1), ends)
+    )
     every = _covariance(bench, model, fit)
     free = np.flatnonzero(fit.parameters.mask)
     own = np.searchsorted(free, np.arange(span.start, span.stop))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.fitting.cross_validation import blocks
 from workbench.diagnosis.problem import Problem
+from workbench.fitting.cross_validation import blocks
 
 TIME, SPACE, DEALT = "blocks of time", "blocks of the workspace", "placements and balls in turn"
 _FOLDS, _HALVINGS = 5, 2
@@ -62,7 +62,9 @@ def _halved(pose: np.ndarray, problem: Problem) -> np.ndarray | None:
     count = np.bincount(group)
     place = np.stack([np.bincount(group, problem.covariates[c]) / count for c in names])
     times = _HALVINGS + (len(poses) < _FEW)
-    return _halves(place / np.maximum(place.std(1, keepdims=True), 1e-12), np.arange(len(poses)), times)[group]
+    return _halves(
+        place / np.maximum(place.std(1, keepdims=True), 1e-12), np.arange(len(poses)), times
+    )[group]
 
 
 def _halves(place, rows, times) -> np.ndarray:

@@ -8,9 +8,9 @@ from scipy.stats import t as student
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
-from workbench.fitting.cross_validation import hold_out
 from workbench.diagnosis.folds import Scheme
 from workbench.diagnosis.problem import Problem
+from workbench.fitting.cross_validation import hold_out
 
 _HELD = 1e-3  # of a direction, what its prior is worth at least where one block alone determines it
 # length on the scale of the median sample from which on an error counts by its length and not by its square:
@@ -24,11 +24,19 @@ def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) 
     kept = usual & np.isfinite(errors)
     if not kept.any():
         return float("nan")
-    return float(np.sqrt(np.average(errors[kept] ** 2, weights=None if sigma is None else sigma[kept] ** -2.0)))
+    return float(
+        np.sqrt(
+            np.average(errors[kept] ** 2, weights=None if sigma is None else sigma[kept] ** -2.0)
+        )
+    )
 
 
 def paired(
-    pose: np.ndarray, before: np.ndarray, after: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None
+    pose: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    usual: np.ndarray,
+    sigma: np.ndarray | None = None,
 ) -> float:
     """t of the falls of the loss, one fall a pose: their mean over its standard error.
 
@@ -49,7 +57,9 @@ def paired(
     losses = [_loss(s / scale) for s in squares]
     falls = np.bincount(group, losses[0] - losses[1])
     if sigma is not None:
-        return _beside_what_shows(falls, np.bincount(group, (np.sqrt(losses[0]) - np.sqrt(losses[1])) ** 2))
+        return _beside_what_shows(
+            falls, np.bincount(group, (np.sqrt(losses[0]) - np.sqrt(losses[1])) ** 2)
+        )
     falls = falls / np.bincount(group)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     return float(falls.mean() / spread) if spread > 0 else 0.0
@@ -65,11 +75,15 @@ def _beside_what_shows(falls: np.ndarray, moved: np.ndarray) -> float:
     the jackknife), so that one that shows nearly all of it by itself proves little.
     """
     total, shown = falls.sum(), moved.sum()
-    others = np.divide(total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > _HELD * shown)
+    others = np.divide(
+        total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > _HELD * shown
+    )
     spread = np.sqrt(((falls - others * moved) ** 2).sum() * (len(falls) - 1) / len(falls))
     if not spread > 0:
         return 0.0
-    worth = shown**2 / (moved**2).sum()  # of so many poses the sum is as good as made: t as a normal would have it
+    worth = (
+        shown**2 / (moved**2).sum()
+    )  # of so many poses the sum is as good as made: t as a normal would have it
     return float(norm.isf(np.clip(student.sf(total / spread, max(worth, 1.0)), 1e-300, 1 - 1e-16)))
 
 
@@ -124,7 +138,9 @@ class Errors:
             self._angles[both[0].tobytes()] = both[1]
         return both[0]
 
-    def predicted(self, scheme: Scheme, chosen: Mapping[int, tuple[Effect, ...]], plain: np.ndarray) -> np.ndarray:
+    def predicted(
+        self, scheme: Scheme, chosen: Mapping[int, tuple[Effect, ...]], plain: np.ndarray
+    ) -> np.ndarray:
         """(n,) errors where every fold is predicted with what was found without it."""
         both = np.stack([plain, self.angles_of(plain)])
         for k, effects in chosen.items():
@@ -143,7 +159,11 @@ class Errors:
             return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
         model, fit, _ = self.bench.solve(effects)
         found = hold_out(model, fit.parameters, block, ~block, "huber")
-        angles = np.sqrt((found.rotation**2).sum(0)) if len(found.rotation) else np.full(len(block), np.nan)
+        angles = (
+            np.sqrt((found.rotation**2).sum(0))
+            if len(found.rotation)
+            else np.full(len(block), np.nan)
+        )
         return np.stack([np.sqrt(found.squares), np.rad2deg(angles)])
 
     def _once(self, effects, samples, make):

@@ -73,10 +73,16 @@ def columns_of(source, problem: Problem) -> np.ndarray:
     else:
         waves, sizes = np.stack([np.cos(option * first.x), np.sin(option * first.x)]), np.ones(2)
     waves = (waves * sizes[:, None])[:, problem.sample]
-    return (first.typical[:, None, None] * first.rows[:, None] * waves).reshape(-1, len(problem.sample)).T
+    return (
+        (first.typical[:, None, None] * first.rows[:, None] * waves)
+        .reshape(-1, len(problem.sample))
+        .T
+    )
 
 
-def waves_at(problem: Problem, names: tuple[str, ...], fine: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def waves_at(
+    problem: Problem, names: tuple[str, ...], fine: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
     """(V, n) functions of some covariates on all samples of a problem, and their prior sizes (V,); made once."""
 
     def make():
@@ -95,20 +101,29 @@ def _squares(problem: Problem, chosen: Sequence[tuple[str, ...]], fine: int) -> 
         return waves[first] * waves[second]
 
     kept = problem.made if problem.n <= _KEPT else {}
-    return np.stack([once(kept, ("squares", names, fine), partial(make, names)) for names in chosen])
+    return np.stack(
+        [once(kept, ("squares", names, fine), partial(make, names)) for names in chosen]
+    )
 
 
-def judged(problem: Problem, projected: Projected | None = None, wanted: Sequence = ()) -> list[Hypothesis]:
+def judged(
+    problem: Problem, projected: Projected | None = None, wanted: Sequence = ()
+) -> list[Hypothesis]:
     """Every hypothesis that the effects in the model leave room for, judged; likeliest first.
 
     wanted: (family, label) of options of scans that must be among them, however unlikely.
     """
     projected = projected or Projected(problem)
     named = [*_candidates((*problem.candidates, *problem.loose), projected)]
-    named += [row for s in problem.scans if not s.unnamed for row in _scan(s, projected, set(wanted))]
+    named += [
+        row for s in problem.scans if not s.unnamed for row in _scan(s, projected, set(wanted))
+    ]
     unnamed = [row for site in problem.sites for row in _site(site, problem, projected)]
     periods = [row for s in problem.scans if s.unnamed for row in _scan(s, projected, set(wanted))]
-    found = [*_with_priors(named, 1 - UNNAMED_SHARE, 1 - LEVEL_UNNAMED), *_unnamed_priors(unnamed, periods)]
+    found = [
+        *_with_priors(named, 1 - UNNAMED_SHARE, 1 - LEVEL_UNNAMED),
+        *_unnamed_priors(unnamed, periods),
+    ]
     free = [h for h in found if not any(_excludes(effect, h) for effect in problem.effects)]
     return sorted(free, key=lambda h: -h.log_weight)
 
@@ -118,7 +133,9 @@ def _excludes(effect: Effect, h: Hypothesis) -> bool:
     if (effect.effect, effect.where) != h.key:
         return False
     if h.unnamed:
-        return effect.names == h.unnamed and all(other.options == effect.options for other in h.effects)
+        return effect.names == h.unnamed and all(
+            other.options == effect.options for other in h.effects
+        )
     return not h.together or any(effect.options == other.options for other in h.effects)
 
 
@@ -127,9 +144,13 @@ def _candidates(candidates: Sequence[Candidate], projected: Projected):
     widths = np.array([c.columns.shape[1] for c in candidates])
     for width in np.unique(widths):
         chosen = [c for c in candidates if c.columns.shape[1] == width]
-        moments = projected.of_columns(np.stack([c.columns * c.typical for c in chosen]), ("candidates", width))
+        moments = projected.of_columns(
+            np.stack([c.columns * c.typical for c in chosen]), ("candidates", width)
+        )
         scores = projected.judge(moments)
-        scores = replace(scores, evidence=scores.evidence + _one_sided(chosen, moments, scores, projected))
+        scores = replace(
+            scores, evidence=scores.evidence + _one_sided(chosen, moments, scores, projected)
+        )
         for i, c in enumerate(chosen):
             told = (c.effect, c.where, c.label, c.family, c.effects, (), c.missing, c.together, c)
             yield c.mass, told, _row(scores, i)
@@ -138,7 +159,9 @@ def _candidates(candidates: Sequence[Candidate], projected: Projected):
 def _one_sided(chosen, moments: Moments, scores, projected: Projected) -> np.ndarray:
     """(C,) log 2 Phi(z): what a single parameter that cannot be negative, z sigmas from 0, gains or loses."""
     only = np.array([c.positive and len(c.typical) == 1 for c in chosen])
-    sigma = np.sqrt(np.maximum(projected.yy - scores.gain / projected.crowd, 1e-300) / projected.degrees)
+    sigma = np.sqrt(
+        np.maximum(projected.yy - scores.gain / projected.crowd, 1e-300) / projected.degrees
+    )
     z = -np.sign(moments.score[:, 0]) * np.sqrt(scores.gain / projected.crowd) / sigma
     return np.where(only, np.log(2) + log_ndtr(z), 0.0)
 
@@ -147,18 +170,42 @@ def _scan(scan: Scan, projected: Projected, wanted):
     scores = projected.judge(scan_moments(projected, scan))
     mass = scan.mass / max(scan.mass.sum(), 1e-300)
     best = np.argsort(-(scores.evidence + np.log(mass)))
-    rest = logsumexp(scores.evidence[best[_FEW:]], b=mass[best[_FEW:]]) if len(best) > _FEW else -np.inf
-    also = [i for i in best[_FEW:] if wanted and (scan.family, scan.word.format(scan.options[i])) in wanted]
+    rest = (
+        logsumexp(scores.evidence[best[_FEW:]], b=mass[best[_FEW:]])
+        if len(best) > _FEW
+        else -np.inf
+    )
+    also = [
+        i
+        for i in best[_FEW:]
+        if wanted and (scan.family, scan.word.format(scan.options[i])) in wanted
+    ]
     for place, i in enumerate([*best[:_FEW], *also]):
         value = float(scan.options[i])
         effects = scan.make(value) if scan.make else ()
         label = scan.word.format(value)
         row, own = _row(scores, i), scan.mass[i]
-        if place == 0 and np.isfinite(rest):  # the best stands for all that are not looked at one by one
+        if place == 0 and np.isfinite(
+            rest
+        ):  # the best stands for all that are not looked at one by one
             evidence = np.logaddexp(row[0], rest - np.log(mass[i]))
             row = (evidence, *row[1:])
         source = (scan, value)
-        yield own, (scan.effect, scan.where, label, scan.family, effects, scan.unnamed, "", scan.together, source), row
+        yield (
+            own,
+            (
+                scan.effect,
+                scan.where,
+                label,
+                scan.family,
+                effects,
+                scan.unnamed,
+                "",
+                scan.together,
+                source,
+            ),
+            row,
+        )
 
 
 def _row(scores, i):
@@ -182,15 +229,26 @@ def _site(site: Site, problem: Problem, projected: Projected):
     groups: dict[int, list] = {}
     for names in (*((c,) for c in site.covariates), *site.pairs):
         waves, sizes = waves_at(problem, names, site.fine)
-        groups.setdefault(len(waves), []).append((names, waves, np.outer(site.typical, sizes).ravel()))
+        groups.setdefault(len(waves), []).append(
+            (names, waves, np.outer(site.typical, sizes).ravel())
+        )
     for group in groups.values():
-        chosen, waves, typical = (np.stack(held) if i else tuple(held) for i, held in enumerate(zip(*group)))
+        chosen, waves, typical = (
+            np.stack(held) if i else tuple(held) for i, held in enumerate(zip(*group))
+        )
         squares = partial(_squares, problem, chosen, site.fine) if len(site.rows) > 1 else None
         moments = slots.times((site.fine, *chosen), waves, typical, squares)
         scores = projected.judge(moments)
         for i, (names, *_) in enumerate(group):
-            label = f"a {'sharply changing' if site.sharp else 'smooth'} function of " + " and ".join(names)
-            yield len(names), ("unknown", site.where, label, "", (), names, "", True, (site, names)), _row(scores, i)
+            label = (
+                f"a {'sharply changing' if site.sharp else 'smooth'} function of "
+                + " and ".join(names)
+            )
+            yield (
+                len(names),
+                ("unknown", site.where, label, "", (), names, "", True, (site, names)),
+                _row(scores, i),
+            )
 
 
 def _unnamed_priors(rows, periods):

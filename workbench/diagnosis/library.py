@@ -17,9 +17,15 @@ from workbench.core.effect import Effect
 # an order once and twice a turn is what eccentric gears and encoders make; more are rarer
 _ORDERS = {1: 0.3, 2: 0.3, 3: 0.1, 4: 0.1}
 GEAR_MASS = 0.2
-_DRIFTS = "evenly", "with one bend", "with two bends"  # by the order of the polynomial: few numbers show small drifts
+_DRIFTS = (
+    "evenly",
+    "with one bend",
+    "with two bends",
+)  # by the order of the polynomial: few numbers show small drifts
 _LOADED_NM, _MOVES_RAD = 0.02, 0.2
-_SHORTEST_MM = 1.0  # a link without a length has nothing that bends; what its neighbours do is theirs
+_SHORTEST_MM = (
+    1.0  # a link without a length has nothing that bends; what its neighbours do is theirs
+)
 # shares of the largest torque over which a gap is pressed shut, and how likely each is beside the sharp one
 _SEATED, _SOFT_MASS = (0.05, 0.1, 0.2), 0.3
 
@@ -46,7 +52,9 @@ def _joint(chain, k):
     moves = np.ptp(chain.variables[k - 1]) > _MOVES_RAD
     if turns and moves:
         for order, mass in _ORDERS.items():
-            yield _option("transmission-harmonic", f"joint-{k}", f"order {order}", mass, order=float(order))
+            yield _option(
+                "transmission-harmonic", f"joint-{k}", f"order {order}", mass, order=float(order)
+            )
         yield _option("axis-run-out", f"joint-{k}")
     for j in range(1, chain.robot.joints + 1):
         if j != k and np.ptp(chain.variables[j - 1]) > 0:
@@ -67,7 +75,9 @@ def _loaded(chain, k):
             for share in _SEATED:
                 width = float(f"{share * np.abs(torque).max():.3g}")
                 label = f"seated by gravity, softly within {width:g} N m"
-                yield _option("backlash", f"joint-{k}", label, _SOFT_MASS, seat="gravity", width=width)
+                yield _option(
+                    "backlash", f"joint-{k}", label, _SOFT_MASS, seat="gravity", width=width
+                )
         if np.ptp(chain.state.self_torque[k - 1]) > _LOADED_NM and chain.state.payload.any():
             yield _option("link-self-weight", f"joint-{k}")
     has_length = np.hypot(*chain.robot.geometry[k - 1, 1:3]) > _SHORTEST_MM
@@ -85,7 +95,11 @@ def _warm(chain, k):
     ):
         if effect == "link-thermal-growth" and not np.abs(chain.robot.geometry[k - 1, 1:3]).any():
             continue
-        missing = "" if any(name in chain.state.covariates for name in (column, "temperature_c")) else "temperature"
+        missing = (
+            ""
+            if any(name in chain.state.covariates for name in (column, "temperature_c"))
+            else "temperature"
+        )
         yield _option(effect, where, missing=missing)
 
 
@@ -95,10 +109,19 @@ def _base(chain, elastic):
     time = clock(chain.state)
     if np.ptp(time) > 0:
         for order, word in enumerate(_DRIFTS, 1):
-            yield _option("base-drift", "base", word, start=float(time.min()), end=float(time.max()), order=order)
+            yield _option(
+                "base-drift",
+                "base",
+                word,
+                start=float(time.min()),
+                end=float(time.max()),
+                order=order,
+            )
     if elastic:
         yield _option("mount-tilt", "base")
-        if np.ptp(chain.state.torque[0]) <= _LOADED_NM and (chain.state.robot.mass.any() or chain.state.payload.any()):
+        if np.ptp(chain.state.torque[0]) <= _LOADED_NM and (
+            chain.state.robot.mass.any() or chain.state.payload.any()
+        ):
             torsion = CATALOGUE["mount-tilt-torsion"]("base")
             yield Option(torsion, "where an upright joint 1 yields to it", "mount-tilt base")
     yield _option("tool-deflection", "tool")
@@ -113,8 +136,14 @@ def _tilts(chain):
         axes = level_axes(chain.state.covariates, sensor)
         if axes is not None:
             for where in ("base", *(f"link-{k}" for k in range(1, chain.robot.joints + 1))):
-                yield _option("measured-tilt", where, f"by the accelerometer of the {sensor}", 1 / len(sensors),
-                              sensor=sensor, axes=axes)  # fmt: skip
+                yield _option(
+                    "measured-tilt",
+                    where,
+                    f"by the accelerometer of the {sensor}",
+                    1 / len(sensors),
+                    sensor=sensor,
+                    axes=axes,
+                )
 
 
 def _sensor(chain):
@@ -126,12 +155,17 @@ def _sensor(chain):
     balls = chain.numbers("ball")
     if len(balls) > 1:
         yield from (_option("ball-position", f"ball-{k}") for k in balls)
-    known = any(name in chain.state.covariates for name in ("temperature_artefact_c", "temperature_c"))
+    known = any(
+        name in chain.state.covariates for name in ("temperature_artefact_c", "temperature_c")
+    )
     yield _option("artefact-expansion", "artefact", missing="" if known else "temperature")
 
 
 def _time(chain):
-    speeds = [f"qdot{k}_mm_s" if chain.slides(k) else f"qdot{k}_deg_s" for k in range(1, chain.robot.joints + 1)]
+    speeds = [
+        f"qdot{k}_mm_s" if chain.slides(k) else f"qdot{k}_deg_s"
+        for k in range(1, chain.robot.joints + 1)
+    ]
     if all(name in chain.state.covariates for name in speeds):
         yield _option("time-offset", "time")
     if all(f"move{k}" in chain.state.covariates for k in range(1, chain.robot.joints + 1)):

@@ -15,15 +15,22 @@ def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tupl
     table = judged(problem) if table is None else table
     best: dict[tuple, Hypothesis] = {}
     for h in table:
-        if h.unnamed and ((at := (h.where, _port(h))) not in best or h.evidence > best[at].evidence):
+        if h.unnamed and (
+            (at := (h.where, _port(h))) not in best or h.evidence > best[at].evidence
+        ):
             best[at] = h
     yy = float((problem.clear(problem.residual) ** 2).sum())
     noise = yy / max(problem.degrees, 1)
     rows = [
-        Located(*at, h.unnamed, max(0.0, h.gain - h.rank * noise) / max(yy, 1e-300), min(1.0, h.p / h.weight),
-                float((h.gain / len(problem.sample)) ** 0.5))
+        Located(
+            *at,
+            h.unnamed,
+            max(0.0, h.gain - h.rank * noise) / max(yy, 1e-300),
+            min(1.0, h.p / h.weight),
+            float((h.gain / len(problem.sample)) ** 0.5),
+        )
         for at, h in best.items()
-    ]  # fmt: skip
+    ]
     return tuple(sorted(rows, key=lambda row: (row.p_value, -row.share)))
 
 

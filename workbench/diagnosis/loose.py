@@ -6,7 +6,6 @@ taken for it. So beside each elastic law there stands the same law with a few nu
 would make of first moments that the data sheet does not know.
 """
 
-
 import numpy as np
 
 from workbench.core.effect import Effect
@@ -14,7 +13,10 @@ from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.parameters import Parameter
 
 _SHARE, _CENTRE_MM = 0.2, 20.0  # a data sheet's mass is good to a fifth, a centre to 20 mm
-_MOST, _LEAST = 4, 0.03  # mixtures of first moments, and the share of the law below which one says nothing
+_MOST, _LEAST = (
+    4,
+    0.03,
+)  # mixtures of first moments, and the share of the law below which one says nothing
 LABEL = "with its masses found"
 MASS_SHARE, CENTRE_MM = 0.05, 5.0
 """1 sigma of a stated first moment as a share of it, and of a centre of mass (mm per axis): prior of the names."""
@@ -34,14 +36,25 @@ class Loose(Effect):
         super().__init__(where)
         self.inner, self.mixtures, self.shares = inner, mixtures, shares
         self.effect, self.port, self.components = inner.effect, inner.port, inner.components
-        self.places, self.equation = inner.places, f"{inner.equation}, first moments of the links found"
+        self.places, self.equation = (
+            inner.places,
+            f"{inner.equation}, first moments of the links found",
+        )
 
     def table(self, chain):
         own = self.inner.table(chain)
         more = [
-            Parameter(f"{p.key}_mass_{r + 1}", p.unit, 0.0, p.typical, f"{p.label}, masses {r + 1}", p.prior)
-            for r in range(len(self.mixtures)) for p in own
-        ]  # fmt: skip
+            Parameter(
+                f"{p.key}_mass_{r + 1}",
+                p.unit,
+                0.0,
+                p.typical,
+                f"{p.label}, masses {r + 1}",
+                p.prior,
+            )
+            for r in range(len(self.mixtures))
+            for p in own
+        ]
         return (*own, *more)
 
     def basis(self, state):
@@ -49,7 +62,9 @@ class Loose(Effect):
         made = responses(self.inner, state)
         parts = [own]
         for mixture, share in zip(self.mixtures, self.shares):
-            parts.append(np.tensordot(np.ravel(mixture), made, 1) - np.asarray(share)[:, None, None] * own)
+            parts.append(
+                np.tensordot(np.ravel(mixture), made, 1) - np.asarray(share)[:, None, None] * own
+            )
         return np.concatenate(parts)
 
 
@@ -72,7 +87,14 @@ class MassResponse(Effect):
     def table(self, chain):
         count = 3 * chain.robot.joints + 3
         return tuple(
-            Parameter(f"{p.key}_moment_{m}", p.unit, 0.0, p.typical, f"{p.label}, first moment {m}", p.prior)
+            Parameter(
+                f"{p.key}_moment_{m}",
+                p.unit,
+                0.0,
+                p.typical,
+                f"{p.label}, first moment {m}",
+                p.prior,
+            )
             for p in self.inner.table(chain)
             for m in range(count)
         )
@@ -92,7 +114,9 @@ def _altered(state) -> tuple:
     """The state under each unit of first moment; made once a state."""
     if "_altered" not in state.__dict__:
         count, one = 3 * state.robot.joints + 3, np.ones((1, state.n))
-        state.__dict__["_altered"] = tuple(state.altered([("mass", (k,), one)]) for k in range(count))
+        state.__dict__["_altered"] = tuple(
+            state.altered([("mass", (k,), one)]) for k in range(count)
+        )
     return state.__dict__["_altered"]
 
 
@@ -101,7 +125,9 @@ def loosened(law: Effect, state) -> Loose | None:
     own, made = law.basis(state), responses(law, state) * _sizes(state)[:, None, None, None]
     length = (own**2).sum((1, 2))
     shares = (made * own).sum((2, 3)) / np.maximum(length, 1e-300)
-    left = (made - shares[:, :, None, None] * own) / np.sqrt(np.maximum(length, 1e-300))[:, None, None]
+    left = (made - shares[:, :, None, None] * own) / np.sqrt(np.maximum(length, 1e-300))[
+        :, None, None
+    ]
     u, s, _ = thin_svd(left.reshape(len(left), -1))
     kept = np.flatnonzero(s[:_MOST] > _LEAST)
     if not len(kept):

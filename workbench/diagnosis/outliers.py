@@ -11,7 +11,9 @@ from scipy.stats import f as fisher
 # counts. Of Gaussian samples in three coordinates one in a hundred is above the first.
 _FULL, _LITTLE = 3.4, 6.0
 NAMED_AT = 0.01  # chance that any sample of a clean recording is called an outlier
-_RATIO_ERROR = 0.64  # standard error of the 90 % quantile over the median of n Gaussian lengths, times sqrt(n)
+_RATIO_ERROR = (
+    0.64  # standard error of the 90 % quantile over the median of n Gaussian lengths, times sqrt(n)
+)
 _LEVELS, _EACH = 8, 30  # parts of a covariate, and samples that each holds at least
 
 
@@ -64,7 +66,10 @@ def _tails(length) -> float | None:
 
     if not np.median(length) > 0:  # exact data: no noise whose tails could be told
         return None
-    found, gauss = np.quantile(length, 0.9) / np.median(length), np.sqrt(chi2.ppf(0.9, 3) / chi2.ppf(0.5, 3))
+    found, gauss = (
+        np.quantile(length, 0.9) / np.median(length),
+        np.sqrt(chi2.ppf(0.9, 3) / chi2.ppf(0.5, 3)),
+    )
     if found < gauss * (1 + 1.5 * _RATIO_ERROR / np.sqrt(len(length))):
         return None
     return 2.0 if found >= ratio(2.0) else float(brentq(lambda nu: ratio(nu) - found, 2.0, 1e6))
@@ -81,14 +86,18 @@ def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
     inner = inner if len(inner) <= most else np.quantile(x, np.arange(1, most) / most)
     part = np.searchsorted(inner, x)
     square = (white**2).sum(0)
-    spread = np.array([np.median(square[part == k]) if (part == k).any() else 1.0 for k in range(part.max() + 1)])
+    spread = np.array(
+        [np.median(square[part == k]) if (part == k).any() else 1.0 for k in range(part.max() + 1)]
+    )
     if not spread.max() > 0:
         return np.ones(len(part))
     each = np.sqrt(np.maximum(spread, 1e-12 * spread.max()))[part]
     return each / np.sqrt((each**2).mean())
 
 
-def spread_with(white: np.ndarray, covariates: Mapping[str, np.ndarray]) -> tuple[str, float] | None:
+def spread_with(
+    white: np.ndarray, covariates: Mapping[str, np.ndarray]
+) -> tuple[str, float] | None:
     """The covariate with which the spread of residuals (m, n) grows or falls, and its p-value over all of them.
 
     The score test of Breusch & Pagan (1979) as Koenker (J. Econometrics 17, 1981) made it independent
@@ -106,5 +115,7 @@ def spread_with(white: np.ndarray, covariates: Mapping[str, np.ndarray]) -> tupl
     if not scores:
         return None
     highest = max(scores.values())
-    name = next(name for name, score in scores.items() if score > highest * (1 - 1e-6))  # as it was recorded
+    name = next(
+        name for name, score in scores.items() if score > highest * (1 - 1e-6)
+    )  # as it was recorded
     return name, float(min(1.0, chi2.sf(scores[name], 1) * len(scores)))

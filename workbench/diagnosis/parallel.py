@@ -13,7 +13,9 @@ _held: dict = {}  # of a process that searches: the bench and the search, sent o
 
 
 @contextmanager
-def searches(bench: Bench, search: Search, jobs: int) -> Iterator[Callable[[Iterable[np.ndarray]], Iterator[list]]]:
+def searches(
+    bench: Bench, search: Search, jobs: int
+) -> Iterator[Callable[[Iterable[np.ndarray]], Iterator[list]]]:
     """A function of parts of the samples, each (n,) bool: what `search(bench, part)` gives of each, in their order.
 
     jobs: processes; with one all is done here.

@@ -19,7 +19,11 @@ def folded(search: Search):
     gone = _twins(search, gains)
     for i, h in enumerate(search.accepted):
         own = same_place(h)
-        least = [gain * (1.0 if where in own else 1 - LAW) for where, gain in unknown if near(h.where, where)]
+        least = [
+            gain * (1.0 if where in own else 1 - LAW)
+            for where, gain in unknown
+            if near(h.where, where)
+        ]
         if not h.unnamed and gains[i] < max(least, default=0.0):
             gone.add(i)
     if gone:
@@ -32,7 +36,9 @@ def against(search: Search):
         gone = {i for i in search.everyone if search.against(i)}
         if not gone:
             return
-        search.without({min(gone, key=lambda i: search.beside(i)[0])}, "it would yield against its load")
+        search.without(
+            {min(gone, key=lambda i: search.beside(i)[0])}, "it would yield against its load"
+        )
 
 
 def outdone(search: Search) -> Hypothesis | None:

@@ -28,23 +28,52 @@ def scans(chain, rows) -> tuple[Scan, ...]:
     instants = np.unique(time)
     between = (instants[1:] + instants[:-1]) / 2
     between = between[2:-2]
-    made = [scan for k in range(1, chain.robot.joints + 1) for scan in _joint_scans(chain, rows, k, time, between)]
+    made = [
+        scan
+        for k in range(1, chain.robot.joints + 1)
+        for scan in _joint_scans(chain, rows, k, time, between)
+    ]
     return (*made, *_floor(chain, rows, _FRAME))
 
 
 def _joint_scans(chain, rows, k: int, time, between):
     """A slip at any instant, and waves of any order that gears have, at joint k."""
     where, slides = f"joint-{k}", chain.slides(k)
-    row, size = rows("joint", [k - 1]).reshape(1, -1), np.array([_TYPICAL["mm" if slides else "rad"]])
+    row, size = (
+        rows("joint", [k - 1]).reshape(1, -1),
+        np.array([_TYPICAL["mm" if slides else "rad"]]),
+    )
     if len(between):
-        yield Scan("zero-shift", where, "step", row, time, between, np.ones(len(between)), size,
-                   f"zero-shift {where}", _maker("zero-shift", where, "after"), "after {:g}")  # fmt: skip
+        yield Scan(
+            "zero-shift",
+            where,
+            "step",
+            row,
+            time,
+            between,
+            np.ones(len(between)),
+            size,
+            f"zero-shift {where}",
+            _maker("zero-shift", where, "after"),
+            "after {:g}",
+        )
     span = np.ptp(chain.variables[k - 1])
     orders, mass = _orders(chain.robot.gear_ratio[k - 1])
     if span > 0.2 and not slides:
-        yield Scan("transmission-harmonic", where, "wave", row, chain.variables[k - 1], orders,
-                   GEAR_MASS * mass, size, f"transmission-harmonic {where}",
-                   _maker("transmission-harmonic", where, "order"), "order {:g}", together=True)  # fmt: skip
+        yield Scan(
+            "transmission-harmonic",
+            where,
+            "wave",
+            row,
+            chain.variables[k - 1],
+            orders,
+            GEAR_MASS * mass,
+            size,
+            f"transmission-harmonic {where}",
+            _maker("transmission-harmonic", where, "order"),
+            "order {:g}",
+            together=True,
+        )
 
 
 def _orders(ratio: float) -> tuple[np.ndarray, np.ndarray]:
@@ -74,30 +103,73 @@ def _maker(effect, where, option):
 def sites(chain, rows) -> tuple[Site, ...]:
     """Every place that may move, with the covariates that it may move with; rows as in `scans`."""
     own = chain.state.covariates
-    general = tuple(c for c in own if c != "row" and np.ptp(own[c]) > 0 and not c.startswith(_PARTICULAR))
+    general = tuple(
+        c for c in own if c != "row" and np.ptp(own[c]) > 0 and not c.startswith(_PARTICULAR)
+    )
     angles = tuple(f"q{k}" for k in range(1, chain.robot.joints + 1) if np.ptp(own[f"q{k}"]) > 0)
+    made = _joint_sites(chain, rows, angles, general)
+    turns = _FRAME
+    more = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
+    more |= {
+        f"link-{k}": (
+            f"tau{k}",
+            f"tau{min(k + 1, chain.robot.joints)}",
+            *(f"moment{k}_{c}" for c in "xyz"),
+        )
+        for k in range(1, chain.robot.joints + 1)
+    }
+    for place in more:
+        made.append(
+            Site(
+                place,
+                "frame",
+                _flat(rows("frame", chain.slots("frame", place))),
+                "mm and rad",
+                turns,
+                tuple(dict.fromkeys((*angles, *_varying(own, more[place]), *general))),
+            )
+        )
+    if chain.measurement.place == "sensor":
+        seen = ("seen_x", "seen_y", "seen_z")
+        made.append(
+            Site(
+                "sensor",
+                "sensor",
+                _flat(rows("sensor", [0, 1, 2])),
+                "mm",
+                turns[:3],
+                (*seen, *general),
+            )
+        )
+    return tuple(made)
+
+
+def _joint_sites(chain, rows, angles, general) -> list[Site]:
+    """The joints, each with the covariates that its angle may be wrong with."""
+    own = chain.state.covariates
     made = []
     for k in range(1, chain.robot.joints + 1):
-        mine = tuple(c for c in (f"tau{k}", f"move{k}", f"approach{k}") if c in own and np.ptp(own[c]) > 0)
+        mine = tuple(
+            c for c in (f"tau{k}", f"move{k}", f"approach{k}") if c in own and np.ptp(own[c]) > 0
+        )
         pairs = tuple((a, b) for i, a in enumerate(angles) for b in angles[i + 1 :])
         sides = [c for c in mine if not c.startswith("tau")]
         pairs += tuple((a, b) for a in (f"q{k}", f"tau{k}") if a in (*angles, *mine) for b in sides)
         unit = "mm" if chain.slides(k) else "rad"
-        made.append(Site(f"joint-{k}", "joint", _flat(rows("joint", [k - 1])), unit, np.array([_TYPICAL[unit]]),
-                         (*angles, *mine, *general), pairs))  # fmt: skip
+        made.append(
+            Site(
+                f"joint-{k}",
+                "joint",
+                _flat(rows("joint", [k - 1])),
+                unit,
+                np.array([_TYPICAL[unit]]),
+                (*angles, *mine, *general),
+                pairs,
+            )
+        )
         if f"q{k}" in angles:
             made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
-    turns = _FRAME
-    more = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
-    more |= {f"link-{k}": (f"tau{k}", f"tau{min(k + 1, chain.robot.joints)}", *(f"moment{k}_{c}" for c in "xyz"))
-             for k in range(1, chain.robot.joints + 1)}  # fmt: skip
-    for place in more:
-        made.append(Site(place, "frame", _flat(rows("frame", chain.slots("frame", place))), "mm and rad", turns,
-                         tuple(dict.fromkeys((*angles, *_varying(own, more[place]), *general)))))  # fmt: skip
-    if chain.measurement.place == "sensor":
-        seen = ("seen_x", "seen_y", "seen_z")
-        made.append(Site("sensor", "sensor", _flat(rows("sensor", [0, 1, 2])), "mm", turns[:3], (*seen, *general)))
-    return tuple(made)
+    return made
 
 
 def lengths(chain, rows) -> tuple[Site, ...]:
@@ -129,8 +201,22 @@ def _floor(chain, rows, turns) -> list[Scan]:
         return (Wave("base", rate, units, tuple(turns.tolist())),)
 
     flat = _flat(rows("frame", chain.slots("frame", "base")))
-    return [Scan("unknown", "base", "wave", flat, time, 2 * np.pi * cycles / span, np.ones(len(cycles)), turns, "",
-                 make, "to and fro, {:g} rad a unit of time", ("time",))]  # fmt: skip
+    return [
+        Scan(
+            "unknown",
+            "base",
+            "wave",
+            flat,
+            time,
+            2 * np.pi * cycles / span,
+            np.ones(len(cycles)),
+            turns,
+            "",
+            make,
+            "to and fro, {:g} rad a unit of time",
+            ("time",),
+        )
+    ]
 
 
 def _flat(rows):

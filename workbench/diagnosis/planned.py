@@ -12,7 +12,12 @@ POOL = 120
 _LOAD_SHARE, _LEAST_LOAD_KG = 0.1, 2.0
 _WARMER_K = 10.0
 _MOVED_RAD = 0.2
-MORE, LOAD, WARM, SIDES = "more poses", "the same poses with more load", "the same poses warmer", "both sides"
+MORE, LOAD, WARM, SIDES = (
+    "more poses",
+    "the same poses with more load",
+    "the same poses warmer",
+    "both sides",
+)
 
 
 @dataclass(frozen=True)
@@ -47,8 +52,13 @@ class Plan:
         """Joint readings (k, J), in the recording's own units, of the chosen poses of the pool."""
         first = self.recording.n - len(self.pose)
         rows = [first + int(np.flatnonzero(self.pose == k)[0]) for k in chosen]
-        columns = [c for c in self.recording.columns if c.startswith("q") and c.rpartition("_")[2] in ("deg", "mm")
-                   and c[1:].rpartition("_")[0].isdecimal()]  # fmt: skip
+        columns = [
+            c
+            for c in self.recording.columns
+            if c.startswith("q")
+            and c.rpartition("_")[2] in ("deg", "mm")
+            and c[1:].rpartition("_")[0].isdecimal()
+        ]
         return np.stack([self.recording.columns[c][rows] for c in columns], 1)
 
 
@@ -87,11 +97,17 @@ def _joined(recording, rows, changed=None):
     extra["sample"] = last + 1 + np.arange(len(rows))
     names = set(recording.columns) | set(extra)
     blank = {name: recording.columns.get(name, np.zeros(recording.n)) for name in names}
-    return replace(recording, columns={name: np.concatenate([blank[name], extra[name]]) for name in sorted(names)})
+    return replace(
+        recording,
+        columns={name: np.concatenate([blank[name], extra[name]]) for name in sorted(names)},
+    )
 
 
 def _loaded(bench, rows, pose) -> Plan:
-    robot, held = bench.chain.robot, bench.recording.columns.get("payload_kg", np.zeros(bench.recording.n))
+    robot, held = (
+        bench.chain.robot,
+        bench.recording.columns.get("payload_kg", np.zeros(bench.recording.n)),
+    )
     load = max(_LEAST_LOAD_KG, round(2 * _LOAD_SHARE * float(robot.mass.sum())) / 2)
     joined = _joined(bench.recording, rows, {"payload_kg": held[rows] + load})
     words = f"measure {{poses}} of these poses again with {load:g} kg more on the flange"
@@ -114,31 +130,47 @@ def _both_sides(recording, rows, pose) -> Plan:
     order = np.argsort(np.concatenate([pose, pose]), kind="stable")
     changed = {name: sides[order] for name in recording.columns if name.startswith("approach")}
     words = "come to {poses} of these poses from both sides of every joint"
-    return Plan(SIDES, words, _joined(recording, twice[order], changed), np.sort(np.concatenate([pose, pose])),
-                sides[order], recording.sample_ids[twice[order]], {"approach": True})  # fmt: skip
+    return Plan(
+        SIDES,
+        words,
+        _joined(recording, twice[order], changed),
+        np.sort(np.concatenate([pose, pose])),
+        sides[order],
+        recording.sample_ids[twice[order]],
+        {"approach": True},
+    )
 
 
 def _more(bench, rows, pose, rng) -> Plan:
     """New poses: at random among those measured for a sensor that must see its ball, else in the joints' ranges."""
     recording = bench.recording
-    names = [c for c in recording.columns if c.startswith("q") and c[1:].rpartition("_")[0].isdecimal()]
+    names = [
+        c for c in recording.columns if c.startswith("q") and c[1:].rpartition("_")[0].isdecimal()
+    ]
     readings = np.stack([recording.columns[c] for c in names])
     low, high = readings.min(1), readings.max(1)
     count = pose.max() + 1
     if recording.measures == "ball-centre":
-        fresh = readings[:, rows] + 0.03 * (high - low)[:, None] * rng.normal(size=(count, len(names))).T[:, pose]
+        fresh = (
+            readings[:, rows]
+            + 0.03 * (high - low)[:, None] * rng.normal(size=(count, len(names))).T[:, pose]
+        )
     else:
         fresh = rng.uniform(low, high, (count, len(names))).T[:, pose]
     changed = dict(zip(names, np.clip(fresh, low[:, None], high[:, None])))
     joined = _seen(bench, _joined(recording, rows, changed))
-    return Plan(MORE, "measure {poses} more poses, chosen for it", joined, pose, np.zeros(len(rows)), None)
+    return Plan(
+        MORE, "measure {poses} more poses, chosen for it", joined, pose, np.zeros(len(rows)), None
+    )
 
 
 def _seen(bench, joined):
     """The recording with the points that the fitted baseline predicts: what an effect reads of them."""
     model, fit, _ = bench.solve(())
     chain = bind(model.chain.robot, joined, model.chain.start)
-    chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain, np.arange(chain.n))))
+    chain = replace(
+        chain, state=replace(chain.state, covariates=covariates_of(chain, np.arange(chain.n)))
+    )
     here = Model(chain, bench.baseline)
     residual = here.residual(here.parameters.take_over(fit.parameters))
     return replace(joined, columns=dict(joined.columns) | chain.measurement.columns(residual))

@@ -145,11 +145,15 @@ class Problem:
     given: float = 0.0
     mass_responses: tuple[Candidate, ...] = ()
     given_values: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
-    made: dict = field(default_factory=dict, compare=False, repr=False)  # functions of the covariates, made once
+    made: dict = field(
+        default_factory=dict, compare=False, repr=False
+    )  # functions of the covariates, made once
     # what is known of all that is compared with the first `bare` columns of the basis (None: all), made once
     known: dict = field(default_factory=dict, compare=False, repr=False)
     bare: int | None = None
-    rotation: np.ndarray | None = None  # (N,) True for coordinates of an orientation, in rad; None: there are none
+    rotation: np.ndarray | None = (
+        None  # (N,) True for coordinates of an orientation, in rad; None: there are none
+    )
 
     def keeping(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.
@@ -161,11 +165,23 @@ class Problem:
         residual = self.residual - sum(back) if back else self.residual
         basis = self.basis
         if len(kept) and self.added:
-            basis = np.concatenate([basis, self.beside(np.concatenate([self.added[i] for i in kept], 1))], 1)
+            basis = np.concatenate(
+                [basis, self.beside(np.concatenate([self.added[i] for i in kept], 1))], 1
+            )
         effects = tuple(self.effects[i] for i in kept)
-        return replace(self, residual=residual, basis=basis, effects=effects, added=(), values=(), bare=self.first)
+        return replace(
+            self,
+            residual=residual,
+            basis=basis,
+            effects=effects,
+            added=(),
+            values=(),
+            bare=self.first,
+        )
 
-    def through(self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None) -> "Problem":
+    def through(
+        self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
+    ) -> "Problem":
         """The problem with residual, basis and all that is compared with them mapped by `white`, rows (k, N) to (k, N).
 
         weights (n,): those of the samples, where the map changes them.
@@ -181,12 +197,20 @@ class Problem:
             return tuple(replace(s, rows=white(s.rows)) for s in held)
 
         return replace(
-            self, residual=white(self.residual), basis=np.linalg.qr(columns(self.basis))[0],
-            weights=self.weights if weights is None else weights, added=tuple(map(columns, self.added)),
-            sites=places(self.sites), growing=places(self.growing), scans=places(self.scans),
-            candidates=candidates(self.candidates), loose=candidates(self.loose), known={}, bare=None,
+            self,
+            residual=white(self.residual),
+            basis=np.linalg.qr(columns(self.basis))[0],
+            weights=self.weights if weights is None else weights,
+            added=tuple(map(columns, self.added)),
+            sites=places(self.sites),
+            growing=places(self.growing),
+            scans=places(self.scans),
+            candidates=candidates(self.candidates),
+            loose=candidates(self.loose),
+            known={},
+            bare=None,
             mass_responses=candidates(self.mass_responses),
-        )  # fmt: skip
+        )
 
     def beside(self, columns: np.ndarray) -> np.ndarray:
         """(N, R) orthonormal basis of what columns (N, P) make and the baseline does not, without rounding's share.
@@ -228,7 +252,9 @@ class Bench(Protocol):
     def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
         """(n,) error (mm or px, 3-D or 2-D distance) of each sample predicted from the other folds (n,) int."""
 
-    def parameters(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> tuple[dict, ...]:
+    def parameters(
+        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+    ) -> tuple[dict, ...]:
         """Of every effect's parameters: key, name, where, effect, value, std, unit, typical, size_mm."""
 
     def smooth(self, site: "Site", names: tuple[str, ...]) -> Effect:

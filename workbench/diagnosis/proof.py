@@ -34,7 +34,10 @@ from workbench.diagnosis.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.result import Proof, Term
 
 _WAVE = "transmission-harmonic"
-_LIKELY, _ALIKE = 0.1, 0.9  # probability, or share of a finding's signature, from which on another is its twin
+_LIKELY, _ALIKE = (
+    0.1,
+    0.9,
+)  # probability, or share of a finding's signature, from which on another is its twin
 _MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
 _MOST = 0.5  # of what a term makes, that others make of it
 _FAR = 0.05  # robust weight below which a sample is another process's
@@ -54,7 +57,12 @@ class _Whole:
 
 
 def prove(
-    bench: Bench, found: Found, find: Find, noise: tuple[float, str], say: Say = lambda text: None, jobs: int = 1
+    bench: Bench,
+    found: Found,
+    find: Find,
+    noise: tuple[float, str],
+    say: Say = lambda text: None,
+    jobs: int = 1,
 ):
     """(Proof, terms that stay, terms refused) of what `find(bench)` found on all samples.
 
@@ -115,7 +123,9 @@ def _without(errors: Errors, whole: _Whole, refused: Sequence[Term]) -> list[np.
     for scheme, found, plain in zip(whole.schemes, whole.anew, whole.plain):
         kept = {}
         for k, findings in found.items():
-            left = [f for f in findings if not any(_is_finding(f, term.finding) for term in refused)]
+            left = [
+                f for f in findings if not any(_is_finding(f, term.finding) for term in refused)
+            ]
             kept[k] = _effects(left)
         out.append(errors.predicted(scheme, kept, plain))
     return out
@@ -129,7 +139,9 @@ def _judges_of_all(bench, terms: Sequence[Term], parts: list[Scheme]) -> list[Sc
     """The schemes that can judge every term; where no scheme can, those that can judge the largest."""
     findings = [term.finding for term in terms]
     problem, numbers = bench.problem(_effects(findings)), _numbered(findings)
-    able = [judging_schemes(bench, f.effects, parts, problem, own) for f, own in zip(findings, numbers)]
+    able = [
+        judging_schemes(bench, f.effects, parts, problem, own) for f, own in zip(findings, numbers)
+    ]
     common = [s for s in parts if all(any(s is one for one in mine) for mine in able)]
     return common or able[int(np.argmax([f.gain for f in findings]))]
 
@@ -139,14 +151,20 @@ def _judged_rows(whole: _Whole, predicted, judges: Sequence[Scheme], usual, sigm
     rows = []
     for scheme, before, after in zip(whole.schemes, whole.plain, predicted):
         able = any(scheme is one for one in judges)
-        rows.append(Judged(scheme, before, after, rms(before, usual, sigma), rms(after, usual, sigma), able))
+        rows.append(
+            Judged(scheme, before, after, rms(before, usual, sigma), rms(after, usual, sigma), able)
+        )
     return rows
 
 
-def _inside(problem: Problem, terms: list[Term], refused: list[Term]) -> tuple[list[Term], list[Term]]:
+def _inside(
+    problem: Problem, terms: list[Term], refused: list[Term]
+) -> tuple[list[Term], list[Term]]:
     """The terms but waves of the last order that was asked for, whose best order may be any beyond; and the refused."""
     waves = [s for s in problem.scans if s.effect == _WAVE]
-    last = {s.where: s.options[s.mass < _MOTOR * np.median(s.mass)].max() for s in waves}  # a motor's: by themselves
+    last = {
+        s.where: s.options[s.mass < _MOTOR * np.median(s.mass)].max() for s in waves
+    }  # a motor's: by themselves
     reason = "its order is the last that was asked for, so that the wave that is there may be any of a higher order"
     kept = []
     for term in terms:
@@ -169,8 +187,14 @@ def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: in
     if find is None:
         return _Whole(parts, plain, plain, [{} for _ in parts], [0.0 for _ in parts])
     anew = _anew(bench, find, parts, say, jobs)
-    made = [errors.predicted(s, {k: _effects(f) for k, f in a.items()}, p) for s, a, p in zip(parts, anew, plain)]
-    t = [paired(bench.pose, before, after, usual, sigma_of(bench)) for before, after in zip(plain, made)]
+    made = [
+        errors.predicted(s, {k: _effects(f) for k, f in a.items()}, p)
+        for s, a, p in zip(parts, anew, plain)
+    ]
+    t = [
+        paired(bench.pose, before, after, usual, sigma_of(bench))
+        for before, after in zip(plain, made)
+    ]
     return _Whole(parts, plain, made, anew, t)
 
 
@@ -227,7 +251,9 @@ def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding
     return [term.finding for term in _earned(bench, list(found.findings), samples)[0]]
 
 
-def _earned(bench, findings: list[Finding], samples, say: Say = lambda text: None) -> tuple[list[Term], list[Term]]:
+def _earned(
+    bench, findings: list[Finding], samples, say: Say = lambda text: None
+) -> tuple[list[Term], list[Term]]:
     """Terms whose held-out gain beside one another is real, and those that went, in the problem solved with all.
 
     To first order about that solution, by samples left out of the linearised fit.
@@ -240,7 +266,9 @@ def _earned(bench, findings: list[Finding], samples, say: Say = lambda text: Non
     left = [Term(f) for f in findings]
     while left:
         kept = [i for term in left for i in numbers[id(term.finding)]]
-        left = [_judged(bench, problem, kept, term, numbers[id(term.finding)], sigma) for term in left]
+        left = [
+            _judged(bench, problem, kept, term, numbers[id(term.finding)], sigma) for term in left
+        ]
         worst = min(left, key=lambda term: term.t)
         if worst.t > REAL and worst.gain > 0:
             break
@@ -253,11 +281,15 @@ def _unreal(t: float) -> str:
     return f"its held-out gain beside the others is not real (t = {t:.1f}, where more than {REAL:g} is expected)"
 
 
-def _judged(bench, problem: Problem, kept: Sequence[int], term: Term, own: Sequence[int], sigma) -> Term:
+def _judged(
+    bench, problem: Problem, kept: Sequence[int], term: Term, own: Sequence[int], sigma
+) -> Term:
     """The term with t and gain of its being there beside the problem's others, over the schemes that may judge it."""
     every, rest = problem.keeping(kept), problem.keeping([i for i in kept if i not in own])
     usual, t, gain = problem.weights > _FAR, [], []
-    for scheme in judging_schemes(bench, term.finding.effects, schemes(problem.pose, problem), problem, own):
+    for scheme in judging_schemes(
+        bench, term.finding.effects, schemes(problem.pose, problem), problem, own
+    ):
         with_it, without = left_out(every, scheme.fold), left_out(rest, scheme.fold)
         t.append(paired(problem.pose, without, with_it, usual, sigma))
         gain.append(rms(without, usual, sigma) - rms(with_it, usual, sigma))
@@ -280,14 +312,18 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
     bench = errors.bench
     if terms:
         judges = _judges_of_all(bench, terms, whole.schemes)
-        t = combined_t([value for s, value in zip(whole.schemes, whole.t) if any(s is one for one in judges)])
+        t = combined_t(
+            [value for s, value in zip(whole.schemes, whole.t) if any(s is one for one in judges)]
+        )
         if not t > REAL:
             return [], [replace(term, kept=False, t_anew=t, reason=_luck(t)) for term in terms]
     kept, lost = [], []
     folds = [_solved(bench, a) for a in whole.anew] if terms else []
     with_all = [_linear(s, rows) for s, rows in zip(whole.schemes, folds)]
     findings = [term.finding for term in terms]
-    problem, numbers = (bench.problem(_effects(findings)), _numbered(findings)) if terms else (None, [])
+    problem, numbers = (
+        (bench.problem(_effects(findings)), _numbered(findings)) if terms else (None, [])
+    )
     own = _made(problem, findings) if terms else []
     made = [_made(solved, found) for rows in folds for found, solved in rows.values()]
     for term, moved, mine in zip(terms, own, numbers):
@@ -316,7 +352,10 @@ def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
     """(N,) mm, px: what each finding makes, beside what the baseline can make of it."""
     bare = problem.keeping(())
     unit = problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
-    return [unit * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own)) for own in _numbered(findings)]
+    return [
+        unit * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own))
+        for own in _numbered(findings)
+    ]
 
 
 def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
@@ -340,7 +379,12 @@ def _linear(scheme: Scheme, folds: dict, without: Finding | None = None) -> np.n
     out = np.empty(len(scheme.fold))
     for k, (findings, problem) in folds.items():
         numbers = _numbered(findings)
-        kept = [i for f, own in zip(findings, numbers) if without is None or not _same(f, without) for i in own]
+        kept = [
+            i
+            for f, own in zip(findings, numbers)
+            if without is None or not _same(f, without)
+            for i in own
+        ]
         mine = scheme.fold == k
         out[mine] = left_out(problem.keeping(kept), np.where(mine, 0, -1), only=0)[mine]
     return out

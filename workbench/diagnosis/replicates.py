@@ -13,7 +13,9 @@ def replicates(pose: np.ndarray, index: np.ndarray, residual: np.ndarray) -> tup
     return group, len(residual) * (len(group) - (group.max() + 1))
 
 
-def noise(pose, index, residual: np.ndarray, sigma: float | None, degrees: float) -> tuple[float, str]:
+def noise(
+    pose, index, residual: np.ndarray, sigma: float | None, degrees: float
+) -> tuple[float, str]:
     """RMS distance (mm, px) that the instrument leaves, and how it is known.
 
     residual (m, n) of the final model with `degrees` of freedom left. From replicates where there are enough; else
@@ -25,7 +27,9 @@ def noise(pose, index, residual: np.ndarray, sigma: float | None, degrees: float
         return float(np.sqrt(len(residual) * within / free)), "from replicates"
     if sigma is not None:
         return float(np.sqrt(len(residual)) * sigma), "as the recording states"
-    return float(np.sqrt(len(residual) * (residual**2).sum() / max(degrees, 1.0))), "what is left in the end"
+    return float(
+        np.sqrt(len(residual) * (residual**2).sum() / max(degrees, 1.0))
+    ), "what is left in the end"
 
 
 def _means(row, group):
@@ -47,9 +51,13 @@ def lack_of_fit(pose, index, residual: np.ndarray, rank: int) -> dict | None:
     pure = float(((residual - means) ** 2).sum()) / free
     lack = float((means**2).sum()) / between
     ratio = lack / max(pure, 1e-300)
-    return {"f": ratio, "p_value": float(fisher.sf(ratio, between, free)), "degrees": [int(between), int(free)],
-            "means_rms": float(np.sqrt((means**2).sum(0).mean())),
-            "pure_error_rms": float(np.sqrt(len(residual) * pure))}  # fmt: skip
+    return {
+        "f": ratio,
+        "p_value": float(fisher.sf(ratio, between, free)),
+        "degrees": [int(between), int(free)],
+        "means_rms": float(np.sqrt((means**2).sum(0).mean())),
+        "pure_error_rms": float(np.sqrt(len(residual) * pure)),
+    }
 
 
 __all__ = ["LEAST_REPEATS", "lack_of_fit", "noise", "replicates"]

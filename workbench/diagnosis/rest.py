@@ -46,7 +46,11 @@ def grown_by_prediction(search) -> None:
         if not joined:
             return
         for one in joined:
-            search.say(f"{one.effect} at {one.where} {one.label}: it predicts what was left out".replace(" :", ":"))
+            search.say(
+                f"{one.effect} at {one.where} {one.label}: it predicts what was left out".replace(
+                    " :", ":"
+                )
+            )
         search.accepted = (*search.accepted, *joined)
         search.solve()
 
@@ -57,7 +61,9 @@ def _joined(search, table: Sequence[Hypothesis]) -> list[Hypothesis]:
     One after another from the likeliest laws of a table, to first order about what is accepted.
     """
     trial = _Trial(search.bench, search.problem.keeping())
-    known = _one_each([h for h in table if not h.unnamed and h.effects and h.p / h.weight <= search.level])[:_LAWS]
+    known = _one_each(
+        [h for h in table if not h.unnamed and h.effects and h.p / h.weight <= search.level]
+    )[:_LAWS]
     functions = [h for h in table if h.unnamed][:_FUNCTIONS]
     columns = {id(h): h.columns(search.problem) for h in (*known, *functions)}
     joined: list[Hypothesis] = []
@@ -69,7 +75,11 @@ def _joined(search, table: Sequence[Hypothesis]) -> list[Hypothesis]:
             break
         joined.append(best.hypothesis)
         trial = trial.beside(columns[id(best.hypothesis)])
-        known = [one.hypothesis for one in tried if one is not best and _room(best.hypothesis, one.hypothesis)]
+        known = [
+            one.hypothesis
+            for one in tried
+            if one is not best and _room(best.hypothesis, one.hypothesis)
+        ]
     return joined
 
 
@@ -107,9 +117,17 @@ class _Trial:
         """A hypothesis tried."""
         wider = self.wider(columns)
         errors = {part.name: left_out(wider, part.fold) for part in self.judges(h)}
-        t = [paired(self.problem.pose, self.plain[name], made, self.usual) for name, made in errors.items()]
-        falls = [rms(self.plain[name], self.usual) - rms(made, self.usual) for name, made in errors.items()]
-        return _Tried(h, errors, min(t) if min(t) < -_BETTER else float(np.mean(t)), float(np.mean(falls)))
+        t = [
+            paired(self.problem.pose, self.plain[name], made, self.usual)
+            for name, made in errors.items()
+        ]
+        falls = [
+            rms(self.plain[name], self.usual) - rms(made, self.usual)
+            for name, made in errors.items()
+        ]
+        return _Tried(
+            h, errors, min(t) if min(t) < -_BETTER else float(np.mean(t)), float(np.mean(falls))
+        )
 
     def judges(self, h: Hypothesis):
         """The schemes that may judge it: what reads the clock says nothing of times that were not measured."""
@@ -120,7 +138,10 @@ class _Trial:
     def beats(self, one: _Tried, other: _Tried) -> bool:
         """Whether one predicts really better than another, on every scheme that judges both."""
         both = one.errors.keys() & other.errors.keys()
-        t = [paired(self.problem.pose, other.errors[name], one.errors[name], self.usual) for name in both]
+        t = [
+            paired(self.problem.pose, other.errors[name], one.errors[name], self.usual)
+            for name in both
+        ]
         return bool(t) and min(t) > _BETTER
 
 

@@ -9,7 +9,12 @@ from workbench.diagnosis.against import Shares
 from workbench.diagnosis.problem import Finding, Found, Located
 from workbench.diagnosis.visible import Visible
 
-CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = "consistent", "explained", "ambiguous", "unexplained"
+CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
+    "consistent",
+    "explained",
+    "ambiguous",
+    "unexplained",
+)
 CERTAIN = 0.95
 _REST = 1 / 3
 
@@ -92,7 +97,9 @@ class Proof:
     fold: np.ndarray
     schemes: tuple[Mapping, ...] = ()
     lack: Mapping | None = None
-    angles: np.ndarray | None = None  # (2, n) deg, rotation angles that belong to `errors`; None: no orientation
+    angles: np.ndarray | None = (
+        None  # (2, n) deg, rotation angles that belong to `errors`; None: no orientation
+    )
     angles_rms: tuple[float, float] | None = None  # deg, before and after
     scheme: str = ""
 
@@ -127,7 +134,9 @@ class Views:
     sample: np.ndarray
     links: np.ndarray | None = None
     names: tuple[str, ...] = ("x", "y", "z")
-    rotation: tuple[np.ndarray, np.ndarray] | None = None  # before and after (k, n) rad, of the orientation
+    rotation: tuple[np.ndarray, np.ndarray] | None = (
+        None  # before and after (k, n) rad, of the orientation
+    )
 
 
 @dataclass(frozen=True)
@@ -160,22 +169,32 @@ class Diagnosis:
     def as_json(self) -> dict:
         """The object of the JSON contract, with more keys."""
         return {
-            "command": "diagnose", "recording": self.recording, "measures": self.measures, "samples": self.samples,
-            "baseline": self.baseline, "verdict": self.verdict, "unit": self.unit,
+            "command": "diagnose",
+            "recording": self.recording,
+            "measures": self.measures,
+            "samples": self.samples,
+            "baseline": self.baseline,
+            "verdict": self.verdict,
+            "unit": self.unit,
             "effects": [_effect(term, self.unit) for term in self.terms],
             "located": [_located(one, self.unit) for one in self.located],
             "held_out": _held_out(self.proof, self.unit),
             "smallest_visible": [_visible(one, self.unit) for one in self.visible],
             "next_experiment": self.experiment.sentence,
             "experiments": [dict(row) for row in self.experiment.rows],
-            "refused": [_effect(term, self.unit) | {"reason": term.reason} for term in self.refused],
+            "refused": [
+                _effect(term, self.unit) | {"reason": term.reason} for term in self.refused
+            ],
             "left": [_located(one, self.unit) for one in self.rest],
-            "p_anything_missing": self.found.p_first, "p_anything_left": self.found.p_rest,
-            "outliers": list(self.outliers), "not_recorded": list(self.not_recorded),
+            "p_anything_missing": self.found.p_first,
+            "p_anything_left": self.found.p_rest,
+            "outliers": list(self.outliers),
+            "not_recorded": list(self.not_recorded),
             "against": self.shares.as_json() if self.shares else None,
             "fixed_reflectors": self.fixed.as_json() if self.fixed else None,
-            "warnings": list(self.warnings), "provenance": dict(self.provenance),
-        }  # fmt: skip
+            "warnings": list(self.warnings),
+            "provenance": dict(self.provenance),
+        }
 
 
 def verdict_of(terms, first_p: float, left: bool = False, level: float = 0.005) -> str:
@@ -206,24 +225,34 @@ def much_left(proof: Proof, rest_p: float, level: float = 0.01) -> bool:
 def with_statements(diagnosis: Diagnosis, statements) -> Diagnosis:
     """The diagnosis with a statement for each of its terms, then of those refused."""
     said = iter(statements)
-    fresh = [tuple(replace(term, statement=next(said)) for term in some)
-             for some in (diagnosis.terms, diagnosis.refused)]  # fmt: skip
+    fresh = [
+        tuple(replace(term, statement=next(said)) for term in some)
+        for some in (diagnosis.terms, diagnosis.refused)
+    ]
     return replace(diagnosis, terms=fresh[0], refused=fresh[1])
 
 
 def _effect(term: Term, unit: str) -> dict:
     found = term.finding
     return {
-        "effect": found.effect, "where": found.where, "variant": found.label,
-        "p_value": found.p_value, "probability": found.probability,
+        "effect": found.effect,
+        "where": found.where,
+        "variant": found.label,
+        "p_value": found.p_value,
+        "probability": found.probability,
         "alternatives": [_alternative(one) for one in found.alternatives],
         "parameters": [dict(row) for row in term.parameters],
-        "depends_on": list(found.depends_on), "options": options_of(found.effects),
-        f"size_{unit}": term.size, "t": term.t, "t_searched_anew": term.t_anew, f"held_out_gain_{unit}": term.gain,
+        "depends_on": list(found.depends_on),
+        "options": options_of(found.effects),
+        f"size_{unit}": term.size,
+        "t": term.t,
+        "t_searched_anew": term.t_anew,
+        f"held_out_gain_{unit}": term.gain,
         "found_again": {"folds": term.again, "of": term.chances},
         "controls": [_control(one) for one in term.controls],
-        "alarms": list(found.alarms), "statement": term.statement,
-    }  # fmt: skip
+        "alarms": list(found.alarms),
+        "statement": term.statement,
+    }
 
 
 def options_of(effects) -> dict:
@@ -231,25 +260,46 @@ def options_of(effects) -> dict:
     held = {}
     for effect in effects:
         inner = getattr(effect, "inner", effect)  # a law with its masses found is that law
-        held |= {name: value for name, value in inner.options.items()
-                 if isinstance(value, str | bool | int | float) or name == "names"}  # fmt: skip
+        held |= {
+            name: value
+            for name, value in inner.options.items()
+            if isinstance(value, str | bool | int | float) or name == "names"
+        }
         held |= {"masses_found": True} if inner is not effect else {}
     return held
 
 
 def _alternative(one) -> dict:
-    return {"effect": one.effect, "where": one.where, "variant": one.label, "why": one.why,
-            "probability": one.probability, "alike": one.alike, "not_recorded": one.missing}  # fmt: skip
+    return {
+        "effect": one.effect,
+        "where": one.where,
+        "variant": one.label,
+        "why": one.why,
+        "probability": one.probability,
+        "alike": one.alike,
+        "not_recorded": one.missing,
+    }
 
 
 def _control(one: Control) -> dict:
-    return {"control": one.kind, "share_of_gain_left": one.share, "p_value": one.p_value, "passed": one.passed,
-            "trials": one.trials, "why": one.why}  # fmt: skip
+    return {
+        "control": one.kind,
+        "share_of_gain_left": one.share,
+        "p_value": one.p_value,
+        "passed": one.passed,
+        "trials": one.trials,
+        "why": one.why,
+    }
 
 
 def _located(one: Located, unit: str) -> dict:
-    return {"where": one.where, "port": one.port, "depends_on": list(one.depends_on),
-            "share_of_mismatch": one.share, "p_value": one.p_value}  # fmt: skip
+    return {
+        "where": one.where,
+        "port": one.port,
+        "depends_on": list(one.depends_on),
+        "share_of_mismatch": one.share,
+        "p_value": one.p_value,
+    }
 
 
 def _held_out(proof: Proof, unit: str) -> dict:
@@ -277,8 +327,15 @@ def _angles(proof: Proof) -> dict:
 
 def _visible(one: Visible, unit: str) -> dict:
     return {
-        "effect": one.effect, "where": one.where, "variant": one.label, f"size_{unit}": one.size,
-        f"surviving_{unit}": one.surviving, "survives": one.survives, "parameter": one.parameter, "unit": one.unit,
-        f"separable_{unit}": one.separable, "separable_parameter": one.separable_parameter,
+        "effect": one.effect,
+        "where": one.where,
+        "variant": one.label,
+        f"size_{unit}": one.size,
+        f"surviving_{unit}": one.surviving,
+        "survives": one.survives,
+        "parameter": one.parameter,
+        "unit": one.unit,
+        f"separable_{unit}": one.separable,
+        "separable_parameter": one.separable_parameter,
         "twin": {"effect": one.twin, "where": one.twin_where} if one.twin else None,
-    }  # fmt: skip
+    }

@@ -8,21 +8,21 @@ import numpy as np
 
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
-from workbench.fitting.checked_samples import check_samples
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import covariance_of, root_between, thin_svd
+from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.core.parameters import Parameters
-from workbench.core.least_squares.solver import Fit, solve
-from workbench.fitting.cross_validation import cross_validate
 from workbench.diagnosis import loose
 from workbench.diagnosis.library import Option, options
 from workbench.diagnosis.outliers import robust_weights
 from workbench.diagnosis.places import lengths, scans, sites
 from workbench.diagnosis.problem import Candidate, Problem, Site
 from workbench.diagnosis.rivals import Smooth
+from workbench.fitting.checked_samples import check_samples
+from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.plans import geometry, stage_mask
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
@@ -32,7 +32,9 @@ BASELINES = ("geometry", "joint-compliance")
 _SEEN = 1e-2
 _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be off together
 # how many of the first parameters of what yields to a load cannot be negative
-_POSITIVE = dict.fromkeys(("joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance"), 1)
+_POSITIVE = dict.fromkeys(
+    ("joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance"), 1
+)
 _POSITIVE["pedestal-compliance"] = 2
 _LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
@@ -47,23 +49,31 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     trust_data: also for a recording that cannot be right. Raises InputError, also for a baseline that is not known.
     """
     if baseline not in BASELINES:
-        raise InputError(f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one")
+        raise InputError(
+            f"option --baseline: expected one of {', '.join(BASELINES)}, found '{baseline}'; choose one"
+        )
     checked = check_samples(recording, trust_data)
     moving = checked.recording
     _check_enough(moving)
     chain = bind(checked.robot, moving)
-    chain = replace(chain, state=replace(chain.state, covariates=covariates_of(chain, moving.poses)))
+    chain = replace(
+        chain, state=replace(chain.state, covariates=covariates_of(chain, moving.poses))
+    )
     effects = ()
     if baseline == "joint-compliance":
-        effects = tuple(o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance")
+        effects = tuple(
+            o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance"
+        )
     return RobotBench(chain, moving.poses, effects, moving, checked.warnings)
 
 
 def _check_enough(moving) -> None:
     """InputError where the kind or the number of poses of a recording's samples leaves nothing to diagnose."""
     if moving.measures == "distance":
-        raise InputError(f"recording '{moving.name}', key measures: a diagnosis needs one pose of the arm a sample, "
-                         "found lengths between two; use `workbench calibrate`, `compare` or `identifiability`")
+        raise InputError(
+            f"recording '{moving.name}', key measures: a diagnosis needs one pose of the arm a sample, "
+            "found lengths between two; use `workbench calibrate`, `compare` or `identifiability`"
+        )
     poses = len(np.unique(moving.poses))
     if poses < _LEAST_POSES:
         raise InputError(
@@ -116,7 +126,9 @@ class _Part:
 
     def library(self, elastic: bool) -> list[Option]:
         if elastic not in self.known:
-            self.known[elastic] = [o for o in options(self.chain, elastic) if not _held(o, self.baseline)]
+            self.known[elastic] = [
+                o for o in options(self.chain, elastic) if not _held(o, self.baseline)
+            ]
         return self.known[elastic]
 
     def model(self, effects) -> Model:
@@ -153,10 +165,14 @@ class RobotBench:
         every = np.ones(self.chain.n, bool) if samples is None else samples
         part = self._part(samples)
         variants = self.loose, self.mass_laws
-        made = _problem(model, fit, weights, self.pose[every], tuple(effects), variants, part.library)
+        made = _problem(
+            model, fit, weights, self.pose[every], tuple(effects), variants, part.library
+        )
         if samples is None and not effects:
             _check_redundancy(made, self.recording)
-        rotation = np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
+        rotation = (
+            np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
+        )
         return replace(made, made=part.made, rotation=rotation)
 
     def _part(self, samples) -> _Part:
@@ -173,19 +189,32 @@ class RobotBench:
     @cached_property
     def loose(self) -> tuple[Option, ...]:
         """Elastic laws that the baseline does not hold, with the masses of links as further unknowns."""
-        known = [o for o in options(self.chain, False) if o.effect.effect in _LOOSE and not _held(o, self.baseline)]
+        known = [
+            o
+            for o in options(self.chain, False)
+            if o.effect.effect in _LOOSE and not _held(o, self.baseline)
+        ]
         laws = [(o, loose.loosened(o.effect, self.chain.state)) for o in known]
-        return tuple(replace(o, effect=law, label=loose.LABEL, mass=_LOOSE_MASS) for o, law in laws if law)
+        return tuple(
+            replace(o, effect=law, label=loose.LABEL, mass=_LOOSE_MASS) for o, law in laws if law
+        )
 
     @cached_property
     def mass_laws(self) -> tuple[Option, ...]:
         """What first moments that are only nearly known change in each elastic law; none without masses."""
-        known = [o for o in options(self.chain, False) if o.effect.effect in (*_LOOSE, "link-self-weight")]
+        known = [
+            o
+            for o in options(self.chain, False)
+            if o.effect.effect in (*_LOOSE, "link-self-weight")
+        ]
         return tuple(replace(o, effect=loose.MassResponse(o.effect.where, o.effect)) for o in known)
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
         """Model on the samples with sigmas widened to what is left unexplained, fit, robust weights (n,)."""
-        key = tuple((type(e), e.where, *map(repr, e.options.values())) for e in effects), _key(samples)
+        key = (
+            tuple((type(e), e.where, *map(repr, e.options.values())) for e in effects),
+            _key(samples),
+        )
         if key not in self._solved:
             self._solved[key] = self._solve(effects, samples)
         return self._solved[key]
@@ -219,12 +248,16 @@ class RobotBench:
         model, fit, _ = self.solve(effects)
         return np.sqrt(cross_validate(model, fit.parameters, folds, "huber").squares)
 
-    def parameters(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> tuple[dict, ...]:
+    def parameters(
+        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+    ) -> tuple[dict, ...]:
         """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate."""
         model, fit, _ = self.solve(effects, samples)
         typical = fit.parameters.typical[fit.parameters.mask]
         scaled = fit.normal * np.outer(typical, typical)
-        covariance = covariance_of(scaled, np.full(len(typical), _FAINT)) * np.outer(typical, typical)
+        covariance = covariance_of(scaled, np.full(len(typical), _FAINT)) * np.outer(
+            typical, typical
+        )
         covariance *= fit.sigma_scale**2
         std = np.zeros(len(fit.parameters))
         std[fit.parameters.mask] = np.sqrt(np.maximum(np.diag(covariance), 0))
@@ -236,16 +269,35 @@ class RobotBench:
             for row, k in zip(columns, range(span.start, span.stop)):
                 p, value = fit.parameters.table[k], float(fit.parameters.values[k])
                 size = float(np.sqrt(((row[:3] * value) ** 2).mean()))
-                rows.append({"key": p.key, "name": p.key.rpartition(".")[2], "where": effect.where, "label": p.label,
-                             "effect": effect.effect, "value": value, "std": float(std[k]), "unit": p.unit,
-                             "typical": p.typical, "size_mm": size})  # fmt: skip
+                rows.append(
+                    {
+                        "key": p.key,
+                        "name": p.key.rpartition(".")[2],
+                        "where": effect.where,
+                        "label": p.label,
+                        "effect": effect.effect,
+                        "value": value,
+                        "std": float(std[k]),
+                        "unit": p.unit,
+                        "typical": p.typical,
+                        "size_mm": size,
+                    }
+                )
         return tuple(rows)
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
         """A smooth function of the covariates at a site, as an effect that can join the model."""
         held = [self.chain.state.covariates[name] for name in names]
         spans = [(float(x.min()), float(x.max())) for x in held]
-        return Smooth(site.where, site.port, names, tuple(spans), site.unit, tuple(site.typical.tolist()), site.sharp)
+        return Smooth(
+            site.where,
+            site.port,
+            names,
+            tuple(spans),
+            site.unit,
+            tuple(site.typical.tolist()),
+            site.sharp,
+        )
 
 
 def _held(option: Option, baseline) -> bool:
@@ -291,17 +343,31 @@ def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) 
     state = model.chain.state
     elastic = any(effect.elastic for effect in model.effects)
     return Problem(
-        (evaluation.residual * white).ravel(), _baseline(bare, fit, white),
-        np.tile(np.arange(model.chain.n), len(sigma)), weights,
-        sigma.ravel().copy(), pose, clock(state), {k: v for k, v in state.covariates.items() if k != "row"},
-        sites(model.chain, rows), _candidates(model, fit, rows, white, library(elastic)),
-        scans(model.chain, rows), effects,
-        float(np.median(sigma / model.chain.stated_sigma)), added,
+        (evaluation.residual * white).ravel(),
+        _baseline(bare, fit, white),
+        np.tile(np.arange(model.chain.n), len(sigma)),
+        weights,
+        sigma.ravel().copy(),
+        pose,
+        clock(state),
+        {k: v for k, v in state.covariates.items() if k != "row"},
+        sites(model.chain, rows),
+        _candidates(model, fit, rows, white, library(elastic)),
+        scans(model.chain, rows),
+        effects,
+        float(np.median(sigma / model.chain.stated_sigma)),
+        added,
         tuple(fit.parameters.values[span] for span in model.spans[first:]),
-        _candidates(model, fit, rows, white, variants[0]), lengths(model.chain, rows), _given(bare, fit, white),
+        _candidates(model, fit, rows, white, variants[0]),
+        lengths(model.chain, rows),
+        _given(bare, fit, white),
         _candidates(model, fit, rows, white, variants[1]),
-        {(e.effect, e.where): fit.parameters.values[span] for e, span in zip(bare.effects, bare.spans) if e.elastic},
-    )  # fmt: skip
+        {
+            (e.effect, e.where): fit.parameters.values[span]
+            for e, span in zip(bare.effects, bare.spans)
+            if e.elastic
+        },
+    )
 
 
 def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
@@ -319,7 +385,11 @@ def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
 
 def _given(bare: Model, fit: Fit, white) -> float:
     """Whitened sum of squares of what the baseline's elastic laws make and its geometry does not."""
-    own = [span for effect, span in zip(bare.effects, bare.spans) if effect.elastic and effect.port not in STATE_PORTS]
+    own = [
+        span
+        for effect, span in zip(bare.effects, bare.spans)
+        if effect.elastic and effect.port not in STATE_PORTS
+    ]
     if not own:
         return 0.0
     made = sum(_derivative(bare, fit, white, span) @ fit.parameters.values[span] for span in own)
@@ -353,7 +423,13 @@ class _Rows:
 
     def __init__(self, model, evaluation, white):
         joints = model.chain.robot.joints
-        sizes = {"joint": joints, "frame": 6 * (joints + 2), "geometry": 5 * joints, "target": 3, "sensor": 3}
+        sizes = {
+            "joint": joints,
+            "frame": 6 * (joints + 2),
+            "geometry": 5 * joints,
+            "target": 3,
+            "sensor": 3,
+        }
         self._made, self._sizes, self._evaluation, self._white = {}, sizes, evaluation, white
 
     def __call__(self, port, slots):
@@ -372,8 +448,21 @@ def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Ca
         typical = np.array([p.typical for p in effect.parameters(model.chain)])
         kind = effect.effect in _TOGETHER, _POSITIVE.get(effect.effect, 0)
         load = _load(model, effect) if effect.elastic and effect.effect in _POSITIVE else 0.0
-        made.append(Candidate(effect.effect, effect.where, option.label, (effect,), columns, typical,
-                              option.family, option.mass, option.missing, *kind, load))  # fmt: skip
+        made.append(
+            Candidate(
+                effect.effect,
+                effect.where,
+                option.label,
+                (effect,),
+                columns,
+                typical,
+                option.family,
+                option.mass,
+                option.missing,
+                *kind,
+                load,
+            )
+        )
     return tuple(made)
 
 
@@ -385,7 +474,9 @@ def _load(model: Model, effect: Effect) -> float:
 def _columns(model, fit, rows, white, effect):
     """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
     if effect.port in STATE_PORTS:
-        present = tuple(e for e in model.effects if (type(e), e.where) != (type(effect), effect.where))
+        present = tuple(
+            e for e in model.effects if (type(e), e.where) != (type(effect), effect.where)
+        )
         wider = replace(model, effects=(*present, effect))
         start = wider.parameters.take_over(fit.parameters)
         own = np.arange(len(start)) >= wider.spans[-1].start

@@ -20,11 +20,20 @@ _NEAR, _SPREADS, _SAME = 0.5, (0.05, 50.0), 1e-3
 _TRIED = 40  # spreads that are tried
 _ROUNDS, _LEAST = 30, 1e-9  # of the search for a shape, and its least width
 _FAR = 3.0  # median lengths, from which on a sample counts no more
-_PERIODS, _ORDERS, _CLEAR = 1.6, 400000, 1e-4  # how far a count may be from what its spread says; how many are tried
+_PERIODS, _ORDERS, _CLEAR = (
+    1.6,
+    400000,
+    1e-4,
+)  # how far a count may be from what its spread says; how many are tried
 _GRID = 20  # places of a grid in the shortest wave
 LABEL = "from sample to sample, with nothing that was recorded"
 ALONG = "from sample to sample, back along the last moves"
-_COLUMNS = {"approach": "approach", "temperature": "temperature", "payload": "payload", "speed": "qdot"}
+_COLUMNS = {
+    "approach": "approach",
+    "temperature": "temperature",
+    "payload": "payload",
+    "speed": "qdot",
+}
 
 
 @dataclass(frozen=True)
@@ -63,20 +72,36 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
     length = np.sqrt((whole**2).sum(0))
     z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
     _, pose = np.unique(problem.pose, return_inverse=True)
-    share = 1.0 / np.bincount(pose)[pose]  # repeats of a pose err together: by Hoelder's inequality they count as one
+    share = (
+        1.0 / np.bincount(pose)[pose]
+    )  # repeats of a pose err together: by Hoelder's inequality they count as one
     scores = np.array([_score(_tensor(site, m), z, pose) for site in sites])
     turns = np.array([_turned(site, z, share) for site in sites]) - _constant(z, share)
-    p = 2 * len(sites) * min(float(norm.sf(scores.max())), _TRIED * float(np.exp(-max(turns.max(), 0.0))))
+    p = (
+        2
+        * len(sites)
+        * min(float(norm.sf(scores.max())), _TRIED * float(np.exp(-max(turns.max(), 0.0))))
+    )
     if p > level:
         return None
-    near = [site for site, score, turn in zip(sites, scores, turns)
-            if score > _NEAR * scores.max() or turn > max(_NEAR * turns.max(), 0.0)]  # fmt: skip
+    near = [
+        site
+        for site, score, turn in zip(sites, scores, turns)
+        if score > _NEAR * scores.max() or turn > max(_NEAR * turns.max(), 0.0)
+    ]
     likely = [_likelihood(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
     own, (log, ratio, noise) = near[best], likely[best]
     spread = ratio * noise
-    return Scatter(own, float(np.clip(p, 1e-300, 1.0)), spread, ratio, *_shape(own, whole),
-                   _rounds(own, whole, spread, problem.covariates), log - _of_noise(z))  # fmt: skip
+    return Scatter(
+        own,
+        float(np.clip(p, 1e-300, 1.0)),
+        spread,
+        ratio,
+        *_shape(own, whole),
+        _rounds(own, whole, spread, problem.covariates),
+        log - _of_noise(z),
+    )
 
 
 def places(problem: Problem) -> tuple[Site, ...]:
@@ -84,8 +109,12 @@ def places(problem: Problem) -> tuple[Site, ...]:
     joints = [site for site in problem.sites if site.port == "joint" and not site.sharp]
     some = [site for site in (*problem.sites, *problem.growing) if not site.sharp]
     if len(joints) > 1:
-        rows, typical = (np.concatenate([getattr(s, name) for s in joints]) for name in ("rows", "typical"))
-        some.append(replace(joints[0], where="time", rows=rows, typical=typical, covariates=(), pairs=()))
+        rows, typical = (
+            np.concatenate([getattr(s, name) for s in joints]) for name in ("rows", "typical")
+        )
+        some.append(
+            replace(joints[0], where="time", rows=rows, typical=typical, covariates=(), pairs=())
+        )
         some.extend(_last_moves(problem, joints))
     return tuple(some)
 
@@ -95,10 +124,16 @@ def _last_moves(problem: Problem, joints) -> list[Site]:
     held = [problem.covariates.get(site.where.replace("joint-", "move")) for site in joints]
     if any(x is None for x in held):
         return []
-    metres = np.array([[1e-3 if site.unit == "mm" else 1.0] for site in joints])  # a slide's metre counts as a radian
+    metres = np.array(
+        [[1e-3 if site.unit == "mm" else 1.0] for site in joints]
+    )  # a slide's metre counts as a radian
     moves = np.stack(held) / np.maximum(np.abs(held * metres).max(0), 1e-300)
     row = sum(site.rows * move[problem.sample] for site, move in zip(joints, moves))
-    return [replace(joints[0], where="time", rows=row, typical=joints[0].typical, covariates=(), pairs=())]
+    return [
+        replace(
+            joints[0], where="time", rows=row, typical=joints[0].typical, covariates=(), pairs=()
+        )
+    ]
 
 
 def _directions(site: Site, m: int) -> np.ndarray:
@@ -110,7 +145,9 @@ def _tensor(site, m):
     d = _directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
     made = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
-    return made if (made**2).sum() > _SAME * (tensor**2).sum() else np.zeros_like(made)  # every way alike
+    return (
+        made if (made**2).sum() > _SAME * (tensor**2).sum() else np.zeros_like(made)
+    )  # every way alike
 
 
 def _likelihood(site, z) -> tuple[float, float, float]:
@@ -139,7 +176,11 @@ def _turned(site, z, share) -> float:
     squares = np.einsum("nab,an->bn", vectors, unit) ** 2
     spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
     widths = 1 + spreads[:, None, None] ** 2 * values.T
-    logs = -0.5 * (np.log(widths).sum(1) + len(z) * np.log(np.maximum((squares / widths).sum(1), 1e-300))) @ share
+    logs = (
+        -0.5
+        * (np.log(widths).sum(1) + len(z) * np.log(np.maximum((squares / widths).sum(1), 1e-300)))
+        @ share
+    )
     return float(logs.max())
 
 
@@ -157,7 +198,9 @@ def _constant(z, share) -> float:
         shape = m / share.sum() * (unit * share / lengths) @ unit.T + _LEAST * np.eye(m)
         shape *= m / np.trace(shape)
     lengths = np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
-    return -0.5 * (share.sum() * float(np.linalg.slogdet(shape)[1]) + m * float(np.log(lengths) @ share))
+    return -0.5 * (
+        share.sum() * float(np.linalg.slogdet(shape)[1]) + m * float(np.log(lengths) @ share)
+    )
 
 
 def _of_noise(z) -> float:
@@ -168,11 +211,15 @@ def _of_noise(z) -> float:
 def _score(tensor, z, pose):
     whole, z = (tensor**2).sum(), z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
     tensor = tensor - tensor.mean(-1, keepdims=True)
-    if (tensor**2).sum() <= _SAME * whole:  # the same for all samples, as of a frame that the instrument moves with
+    if (
+        (tensor**2).sum() <= _SAME * whole
+    ):  # the same for all samples, as of a frame that the instrument moves with
         return 0.0
     each = np.bincount(pose, np.einsum("an,abn,bn->n", z, tensor, z))
     score = float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
-    number = (each**2).sum() ** 2 / max((each**4).sum(), 1e-300)  # of samples that the sum is as good as made of
+    number = (each**2).sum() ** 2 / max(
+        (each**4).sum(), 1e-300
+    )  # of samples that the sum is as good as made of
     return float(norm.isf(max(student.sf(score, number), 1e-300)))
 
 
@@ -205,7 +252,12 @@ def _rounds(site, z, spread, covariates) -> float:
     A rounded reading errs by a sawtooth of one count, whose root mean square is the count over the root of twelve.
     """
     reading = covariates.get(site.where.replace("joint-", "q"))
-    if len(site.rows) > 1 or not site.where.startswith("joint") or reading is None or not np.ptp(reading):
+    if (
+        len(site.rows) > 1
+        or not site.where.startswith("joint")
+        or reading is None
+        or not np.ptp(reading)
+    ):
         return 1.0
     made, error, _ = _moved(site, z)
     weight = made / (error + spread**2)
@@ -244,7 +296,9 @@ def evened_by(problem: Problem, scatter: Scatter) -> Problem:
     d = _directions(site, m)
     covariance = np.eye(m)[:, :, None] + scatter.ratio**2 * np.einsum("kan,kbn->abn", d, d)
     values, vectors = symmetric_eigen(covariance.transpose(2, 0, 1))
-    root = np.einsum("nab,nb,ncb->acn", vectors, scatter.ratio / scatter.spread / np.sqrt(values), vectors)
+    root = np.einsum(
+        "nab,nb,ncb->acn", vectors, scatter.ratio / scatter.spread / np.sqrt(values), vectors
+    )
 
     def white(rows):
         return np.einsum("abn,kbn->kan", root, rows.reshape(-1, m, problem.n)).reshape(rows.shape)
@@ -267,11 +321,18 @@ def beside(problem: Problem, where: str, port: str, level: float) -> Scatter | N
     if site is None or m < 2 or len(problem.residual) != m * problem.n:
         return None
     root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
-    site, z = replace(site, rows=site.rows / root), (problem.clear(problem.residual) / root).reshape(m, problem.n)
+    site, z = (
+        replace(site, rows=site.rows / root),
+        (problem.clear(problem.residual) / root).reshape(m, problem.n),
+    )
     best, ratio, noise = _likelihood(site, z)
     gain = best - _of_noise(z)
     p = 0.5 * float(chi2.sf(max(2 * gain, 0.0), 1))
-    return Scatter(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain) if p < level else None
+    return (
+        Scatter(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain)
+        if p < level
+        else None
+    )
 
 
 def movement(scatter: Scatter) -> float:
@@ -286,16 +347,22 @@ def told(scatter: Scatter, problem: Problem) -> Finding:
     if scatter.rounds < _CLEAR:
         return Finding("encoder-quantisation", scatter.site.where, "", (), *given)
     label = ALONG if _which(scatter.site)[::2] == ("time", 1) else LABEL
-    return Finding("unknown", scatter.site.where, label, (), *given, alternatives=hidden(scatter, problem))
+    return Finding(
+        "unknown", scatter.site.where, label, (), *given, alternatives=hidden(scatter, problem)
+    )
 
 
 def hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:
     """What could do it through a covariate that the recording does not hold, the likelier first."""
     site, held = scatter.site, problem.covariates
-    two = abs(scatter.kurtosis + 2) < min(2 * scatter.error, abs(scatter.kurtosis))  # two values: a coin's kurtosis
+    two = abs(scatter.kurtosis + 2) < min(
+        2 * scatter.error, abs(scatter.kurtosis)
+    )  # two values: a coin's kurtosis
     warm = _warm(site)
     if site.port == "joint" and site.where != "time":
-        rows = [("backlash", site.where, "by the side of approach", "approach"), *warm][:: 1 if two else -1]
+        rows = [("backlash", site.where, "by the side of approach", "approach"), *warm][
+            :: 1 if two else -1
+        ]
         rows.append(_loaded(site))
     else:
         rows = warm
@@ -321,7 +388,11 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
 
 def _warm(place) -> list[tuple]:
     effect = "joint-thermal-drift" if place.port == "joint" else "link-thermal-growth"
-    return [(effect, place.where, "", "temperature")] if place.where.startswith(("joint", "link")) else []
+    return (
+        [(effect, place.where, "", "temperature")]
+        if place.where.startswith(("joint", "link"))
+        else []
+    )
 
 
 def _loaded(place) -> tuple:
@@ -330,10 +401,16 @@ def _loaded(place) -> tuple:
 
 def _lacking(rows, held) -> tuple[Alternative, ...]:
     """Rows (effect, where, variant, kind of covariate) whose covariate is not among those `held`, as alternatives."""
-    rows = [row for row in rows if not any(_COLUMNS[row[-1]] in name and np.ptp(x) > 0 for name, x in held.items())]
+    rows = [
+        row
+        for row in rows
+        if not any(_COLUMNS[row[-1]] in name and np.ptp(x) > 0 for name, x in held.items())
+    ]
     shares = 0.5 ** np.arange(1, len(rows) + 1)
     why = "it needs what was not recorded"
-    return tuple(Alternative(*row[:3], float(share), 1.0, why, row[3]) for row, share in zip(rows, shares))
+    return tuple(
+        Alternative(*row[:3], float(share), 1.0, why, row[3]) for row, share in zip(rows, shares)
+    )
 
 
 def place_of(scatter: Scatter) -> Located:
@@ -341,4 +418,14 @@ def place_of(scatter: Scatter) -> Located:
     return Located(scatter.site.where, scatter.site.port, (), 0.0, scatter.p_value, scatter.spread)
 
 
-__all__ = ["Scatter", "beside", "evened_by", "hidden", "movement", "place_of", "scattered", "told", "unrecorded"]
+__all__ = [
+    "Scatter",
+    "beside",
+    "evened_by",
+    "hidden",
+    "movement",
+    "place_of",
+    "scattered",
+    "told",
+    "unrecorded",
+]

@@ -26,12 +26,22 @@ def scene_of(bench, others, doubt, plan, poses: int) -> tuple[dict | None, dict 
     robot = _robot(recording)
     keys = {
         "robot": robot["builtin"] if "builtin" in robot else ROBOT,
-        "measures": recording.measures, "title": f"{recording.title or recording.name}: {plan.name}",
-        "samples": int(recording.n + poses * max(1, round(len(plan.pose) / (plan.pose.max() + 1)))), "seed": 0,
-        "sigma_mm": float(np.median(model.sigma(values)[:3])), "share_of_limits": _share(model.chain),
-        "base": _pose(values, "base"), **_targets(recording, values, model.chain), **_held(recording), **plan.scene,
-        "effect": [_cause(e, values, model.chain) for e in (*bench.baseline, *others, *doubt.own) if _named(e)],
-    }  # fmt: skip
+        "measures": recording.measures,
+        "title": f"{recording.title or recording.name}: {plan.name}",
+        "samples": int(recording.n + poses * max(1, round(len(plan.pose) / (plan.pose.max() + 1)))),
+        "seed": 0,
+        "sigma_mm": float(np.median(model.sigma(values)[:3])),
+        "share_of_limits": _share(model.chain),
+        "base": _pose(values, "base"),
+        **_targets(recording, values, model.chain),
+        **_held(recording),
+        **plan.scene,
+        "effect": [
+            _cause(e, values, model.chain)
+            for e in (*bench.baseline, *others, *doubt.own)
+            if _named(e)
+        ],
+    }
     return keys, None if "builtin" in robot else robot
 
 
@@ -57,7 +67,9 @@ def _cause(effect, values, chain) -> dict:
 def _pose(values, where) -> dict:
     if f"{where}.x" not in values.index:
         return {}
-    shift, turn = ([values[f"{where}.{name}"] for name in names] for names in ("xyz", ("rx", "ry", "rz")))
+    shift, turn = (
+        [values[f"{where}.{name}"] for name in names] for names in ("xyz", ("rx", "ry", "rz"))
+    )
     rpy = Rotation.from_rotvec(turn).as_euler("xyz", degrees=True)
     return {"xyz_mm": [float(x) for x in shift], "rpy_deg": rpy.tolist()}
 
@@ -65,10 +77,17 @@ def _pose(values, where) -> dict:
 def _targets(recording, values, chain) -> dict:
     """Reflectors on the flange, or tool and balls."""
     if recording.measures == "external-point":
-        return {"reflectors": [[values[f"tool.reflector{r}_{a}"] for a in "xyz"] for r in chain.measurement.ids]}
+        return {
+            "reflectors": [
+                [values[f"tool.reflector{r}_{a}"] for a in "xyz"] for r in chain.measurement.ids
+            ]
+        }
     if recording.measures == "external-pose":
         return {"tool": _pose(values, "tool")}
-    return {"tool": _pose(values, "sensor"), "balls": [list(map(float, recording.balls[k])) for k in recording.balls]}
+    return {
+        "tool": _pose(values, "sensor"),
+        "balls": [list(map(float, recording.balls[k])) for k in recording.balls],
+    }
 
 
 def _share(chain) -> float:
@@ -84,9 +103,15 @@ def _held(recording) -> dict:
     """The covariates that a scene can hold, over the ranges in which they were recorded."""
     columns, held = recording.columns, {}
     if "payload_kg" in columns:
-        held["payload_kg"] = [float(columns["payload_kg"].min()), float(columns["payload_kg"].max())]
+        held["payload_kg"] = [
+            float(columns["payload_kg"].min()),
+            float(columns["payload_kg"].max()),
+        ]
     if "temperature_c" in columns:
-        held["temperature_c"] = [float(columns["temperature_c"].min()), float(columns["temperature_c"].max())]
+        held["temperature_c"] = [
+            float(columns["temperature_c"].min()),
+            float(columns["temperature_c"].max()),
+        ]
     if any(name.startswith("approach") for name in columns):
         held["approach"] = True
     speeds = [np.abs(columns[c]).max() for c in columns if c.startswith("qdot")]

@@ -49,7 +49,9 @@ class Beside:
     def __init__(self, table: Table, held: np.ndarray):
         self.table = table
         values, self._vectors = symmetric_eigen(table.gram[np.ix_(held, held)])
-        self._within = 1 / (np.maximum(values, 0.0) + table.shrink[:, None])  # (S, h): of A^-1, along the vectors
+        self._within = 1 / (
+            np.maximum(values, 0.0) + table.shrink[:, None]
+        )  # (S, h): of A^-1, along the vectors
         self._along = self._vectors.T @ table.gram[held]
         self._score = self._vectors.T @ table.score[held]
         self._solution = self._within * self._score
@@ -77,9 +79,13 @@ class Beside:
         lower = np.linalg.inv(np.linalg.cholesky(kept @ mine.T))
         more = lower @ (kept @ self._along)  # (S, w, T)
         part = (lower @ (mine @ self._solution.T).T[:, :, None])[:, :, 0]
-        volume = -2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(1) + len(mine) * np.log(self.table.shrink)
+        volume = -2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(1) + len(mine) * np.log(
+            self.table.shrink
+        )
         left = whole.left + np.einsum("swt,sw->st", more, part)
-        blocks = tuple(own + _squares(more[:, :, c]) for c, own in zip(self.table.columns, whole.blocks))
+        blocks = tuple(
+            own + _squares(more[:, :, c]) for c, own in zip(self.table.columns, whole.blocks)
+        )
         return Left(whole.spent + volume, whole.gained - (part**2).sum(1), left, blocks)
 
 

@@ -44,7 +44,10 @@ class Search:
         problem = self.plain = self.bench.problem(effects, self.samples)
         if self.spread is not None:
             problem = evened_out(problem, self.spread)
-        self.problem, self.tables = problem if self.scatter is None else evened_by(problem, self.scatter), {}
+        self.problem, self.tables = (
+            problem if self.scatter is None else evened_by(problem, self.scatter),
+            {},
+        )
 
     def without(self, gone: set[int], why: str):
         """Solved anew without some of the accepted."""
@@ -58,8 +61,13 @@ class Search:
         """Everything that has room beside those accepted whose numbers are kept, judged there."""
         if kept not in self.tables:
             wanted = [(h.family, h.label) for h in self.accepted]
-            table, held = judged(self.problem.keeping(kept), wanted=wanted), [self.accepted[i] for i in kept]
-            self.tables[kept] = [h for h in table if h.unnamed or all(room(h, other) for other in held)]
+            table, held = (
+                judged(self.problem.keeping(kept), wanted=wanted),
+                [self.accepted[i] for i in kept],
+            )
+            self.tables[kept] = [
+                h for h in table if h.unnamed or all(room(h, other) for other in held)
+            ]
         return self.tables[kept]
 
     @property
@@ -83,7 +91,9 @@ class Search:
     def together(self, members: tuple[int, ...]) -> float:
         """Gain of some of the accepted hypotheses at once beside the others."""
         others = tuple(j for j in self.everyone if j not in members)
-        return Projected(self.problem.keeping(others)).fall(np.hstack([self.problem.added[i] for i in members]))
+        return Projected(self.problem.keeping(others)).fall(
+            np.hstack([self.problem.added[i] for i in members])
+        )
 
     def too_small(self, gains: np.ndarray, least: float) -> set[int]:
         """Numbers of the smallest of those accepted, more than one only where together they gain less than `least`.
@@ -104,7 +114,10 @@ class Search:
 
     def stands(self, h: Hypothesis) -> bool:
         """Whether a hypothesis is accepted and does not yield against its load."""
-        return any(name_of(one) == name_of(h) and not self.against(i) for i, one in enumerate(self.accepted))
+        return any(
+            name_of(one) == name_of(h) and not self.against(i)
+            for i, one in enumerate(self.accepted)
+        )
 
     def size(self, i: int) -> float:
         """RMS over all coordinates of what an accepted hypothesis makes beside the others, in stated sigmas."""
@@ -115,12 +128,16 @@ class Search:
         table = self.table(self.everyone)
         if family_wise(table) > self.level:
             return 0.0
-        return max((h.gain for h in table if h.unnamed and h.p / h.weight <= self.level), default=0.0)
+        return max(
+            (h.gain for h in table if h.unnamed and h.p / h.weight <= self.level), default=0.0
+        )
 
     def explained(self) -> float:
         """Fall of the sum of squares by all that is accepted."""
         kept, bare = self.problem.keeping(), self.problem.keeping(())
-        return float((bare.clear(bare.residual) ** 2).sum() - (kept.clear(kept.residual) ** 2).sum())
+        return float(
+            (bare.clear(bare.residual) ** 2).sum() - (kept.clear(kept.residual) ** 2).sum()
+        )
 
     def variance(self) -> float:
         """Variance of a whitened coordinate that is left."""

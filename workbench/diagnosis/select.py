@@ -22,7 +22,12 @@ LEVEL = 0.005
 """Chance that a recording with nothing missing is said to miss something."""
 _ROUNDS, _GROWN, _WIDE = 3, 3, 6
 _MANY = 1200  # samples beyond which a search takes only every so many poses
-_FIRST, _BESIDE, _EACH, _UNNAMED = 48, 24, 4, 6  # hypotheses taken from each table into the search of sets
+_FIRST, _BESIDE, _EACH, _UNNAMED = (
+    48,
+    24,
+    4,
+    6,
+)  # hypotheses taken from each table into the search of sets
 _SMALL = "not beyond chance, or too small, beside the others"
 LAW_ERROR = 0.015
 """Share of an elastic law's effect that it may be wrong by: angles by tenths of a degree, lengths by a millimetre."""
@@ -60,7 +65,9 @@ def _found(search: Search) -> Found:
     if not moving:
         search.scatter, own = _moving(search) or search.scatter, search.scatter
         moving = search.scatter is not own
-    if moving and search.accepted:  # what moves by chance also passes for laws: all is asked anew beside it
+    if (
+        moving and search.accepted
+    ):  # what moves by chance also passes for laws: all is asked anew beside it
         search.say(f"{search.scatter.site.where} moves from sample to sample")
         search.level = CLAIMED  # how much it moves is only known nearly
         first = _first(search, anew=True)
@@ -70,14 +77,18 @@ def _found(search: Search) -> Found:
     after = search.plain.keeping()
     outliers, data = of_data(after)
     if rest <= level or search.scatter:
-        data = tuple(f for f in data if not search.scatter and f.p_value < rest)  # noise is judged where little is left
+        data = tuple(
+            f for f in data if not search.scatter and f.p_value < rest
+        )  # noise is judged where little is left
     if any(h.unnamed for h in search.accepted):
         outliers, data = _beyond_functions(search, after, outliers, data)
     if moving:
         data, places = _with_scatter(search, before, data, places)
         first = min(first, search.scatter.p_value)
     left = located(search.problem.keeping(), search.table(search.everyone))
-    return Found(findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail))
+    return Found(
+        findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail)
+    )
 
 
 def _beyond_functions(search: Search, after: Problem, outliers, data):
@@ -87,7 +98,9 @@ def _beyond_functions(search: Search, after: Problem, outliers, data):
     hold more than what it may miss are outliers.
     """
     own = sum(search.beside(i)[0] for i in search.everyone if search.accepted[i].unnamed)
-    data = tuple(f for f in data if f.effect == "outliers" and far_off(after, outliers) > (1 - LAW) * own)
+    data = tuple(
+        f for f in data if f.effect == "outliers" and far_off(after, outliers) > (1 - LAW) * own
+    )
     return outliers & bool(data), data
 
 
@@ -115,7 +128,10 @@ def _with_scatter(search: Search, before: Problem, data, places):
     if any(h.unnamed or tells(search, h) for h in search.accepted):
         return data, places
     place = (place_of(search.scatter),)
-    return (told(search.scatter, before), *data), (*places, *place) if search.accepted else (*place, *places)
+    return (told(search.scatter, before), *data), (*places, *place) if search.accepted else (
+        *place,
+        *places,
+    )
 
 
 def _elsewhere(search: Search) -> bool:
@@ -138,11 +154,15 @@ def _beside_unknowns(search: Search) -> bool:
 
     Whether the function itself is not needed there: then there is no more than movement by chance.
     """
-    unknown = [(search.beside(i)[0], h.source[0]) for i, h in enumerate(search.accepted) if h.unnamed]
+    unknown = [
+        (search.beside(i)[0], h.source[0]) for i, h in enumerate(search.accepted) if h.unnamed
+    ]
     if not unknown:
         return False
     site = max(unknown, key=lambda pair: pair[0])[1]
-    search.scatter = beside(search.problem.keeping(), site.where, getattr(site, "port", "frame"), CLAIMED)
+    search.scatter = beside(
+        search.problem.keeping(), site.where, getattr(site, "port", "frame"), CLAIMED
+    )
     if search.scatter is None:
         return False
     search.say(f"what is left at {site.where} is taken for the unknown's own")
@@ -173,7 +193,11 @@ def _sure(search: Search):
             return
         search.without({int(np.argmin(odds))}, "nothing is likelier than it, beside the others")
     if search.accepted and _alone(search, 0) > search.level:
-        clear = [h for h in search.table(()) if h.p / h.weight <= search.level and (h.evidence > 0 or not h.unnamed)]
+        clear = [
+            h
+            for h in search.table(())
+            if h.p / h.weight <= search.level and (h.evidence > 0 or not h.unnamed)
+        ]
         search.accepted = tuple(_with_effect(search.bench, h) for h in clear[:1])
         search.solve()
 
@@ -189,7 +213,9 @@ def _named(search: Search):
     _judged_again(search)
     best = outdone(search)
     if best is not None:
-        search.say(f"{best.effect} at {best.where} {best.label} for all laws: it is likelier than what stays of them")
+        search.say(
+            f"{best.effect} at {best.where} {best.label} for all laws: it is likelier than what stays of them"
+        )
         search.accepted = (_with_effect(search.bench, best),)
         search.solve()
         _judged_again(search)
@@ -223,13 +249,17 @@ def _beaten(search: Search):
                 break
         else:
             return
-        search.say(f"{best.effect} at {best.where} {best.label} for {own.effect} at {own.where}: it is likelier")
+        search.say(
+            f"{best.effect} at {best.where} {best.label} for {own.effect} at {own.where}: it is likelier"
+        )
         kept = [h for j, h in enumerate(search.accepted) if j != i and room(h, best)]
         search.accepted = (*kept, _with_effect(search.bench, best))
         search.solve()
         _prune(search)
         if not search.stands(best):
-            search.say(f"{own.effect} at {own.where} {own.label}: stays, as that does not stand there")
+            search.say(
+                f"{own.effect} at {own.where} {own.label}: stays, as that does not stand there"
+            )
             search.accepted = before
             search.solve()
             failed.add((name_of(own), best.key))
@@ -243,10 +273,14 @@ def _likelier(search: Search, i: int, slack: float, failed: set[tuple]) -> Hypot
     own = search.own(i)
     if own.unnamed:
         return None
-    rivals = [h for h in search.table(search.others(i))
-              if h.log_weight > own.log_weight and h.p / h.weight <= search.level
-              and h.gain > own.gain + (slack if h.unnamed else 0.0)
-              and (name_of(own), h.key) not in failed]  # fmt: skip
+    rivals = [
+        h
+        for h in search.table(search.others(i))
+        if h.log_weight > own.log_weight
+        and h.p / h.weight <= search.level
+        and h.gain > own.gain + (slack if h.unnamed else 0.0)
+        and (name_of(own), h.key) not in failed
+    ]
     return max(rivals, key=lambda h: h.log_weight, default=None)
 
 
@@ -262,11 +296,20 @@ def _confirmed(search: Search, samples) -> Found:
     after = search.bench.problem(effects, samples).keeping()
     table = judged(after)
     outliers, spread = of_data(after)
-    if any(f.effect == "unknown" for f in found.findings):  # as the part has it, where laws and functions were judged
+    if any(
+        f.effect == "unknown" for f in found.findings
+    ):  # as the part has it, where laws and functions were judged
         spread = tuple(f for f in spread if f.effect in {own.effect for own in found.spread})
         outliers = outliers & any(f.effect == "outliers" for f in spread)
-    return replace(found, before=whole, after=after, p_rest=family_wise(table), rest=located(after, table),
-                   outliers=outliers, spread=spread)  # fmt: skip
+    return replace(
+        found,
+        before=whole,
+        after=after,
+        p_rest=family_wise(table),
+        rest=located(after, table),
+        outliers=outliers,
+        spread=spread,
+    )
 
 
 def _within(samples: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -297,7 +340,10 @@ def _shortlist(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
     alone = search.table(())
     pools = [(alone, _FIRST), (alone, -_UNNAMED)]
     if search.accepted:
-        pools += [(search.table(search.everyone), _BESIDE), (search.table(search.everyone), -_UNNAMED)]
+        pools += [
+            (search.table(search.everyone), _BESIDE),
+            (search.table(search.everyone), -_UNNAMED),
+        ]
     if len(search.accepted) <= _WIDE:
         pools += [(search.table(search.others(i)), _EACH) for i in search.everyone]
     own = {name_of(h) for h in search.accepted}
@@ -352,11 +398,17 @@ def _grow(search: Search):
     for _ in range(_GROWN):
         left = search.left()
         table = search.table(search.everyone)
-        named = [h for h in table if not h.unnamed and h.gain > LAW * left and h.p / h.weight <= search.level]
+        named = [
+            h
+            for h in table
+            if not h.unnamed and h.gain > LAW * left and h.p / h.weight <= search.level
+        ]
         if not left or not named:
             break
         best = max(named, key=lambda h: h.log_weight)
-        search.say(f"{best.effect} at {best.where} {best.label}: as good as any function of what is left")
+        search.say(
+            f"{best.effect} at {best.where} {best.label}: as good as any function of what is left"
+        )
         search.accepted = (*search.accepted, best)
         search.solve()
 
@@ -369,7 +421,9 @@ def _ordered(search: Search):
     bare = search.problem.keeping(())
     projected, columns = Projected(bare), search.problem.added
     while left:
-        best = max(left, key=lambda i: projected.fall(np.concatenate([columns[j] for j in (*kept, i)], 1)))
+        best = max(
+            left, key=lambda i: projected.fall(np.concatenate([columns[j] for j in (*kept, i)], 1))
+        )
         kept.append(best)
         left.remove(best)
     search.accepted = tuple(search.accepted[i] for i in kept)

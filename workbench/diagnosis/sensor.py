@@ -13,8 +13,8 @@ import numpy as np
 
 from datasets.recording import Recording
 from sensors.light.mirror import NAMES
-from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
 from workbench.diagnosis import sensor_data
@@ -50,7 +50,10 @@ class SensorBench:
         self.kind = _kind(chains)
         middle = 0.0 if not self.kind.mirror else float(np.mean(chains.sheets.angles))
         parts = chains.parts
-        own = {name: described(sensor_data.noiseless(chain), name, middle) for name, chain in parts.items()}
+        own = {
+            name: described(sensor_data.noiseless(chain), name, middle)
+            for name, chain in parts.items()
+        }
         self.covariates = _joined(own, chains.counts)
         filled = _split(self.covariates, chains.counts, parts)
         filled = {name: replace(chain, covariates=filled[name]) for name, chain in parts.items()}
@@ -93,7 +96,9 @@ class SensorBench:
         """Poses and balls alone, with everything else as `known`."""
         start = self._table(chains, effects).take_over(known)
         families = {name: family for name, family in families_of(chains).items() if name != "step"}
-        return solve_bundle(models(chains, effects), start.only(np.zeros(len(start), bool)), families, loss="huber")
+        return solve_bundle(
+            models(chains, effects), start.only(np.zeros(len(start), bool)), families, loss="huber"
+        )
 
     def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
         """(n,) px: error of each sample predicted from the other folds (n,) int; nan where fold < 0.
@@ -111,7 +116,9 @@ class SensorBench:
             error[touched & out] = _lengths(posed.residual)[out[touched]]
         return error
 
-    def parameters(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> tuple[dict, ...]:
+    def parameters(
+        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+    ) -> tuple[dict, ...]:
         """Every effect's parameters with value and std; `size_px` RMS of what one does to a coordinate, `size_mm` of
         the same at the middle range."""
         chains, fit = self.solve(effects, samples)
@@ -122,8 +129,15 @@ class SensorBench:
             for p in effect.parameters(host(every, effect).chain):
                 value = fit.parameters[p.key]
                 size = _rms_of(every, fit, p.key) * abs(value)
-                told = {"key": p.key, "name": p.key.rpartition(".")[2], "where": effect.where, "label": p.label,
-                        "effect": effect.effect, "unit": p.unit, "typical": p.typical}  # fmt: skip
+                told = {
+                    "key": p.key,
+                    "name": p.key.rpartition(".")[2],
+                    "where": effect.where,
+                    "label": p.label,
+                    "effect": effect.effect,
+                    "unit": p.unit,
+                    "typical": p.typical,
+                }
                 found = {"value": value, "std": fit.std.get(p.key, float("nan"))}
                 rows.append(told | found | {"size_px": size, "size_mm": size * scale})
         return tuple(rows)
@@ -139,9 +153,13 @@ class SensorBench:
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
         """A smooth function of the covariates at a site, as an effect that can join the model."""
-        spans = tuple((float(self.covariates[c].min()), float(self.covariates[c].max())) for c in names)
+        spans = tuple(
+            (float(self.covariates[c].min()), float(self.covariates[c].max())) for c in names
+        )
         made = Smooth(site.where, site.port, names, spans, site.unit, tuple(site.typical.tolist()))
-        made.components = next(p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port))
+        made.components = next(
+            p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port)
+        )
         return made
 
 
@@ -152,8 +170,11 @@ def _kind(chains: Chains) -> Kind:
             if name != "corners" or column not in ("sweep", "mirror_speed_deg_s"):
                 columns.setdefault(column, []).append(values)
     wanted = ("sweep", "mirror_speed_deg_s", "time_s")
-    varies = {c for c, parts in columns.items() if (c in wanted or c.startswith("temperature"))
-              and np.ptp(np.concatenate(parts)) > 0}  # fmt: skip
+    varies = {
+        c
+        for c, parts in columns.items()
+        if (c in wanted or c.startswith("temperature")) and np.ptp(np.concatenate(parts)) > 0
+    }
     mirror = chains.sheets is not None and chains.sheets.mirror is not None
     light = tuple(chains.sheets.mirror.point.tolist()) if mirror else None
     balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
@@ -162,31 +183,50 @@ def _kind(chains: Chains) -> Kind:
 
 def _joined(own: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
     """(n,) every covariate of any part; 0 in a part that does not have it, where what it acts on is not either."""
-    names = sorted({name for part in own.values() for name in part if name not in ("placement", "sample", "step")})
+    names = sorted(
+        {
+            name
+            for part in own.values()
+            for name in part
+            if name not in ("placement", "sample", "step")
+        }
+    )
     return {
-        name: np.concatenate([np.nan_to_num(np.asarray(part.get(name, np.zeros(count)), float))
-                              for part, count in zip(own.values(), counts)])
+        name: np.concatenate(
+            [
+                np.nan_to_num(np.asarray(part.get(name, np.zeros(count)), float))
+                for part, count in zip(own.values(), counts)
+            ]
+        )
         for name in names
-    }  # fmt: skip
+    }
 
 
 def _split(covariates, counts, parts) -> dict[str, dict]:
     edges = np.cumsum((0, *counts))
-    return {part: {name: column[a:b] for name, column in covariates.items()}
-            for part, a, b in zip(parts, edges, edges[1:])}  # fmt: skip
+    return {
+        part: {name: column[a:b] for name, column in covariates.items()}
+        for part, a, b in zip(parts, edges, edges[1:])
+    }
 
 
 def _poses(chains: Chains) -> np.ndarray:
     first = len(chains.corners.poses)
-    labels = [chain.labels["ball"] + first if name == "balls" else chain.labels["placement"]
-              for name, chain in chains.parts.items()]  # fmt: skip
+    labels = [
+        chain.labels["ball"] + first if name == "balls" else chain.labels["placement"]
+        for name, chain in chains.parts.items()
+    ]
     return np.concatenate(labels)
 
 
 def _sigma(chains: Chains) -> np.ndarray:
     """(n,) px, noise of a coordinate of each sample."""
-    return np.concatenate([np.sqrt((np.broadcast_to(chain.sigma, (len(chain.sigma), count)) ** 2).mean(0))
-                           for chain, count in zip(chains.parts.values(), chains.counts)])  # fmt: skip
+    return np.concatenate(
+        [
+            np.sqrt((np.broadcast_to(chain.sigma, (len(chain.sigma), count)) ** 2).mean(0))
+            for chain, count in zip(chains.parts.values(), chains.counts)
+        ]
+    )
 
 
 def _at(chains: Chains, samples: np.ndarray) -> Chains:
@@ -203,19 +243,26 @@ def _with_planes(chains: Chains, fit: BundleFit) -> Chains:
     """The chains with the light planes of a fit, where these were free."""
     if "step" not in fit.values:
         return chains
-    changed = {name: replace(chain, change=fit.values["step"]) for name, chain in chains.parts.items()
-               if name != "corners"}  # fmt: skip
+    changed = {
+        name: replace(chain, change=fit.values["step"])
+        for name, chain in chains.parts.items()
+        if name != "corners"
+    }
     return replace(chains, **changed)
 
 
 def shared(every: Sequence[Model], gain_free: bool) -> Parameters:
     """One table for all parts; free but for what a mirror does not show."""
-    table = Parameters.of({p.key: _wide(p) for model in every for p in model.parameters.table}.values())
+    table = Parameters.of(
+        {p.key: _wide(p) for model in every for p in model.parameters.table}.values()
+    )
     for model in every:
         table = table.take_over(model.parameters)
     table = table.free("*")
     held = [n for n in NAMES if n not in FREE_MIRROR and not (gain_free and n == "gain")]
-    return table.fix(*(f"mirror.{name}" for name in held)) if "mirror.gain" in table.index else table
+    return (
+        table.fix(*(f"mirror.{name}" for name in held)) if "mirror.gain" in table.index else table
+    )
 
 
 def _wide(parameter: Parameter) -> Parameter:

@@ -58,7 +58,11 @@ class Balls:
     def parameters(self) -> Parameters:
         """The camera's, and with a mirror the mirror's."""
         own = camera_parameters(self.camera)
-        return own if self.mirror is None else Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
+        return (
+            own
+            if self.mirror is None
+            else Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
+        )
 
     @property
     def n(self) -> int:
@@ -67,7 +71,11 @@ class Balls:
     @cached_property
     def start(self) -> "Evaluation":
         """The chain where it starts, with one mm as the unit of its residual."""
-        return Evaluation(self, self.parameters.values, {}, 1.0) if self._start is None else self._start.start
+        return (
+            Evaluation(self, self.parameters.values, {}, 1.0)
+            if self._start is None
+            else self._start.start
+        )
 
     @cached_property
     def gain(self) -> np.ndarray:
@@ -85,28 +93,52 @@ class Balls:
         angles = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
         nowhere = np.full((3, self.n), np.nan)
         return SensorState(
-            self.camera, self.pixels, here.hits, self.planes[:, step], angles[step], nowhere[:2], here.normal,
-            np.maximum(self.number[self.labels["ball"]], 1), self.covariates, nowhere,
-        )  # fmt: skip
+            self.camera,
+            self.pixels,
+            here.hits,
+            self.planes[:, step],
+            angles[step],
+            nowhere[:2],
+            here.normal,
+            np.maximum(self.number[self.labels["ball"]], 1),
+            self.covariates,
+            nowhere,
+        )
 
     def at(self, samples: np.ndarray) -> "Balls":
         """The same on some of the samples (indices or mask)."""
         return replace(
-            self, pixels=self.pixels[:, samples], sigma=self.sigma[:, samples],
+            self,
+            pixels=self.pixels[:, samples],
+            sigma=self.sigma[:, samples],
             labels={name: label[samples] for name, label in self.labels.items()},
             covariates={name: column[samples] for name, column in self.covariates.items()},
             _start=None if self._start is None else self._start.at(samples),
-        )  # fmt: skip
+        )
 
     def with_families(self, values: Mapping[str, np.ndarray]) -> "Balls":
         """The same with other centres and changes of planes; the state stays that of the start."""
         start = self if self._start is None else self._start
-        return replace(self, centres=values.get("ball", self.centres), change=values.get("step", self.change),
-                       _start=start)  # fmt: skip
+        return replace(
+            self,
+            centres=values.get("ball", self.centres),
+            change=values.get("step", self.change),
+            _start=start,
+        )
 
-    def moved(self, camera: Camera, centres: np.ndarray, planes: np.ndarray, mirror=None) -> "Balls":
+    def moved(
+        self, camera: Camera, centres: np.ndarray, planes: np.ndarray, mirror=None
+    ) -> "Balls":
         """The same measurements started elsewhere."""
-        return replace(self, camera=camera, centres=centres, planes=planes, mirror=mirror, change=None, _start=None)
+        return replace(
+            self,
+            camera=camera,
+            centres=centres,
+            planes=planes,
+            mirror=mirror,
+            change=None,
+            _start=None,
+        )
 
     def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
         return corners.slots(port, where, components)
@@ -167,11 +199,15 @@ class Evaluation(Sight):
         """(3, 1, n) for the ball's centre, or for the step's plane."""
         return (-self.normal / self.gain)[:, None] if name == "ball" else self.step_rows()
 
-    ports = MappingProxyType({
-        "pixel": lambda here: -here.by_pixel,
-        "ray": lambda here: here.by_ray * here.length,
-        "mirror": Sight.mirror_rows,
-        "plane": lambda here: here.by_sheet * np.stack([*here.hits, np.ones(here.chain.n), here.across**2]),
-        "point": lambda here: -here.normal,
-        "target": lambda here: -here.normal,
-    })  # fmt: skip
+    ports = MappingProxyType(
+        {
+            "pixel": lambda here: -here.by_pixel,
+            "ray": lambda here: here.by_ray * here.length,
+            "mirror": Sight.mirror_rows,
+            "plane": lambda here: (
+                here.by_sheet * np.stack([*here.hits, np.ones(here.chain.n), here.across**2])
+            ),
+            "point": lambda here: -here.normal,
+            "target": lambda here: -here.normal,
+        }
+    )

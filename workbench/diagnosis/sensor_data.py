@@ -22,11 +22,11 @@ from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.light.sheets import Sheets
 from sensors.scanner.calibration import calibrate_scanner
-from workbench.jobs import scanner as scanners
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.diagnosis.sensor_balls import Balls
 from workbench.imaging.images import by_role
+from workbench.jobs import scanner as scanners
 
 MOST_STRIPES = 6_000
 """Points of stripes on boards in all: some tens a stripe, which carry everything that is smooth along it."""
@@ -73,13 +73,25 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     from workbench.diagnosis.sensor_scans import balls_of
 
     by_role(recording, "board")
-    found = detect_all(recording, lambda done, total, name: progress(f"board in picture {done} of {total}"))
-    camera = calibrate_camera(found.views, found.board, found.size, "brown", folds=0, progress=progress)
+    found = detect_all(
+        recording, lambda done, total, name: progress(f"board in picture {done} of {total}")
+    )
+    camera = calibrate_camera(
+        found.views, found.board, found.size, "brown", folds=0, progress=progress
+    )
     stripes = _stripes(recording, camera, progress)
     if stripes is None:
         return noisy(Chains(camera.chain, placements=tuple(camera.placements)))
-    made = calibrate_scanner(camera.views, stripes, camera.board, camera.camera.size, camera=camera, mirror=False,
-                             check=False, progress=progress)  # fmt: skip
+    made = calibrate_scanner(
+        camera.views,
+        stripes,
+        camera.board,
+        camera.camera.size,
+        camera=camera,
+        mirror=False,
+        check=False,
+        progress=progress,
+    )
     sheets, _ = thinned(made.free.sheets, MOST_STRIPES)
     size = max(1, round(made.stripes.n / max(sheets.n, 1)))
     sheets, gain_free = with_mirror(sheets, _commanded(stripes, made.scanner.steps))
@@ -125,7 +137,9 @@ def with_mirror(sheets: Sheets, commanded: np.ndarray | None) -> tuple[Sheets, b
 
 def at_solution(chains: Chains, fit: BundleFit) -> Chains:
     """The chains started where a fit ended: camera, poses, balls, light planes or mirror."""
-    camera = Camera.of(fit.parameters.values[: len(chains.corners.camera.values)], chains.corners.camera.size)
+    camera = Camera.of(
+        fit.parameters.values[: len(chains.corners.camera.values)], chains.corners.camera.size
+    )
     made: dict = {"corners": chains.corners.moved(camera, fit.values["placement"])}
     sheets, mirror = chains.sheets, None
     if sheets is None:
@@ -133,7 +147,9 @@ def at_solution(chains: Chains, fit: BundleFit) -> Chains:
     if sheets.mirror is None:
         planes = moved(sheets.planes, fit.values["step"])
     else:
-        change = MovedMirror(sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES]))
+        change = MovedMirror(
+            sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
+        )
         sheets, mirror = replace(sheets, angles=sheets.angles * change.gain), change.mirror
         planes = mirror.planes(sheets.angles)
     made["sheets"] = sheets.moved(camera, fit.values["placement"], planes, mirror)
@@ -155,7 +171,10 @@ def measured(chain, effects, values: Mapping[str, float], noise) -> Corners | Sh
             chain = replace(chain, pixels=chain.pixels + miss, _kept_state=state)
         else:
             slope = (here.by_pixel * chain.scan).sum(0) / chain.gain
-            chain = replace(chain, pixels=chain.pixels + chain.scan * np.clip(-miss / slope, -_FARTHEST, _FARTHEST))
+            chain = replace(
+                chain,
+                pixels=chain.pixels + chain.scan * np.clip(-miss / slope, -_FARTHEST, _FARTHEST),
+            )
     return replace(chain, _kept_state=None) if len(miss) == 2 else chain
 
 
@@ -173,7 +192,9 @@ def noisy(chains: Chains) -> Chains:
     scaled = {}
     for name, chain in chains.parts.items():
         scale = noise_scale(chain, name)
-        scaled[name] = chain if scale is None else replace(chain, sigma=np.asarray(chain.sigma) * scale)
+        scaled[name] = (
+            chain if scale is None else replace(chain, sigma=np.asarray(chain.sigma) * scale)
+        )
     return replace(chains, **scaled)
 
 
@@ -198,8 +219,13 @@ def noise_scale(chain, name: str) -> float | None:
 def _lines(chain, name):
     """(n,) which row of a board, or stripe, each sample is on, and (n,) its place along it."""
     if name == "corners":
-        row = np.round(chain.points[1] / max(np.diff(np.unique(np.round(chain.points[1], 6))).min(initial=1.0), 1e-9))
+        row = np.round(
+            chain.points[1]
+            / max(np.diff(np.unique(np.round(chain.points[1], 6))).min(initial=1.0), 1e-9)
+        )
         view = chain.labels.get("view", chain.labels["placement"])
         return groups(view, (row - row.min()).astype(int))[0], chain.points[0]
     along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
-    return groups(chain.labels["placement" if name == "sheets" else "ball"], chain.labels["step"])[0], along
+    return groups(chain.labels["placement" if name == "sheets" else "ball"], chain.labels["step"])[
+        0
+    ], along

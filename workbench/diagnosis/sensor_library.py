@@ -79,7 +79,9 @@ def _camera(kind):
 def _light(kind):
     yield _option("plane-bow", "laser", "the same all along", 0.5)
     if kind.light is not None:
-        yield _option("plane-bow", "laser", "fanning out from the mirror", 0.5, apex_mm=list(kind.light))
+        yield _option(
+            "plane-bow", "laser", "fanning out from the mirror", 0.5, apex_mm=list(kind.light)
+        )
     yield _option("incidence-bias", "sensor")
     if kind.balls:
         yield _option("range-scale", "sensor")
@@ -94,7 +96,9 @@ def _light(kind):
 def _mirror(kind):
     yield _option("mirror-wobble", "mirror")
     for order in _ORDERS:
-        yield _option("mirror-encoder-harmonic", "mirror", f"order {order}", 1 / len(_ORDERS), order=order)
+        yield _option(
+            "mirror-encoder-harmonic", "mirror", f"order {order}", 1 / len(_ORDERS), order=order
+        )
     if "sweep" in kind.varies:
         yield _option("mirror-hysteresis", "mirror")
     if "mirror_speed_deg_s" in kind.varies:
@@ -107,12 +111,33 @@ def places(kind: Kind) -> list[Place]:
     turning = tuple(sorted(kind.varies & {"sweep", "mirror_speed_deg_s"}))
     made = [
         Place("camera", "pixel", (0, 1), "px", 0.05, ("u", "v", *more), (("u", "v"),)),
-        Place("artefact", "target", (2,), "mm", 0.05, ("board_x", "board_y", *more), (("board_x", "board_y"),)),
+        Place(
+            "artefact",
+            "target",
+            (2,),
+            "mm",
+            0.05,
+            ("board_x", "board_y", *more),
+            (("board_x", "board_y"),),
+        ),
     ]
     if kind.stripes:
-        made.append(Place("laser", "plane", (3,), "mm", 0.02, ("along", "range", *more), (("along", "range"),)))
-        made.append(Place("sensor", "point", (2,), "mm", 0.02, ("range", "incidence", "u", "v", *more),
-                          (("u", "v"), ("range", "v"))))  # fmt: skip
+        made.append(
+            Place(
+                "laser", "plane", (3,), "mm", 0.02, ("along", "range", *more), (("along", "range"),)
+            )
+        )
+        made.append(
+            Place(
+                "sensor",
+                "point",
+                (2,),
+                "mm",
+                0.02,
+                ("range", "incidence", "u", "v", *more),
+                (("u", "v"), ("range", "v")),
+            )
+        )
     if kind.mirror:
         made.append(Place("mirror", "mirror", (0,), "rad", 1e-4, ("mirror", *turning, *more)))
         made.append(Place("mirror", "plane", (3,), "mm", 0.02, ("mirror",), (("mirror", "along"),)))
@@ -127,9 +152,13 @@ def described(chain, kind_of: str, mirror: float) -> Mapping[str, np.ndarray]:
     """
     state = chain.state
     known = {
-        "u": state.pixels[0], "v": state.pixels[1], "range": state.points[2], "incidence": state.incidence,
+        "u": state.pixels[0],
+        "v": state.pixels[1],
+        "range": state.points[2],
+        "incidence": state.incidence,
         "mirror": np.where(np.isnan(state.mirror), mirror, state.mirror),
         "along": np.zeros(state.n) if kind_of == "corners" else state.along,
-        "board_x": np.nan_to_num(state.board[0]), "board_y": np.nan_to_num(state.board[1]),
-    }  # fmt: skip
+        "board_x": np.nan_to_num(state.board[0]),
+        "board_y": np.nan_to_num(state.board[1]),
+    }
     return {**chain.covariates, **known}

@@ -10,8 +10,8 @@ from sensors.camera.corners import placements
 from sensors.effects import CATALOGUE
 from sensors.light.planes import steps_family
 from sensors.scanner.adjustment import ON_BOTH
-from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues, thin_svd
 from workbench.core.model import Model
 from workbench.diagnosis import sensor_data
@@ -23,14 +23,20 @@ from workbench.diagnosis.sensor_library import options, places
 
 # sigmas for a typical size, below which a direction of the baseline neither hides nor imitates anything
 _SEEN = 1e-2
-_VISIBLE, WIDEST = 5.0, 300.0  # sigmas that are just visible; times a typical size beyond which nothing is asked for
+_VISIBLE, WIDEST = (
+    5.0,
+    300.0,
+)  # sigmas that are just visible; times a typical size beyond which nothing is asked for
 _FIRST_ORDER, _HIGHEST = 9, 400
 _BOARD_ONLY = "artefact"
 
 
 def models(chains: Chains, effects: tuple[Effect, ...]) -> tuple[Model, ...]:
     """A model for each part, with the effects that can act on it."""
-    return tuple(Model(chain, tuple(e for e in effects if acts(e, name))) for name, chain in chains.parts.items())
+    return tuple(
+        Model(chain, tuple(e for e in effects if acts(e, name)))
+        for name, chain in chains.parts.items()
+    )
 
 
 def acts(effect: Effect, part: str) -> bool:
@@ -73,43 +79,70 @@ class Linear:
     def __init__(self, bench, effects, chains: Chains, fit: BundleFit, samples):
         self.bench, self.effects, self.fit, self.samples = bench, effects, fit, samples
         there = sensor_data.at_solution(chains, fit)
-        values = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
-        white = [here.residual / model.chain.sigma for model, _, here in _evaluated(there, effects, values)]
+        values = {
+            p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1
+        }
+        white = [
+            here.residual / model.chain.sigma
+            for model, _, here in _evaluated(there, effects, values)
+        ]
         self.residuals, self.weights = white, [robust_weights(w) for w in white]
         # derivatives where nothing is noise: else the noise of a place would fit itself
-        still = {name: sensor_data.measured(chain, tuple(e for e in effects if acts(e, name)), values, 0.0)
-                 for name, chain in there.parts.items()}  # fmt: skip
+        still = {
+            name: sensor_data.measured(
+                chain, tuple(e for e in effects if acts(e, name)), values, 0.0
+            )
+            for name, chain in there.parts.items()
+        }
         self.chains = replace(there, **still)
         self.models, self.tables, self.points = zip(*_evaluated(self.chains, effects, values))
         self.names = tuple(self.chains.parts)
-        self.root = [np.sqrt(w) / np.broadcast_to(m.chain.sigma, here.residual.shape)
-                     for w, m, here in zip(self.weights, self.models, self.points)]  # fmt: skip
+        self.root = [
+            np.sqrt(w) / np.broadcast_to(m.chain.sigma, here.residual.shape)
+            for w, m, here in zip(self.weights, self.models, self.points)
+        ]
         self._ports: dict = {}
 
     def flat(self, parts) -> np.ndarray:
         """(k, N) of rows (k, m, n) a part, None for nothing; not whitened before."""
         count = next(len(rows) for rows in parts if rows is not None)
-        made = [np.zeros((count, root.size)) if rows is None else (rows * root).reshape(count, -1)
-                for rows, root in zip(parts, self.root)]  # fmt: skip
+        made = [
+            np.zeros((count, root.size)) if rows is None else (rows * root).reshape(count, -1)
+            for rows, root in zip(parts, self.root)
+        ]
         return np.concatenate(made, axis=1)
 
     def problem(self) -> Problem:
         """What the engine looks at."""
         every = slice(None) if self.samples is None else self.samples
-        sigma = [np.broadcast_to(m.chain.sigma, h.residual.shape).ravel() for m, h in zip(self.models, self.points)]
+        sigma = [
+            np.broadcast_to(m.chain.sigma, h.residual.shape).ravel()
+            for m, h in zip(self.models, self.points)
+        ]
         first = np.cumsum([0, *self.chains.counts])
         added, values = self.added()
-        sample = [np.tile(np.arange(n) + a, len(here.residual))
-                  for n, a, here in zip(self.chains.counts, first, self.points)]  # fmt: skip
+        sample = [
+            np.tile(np.arange(n) + a, len(here.residual))
+            for n, a, here in zip(self.chains.counts, first, self.points)
+        ]
         return Problem(
-            residual=np.concatenate([(w * np.sqrt(a)).ravel() for w, a in zip(self.residuals, self.weights)]),
+            residual=np.concatenate(
+                [(w * np.sqrt(a)).ravel() for w, a in zip(self.residuals, self.weights)]
+            ),
             basis=self.basis,
-            sample=np.concatenate(sample), weights=np.concatenate(self.weights), sigma=np.concatenate(sigma),
-            pose=self.bench.pose[every], order=self.bench.order[every],
+            sample=np.concatenate(sample),
+            weights=np.concatenate(self.weights),
+            sigma=np.concatenate(sigma),
+            pose=self.bench.pose[every],
+            order=self.bench.order[every],
             covariates={name: column[every] for name, column in self.bench.covariates.items()},
-            sites=self.sites(), candidates=self.candidates(), scans=self.scans(), effects=self.effects,
-            added=added, values=values,
-        )  # fmt: skip
+            sites=self.sites(),
+            candidates=self.candidates(),
+            scans=self.scans(),
+            effects=self.effects,
+            added=added,
+            values=values,
+        )
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -161,8 +194,19 @@ class Linear:
                 continue
             columns, typical = self.columns(effect)
             typical = typical * self.widened(columns * typical)
-            made.append(Candidate(effect.effect, effect.where, option.label, (effect,), columns, typical,
-                                  option.family, option.mass, option.missing))  # fmt: skip
+            made.append(
+                Candidate(
+                    effect.effect,
+                    effect.where,
+                    option.label,
+                    (effect,),
+                    columns,
+                    typical,
+                    option.family,
+                    option.mass,
+                    option.missing,
+                )
+            )
         return tuple(made)
 
     def added(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
@@ -214,9 +258,21 @@ class Linear:
             return ()
         every = slice(None) if self.samples is None else self.samples
         row = self.flat(self.port("mirror", (0,), "mirror"))
-        return (Scan("mirror-encoder-harmonic", "mirror", "wave", row, self.bench.covariates["mirror"][every], orders,
-                     np.full(len(orders), 1 / len(orders)), np.array([1e-4]), "mirror-encoder-harmonic mirror",
-                     _harmonic, "order {:g}"),)  # fmt: skip
+        return (
+            Scan(
+                "mirror-encoder-harmonic",
+                "mirror",
+                "wave",
+                row,
+                self.bench.covariates["mirror"][every],
+                orders,
+                np.full(len(orders), 1 / len(orders)),
+                np.array([1e-4]),
+                "mirror-encoder-harmonic mirror",
+                _harmonic,
+                "order {:g}",
+            ),
+        )
 
     def sites(self) -> tuple[Site, ...]:
         made = []
@@ -224,8 +280,17 @@ class Linear:
             parts = self.port(place.port, place.slots, place.where)
             if any(rows is not None for rows in parts):
                 typical = np.full(len(place.slots), place.typical)
-                made.append(Site(place.where, place.port, self.flat(parts), place.unit, typical, place.covariates,
-                                 place.pairs))  # fmt: skip
+                made.append(
+                    Site(
+                        place.where,
+                        place.port,
+                        self.flat(parts),
+                        place.unit,
+                        typical,
+                        place.covariates,
+                        place.pairs,
+                    )
+                )
         return tuple(made)
 
 
@@ -241,7 +306,12 @@ class _At:
 
 
 def _has(part: str, family: str) -> bool:
-    return family in {"corners": ("placement",), "sheets": ("placement", "step"), "balls": ("ball", "step")}[part]
+    return (
+        family
+        in {"corners": ("placement",), "sheets": ("placement", "step"), "balls": ("ball", "step")}[
+            part
+        ]
+    )
 
 
 def _orthonormal(columns: np.ndarray) -> np.ndarray:

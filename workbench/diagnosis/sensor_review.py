@@ -31,12 +31,20 @@ def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> F
 
 def _beside_twins(bench, bare: Problem, finding: Finding) -> Finding:
     table = judged(bare)
-    own = next((h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)), None)
+    own = next(
+        (h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)),
+        None,
+    )
     named = [h for h in table if not h.unnamed]
     twins = [] if own is None else (_laws if own.unnamed else _twins)(bench, bare, named, own)
     if not twins:
         return finding
-    weights = np.array([np.logaddexp.reduce([h.log_prior for h in table if h.key == one.key]) for one in (own, *twins)])
+    weights = np.array(
+        [
+            np.logaddexp.reduce([h.log_prior for h in table if h.key == one.key])
+            for one in (own, *twins)
+        ]
+    )
     shares = np.exp(weights - np.logaddexp.reduce(weights))
     return _told(finding, own, twins, shares)
 
@@ -77,8 +85,14 @@ def _told(finding: Finding, own: Hypothesis, twins, shares) -> Finding:
     rest = tuple(a for a in finding.alternatives if (a.effect, a.where) not in names)
     left = 1 - sum(a.probability for a in rest)
     made = [
-        Alternative(*h.key, h.label, float(left * share), float(min(1.0, h.gain / max(own.gain, 1e-300))),
-                    "one of the two would be so large that to first order they cannot be told apart", h.missing)
+        Alternative(
+            *h.key,
+            h.label,
+            float(left * share),
+            float(min(1.0, h.gain / max(own.gain, 1e-300))),
+            "one of the two would be so large that to first order they cannot be told apart",
+            h.missing,
+        )
         for h, share in zip(twins, shares[1:])
-    ]  # fmt: skip
+    ]
     return replace(finding, probability=float(left * shares[0]), alternatives=(*made, *rest))

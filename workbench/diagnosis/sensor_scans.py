@@ -14,8 +14,8 @@ from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
-from workbench.imaging.ball_names import named
 from workbench.diagnosis.sensor_balls import Balls
+from workbench.imaging.ball_names import named
 from workbench.imaging.images import by_role, full_scale, path_of
 from workbench.jobs.scan import COVARIATES, INCIDENCE_DEG, scans_of
 
@@ -37,8 +37,13 @@ class _Arc:
     number: int
 
 
-def balls_of(recording: Recording, made: ScannerCalibration, sheets: Sheets, size: int,
-             progress: Callable[[str], None]) -> tuple[Balls | None, tuple[str, ...]]:  # fmt: skip
+def balls_of(
+    recording: Recording,
+    made: ScannerCalibration,
+    sheets: Sheets,
+    size: int,
+    progress: Callable[[str], None],
+) -> tuple[Balls | None, tuple[str, ...]]:
     """Blocks of `size` points of the balls in all scans, and the scans' names; None where no ball is certified or seen.
 
     They are found with the calibrated scanner `made`, of free planes; the chain starts with the planes of `sheets`.
@@ -69,10 +74,14 @@ def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
     points = plain.reconstruct(pixels, step)
     radii = sorted({ball[3] for ball in recording.balls.values()})
     found = find_balls(points, radii, free=True, incidence=np.deg2rad(INCIDENCE_DEG))
-    numbers, _ = named(recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found])
+    numbers, _ = named(
+        recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
+    )
     made = []
     for fit, number in zip(found, numbers):
-        radius = recording.balls[number][3] if number else min(radii, key=lambda r: abs(r - fit.radius))
+        radius = (
+            recording.balls[number][3] if number else min(radii, key=lambda r: abs(r - fit.radius))
+        )
         seen = {"pixels": pixels, "step": step, "sigma": sigma, "covariates": covariates}
         arc = _arc(plain, seen, shape, points, fit, radius, number or 0, light)
         made += [] if arc is None else [arc]
@@ -88,7 +97,9 @@ def _stripes(recording, scanner, rows, depth):
         found = find_stripes(stack, along, saturation=depth)
         parts.append((found.pixels, first + found.frame, found.sigma, found.shape))
         first += len(stack)
-    pixels, frame, sigma, shape = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
+    pixels, frame, sigma, shape = (
+        np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
+    )
     names = [name for name in COVARIATES if all(name in row for row in rows)]
     covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
     steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
@@ -99,11 +110,22 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
     """A ball's points without those seen or lit too steeply, their centres straightened; None where few are left."""
     on = (np.abs(fit.residual) < 0.05 * radius) & np.isfinite(points).all(0)
     pixels, step = seen["pixels"][:, on], seen["step"][on]
-    bend = bend_on_ball(scanner.camera, fit.centre, fit.radius, pixels, scanner.planes[:, scanner.places(step)],
-                        scanner.scan, light)  # fmt: skip
+    bend = bend_on_ball(
+        scanner.camera,
+        fit.centre,
+        fit.radius,
+        pixels,
+        scanner.planes[:, scanner.places(step)],
+        scanner.scan,
+        light,
+    )
     pull = np.nan_to_num(bend.pull(bend.sheet(shape[0, on]), *shape[:, on]))
     outward = points[:, on] - fit.centre[:, None]
-    facing = -(outward * points[:, on]).sum(0) / np.linalg.norm(outward, axis=0) / np.linalg.norm(points[:, on], axis=0)
+    facing = (
+        -(outward * points[:, on]).sum(0)
+        / np.linalg.norm(outward, axis=0)
+        / np.linalg.norm(points[:, on], axis=0)
+    )
     good = (bend.lit > _STEEP) & (facing > _STEEP)
     if good.sum() < _FEWEST:
         return None
@@ -114,7 +136,15 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
         return None
     kept = np.flatnonzero(good)[again.inliers]
     covariates = {name: column[on][kept] for name, column in seen["covariates"].items()}
-    return _Arc(straight[:, kept], place[kept], seen["sigma"][on][kept], covariates, again.centre, radius, number)
+    return _Arc(
+        straight[:, kept],
+        place[kept],
+        seen["sigma"][on][kept],
+        covariates,
+        again.centre,
+        radius,
+        number,
+    )
 
 
 def _chain(arcs, scanner: Scanner, sheets: Sheets) -> Balls:
@@ -122,12 +152,20 @@ def _chain(arcs, scanner: Scanner, sheets: Sheets) -> Balls:
     ball = np.repeat(np.arange(len(arcs)), [len(arc.step) for arc in arcs])
     step = np.concatenate([arc.step for arc in arcs])
     return Balls(
-        scanner.camera, np.concatenate([arc.pixels for arc in arcs], 1), {"ball": ball, "step": step},
-        np.stack([arc.centre for arc in arcs]), np.array([arc.radius for arc in arcs]),
-        np.array([arc.number for arc in arcs]), sheets.planes, sheets.scan,
-        np.concatenate([arc.sigma for arc in arcs])[None], sheets.mirror, sheets.angles, None,
+        scanner.camera,
+        np.concatenate([arc.pixels for arc in arcs], 1),
+        {"ball": ball, "step": step},
+        np.stack([arc.centre for arc in arcs]),
+        np.array([arc.radius for arc in arcs]),
+        np.array([arc.number for arc in arcs]),
+        sheets.planes,
+        sheets.scan,
+        np.concatenate([arc.sigma for arc in arcs])[None],
+        sheets.mirror,
+        sheets.angles,
+        None,
         {name: np.concatenate([arc.covariates[name] for arc in arcs]) for name in sorted(names)},
-    )  # fmt: skip
+    )
 
 
 def _blocks(chain: Balls, size: int) -> Balls:
@@ -148,10 +186,12 @@ def _blocks(chain: Balls, size: int) -> Balls:
     first = np.unique(block, return_index=True)[1]
     values = chain.parameters.values
     made = replace(
-        chain, pixels=np.stack([mean(row) for row in chain.pixels]), sigma=total[None] ** -0.5,
+        chain,
+        pixels=np.stack([mean(row) for row in chain.pixels]),
+        sigma=total[None] ** -0.5,
         labels={name: label[first] for name, label in chain.labels.items()},
         covariates={name: mean(column) for name, column in chain.covariates.items()},
-    )  # fmt: skip
+    )
     missing = mean(chain.evaluate(values, {}).residual[0] * chain.gain) / made.gain
     missing = missing - made.evaluate(values, {}).residual[0]
     side = np.sign((made.start.by_pixel * made.scan).sum(0))

@@ -28,10 +28,16 @@ SECOND = float(np.log(0.2))
 LAW = 0.95
 """Share of what a set with unnamed functions explains from which on known laws are preferred: no law is exact."""
 _LARGEST, _STEPS, _UNNAMED = 12, 60, 2
-_WRONG, _NEGATIVE = 6, 2.0  # how often a set is searched without what is negative, by more than so many sigmas
+_WRONG, _NEGATIVE = (
+    6,
+    2.0,
+)  # how often a set is searched without what is negative, by more than so many sigmas
 _SLOW = 6.0  # orders that a smooth function follows
 _SERIES = 3  # waves at one joint from which on one function of its angle is thought of, and no further wave
-_PAIRED, _KINDS = 40, 3  # hypotheses of which all pairs are searched; kinds from which the search starts
+_PAIRED, _KINDS = (
+    40,
+    3,
+)  # hypotheses of which all pairs are searched; kinds from which the search starts
 
 Members = tuple[int, ...]
 
@@ -61,7 +67,12 @@ class Sets:
     @cached_property
     def rooms(self) -> np.ndarray:
         """(K, K) bool: which may act side by side."""
-        return np.array([[i != j and room(a, b) for j, b in enumerate(self.short)] for i, a in enumerate(self.short)])
+        return np.array(
+            [
+                [i != j and room(a, b) for j, b in enumerate(self.short)]
+                for i, a in enumerate(self.short)
+            ]
+        )
 
     @cached_property
     def unnamed(self) -> np.ndarray:
@@ -94,12 +105,16 @@ class Sets:
 
     def index(self, members: Members) -> np.ndarray:
         """Columns of a set."""
-        return np.concatenate([np.zeros(0, int), *(np.arange(self.start[i], self.start[i + 1]) for i in members)])
+        return np.concatenate(
+            [np.zeros(0, int), *(np.arange(self.start[i], self.start[i + 1]) for i in members)]
+        )
 
     @cached_property
     def table(self) -> Table:
         """The inner products by groups of hypotheses with equally many columns."""
-        return Table(self.gram, self.score, 1 / SIZES**2, tuple(columns for _, columns in self.groups))
+        return Table(
+            self.gram, self.score, 1 / SIZES**2, tuple(columns for _, columns in self.groups)
+        )
 
     def grown(self, base: Members) -> tuple[np.ndarray, float]:
         """(K,) log weight of a set with each other hypothesis beside it (-inf where there is no room), and its own.
@@ -126,7 +141,9 @@ class Sets:
             if frozenset(fewer) not in self.seen:
                 try:
                     left = self._beside(base).without(slice(edges[k], edges[k + 1]))
-                except np.linalg.LinAlgError:  # too close to singular for this: `grown` solves it by itself
+                except (
+                    np.linalg.LinAlgError
+                ):  # too close to singular for this: `grown` solves it by itself
                     continue
                 self.seen[frozenset(fewer)] = self._weighed(fewer, left)
 
@@ -154,17 +171,25 @@ class Sets:
             factor = np.linalg.cholesky(both)
             more = (factor[..., -1, :-1] ** 2).sum(-1)
             spent = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
-        except np.linalg.LinAlgError:  # hardly any noise: rounding of what is made exactly exceeds what is left
+        except (
+            np.linalg.LinAlgError
+        ):  # hardly any noise: rounding of what is made exactly exceeds what is left
             values, vectors = symmetric_eigen(blocks)
             values = np.maximum(values, 0.0) + shrink[:, None, None]
-            more = (np.einsum("scij,sci->scj", vectors, left.left[:, columns]) ** 2 / values).sum(-1)
+            more = (np.einsum("scij,sci->scj", vectors, left.left[:, columns]) ** 2 / values).sum(
+                -1
+            )
             spent = np.log(values).sum(-1)
         volume = spent - width * np.log(shrink)[:, None]
-        return log_evidence(left.spent[:, None] + volume, left.gained[:, None] + more, self.projected)
+        return log_evidence(
+            left.spent[:, None] + volume, left.gained[:, None] + more, self.projected
+        )
 
     def _free(self, base: Members) -> np.ndarray:
         free = np.ones(len(self.short), bool) if not base else self.rooms[list(base)].all(0)
-        waves = Counter(self.short[i].where for i in base if self.short[i].effect == "transmission-harmonic")
+        waves = Counter(
+            self.short[i].where for i in base if self.short[i].effect == "transmission-harmonic"
+        )
         for place in (where for where, count in waves.items() if count >= _SERIES):
             free &= ~self.series[place]
         kinds = {self.kinds[i] for i in base if self.short[i].unnamed}
@@ -195,7 +220,11 @@ class Sets:
         self.barred.update(laws[i] for i in inner.barred)
         lawful = tuple(laws[i] for i in found)
         if self.unnamed.any():
-            if not free or self.gain(lawful) >= LAW * most or self.grown(lawful)[1] > max(w for _, w in free):
+            if (
+                not free
+                or self.gain(lawful) >= LAW * most
+                or self.grown(lawful)[1] > max(w for _, w in free)
+            ):
                 free.append(self._climb(lawful))
             chosen = max(free, key=lambda pair: pair[1])[0]
             if self.gain(lawful) < LAW * self.gain(chosen) or self._series(lawful, chosen):
@@ -208,12 +237,16 @@ class Sets:
         columns, widths = self.index(tuple(members)), np.diff(self.start)[list(members)]
         start = np.concatenate([[0], np.cumsum(widths)]).astype(int)
         short = tuple(self.short[i] for i in members)
-        return Sets(short, self.projected, self.gram[np.ix_(columns, columns)], self.score[columns], start)
+        return Sets(
+            short, self.projected, self.gram[np.ix_(columns, columns)], self.score[columns], start
+        )
 
     def _series(self, lawful: Members, chosen: Members) -> bool:
         """Whether laws only make a series of waves of what is one function of an angle at the same joint."""
         places = {self.short[i].where for i in chosen if self.short[i].unnamed}
-        waves = [i for i in lawful if i not in chosen and self.short[i].effect == "transmission-harmonic"]
+        waves = [
+            i for i in lawful if i not in chosen and self.short[i].effect == "transmission-harmonic"
+        ]
         return any(sum(self.short[i].where == place for i in waves) > 1 for place in places)
 
     def _patched(self, lawful: Members) -> Members:
@@ -223,9 +256,13 @@ class Sets:
             mine = [i for i in waves if self.short[i].where == place]
             own = (place.replace("joint-", "q"),)
             rest = tuple(i for i in lawful if i not in mine)
-            functions = [i for i, h in enumerate(self.short) if h.unnamed == own and h.where == place]
+            functions = [
+                i for i, h in enumerate(self.short) if h.unnamed == own and h.where == place
+            ]
             if len(mine) >= _SERIES and functions:
-                other, weight = max((self._climb((*rest, i)) for i in functions), key=lambda pair: pair[1])
+                other, weight = max(
+                    (self._climb((*rest, i)) for i in functions), key=lambda pair: pair[1]
+                )
                 lawful = other if weight > self.grown(lawful)[1] else lawful
         return lawful
 
@@ -246,7 +283,9 @@ class Sets:
         held = self.index(members)
         gram = self.gram[np.ix_(held, held)] + np.eye(len(held)) / SIZES[-1] ** 2
         inverse = inverse_positive(gram)
-        sigma = np.sqrt(max(self.projected.yy - self.gain(members), 1e-300) / self.projected.degrees)
+        sigma = np.sqrt(
+            max(self.projected.yy - self.gain(members), 1e-300) / self.projected.degrees
+        )
         z = -(inverse @ self.score[held]) / np.sqrt(np.diag(inverse)) / sigma
         owner = np.repeat(members, np.diff(self.start)[list(members)])
         first = np.concatenate([np.arange(self.start[i + 1] - self.start[i]) for i in members])
@@ -264,14 +303,20 @@ class Sets:
         return int(np.argmax(self.grown(())[0]))
 
     def _pair(self) -> Members:
-        return max(self._best_of((i,), self.grown((i,))[0]) for i in range(min(_PAIRED, len(self.short))))[1]
+        return max(
+            self._best_of((i,), self.grown((i,))[0]) for i in range(min(_PAIRED, len(self.short)))
+        )[1]
 
     def _kinds(self) -> list[Members]:
         """All places of one effect, those among the likeliest."""
         kinds: dict[str, list[int]] = {}
         for i, h in enumerate(self.short):
             members = kinds.setdefault(h.effect, [])
-            if len(members) < _LARGEST and not isinstance(h.source, tuple) and self.rooms[i, members].all():
+            if (
+                len(members) < _LARGEST
+                and not isinstance(h.source, tuple)
+                and self.rooms[i, members].all()
+            ):
                 members.append(i)
         return [tuple(members) for members in kinds.values() if len(members) > 2]
 
@@ -279,7 +324,11 @@ class Sets:
         """Functions of each joint's own covariate of one kind, at all joints that are among the likeliest."""
         kinds: dict[tuple, list[int]] = {}
         for i, kind in enumerate(self.kinds):
-            if self.unnamed[i] and (members := kinds.setdefault(kind, [])) is not None and self.rooms[i, members].all():
+            if (
+                self.unnamed[i]
+                and (members := kinds.setdefault(kind, [])) is not None
+                and self.rooms[i, members].all()
+            ):
                 members.append(i)
         return [tuple(members[:_LARGEST]) for members in kinds.values() if len(members) > 2]
 

@@ -22,7 +22,9 @@ from workbench.diagnosis.problem import Candidate, Problem
 POWER, FAMILY = 0.95, 0.01
 _DRAWS = 24
 _BROAD = 10.0  # typical sizes that a twin may well have; to imitate a thing with a thousand of them is none
-_NOTHING = 1e-9  # of a column's own squared length: what rounding leaves of one that the baseline makes
+_NOTHING = (
+    1e-9  # of a column's own squared length: what rounding leaves of one that the baseline makes
+)
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,9 @@ class Visible:
     twin_where: str
 
 
-def smallest(problem: Problem, sigma: np.ndarray, units: Callable[[Candidate], Sequence[str]]) -> list[Visible]:
+def smallest(
+    problem: Problem, sigma: np.ndarray, units: Callable[[Candidate], Sequence[str]]
+) -> list[Visible]:
     """The smallest visible and the smallest separable size of every candidate, in their order.
 
     problem: of the baseline. sigma (N,): 1 sigma of each coordinate (mm, px), scaled to the noise that is there, over
@@ -64,7 +68,9 @@ def smallest(problem: Problem, sigma: np.ndarray, units: Callable[[Candidate], S
     table = _Table(problem, sigma, every)
     seen = np.sqrt(_threshold([c.columns.shape[1] for c in every], len(every)))
     apart, twin = table.apart()
-    return [_row(table, k, seen[k], apart[k], int(twin[k]), units(every[k])) for k in range(len(every))]
+    return [
+        _row(table, k, seen[k], apart[k], int(twin[k]), units(every[k])) for k in range(len(every))
+    ]
 
 
 class _Table:
@@ -83,7 +89,9 @@ class _Table:
         self.raw = self._sizes(scaled.T @ scaled) / np.sqrt(problem.n)
         self.left = self._sizes(left.T @ left) / np.sqrt(problem.n)
         self.whole = self._sizes(columns.T @ columns)
-        self.parameter = self._sizes(np.diag(typical**2 / np.repeat(np.diff(self.first), np.diff(self.first))))
+        self.parameter = self._sizes(
+            np.diag(typical**2 / np.repeat(np.diff(self.first), np.diff(self.first)))
+        )
 
     def _sizes(self, gram):
         """(C, D) length of each candidate's drawn directions under a Gram matrix."""
@@ -131,7 +139,10 @@ def _threshold(columns, count):
     from scipy.stats import chi2, ncx2
 
     level = 1 - (1 - FAMILY) ** (1 / count)
-    needed = {p: brentq(lambda d, p=p: ncx2.sf(chi2.isf(level, p), p, d) - POWER, 1e-3, 1e3) for p in set(columns)}
+    needed = {
+        p: brentq(lambda d, p=p: ncx2.sf(chi2.isf(level, p), p, d) - POWER, 1e-3, 1e3)
+        for p in set(columns)
+    }
     return np.array([needed[p] for p in columns])
 
 
@@ -147,7 +158,9 @@ def _row(table: _Table, k, seen, apart, twin, units) -> Visible:
     candidate = table.every[k]
     survives = float(np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300)))
     unit = units[0] if len(set(units)) == 1 else ""
-    length = table.length[k] if survives > _NOTHING else np.full_like(table.length[k], np.nan)  # nothing is seen of it
+    length = (
+        table.length[k] if survives > _NOTHING else np.full_like(table.length[k], np.nan)
+    )  # nothing is seen of it
     at = _median(seen / length)
     distinct = apart > _NOTHING * table.length[k]
     ratio = np.divide(table.length[k], apart, out=np.full_like(apart, np.inf), where=distinct)
@@ -155,14 +168,23 @@ def _row(table: _Table, k, seen, apart, twin, units) -> Visible:
     same = twin < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
     far = None if same else _median(least / length)
     other = table.every[twin] if twin >= 0 else None
-    raw, left, own = (float(np.median(size[k])) for size in (table.raw, table.left, table.parameter))
+    raw, left, own = (
+        float(np.median(size[k])) for size in (table.raw, table.left, table.parameter)
+    )
     return Visible(
-        candidate.effect, candidate.where, candidate.label,
-        None if at is None else at * raw, None if at is None else at * left, survives,
-        None if at is None or not unit else at * own, unit,
-        None if far is None else far * raw, None if far is None or not unit else far * own,
-        other.effect if other else "", other.where if other else "",
-    )  # fmt: skip
+        candidate.effect,
+        candidate.where,
+        candidate.label,
+        None if at is None else at * raw,
+        None if at is None else at * left,
+        survives,
+        None if at is None or not unit else at * own,
+        unit,
+        None if far is None else far * raw,
+        None if far is None or not unit else far * own,
+        other.effect if other else "",
+        other.where if other else "",
+    )
 
 
 def _median(values) -> float | None:

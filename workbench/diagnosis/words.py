@@ -14,24 +14,48 @@ from workbench.diagnosis.problem import Finding
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.scatter import ALONG
 
-TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}  # fmt: skip
-_PLACES = {"time": "the clock", "noise": "the noise", "samples": "the samples", "world": "the floor"}
+TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
+_PLACES = {
+    "time": "the clock",
+    "noise": "the noise",
+    "samples": "the samples",
+    "world": "the floor",
+}
 _KINDS = {
-    "approach": "the side from which joint {} came", "tau": "the gravity torque on joint {}",
-    "q": "the angle of joint {}", "qdot": "the speed of joint {}", "move": "the last move of joint {}",
-    "temperature_j": "the temperature of joint {}", "temperature_link": "the temperature of link {}",
-}  # fmt: skip
+    "approach": "the side from which joint {} came",
+    "tau": "the gravity torque on joint {}",
+    "q": "the angle of joint {}",
+    "qdot": "the speed of joint {}",
+    "move": "the last move of joint {}",
+    "temperature_j": "the temperature of joint {}",
+    "temperature_link": "the temperature of link {}",
+}
 _NAMES = {
-    "moment_x": "the overturning moment about x", "moment_y": "the overturning moment about y",
-    "temperature_artefact_c": "the artefact's temperature", "time": "time", "time_s": "time",
-    "row": "the order of the rows", "order": "the order of the rows",
-    "temperature": "temperature", "temperature_c": "temperature", "payload": "the payload", "payload_kg": "the payload",
-    "range": "the range", "range_mm": "the range", "u": "the column in the picture", "v": "the row in the picture",
-    "approach": "the side from which each joint came", "speed": "the joints' speeds",
-    "incidence": "the angle of incidence", "ball": "which ball it is", "reflector": "which reflector it is",
-}  # fmt: skip
+    "moment_x": "the overturning moment about x",
+    "moment_y": "the overturning moment about y",
+    "temperature_artefact_c": "the artefact's temperature",
+    "time": "time",
+    "time_s": "time",
+    "row": "the order of the rows",
+    "order": "the order of the rows",
+    "temperature": "temperature",
+    "temperature_c": "temperature",
+    "payload": "the payload",
+    "payload_kg": "the payload",
+    "range": "the range",
+    "range_mm": "the range",
+    "u": "the column in the picture",
+    "v": "the row in the picture",
+    "approach": "the side from which each joint came",
+    "speed": "the joints' speeds",
+    "incidence": "the angle of incidence",
+    "ball": "which ball it is",
+    "reflector": "which reflector it is",
+}
 _MOST, _NOTABLE = 3, 0.005
-BY_POSE = "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
+BY_POSE = (
+    "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
+)
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
@@ -52,7 +76,11 @@ def covariate(name: str) -> str:
     if bent := re.fullmatch(r"moment(\d+)_([xyz])", name):
         return f"the bending moment of link {bent[1]} about {bent[2]}"
     found = re.fullmatch(r"([a-z_]+?)_?(\d+)(?:_[a-z_]+)?", name)
-    return _KINDS[found[1]].format(found[2]) if found and found[1] in _KINDS else name.replace("_", " ")
+    return (
+        _KINDS[found[1]].format(found[2])
+        if found and found[1] in _KINDS
+        else name.replace("_", " ")
+    )
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -66,7 +94,11 @@ def law(effect: str, where: str, label: str = "", kind: type | None = None) -> s
         kind = _kind(effect, where)
     if kind is None:
         return f"{effect} at {place(where)}"
-    said = " ".join((kind.__doc__ or "").split("\n\n")[0].split()).rstrip(".").replace(_PART, _capital(place(where)))
+    said = (
+        " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+        .rstrip(".")
+        .replace(_PART, _capital(place(where)))
+    )
     return _placed(said, where) + (f" ({label})" if label else "")
 
 
@@ -76,8 +108,15 @@ def _capital(said: str) -> str:
 
 def _kind(effect, where):
     """The class of a word of the vocabulary: the robot's where it sits on the arm, else the scanner's."""
-    kinds = [kind for catalogue in (ROBOT, SENSOR) for kind in catalogue.values() if kind.effect == effect]
-    fitting = [kind for kind in kinds if where.rpartition("-")[0] in kind.places or where in kind.places]
+    kinds = [
+        kind
+        for catalogue in (ROBOT, SENSOR)
+        for kind in catalogue.values()
+        if kind.effect == effect
+    ]
+    fitting = [
+        kind for kind in kinds if where.rpartition("-")[0] in kind.places or where in kind.places
+    ]
     return (fitting or kinds or [None])[0]
 
 
@@ -86,7 +125,9 @@ def _placed(said: str, where: str) -> str:
     if not kind:
         return said
     there = f"{kind} {number}"
-    said = re.sub(rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, said, flags=re.IGNORECASE)
+    said = re.sub(
+        rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, said, flags=re.IGNORECASE
+    )
     said = re.sub(rf"\b{kind.capitalize()} {number}\b|\b{kind} {number}\b", there, said)
     return said[0].upper() + said[1:]
 
@@ -110,8 +151,11 @@ def _unit(unit: str, size: float) -> tuple[str, float]:
     if unit in ("1/K", "1/h"):
         return "ppm" + unit[1:], 1e6
     first = unit.split("/")[0]
-    steps = {"rad": (("rad", 1.0), ("mrad", 1e3), ("µrad", 1e6)), "mm": (("mm", 1.0), ("µm", 1e3)),
-             "s": (("s", 1.0), ("ms", 1e3), ("µs", 1e6))}.get(first)  # fmt: skip
+    steps = {
+        "rad": (("rad", 1.0), ("mrad", 1e3), ("µrad", 1e6)),
+        "mm": (("mm", 1.0), ("µm", 1e3)),
+        "s": (("s", 1.0), ("ms", 1e3), ("µs", 1e6)),
+    }.get(first)
     if steps is None:
         return ("" if unit == "1" else unit), 1.0
     name, factor = next(((n, f) for n, f in steps if size * f >= 0.1), steps[-1])
@@ -133,10 +177,16 @@ def figures(rows: Sequence[Mapping]) -> str:
     rows = [row for row in rows if row not in masses]
     parts = list(_waves(rows)) or [
         (_name(row), row) for row in sorted(rows, key=lambda row: -_surety(row))
-    ]  # fmt: skip
-    told = [f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]]
+    ]
+    told = [
+        f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]
+    ]
     said = ", ".join(told) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
-    return said + (f" (with {len(masses)} numbers for masses that the data sheet does not know)" if masses else "")
+    return said + (
+        f" (with {len(masses)} numbers for masses that the data sheet does not know)"
+        if masses
+        else ""
+    )
 
 
 def _name(row) -> str:
@@ -177,26 +227,38 @@ def _what(term: Term, tip: str, unit: str) -> str:
     if term.share is not None:
         depends = listed([covariate(name) for name in found.depends_on])
         if term.rest:
-            return (f"Much is left that nothing in the catalogue makes: a function of {depends} at "
-                    f"{place(found.where)} makes {100 * term.share:.0f} % of it.")  # fmt: skip
-        return (f"There is structure that these data show and do not explain: a function of {depends} at "
-                f"{place(found.where)} makes {100 * term.share:.0f} % of the mismatch, and yet nothing that was fitted "
-                "to some of the poses predicts the others. No more is claimed.")  # fmt: skip
+            return (
+                f"Much is left that nothing in the catalogue makes: a function of {depends} at "
+                f"{place(found.where)} makes {100 * term.share:.0f} % of it."
+            )
+        return (
+            f"There is structure that these data show and do not explain: a function of {depends} at "
+            f"{place(found.where)} makes {100 * term.share:.0f} % of the mismatch, and yet nothing that was fitted "
+            "to some of the poses predicts the others. No more is claimed."
+        )
     if found.effect == "stated-noise":
         return _of_stated_noise(term)
     if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
         return f"There is structure that nothing in the catalogue explains: {found.label} (p = {found.p_value:.2g})."
-    if found.effect in _OF_DATA or (found.effect == "unknown" and not found.effects and not found.depends_on):
+    if found.effect in _OF_DATA or (
+        found.effect == "unknown" and not found.effects and not found.depends_on
+    ):
         return _of_data(found)
     if found.effect == "unknown":
-        depends = listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
+        depends = (
+            listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
+        )
         more = getattr(found.function, "sentence", "") if found.function is not None else ""
         told = f"{place(found.where).capitalize()} errs with {depends}, by a law that no effect of the catalogue has"
         return f"{told}{': ' + size if size else ''}.{' ' + more if more else ''}"
-    said = law(found.effect, found.where, found.label, type(found.effects[0]) if found.effects else None)
+    said = law(
+        found.effect, found.where, found.label, type(found.effects[0]) if found.effects else None
+    )
     numbers = figures(term.parameters) if term.parameters else ""
     by_time = any(row["unit"].endswith("/h") for row in term.parameters)
-    said = said.replace(_EITHER, "with time (no temperature was recorded)" if by_time else "with temperature")
+    said = said.replace(
+        _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
+    )
     return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
 
 
@@ -205,9 +267,11 @@ def _of_stated_noise(term: Term) -> str:
     row = next(iter(term.parameters), None)
     factor = f"{row['value']:.2f} ± {row['std']:.2f} times" if row else "not"
     source = term.finding.label.rpartition(", ")[2]
-    return (f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "
-            "All results below use the noise that was found. Correct sigma_mm in the recording: calibration and "
-            "tolerances rely on it.")  # fmt: skip
+    return (
+        f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "
+        "All results below use the noise that was found. Correct sigma_mm in the recording: calibration and "
+        "tolerances rely on it."
+    )
 
 
 def _of_data(found: Finding) -> str:
@@ -220,20 +284,37 @@ def _of_data(found: Finding) -> str:
     if found.effect == "encoder-quantisation":
         return f"The reading of {place(found.where)} is rounded to counts."
     if found.label == ALONG:
-        return ("What is left points back along the last moves, by another share of them each time: the joints were "
-                "read at differing moments before the arm stood still.")  # fmt: skip
-    said = (f"{place(found.where).capitalize()} moves from sample to sample, with nothing that was recorded: what is "
-            "left points along what that place does.")  # fmt: skip
-    could = [f"{one.effect} at {place(one.where)} with {covariate(one.missing)}" for one in found.alternatives
-             if one.missing]  # fmt: skip
-    return said + (f" It may be {listed(could, 'or')}, none of which this recording holds." if could else "")
+        return (
+            "What is left points back along the last moves, by another share of them each time: the joints were "
+            "read at differing moments before the arm stood still."
+        )
+    said = (
+        f"{place(found.where).capitalize()} moves from sample to sample, with nothing that was recorded: what is "
+        "left points along what that place does."
+    )
+    could = [
+        f"{one.effect} at {place(one.where)} with {covariate(one.missing)}"
+        for one in found.alternatives
+        if one.missing
+    ]
+    return said + (
+        f" It may be {listed(could, 'or')}, none of which this recording holds." if could else ""
+    )
 
 
 def _proved(term: Term, unit: str) -> str:
     if term.gain is None:
         return ""
-    again = f", and the search found it again in {term.again} of {term.chances} folds" if term.chances else ""
-    falls = f"takes {length(term.gain, unit)} off" if term.gain > 0 else f"adds {length(-term.gain, unit)} to"
+    again = (
+        f", and the search found it again in {term.again} of {term.chances} folds"
+        if term.chances
+        else ""
+    )
+    falls = (
+        f"takes {length(term.gain, unit)} off"
+        if term.gain > 0
+        else f"adds {length(-term.gain, unit)} to"
+    )
     t = f" (t = {term.t:.1f})" if term.t is not None else ""
     return f"It {falls} the held-out error{t}{again}."
 
@@ -242,7 +323,9 @@ def _doubt(found: Finding) -> str:
     """What else would do as well."""
     if not found.alternatives or found.probability >= 0.95:
         return ""
-    likely = [one for one in found.alternatives if one.probability >= _NOTABLE] or found.alternatives[:1]
+    likely = [
+        one for one in found.alternatives if one.probability >= _NOTABLE
+    ] or found.alternatives[:1]
     told = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
     more = len(likely) - _MOST
     rest = f", or one of {more} less likely ones" if more > 0 else ""
@@ -251,13 +334,23 @@ def _doubt(found: Finding) -> str:
 
 def _other(one) -> str:
     label = f" ({one.label})" if one.label else ""
-    missing = f", if {covariate(one.missing)}, which this recording does not hold, changed" if one.missing else ""
+    missing = (
+        f", if {covariate(one.missing)}, which this recording does not hold, changed"
+        if one.missing
+        else ""
+    )
     name = "something unnamed" if one.effect == "unknown" else one.effect
     return f"{name}{label} at {place(one.where)} ({one.probability:.2f}{missing})"
 
 
 def errors(before: float, after: float, noise: float, source: str, unit: str) -> str:
     """The held-out errors in one sentence."""
-    shown = f"{length(before, unit)} to {length(after, unit)}" if after < before else f"{length(before, unit)}"
+    shown = (
+        f"{length(before, unit)} to {length(after, unit)}"
+        if after < before
+        else f"{length(before, unit)}"
+    )
     verb = "falls from" if after < before else "stays at"
-    return f"Held-out error {verb} {shown} RMS; noise alone leaves {length(noise, unit)} ({source})."
+    return (
+        f"Held-out error {verb} {shown} RMS; noise alone leaves {length(noise, unit)} ({source})."
+    )

@@ -49,7 +49,9 @@ def parameter_rows(solution) -> list[dict]:
     std = solution.std if solution.redundancy > 0 else {}
     return [
         _row(p, value, free, std.get(p.key), determined.get(p.key, False), tied.get(p.key, []))
-        for p, value, free in zip(parameters.table, parameters.values.tolist(), parameters.mask.tolist())
+        for p, value, free in zip(
+            parameters.table, parameters.values.tolist(), parameters.mask.tolist()
+        )
     ]
 
 
@@ -57,12 +59,21 @@ def _row(parameter, value, free, std, determined, others):
     where, _, name = parameter.key.partition(".")
     sure = bool(free and determined and std is not None)
     return {
-        "name": name, "where": where, "value": value, "unit": parameter.unit,
-        "std": std if sure else None, "nominal": parameter.null, "identifiable": sure,
-        "tied_to": others, "free": bool(free), "label": parameter.label,
-        "std_given_tied": None if sure else std, "why": _why(free, sure, std, others, determined),
-        "status": _status(free, sure, others), "deviation": _deviation(where, name, value, parameter.null),
-    }  # fmt: skip
+        "name": name,
+        "where": where,
+        "value": value,
+        "unit": parameter.unit,
+        "std": std if sure else None,
+        "nominal": parameter.null,
+        "identifiable": sure,
+        "tied_to": others,
+        "free": bool(free),
+        "label": parameter.label,
+        "std_given_tied": None if sure else std,
+        "why": _why(free, sure, std, others, determined),
+        "status": _status(free, sure, others),
+        "deviation": _deviation(where, name, value, parameter.null),
+    }
 
 
 def _status(free: bool, sure: bool, others: list[str]) -> str:
@@ -121,8 +132,16 @@ def calibration_json(calibration) -> dict:
 
 
 _STAGE_KEYS = (
-    "name", "free", "identifiable", "rms_mm", "held_out_rms_mm", "earned", "sentence", "why", "outcome",
-)  # fmt: skip
+    "name",
+    "free",
+    "identifiable",
+    "rms_mm",
+    "held_out_rms_mm",
+    "earned",
+    "sentence",
+    "why",
+    "outcome",
+)
 
 
 def _stage_row(stage: StageResult) -> dict:
@@ -138,12 +157,21 @@ def save_calibration(calibration, folder: Path) -> None:
     from workbench.files.solution_file import NAME, solution_keys
 
     (folder / NAME).write_text(json.dumps(solution_keys(calibration), indent=1), encoding="utf-8")
-    (folder / "parameters.toml").write_text(calibration.solution.parameters.to_toml(), encoding="utf-8")
+    (folder / "parameters.toml").write_text(
+        calibration.solution.parameters.to_toml(), encoding="utf-8"
+    )
     text = json.dumps(calibration.as_json(), indent=1, allow_nan=True)
     (folder / "calibration.json").write_text(text, encoding="utf-8")
     columns = _residual_columns(calibration)
     table = np.stack([np.asarray(c, float) for c in columns.values()], 1)
-    np.savetxt(folder / "residuals.csv", table, fmt="%.6g", delimiter=",", header=",".join(columns), comments="")
+    np.savetxt(
+        folder / "residuals.csv",
+        table,
+        fmt="%.6g",
+        delimiter=",",
+        header=",".join(columns),
+        comments="",
+    )
 
 
 def _residual_columns(calibration):

@@ -82,12 +82,16 @@ def _named(out: Path) -> Run:
     if path.exists() and not path.is_dir():
         raise InputError(f"{out} is a file, where --out expects a folder; name a new folder.")
     if path.is_dir() and any(path.iterdir()):
-        raise InputError(f"{out} already holds files, where --out expects a folder that is new or "
-                         "empty, so that nothing is overwritten; name another folder.")
+        raise InputError(
+            f"{out} already holds files, where --out expects a folder that is new or "
+            "empty, so that nothing is overwritten; name another folder."
+        )
     partial = path.with_name(f".partial-{path.name}")
     if partial.exists():
-        raise InputError(f"{partial} is there already, from a run that still writes {out} or was "
-                         "cut off; wait for that run or remove this folder.")
+        raise InputError(
+            f"{partial} is there already, from a run that still writes {out} or was "
+            "cut off; wait for that run or remove this folder."
+        )
     return Run(path, partial, _make(partial))
 
 
@@ -121,5 +125,7 @@ def _move_into_place(run: Run) -> None:
 
 
 def _refused(path: Path, error: OSError) -> str:
-    return (f"{path} cannot be written, because the system says '{error.strerror}'; "
-            "name a place that you may write with --out or --json.")
+    return (
+        f"{path} cannot be written, because the system says '{error.strerror}'; "
+        "name a place that you may write with --out or --json."
+    )

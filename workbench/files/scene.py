@@ -95,7 +95,9 @@ def unreadable(path: Path, problem: Exception) -> InputError:
     """The sentence for a scene file that is not there, or not TOML."""
     if isinstance(problem, FileNotFoundError):
         return InputError(f"{path}: expected a scene (TOML), found no such file; correct its name.")
-    return InputError(f"{path}: expected a scene (TOML), found what cannot be read ({problem}); correct it.")
+    return InputError(
+        f"{path}: expected a scene (TOML), found what cannot be read ({problem}); correct it."
+    )
 
 
 def read_scene(path: Path) -> Scene:
@@ -111,4 +113,6 @@ def read_scene(path: Path) -> Scene:
         key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in first["loc"])
         what = first["msg"].removeprefix("Value error, ")
         what = what[0].lower() + what[1:]
-        raise InputError(f"scene {path}, key {key}: {what}, found {first['input']!r}; correct or remove it") from None
+        raise InputError(
+            f"scene {path}, key {key}: {what}, found {first['input']!r}; correct or remove it"
+        ) from None

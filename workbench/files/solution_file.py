@@ -51,14 +51,17 @@ class CalibratedArm:
         return tuple(
             effect
             for effect in self.effects
-            if effect.port in _ARM_PORTS and effect.effect != "base-drift" and effect.where != "time"
+            if effect.port in _ARM_PORTS
+            and effect.effect != "base-drift"
+            and effect.where != "time"
         )
 
 
 def solution_keys(calibration, noise=None) -> dict:
     """What `read_solution` reads back, of a `workbench.jobs.calibrate.Calibration`.
 
-    noise: its `workbench.fitting.verdicts.noise_report.NoiseReport`, where it is not that of the calibration's own samples.
+    noise: its `NoiseReport` (`workbench.fitting.verdicts.noise_report`), where it is not that of the
+    calibration's own samples.
     """
     noise = calibration.noise if noise is None else noise
     solution, recording = calibration.solution, calibration.recording
@@ -68,7 +71,10 @@ def solution_keys(calibration, noise=None) -> dict:
         "recording": recording.name,
         "measures": recording.measures,
         "robot": _robot_keys(recording),
-        "effects": [{"effect": _name_of(e), "where": e.where, **e.options} for e in calibration.model.effects],
+        "effects": [
+            {"effect": _name_of(e), "where": e.where, **e.options}
+            for e in calibration.model.effects
+        ],
         "values": dict(zip(parameters.keys, parameters.values.tolist())),
         "free": [key for key, free in zip(parameters.keys, parameters.mask) if free],
         "covariance": solution.covariance.tolist(),
@@ -81,7 +87,9 @@ def solution_keys(calibration, noise=None) -> dict:
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
         "provenance": dict(calibration.provenance),
-        "priors": {p.key: p.prior for p in calibration.model.parameters.table if p.prior is not None},
+        "priors": {
+            p.key: p.prior for p in calibration.model.parameters.table if p.prior is not None
+        },
         "fitted_range": _fitted_range(calibration),
     }
 
@@ -94,7 +102,9 @@ def _fitted_range(calibration) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for name in names:
         values = recording.columns[name][kept]
-        plain = name.removeprefix(OTHER)  # the second end of a length is a pose of the arm like the first
+        plain = name.removeprefix(
+            OTHER
+        )  # the second end of a length is a pose of the arm like the first
         low, high = found.get(plain, (math.inf, -math.inf))
         if values.size and plain not in BOOKKEEPING | MEASURED:
             found[plain] = [min(low, float(values.min())), max(high, float(values.max()))]
@@ -122,27 +132,41 @@ def read_solution(path: Path) -> CalibratedArm:
     path = path / NAME if path.is_dir() else path
     keys = _read(path)
     try:
-        effects = make_effects(CATALOGUE, [(row.pop("effect"), row.pop("where"), row) for row in keys["effects"]])
+        effects = make_effects(
+            CATALOGUE, [(row.pop("effect"), row.pop("where"), row) for row in keys["effects"]]
+        )
         trusted, why = _trust(keys)
         ranges = keys.get("fitted_range")
         if ranges is not None:
             ranges = {str(name): (float(low), float(high)) for name, (low, high) in ranges.items()}
         arm = CalibratedArm(
-            load_robot(keys["robot"], f"{path}, key robot"), effects,
-            {str(key): float(value) for key, value in keys["values"].items()}, tuple(keys["free"]),
+            load_robot(keys["robot"], f"{path}, key robot"),
+            effects,
+            {str(key): float(value) for key, value in keys["values"].items()},
+            tuple(keys["free"]),
             np.array(keys["covariance"], float).reshape(len(keys["free"]), len(keys["free"])),
-            np.array(keys["load_centre_mm"], float), float(keys["held_out"]["rms_mm"]), trusted, why, keys,
+            np.array(keys["load_centre_mm"], float),
+            float(keys["held_out"]["rms_mm"]),
+            trusted,
+            why,
+            keys,
             ranges,
-        )  # fmt: skip
+        )
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
         if isinstance(problem, InputError):
             raise
-        raise InputError(f"{path}: expected a whole {FORMAT} file, found that {problem} is missing or not usable; "
-                         "calibrate again") from None
+        raise InputError(
+            f"{path}: expected a whole {FORMAT} file, found that {problem} is missing or not usable; "
+            "calibrate again"
+        ) from None
     if missing := sorted({*arm.free, *_geometry_keys(arm.robot)} - set(arm.values)):
-        raise InputError(f"{path}, key values: expected a value of {missing[0]}, found none; calibrate again")
+        raise InputError(
+            f"{path}, key values: expected a value of {missing[0]}, found none; calibrate again"
+        )
     if not np.isfinite([*arm.values.values(), arm.held_out_mm]).all():
-        raise InputError(f"{path}, key values: expected finite numbers, found others; calibrate again")
+        raise InputError(
+            f"{path}, key values: expected finite numbers, found others; calibrate again"
+        )
     return arm
 
 
@@ -155,14 +179,20 @@ def _read(path: Path) -> dict:
     try:
         keys = json.loads(path.read_text(encoding="utf-8"))
     except OSError as problem:
-        raise InputError(f"{path}: expected a solution.json or the run folder of `workbench calibrate`, found that it "
-                         f"cannot be read ({problem.strerror}); name another") from None
+        raise InputError(
+            f"{path}: expected a solution.json or the run folder of `workbench calibrate`, found that it "
+            f"cannot be read ({problem.strerror}); name another"
+        ) from None
     except ValueError:
-        raise InputError(f"{path}: expected JSON as `workbench calibrate` writes it, found another kind of file; "
-                         "name its solution.json") from None
+        raise InputError(
+            f"{path}: expected JSON as `workbench calibrate` writes it, found another kind of file; "
+            "name its solution.json"
+        ) from None
     if not isinstance(keys, dict) or keys.get("format") != FORMAT:
-        raise InputError(f"{path}, key format: expected '{FORMAT}', found something else; "
-                         "name the solution.json of a run of `workbench calibrate`")
+        raise InputError(
+            f"{path}, key format: expected '{FORMAT}', found something else; "
+            "name the solution.json of a run of `workbench calibrate`"
+        )
     return keys
 
 
@@ -172,7 +202,12 @@ def _trust(keys) -> tuple[bool, str]:
     if not keys["converged"]:
         return False, f"the solve {keys['outcome']}"
     if held_out is None or not held_out < nominal:
-        return False, f"its held-out error ({held_out} mm) is not below that of the nominal arm ({nominal} mm)"
-    if keys.get("warnings"):  # base and tool alone were so far off that something else than the arm is wrong
+        return (
+            False,
+            f"its held-out error ({held_out} mm) is not below that of the nominal arm ({nominal} mm)",
+        )
+    if keys.get(
+        "warnings"
+    ):  # base and tool alone were so far off that something else than the arm is wrong
         return False, f"its recording is in doubt ({keys['warnings'][0]})"
     return True, ""

@@ -19,7 +19,9 @@ class Spool(Sequence):
 
     def __init__(self, things: Iterable[Any] = (), kept: int = 64, folder: Path | None = None):
         self._first: list[Any] = []
-        self._places = array("q")  # where each begins in the file: 8 bytes a thing are all that grows
+        self._places = array(
+            "q"
+        )  # where each begins in the file: 8 bytes a thing are all that grows
         self._file, self._folder = None, folder
         for thing in things:
             self._append(thing, kept)
@@ -50,7 +52,11 @@ class Spool(Sequence):
         place = place + len(self) if place < 0 else place
         if not 0 <= place < len(self):
             raise IndexError(place)
-        return self._first[place] if place < len(self._first) else self._read(self._places[place - len(self._first)])
+        return (
+            self._first[place]
+            if place < len(self._first)
+            else self._read(self._places[place - len(self._first)])
+        )
 
     def __iter__(self) -> Iterator[Any]:
         return (self[k] for k in range(len(self)))

@@ -12,8 +12,8 @@ from datasets.errors import complaint
 from datasets.formats.table import Table, read_table
 from robot_model.robot import Robot
 from robot_model.state import sliding
-from workbench.core.text.csv_text import csv_text
 from workbench.core.rigid import transform
+from workbench.core.text.csv_text import csv_text
 
 LIMIT_SLACK = 1e-6
 
@@ -44,51 +44,89 @@ def read_programme(path: Path, robot: Robot) -> Programme:
     joints, wants = joint_columns(table.columns), set(POINT + QUATERNION) & set(table.columns)
     if wants and len(wants) < 7:
         missing = sorted(set(POINT + QUATERNION) - wants)[0]
-        raise complaint(f"{path.name}, column {missing}", "all of x_mm y_mm z_mm qw qx qy qz for a pose",
-                        "no such column", "add it, or give joint readings alone")
+        raise complaint(
+            f"{path.name}, column {missing}",
+            "all of x_mm y_mm z_mm qw qx qy qz for a pose",
+            "no such column",
+            "add it, or give joint readings alone",
+        )
     if not joints and not wants:
-        raise complaint(path.name, "joint columns q1_deg ... or pose columns x_mm y_mm z_mm qw qx qy qz",
-                        ", ".join(list(table.columns)[:6]), "add them")
-    readings = _readings(table, joints, robot) if joints else np.tile(_home(robot), (len(table.rows), 1))
+        raise complaint(
+            path.name,
+            "joint columns q1_deg ... or pose columns x_mm y_mm z_mm qw qx qy qz",
+            ", ".join(list(table.columns)[:6]),
+            "add them",
+        )
+    readings = (
+        _readings(table, joints, robot) if joints else np.tile(_home(robot), (len(table.rows), 1))
+    )
     known = {"sample", *joints, *POINT, *QUATERNION}
     covariates = {k: v for k, v in table.columns.items() if k not in known and v.dtype.kind == "f"}
     _check_covariates(table, covariates)
-    return Programme(table, readings, _poses(table) if wants else None, covariates, anywhere=not joints)
+    return Programme(
+        table, readings, _poses(table) if wants else None, covariates, anywhere=not joints
+    )
 
 
 def _check_covariates(table, covariates) -> None:
     """InputError for the first cell that is no finite number, or that no load or temperature can be."""
     for name, values in covariates.items():
         for row in np.flatnonzero(~np.isfinite(values)):
-            raise complaint(table.where(row, name), "a finite number", f"{values[row]}", "correct it")
+            raise complaint(
+                table.where(row, name), "a finite number", f"{values[row]}", "correct it"
+            )
     physical_bounds(table)
 
 
 def _readings(table, joints, robot):
     if len(joints) != robot.mixing.shape[1]:
-        raise complaint(table.called, f"{robot.mixing.shape[1]} joint columns as {robot.name} has", f"{len(joints)}",
-                        "add or remove columns")
+        raise complaint(
+            table.called,
+            f"{robot.mixing.shape[1]} joint columns as {robot.name} has",
+            f"{len(joints)}",
+            "add or remove columns",
+        )
     factors = np.where(sliding(robot), 1.0, np.pi / 180)
     readings = np.stack([table.columns[name] for name in joints], 1) * factors
     low, high = robot.limits.T
     for row, column in np.argwhere(~np.isfinite(readings)):
-        raise complaint(table.where(row, joints[column]), "a finite number", f"{readings[row, column]}", "correct it")
-    for row, column in np.argwhere((readings < low - LIMIT_SLACK) | (readings > high + LIMIT_SLACK)):
+        raise complaint(
+            table.where(row, joints[column]),
+            "a finite number",
+            f"{readings[row, column]}",
+            "correct it",
+        )
+    for row, column in np.argwhere(
+        (readings < low - LIMIT_SLACK) | (readings > high + LIMIT_SLACK)
+    ):
         allowed = f"{low[column] / factors[column]:g} to {high[column] / factors[column]:g}"
-        raise complaint(table.where(row, joints[column]), f"{allowed}, the joint's limits",
-                        f"{readings[row, column] / factors[column]:g}", "correct the target")
+        raise complaint(
+            table.where(row, joints[column]),
+            f"{allowed}, the joint's limits",
+            f"{readings[row, column] / factors[column]:g}",
+            "correct the target",
+        )
     return readings
 
 
 def doubts(programme: Programme, robot: Robot) -> list[str]:
     """What looks wrong with targets that are not impossible: joint readings that may be radians, poses in metres."""
     turning = np.rad2deg(programme.readings[:, ~sliding(robot)])
-    if programme.poses is None and turning.size and np.abs(turning).max() <= 2 * np.pi and np.ptp(turning) > 0:
-        return [f"{programme.table.called}: no joint reading is beyond {np.abs(turning).max():.3g} deg; if these are "
-                "radians, multiply them by 57.29578."]
+    if (
+        programme.poses is None
+        and turning.size
+        and np.abs(turning).max() <= 2 * np.pi
+        and np.ptp(turning) > 0
+    ):
+        return [
+            f"{programme.table.called}: no joint reading is beyond {np.abs(turning).max():.3g} deg; if these are "
+            "radians, multiply them by 57.29578."
+        ]
     if programme.poses is not None and np.abs(programme.poses[:, :3, 3]).max(initial=0) < 10:
-        return [f"{programme.table.called}: every place is within 10 mm of the robot's root; if these are metres, "
-                "multiply them by 1000."]
+        return [
+            f"{programme.table.called}: every place is within 10 mm of the robot's root; if these are metres, "
+            "multiply them by 1000."
+        ]
     return []
 
 
@@ -105,7 +143,12 @@ def _poses(table):
         where = table.where(row, (POINT + QUATERNION)[column])
         raise complaint(where, "a finite number", "another", "correct the pose")
     for row in np.flatnonzero(~(np.abs(size - 1) < 1e-2)):
-        raise complaint(table.where(row, "qw"), "a quaternion of length 1", f"length {size[row]:g}", "correct the pose")
+        raise complaint(
+            table.where(row, "qw"),
+            "a quaternion of length 1",
+            f"length {size[row]:g}",
+            "correct the pose",
+        )
     from scipy.spatial.transform import Rotation
 
     return transform(Rotation.from_quat(turn, scalar_first=True).as_matrix(), place)

@@ -64,12 +64,16 @@ def check_samples(
         if suspicion.cause in _HARMLESS_TO_THE_FIT:
             samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
         else:
-            doubts.append(accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence)
+            doubts.append(
+                accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence
+            )
     return CheckedSamples(robot, samples, tuple(doubts))
 
 
 def rows_to_fit(
-    samples: Recording, fit_samples: Sequence[int] | None = None, test_samples: Sequence[int] | None = None
+    samples: Recording,
+    fit_samples: Sequence[int] | None = None,
+    test_samples: Sequence[int] | None = None,
 ) -> np.ndarray:
     """(n,) True for rows that are fitted: those named for it, else all that are not named for testing."""
     if fit_samples is not None:

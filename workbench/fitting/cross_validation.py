@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import wilcoxon
 
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.core.least_squares.solver import solve
 from workbench.fitting.shrinkage import settled
 
 # Below a nanometre and a nanoradian a change of the error is rounding, whatever the recording states.
@@ -114,7 +114,9 @@ class HeldOut:
         Changes far below the stated noise are no evidence for or against a model.
         """
         levels = []
-        for rows, squares, least in zip((slice(0, 3), slice(3, None)), self._squares_by_kind(), _ROUNDING):
+        for rows, squares, least in zip(
+            (slice(0, 3), slice(3, None)), self._squares_by_kind(), _ROUNDING
+        ):
             stated = 0.0 if self.sigma is None else float((self.sigma[rows] ** 2).sum(0).mean())
             levels.append(max(float(np.nanmean(squares)), stated, least**2))
         return levels
@@ -131,7 +133,12 @@ def blocks(poses: np.ndarray, folds: int) -> np.ndarray:
 
 
 def cross_validate(
-    model: Model, start: Parameters, fold: np.ndarray, loss: str, steps: int = 50, settle: bool = False
+    model: Model,
+    start: Parameters,
+    fold: np.ndarray,
+    loss: str,
+    steps: int = 50,
+    settle: bool = False,
 ) -> HeldOut:
     """Fit on all folds but one and predict that one, for every fold; start from `start`.
 
@@ -146,9 +153,14 @@ def cross_validate(
 
 
 def hold_out(
-    model: Model, start: Parameters, test: np.ndarray, fit_on: np.ndarray, loss: str, steps: int = 50,
+    model: Model,
+    start: Parameters,
+    test: np.ndarray,
+    fit_on: np.ndarray,
+    loss: str,
+    steps: int = 50,
     settle: bool = False,
-) -> HeldOut:  # fmt: skip
+) -> HeldOut:
     """Fit on the samples `fit_on` (n,) bool and predict those of `test` (n,) bool; settle as above."""
     residual = _no_residual(model)
     residual[:, test], located = _predict(model, start, test, fit_on, loss, steps, settle)

@@ -29,8 +29,16 @@ def size_of(chain: RobotChain, wanted: Parameters) -> str | None:
 def lengths_beside(parameters: Parameters, size: str) -> list[str]:
     """Keys of the free link lengths that are not negligible beside `size`."""
     nulls = np.abs(parameters.nulls)
-    long = (nulls > 0.05 * nulls[parameters.index[size]]) & parameters.mask & (parameters.precision > 0)
-    return [p.key for p, chosen in zip(parameters.table, long) if chosen and p.unit == "mm" and p.key != size]
+    long = (
+        (nulls > 0.05 * nulls[parameters.index[size]])
+        & parameters.mask
+        & (parameters.precision > 0)
+    )
+    return [
+        p.key
+        for p, chosen in zip(parameters.table, long)
+        if chosen and p.unit == "mm" and p.key != size
+    ]
 
 
 def resized(parameters: Parameters, size: str) -> Parameters:

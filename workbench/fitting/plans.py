@@ -12,9 +12,9 @@ from robot_model.robot import Robot
 from robot_model.system import RobotChain, geometry_free
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.core.least_squares.solver import LOSSES
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
-from workbench.core.least_squares.solver import LOSSES
 
 FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
 PLAN_FILES = Path(__file__).parent / "plan_files"
@@ -24,7 +24,13 @@ _MOVES_RAD, _LOADED_NM = 0.35, 0.02
 
 def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
     """Geometry, transmission, compliance, bending and drift, as far as this recording can show them."""
-    stages = (geometry(chain.robot), _transmission(chain), _compliance(chain), _bending(chain), _drift(chain))
+    stages = (
+        geometry(chain.robot),
+        _transmission(chain),
+        _compliance(chain),
+        _bending(chain),
+        _drift(chain),
+    )
     return tuple(stage for stage in stages if stage.effects or stage.name == "geometry")
 
 
@@ -38,7 +44,9 @@ def held(parameters: Parameters, stages: Sequence[Stage]) -> Parameters:
     parameters = parameters.only(np.ones(len(parameters), bool))
     for pattern, value in (pair for stage in stages for pair in stage.hold):
         chosen = parameters.matching(pattern)
-        parameters = replace(parameters, values=np.where(chosen, value, parameters.values)).fix(pattern)
+        parameters = replace(parameters, values=np.where(chosen, value, parameters.values)).fix(
+            pattern
+        )
     return parameters
 
 
@@ -49,7 +57,9 @@ def stage_mask(parameters: Parameters, stage: Stage, effects, chain) -> np.ndarr
         try:
             return parameters.matching(*present)
         except InputError as problem:
-            raise InputError(f"stage '{stage.name}' of the plan, key free: {problem}; correct the pattern") from None
+            raise InputError(
+                f"stage '{stage.name}' of the plan, key free: {problem}; correct the pattern"
+            ) from None
     own = [p.key for effect in effects for p in effect.parameters(chain)]
     return np.isin(parameters.keys, own)
 
@@ -62,10 +72,18 @@ def geometry(robot: Robot) -> Stage:
 
 def _transmission(chain):
     spread = np.ptp(chain.variables, axis=1)
-    moving = [k + 1 for k in range(chain.robot.joints) if spread[k] > _MOVES_RAD and not chain.robot.prismatic[k]]
+    moving = [
+        k + 1
+        for k in range(chain.robot.joints)
+        if spread[k] > _MOVES_RAD and not chain.robot.prismatic[k]
+    ]
     waves = [("transmission-harmonic", f"joint-{k}", {"order": n}) for k in moving for n in (1, 2)]
     gaps = [("backlash", f"joint-{k}", {}) for k in moving if _varies(chain, f"approach{k}")]
-    return Stage("transmission", "gears and encoders err once and twice a turn, and have play", (*waves, *gaps))
+    return Stage(
+        "transmission",
+        "gears and encoders err once and twice a turn, and have play",
+        (*waves, *gaps),
+    )
 
 
 def _varies(chain, covariate):
@@ -87,7 +105,11 @@ def _compliance(chain):
 def _loaded(chain):
     """Joints whose gravity torque varies over the poses."""
     torque = chain.state.torque
-    return [k + 1 for k in range(chain.robot.joints) if np.ptp(torque[k]) > _LOADED_NM and not chain.robot.prismatic[k]]
+    return [
+        k + 1
+        for k in range(chain.robot.joints)
+        if np.ptp(torque[k]) > _LOADED_NM and not chain.robot.prismatic[k]
+    ]
 
 
 def _bending(chain):
@@ -95,10 +117,14 @@ def _bending(chain):
         return Stage("bending", "")
     last = max(_loaded(chain))
     bearings = [
-        ("bearing-compliance", f"joint-{k}", {}) for k in range(1, last + 1) if not chain.robot.prismatic[k - 1]
+        ("bearing-compliance", f"joint-{k}", {})
+        for k in range(1, last + 1)
+        if not chain.robot.prismatic[k - 1]
     ]
     return Stage(
-        "bending", "bearings of joints tilt, and with them links bend, under the moment across them", tuple(bearings)
+        "bending",
+        "bearings of joints tilt, and with them links bend, under the moment across them",
+        tuple(bearings),
     )
 
 
@@ -107,7 +133,11 @@ def _drift(chain):
     span = {"start": float(time.min()), "end": float(time.max())}
     if span["end"] <= span["start"]:
         return Stage("drift", "")
-    return Stage("drift", "base or instrument wander in the course of the recording", (("base-drift", "base", span),))
+    return Stage(
+        "drift",
+        "base or instrument wander in the course of the recording",
+        (("base-drift", "base", span),),
+    )
 
 
 def plan_names() -> list[str]:
@@ -132,7 +162,9 @@ def read_plan(path: Path) -> tuple[Stage, ...]:
             f"of {', '.join(plan_names())}"
         ) from None
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError(f"plan {path}, key stage: expected [[stage]] tables, found {rows!r}; write double brackets")
+        raise InputError(
+            f"plan {path}, key stage: expected [[stage]] tables, found {rows!r}; write double brackets"
+        )
     if not rows:
         raise InputError(f"plan {path}: no [[stage]] found; write at least one with name and why")
     return tuple(_stage(path, number, dict(row)) for number, row in enumerate(rows, 1))
@@ -155,31 +187,45 @@ def _stage(path, number, row) -> Stage:
     where = f"plan {path}, stage {number}"
     for key, value in row.items():
         if key not in _KEYS:
-            raise InputError(f"{where}: key '{key}' is not known; expected {', '.join(_KEYS)}; remove or rename it")
+            raise InputError(
+                f"{where}: key '{key}' is not known; expected {', '.join(_KEYS)}; remove or rename it"
+            )
         if not isinstance(value, _KEYS[key]) or (key == "steps" and (value is True or value < 1)):
-            raise InputError(f"{where}, key {key}: expected {_KEYS[key].__name__}, found {value!r}; correct it")
+            raise InputError(
+                f"{where}, key {key}: expected {_KEYS[key].__name__}, found {value!r}; correct it"
+            )
     if "name" not in row or "why" not in row:
-        raise InputError(f"{where}: keys name and why are expected, found {', '.join(row)}; add what is missing")
+        raise InputError(
+            f"{where}: keys name and why are expected, found {', '.join(row)}; add what is missing"
+        )
     if row.get("loss", "linear") not in LOSSES:
         raise InputError(
             f"{where}, key loss: expected one of {', '.join(LOSSES)}, found '{row['loss']}'; choose one of them"
         )
     row["hold"] = tuple(row.get("hold", {}).items())
     if not all(type(value) in (int, float) for _, value in row["hold"]):
-        raise InputError(f"{where}, key hold: expected numbers, found {dict(row['hold'])}; write pattern = number")
+        raise InputError(
+            f"{where}, key hold: expected numbers, found {dict(row['hold'])}; write pattern = number"
+        )
     row["effects"] = tuple(_effect(where, e) for e in row.get("effects", []))
     row["free"] = tuple(row.get("free", ("*",)))
     if not all(isinstance(pattern, str) for pattern in row["free"]):
-        raise InputError(f"{where}, key free: expected patterns of keys, found {list(row['free'])}; quote each")
+        raise InputError(
+            f"{where}, key free: expected patterns of keys, found {list(row['free'])}; quote each"
+        )
     return Stage(**row)
 
 
 def _effect(where, row):
     if not isinstance(row, dict):
-        raise InputError(f"{where}, key effects: expected tables with effect and where, found {row!r}; correct it")
+        raise InputError(
+            f"{where}, key effects: expected tables with effect and where, found {row!r}; correct it"
+        )
     row = dict(row)
     if "effect" not in row or "where" not in row:
-        raise InputError(f"{where}, key effects: each needs effect and where, found {row}; add what is missing")
+        raise InputError(
+            f"{where}, key effects: each needs effect and where, found {row}; add what is missing"
+        )
     effect = row.pop("effect"), row.pop("where"), row
     try:
         make_effects(CATALOGUE, [effect])

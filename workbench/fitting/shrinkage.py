@@ -11,12 +11,15 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.core.least_squares.linear_algebra import covariance_of
+from workbench.core.least_squares.solver import Fit, normal_matrix, solve
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
-from workbench.core.least_squares.solver import Fit, normal_matrix, solve
 
 _ROUNDS, _SAME = 100, 0.01
-_LEAST, _MOST = 1e-3, 30.0  # typical sizes: a prior of a family is never tighter, or looser where it has none
+_LEAST, _MOST = (
+    1e-3,
+    30.0,
+)  # typical sizes: a prior of a family is never tighter, or looser where it has none
 
 
 def settled(model: Model, fit: Fit, loss: str, steps: int) -> Fit:
@@ -38,7 +41,9 @@ def rescaled(model: Model, parameters: Parameters) -> Parameters:
     size = parameters.typical[parameters.mask]
     normal = normal_matrix(model, parameters) * np.outer(size, size)
     away = (parameters.pack() - parameters.nulls[parameters.mask]) / size
-    present, widest = (table.precision[parameters.mask] * size**2 for table in (parameters, model.parameters))
+    present, widest = (
+        table.precision[parameters.mask] * size**2 for table in (parameters, model.parameters)
+    )
     precision = _scaled(normal, away, present, np.where(widest > 0, widest, _MOST**-2), family)
     return _with_priors(parameters, family, size / np.sqrt(np.maximum(precision, 1e-300)))
 
@@ -64,10 +69,14 @@ def _scaled(normal, away, precision, least, family):
         covariance = covariance_of(normal, precision + 1e-9)
         away, before = covariance @ right, precision.copy()
         for mine in members:
-            spent = (1 - precision[mine] * np.diag(covariance)[mine]).sum()  # numbers that the data determine
+            spent = (
+                1 - precision[mine] * np.diag(covariance)[mine]
+            ).sum()  # numbers that the data determine
             square = max((away[mine] ** 2).sum() / max(spent, 1e-3), _LEAST**2)
             precision[mine] = np.maximum(1 / square, least[mine])
-        if np.allclose(np.log(np.maximum(precision, 1e-12)), np.log(np.maximum(before, 1e-12)), atol=_SAME):
+        if np.allclose(
+            np.log(np.maximum(precision, 1e-12)), np.log(np.maximum(before, 1e-12)), atol=_SAME
+        ):
             break
     return precision
 

@@ -20,7 +20,9 @@ def named(
     """
     known = recording.balls
     if not known or not len(radii):
-        return [None] * len(radii), "no ball was found" if known else "there is no artefact.csv to name balls by"
+        return [None] * len(
+            radii
+        ), "no ball was found" if known else "there is no artefact.csv to name balls by"
     if (told := by_sample(recording, row)) is not None:
         return by_distance(known, told, centres), ""
     if (told := by_radius(known, radii)) is not None:
@@ -29,7 +31,9 @@ def named(
         found = match(np.transpose(centres), np.array([ball[:3] for ball in known.values()]).T)
         keys = list(known)
         return [keys[k] if found and k >= 0 else None for k in found.ball], found.outcome
-    return [None] * len(radii), "balls of one size: which they are takes three of them, or a column ball in samples.csv"
+    return [None] * len(
+        radii
+    ), "balls of one size: which they are takes three of them, or a column ball in samples.csv"
 
 
 def by_sample(recording: Recording, row: Mapping) -> int | None:
@@ -43,18 +47,27 @@ def by_sample(recording: Recording, row: Mapping) -> int | None:
 
 def by_radius(known: Mapping[int, tuple], radii: Sequence[float]) -> list[int] | None:
     """Numbers of balls no two of which are of one size; None where some are."""
-    alike = [[number for number, ball in known.items() if abs(ball[3] - radius) < _ALIKE * ball[3]] for radius in radii]
+    alike = [
+        [number for number, ball in known.items() if abs(ball[3] - radius) < _ALIKE * ball[3]]
+        for radius in radii
+    ]
     sure = all(len(one) == 1 for one in alike) and len({one[0] for one in alike}) == len(alike)
     return [one[0] for one in alike] if sure else None
 
 
-def by_distance(known: Mapping[int, tuple], first: int, centres: Sequence[np.ndarray]) -> list[int | None]:
+def by_distance(
+    known: Mapping[int, tuple], first: int, centres: Sequence[np.ndarray]
+) -> list[int | None]:
     """The first ball is `first`; the others by how far they are from it, where one ball alone is as far."""
     places = {number: np.array(ball[:3]) for number, ball in known.items()}
     numbers: list[int | None] = [first]
     for centre in centres[1:]:
         away = np.linalg.norm(centre - centres[0])
-        fits = [number for number, place in places.items() if number not in numbers
-                and abs(np.linalg.norm(place - places[first]) - away) < _NEAR_MM]  # fmt: skip
+        fits = [
+            number
+            for number, place in places.items()
+            if number not in numbers
+            and abs(np.linalg.norm(place - places[first]) - away) < _NEAR_MM
+        ]
         numbers.append(fits[0] if len(fits) == 1 else None)
     return numbers

@@ -13,13 +13,25 @@ def centre_errors(scans: Sequence[Mapping], truth: Mapping) -> dict:
     scans: those of `scan --json`; truth: of `render --truth`. The frame of the camera is free by a
     rigid motion: a hand-eye takes it up. Balls beyond the calibrated depths do not count.
     """
-    known = {(str(one["scan"]), ball["ball"]): ball["centre_mm"] for one in truth["scans"] for ball in one["balls"]}
-    pairs = [(known[key], [ball["x_mm"], ball["y_mm"], ball["z_mm"]]) for one in scans for ball in one["balls"]
-             if (key := (one["scan"], ball["ball"])) in known and not ball["beyond_calibrated_depths"]]  # fmt: skip
+    known = {
+        (str(one["scan"]), ball["ball"]): ball["centre_mm"]
+        for one in truth["scans"]
+        for ball in one["balls"]
+    }
+    pairs = [
+        (known[key], [ball["x_mm"], ball["y_mm"], ball["z_mm"]])
+        for one in scans
+        for ball in one["balls"]
+        if (key := (one["scan"], ball["ball"])) in known and not ball["beyond_calibrated_depths"]
+    ]
     if len(pairs) < 3:
         return {"balls": len(pairs), "rms_mm": None, "max_mm": None}
     true, found = np.array(pairs, float).transpose(1, 2, 0)
     middle, other = true.mean(1, keepdims=True), found.mean(1, keepdims=True)
     turn = nearest_rotation((true - middle) @ (found - other).T)
     distance = np.linalg.norm(turn @ (found - other) - (true - middle), axis=0)
-    return {"balls": len(pairs), "rms_mm": float(np.sqrt((distance**2).mean())), "max_mm": float(distance.max())}
+    return {
+        "balls": len(pairs),
+        "rms_mm": float(np.sqrt((distance**2).mean())),
+        "max_mm": float(distance.max()),
+    }

@@ -52,7 +52,11 @@ def full_scale(recording, rows: Sequence[Mapping]) -> int | None:
     def counts(row):
         return Counts.of(read_grey(path_of(recording, row), f"{recording.name}/{row['image']}"))
 
-    if not rows or read_grey(path_of(recording, rows[0]), f"{recording.name}/{rows[0]['image']}").dtype != np.uint16:
+    if (
+        not rows
+        or read_grey(path_of(recording, rows[0]), f"{recording.name}/{rows[0]['image']}").dtype
+        != np.uint16
+    ):
         return None
     return reduce(Counts.__or__, streamed(rows, counts, lambda done, of: None)).full
 

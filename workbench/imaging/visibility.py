@@ -10,7 +10,12 @@ from robot_model.system import bind
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 
-TOO_FAR, OUTSIDE, BELOW, HIDDEN = "out of the stand-off", "outside the field", "below the ball's cap", "ball hidden"
+TOO_FAR, OUTSIDE, BELOW, HIDDEN = (
+    "out of the stand-off",
+    "outside the field",
+    "below the ball's cap",
+    "ball hidden",
+)
 
 
 @dataclass(frozen=True)
@@ -27,14 +32,20 @@ class Sight:
     def checked(self, measures: str) -> "Sight":
         """Itself; InputError where a number cannot be, or where nothing is looked at."""
         if self.stand_off_mm is not None and not 0 <= self.stand_off_mm[0] < self.stand_off_mm[1]:
-            raise InputError(f"--stand-off {self.stand_off_mm[0]:g} {self.stand_off_mm[1]:g}: expected the nearest and "
-                             "the farthest distance in mm, found none in between; correct them")
+            raise InputError(
+                f"--stand-off {self.stand_off_mm[0]:g} {self.stand_off_mm[1]:g}: expected the nearest and "
+                "the farthest distance in mm, found none in between; correct them"
+            )
         for option, value, most in (("--field", self.field_deg, 90), ("--cap", self.cap_deg, 180)):
             if value is not None and not 0 < value <= most:
-                raise InputError(f"{option} {value:g}: expected an angle above 0 and up to {most} deg; correct it")
+                raise InputError(
+                    f"{option} {value:g}: expected an angle above 0 and up to {most} deg; correct it"
+                )
         if measures != "ball-centre" and self != EVERYTHING:
-            raise InputError(f"--stand-off, --field, --cap: expected candidates that measure ball-centre, where a "
-                             f"sensor looks at balls, found {measures}; leave them out")
+            raise InputError(
+                f"--stand-off, --field, --cap: expected candidates that measure ball-centre, where a "
+                f"sensor looks at balls, found {measures}; leave them out"
+            )
         return self
 
 
@@ -51,7 +62,9 @@ def unseen(robot: Robot, recording, link_radius: float, sight: Sight) -> dict[st
     sight_line, hidden = _lines(robot, recording, link_radius)
     seen = recording.points.T
     off_axis = np.arctan2(np.hypot(seen[0], seen[1]), seen[2])
-    leaning = np.arccos(np.clip(-robot.gravity @ sight_line / np.linalg.norm(sight_line, axis=0), -1, 1))
+    leaning = np.arccos(
+        np.clip(-robot.gravity @ sight_line / np.linalg.norm(sight_line, axis=0), -1, 1)
+    )
     near, far = sight.stand_off_mm or (0.0, np.inf)
     distance = np.linalg.norm(seen, axis=0)
     return {
@@ -64,7 +77,9 @@ def unseen(robot: Robot, recording, link_radius: float, sight: Sight) -> dict[st
 
 def _lines(robot, recording, link_radius):
     """From ball to sensor (3, n) mm, root frame, and (n,) whether another ball or a link is in between."""
-    chain = bind(robot, recording if recording.sigma is not None else replace(recording, sigma_mm=1.0))
+    chain = bind(
+        robot, recording if recording.sigma is not None else replace(recording, sigma_mm=1.0)
+    )
     values = chain.parameters.values
     frames, _ = chain.frames(values, {})
     base, _, hand = chain.split(values)
@@ -74,5 +89,8 @@ def _lines(robot, recording, link_radius):
     into_root = rotation_matrix(base[3:]).T
     eye, target = (into_root @ (points - base[:3, None]) for points in (eye, target))
     if link_radius > 0:
-        hidden |= view_clearance(robot, robot.mixing @ recording.joints.T, eye, target, link_radius) < link_radius
+        hidden |= (
+            view_clearance(robot, robot.mixing @ recording.joints.T, eye, target, link_radius)
+            < link_radius
+        )
     return eye - target, hidden

@@ -14,12 +14,12 @@ from sensors.acceptance import Characteristic, acceptance
 from sensors.ball.fit import BallFit
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
-from workbench.imaging.flange import rows_of_samples
 from workbench.files.provenance import provenance
-from workbench.jobs.scan import Ball, Scan, Scans
-from workbench.fitting.verdicts.sensor_verdict import scan_verdict, scan_warnings
 from workbench.files.spool import Made, Parts, Spool
+from workbench.fitting.verdicts.sensor_verdict import scan_verdict, scan_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
+from workbench.imaging.flange import rows_of_samples
+from workbench.jobs.scan import Ball, Scan, Scans
 
 FOLDER = "ball-centres"
 
@@ -31,7 +31,9 @@ def as_json(made: Scans, folder: Path, tolerances: Sequence[Tolerance] = ()) -> 
         "scans": Made(made.scans, lambda one: scan_json(one, folder, made.scanner)),
         "uncertainty": uncertainty(made.scanner),
         "scanner": None if made.calibration is None else str(folder / "scanner.toml"),
-        "ball_centres": None if centres is None else {"folder": str(folder / FOLDER), "samples": centres.n},
+        "ball_centres": None
+        if centres is None
+        else {"folder": str(folder / FOLDER), "samples": centres.n},
         "acceptance": [characteristic_json(one) for one in characteristics(made)],
         "warnings": scan_warnings(made),
         "verdict": scan_verdict(made, tolerances).as_json(),
@@ -118,9 +120,15 @@ def characteristics(made: Scans) -> tuple[Characteristic, ...]:
 
 def _characteristics(made: Scans) -> tuple[Characteristic, ...]:
     every = tuple(map(_Combined, acceptance()))
-    single = ([whole.add(one.name, own) for whole, own in zip(every, one.accepted)] for one in made.scans)
-    spool = Spool(single, folder=made.folder)  # single results of a long session are read when they are written
-    return tuple(whole.characteristic(Parts(Made(spool, itemgetter(k)))) for k, whole in enumerate(every))
+    single = (
+        [whole.add(one.name, own) for whole, own in zip(every, one.accepted)] for one in made.scans
+    )
+    spool = Spool(
+        single, folder=made.folder
+    )  # single results of a long session are read when they are written
+    return tuple(
+        whole.characteristic(Parts(Made(spool, itemgetter(k)))) for k, whole in enumerate(every)
+    )
 
 
 class _Combined:
@@ -133,7 +141,9 @@ class _Combined:
     def add(self, name: str, one: Characteristic) -> dict[str, float]:
         """That of the next scan; gives back its single results by their names among those of all scans."""
         self._scans += 1
-        if self._scans == 1 or one.determined and not abs(one.value) <= abs(self._kept.value):  # nan: none so far
+        if (
+            self._scans == 1 or one.determined and not abs(one.value) <= abs(self._kept.value)
+        ):  # nan: none so far
             self._kept = one
         if not one.determined:
             return {}
@@ -151,9 +161,19 @@ class _Combined:
 
 def characteristic_json(one: Characteristic) -> dict:
     """A line of the acceptance report."""
-    return {"name": one.name, "symbol": one.symbol, "vdi": one.vdi, "value": one.value if one.determined else None,
-            "unit": one.unit, "std": one.std, "n": one.n, "why": one.why, "parts": one.parts,
-            "definition": one.definition, "verdict": one.verdict}  # fmt: skip
+    return {
+        "name": one.name,
+        "symbol": one.symbol,
+        "vdi": one.vdi,
+        "value": one.value if one.determined else None,
+        "unit": one.unit,
+        "std": one.std,
+        "n": one.n,
+        "why": one.why,
+        "parts": one.parts,
+        "definition": one.definition,
+        "verdict": one.verdict,
+    }
 
 
 def centres_of(made: Scans) -> Recording | None:
@@ -179,10 +199,17 @@ def _centres_of(made: Scans) -> Recording | None:
         columns["pose"] = columns.get("pose", columns["sample"])
         columns["sample"] = np.arange(1.0, len(place) + 1)
     return Recording(
-        "ball-centre", columns | told, recording.robot, title=recording.title, balls=recording.balls,
-        guess=recording.guess, name=recording.name, source=recording.source, licence=recording.licence,
+        "ball-centre",
+        columns | told,
+        recording.robot,
+        title=recording.title,
+        balls=recording.balls,
+        guess=recording.guess,
+        name=recording.name,
+        source=recording.source,
+        licence=recording.licence,
         sha256=recording.sha256,
-    )  # fmt: skip
+    )
 
 
 def check_arm(recording: Recording) -> None:
@@ -200,7 +227,10 @@ def required(made: Scans) -> Recording:
     if found is not None:
         return found
     check_arm(made.recording)
-    name, fitted = made.recording.name, sum(bool(ball.fit) for one in made.scans for ball in one.balls)
+    name, fitted = (
+        made.recording.name,
+        sum(bool(ball.fit) for one in made.scans for ball in one.balls),
+    )
     if not any("sample" in one.row for one in made.scans):
         raise InputError(
             f"{name}, images.csv, column sample: expected the row of samples.csv that each scan belongs to, found "
@@ -213,7 +243,9 @@ def required(made: Scans) -> Recording:
     )
 
 
-def renumbered(made: Scans, centres: Recording, samples: Sequence[int] | None) -> tuple[int, ...] | None:
+def renumbered(
+    made: Scans, centres: Recording, samples: Sequence[int] | None
+) -> tuple[int, ...] | None:
     """Samples of `centres` that come from these samples of the pictures' recording; None for None."""
     if samples is None:
         return None

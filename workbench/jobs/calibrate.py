@@ -10,7 +10,6 @@ import numpy as np
 from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
 from robot_model.system import bind, geometry_free, held_by_convention, redundant_geometry
-from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.least_squares.identifiability import (
@@ -19,10 +18,13 @@ from workbench.core.least_squares.identifiability import (
     independent,
 )
 from workbench.core.least_squares.linear_algebra import root_between
+from workbench.core.least_squares.solver import Fit, normal_matrix, pose_scores, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
-from workbench.core.least_squares.solver import Fit, normal_matrix, pose_scores, solve
+from workbench.files.provenance import provenance
+from workbench.files.results import StageResult, calibration_json, parameter_rows
+from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.fitting.cross_validation import (
     HeldOut,
     blocks,
@@ -33,14 +35,12 @@ from workbench.fitting.cross_validation import (
     in_space,
     repeat_summary,
 )
-from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.gauge import lengths_beside, resized, size_of
-from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
-from workbench.files.provenance import provenance
-from workbench.fitting.verdicts.residual_structure import in_root
-from workbench.files.results import StageResult, calibration_json, parameter_rows
 from workbench.fitting.shrinkage import settled
+from workbench.fitting.verdicts.fit_quality import noise_report
+from workbench.fitting.verdicts.noise_report import NoiseReport
+from workbench.fitting.verdicts.residual_structure import in_root
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
@@ -148,7 +148,9 @@ def calibrate(
         clean = _without_blunders(step, split, everyone)
         if np.array_equal(clean.fit, split.fit):
             break
-        progress(f"{int((everyone.fit & ~clean.fit).sum())} samples far off are left out and named; once more")
+        progress(
+            f"{int((everyone.fit & ~clean.fit).sum())} samples far off are left out and named; once more"
+        )
         split = clean
         nominal = _first(Model(chain), split, stages)
         step, results = _run(nominal, stages, split, progress)
@@ -202,7 +204,13 @@ def _first(model: Model, split: Split, stages: Sequence[Stage]) -> _Step:
     free = start.only(start.mask & start.matching(*frames_of(start)))
     fit = solve(model.at(split.fit), free)
     return _Step(
-        model, fit.parameters, fit, _held_out(model, fit, split, "linear", 50), {}, len(fit.normal), len(fit.normal)
+        model,
+        fit.parameters,
+        fit,
+        _held_out(model, fit, split, "linear", 50),
+        {},
+        len(fit.normal),
+        len(fit.normal),
     )
 
 
@@ -223,13 +231,19 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
     """Leave out stages that earned their place only until a later one explained the same."""
     for k, (stage, result) in enumerate(rows):
         others = [s for i, (s, r) in enumerate(rows) if r.earned and i != k]
-        if not (stage.earn and result.earned and any(s is later for s in others for later, _ in rows[k + 1 :])):
+        if not (
+            stage.earn
+            and result.earned
+            and any(s is later for s in others for later, _ in rows[k + 1 :])
+        ):
             continue
         progress(f"the result without {stage.name}")
         without = _try(replace(step, model=nominal.model), _merged(others, nominal), split)
         if not step.held_out.beats(without.held_out):
             change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
-            sentence = f"{result.sentence}; no longer earned after the later stages ({change}): left out"
+            sentence = (
+                f"{result.sentence}; no longer earned after the later stages ({change}): left out"
+            )
             rows[k] = stage, replace(result, earned=False, sentence=sentence)
             progress(rows[k][1].sentence)
             step = without
@@ -242,10 +256,18 @@ def _merged(stages, nominal: _Step) -> Stage:
     model = nominal.model.with_effects(*make_effects(CATALOGUE, effects))
     mask = np.zeros(len(model.parameters), bool)
     for stage in stages:
-        mask |= stage_mask(model.parameters, stage, make_effects(CATALOGUE, stage.effects), model.chain)
+        mask |= stage_mask(
+            model.parameters, stage, make_effects(CATALOGUE, stage.effects), model.chain
+        )
     free = tuple(key for key, wanted in zip(model.parameters.keys, mask) if wanted)
     first, last = stages[0], stages[-1]
-    return replace(last, name="result", effects=effects, free=free, canonical=first.canonical and last.canonical)
+    return replace(
+        last,
+        name="result",
+        effects=effects,
+        free=free,
+        canonical=first.canonical and last.canonical,
+    )
 
 
 def _try(step: _Step, stage: Stage, split: Split) -> _Step:
@@ -263,7 +285,9 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     trial, residual = None, step.fit
     for _ in range(2):
         model = replace(model, chain=_honest_sigma(model.chain, residual, split), _bases={})
-        residual = trial = solve(model.at(split.fit), trial.parameters if trial else wanted, stage.loss, stage.steps)
+        residual = trial = solve(
+            model.at(split.fit), trial.parameters if trial else wanted, stage.loss, stage.steps
+        )
     model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
     free, tied = _canonical(model.at(split.fit), trial, wanted) if stage.canonical else (wanted, {})
     fit = solve(model.at(split.fit), free, stage.loss, stage.steps)
@@ -274,7 +298,17 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
         tied = tied | {size: lengths_beside(wanted, size)}
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
-    return _Step(model, fit.parameters, fit, held_out, step.tied | tied, asked, known.rank, stage.loss, stage.canonical)
+    return _Step(
+        model,
+        fit.parameters,
+        fit,
+        held_out,
+        step.tied | tied,
+        asked,
+        known.rank,
+        stage.loss,
+        stage.canonical,
+    )
 
 
 def _canonical(model, trial: Fit, wanted: Parameters):
@@ -283,7 +317,9 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     Starts from the trial's values; what is left out goes back to where it was before.
     """
     normal = normal_matrix(model, trial.parameters)
-    free, tied = independent(normal, trial.parameters, redundant=redundant_geometry(model.chain.robot))
+    free, tied = independent(
+        normal, trial.parameters, redundant=redundant_geometry(model.chain.robot)
+    )
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
 
 
@@ -294,7 +330,10 @@ def _honest_sigma(chain, trial: Fit, split: Split):
     J. Res. NBS 87, 1982): a tracker's 3 um must not decide between poses while 70 um are
     unexplained. Where no sigma is known it is estimated altogether.
     """
-    stated, widened = (0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma), chain.sigma.copy()
+    stated, widened = (
+        (0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma),
+        chain.sigma.copy(),
+    )
     spent = trial.residual.size / trial.degrees
     for rows in (slice(0, 3), slice(3, 6)):  # positions, and turns where they are measured
         squares = trial.residual[rows] ** 2 * spent
@@ -312,7 +351,11 @@ def _extra_variance(squares, sigma):
 
     high = 2 * float(squares.mean())  # twice: at the mean itself rounding may leave the sign open
     least = max(1e-12 * high, _NANOMETRE**2)
-    return root_between(excess, least, high) if high > least and excess(least) > 0 else least * (not sigma.any())
+    return (
+        root_between(excess, least, high)
+        if high > least and excess(least) > 0
+        else least * (not sigma.any())
+    )
 
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
@@ -324,23 +367,38 @@ def _final_held_out(step: _Step, split: Split) -> HeldOut:
     """The error on the named test samples, else that over the folds."""
     if not split.test.any():
         return step.held_out
-    return hold_out(step.model, step.parameters, split.test, split.fit, step.loss, settle=step.settle)
+    return hold_out(
+        step.model, step.parameters, split.test, split.fit, step.loss, settle=step.settle
+    )
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
     change = f"held-out {after.held_out.change_from(before.held_out)}"
     falls = after.held_out.falls_from(before.held_out)
-    verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + ("" if earned else ": not earned, left out")
+    verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + (
+        "" if earned else ": not earned, left out"
+    )
     errors = error_summary(after.fit.residual)
     rotation = after.held_out.rotation_rms
     return StageResult(
-        stage.name, stage.why, after.free, after.rank, errors["rms_mm"], after.held_out.rms, earned,
-        f"{stage.name}: {change}{verdict}", after.fit.outcome, after.fit.history,
-        errors.get("rotation_rms_deg"), None if rotation is None else float(np.rad2deg(rotation)),
-    )  # fmt: skip
+        stage.name,
+        stage.why,
+        after.free,
+        after.rank,
+        errors["rms_mm"],
+        after.held_out.rms,
+        earned,
+        f"{stage.name}: {change}{verdict}",
+        after.fit.outcome,
+        after.fit.history,
+        errors.get("rotation_rms_deg"),
+        None if rotation is None else float(np.rad2deg(rotation)),
+    )
 
 
-def _calibration(checked: CheckedSamples, nominal: _Step, step: _Step, stages, split) -> Calibration:
+def _calibration(
+    checked: CheckedSamples, nominal: _Step, step: _Step, stages, split
+) -> Calibration:
     recording, robot = checked.recording, checked.robot
     held_out = _final_held_out(step, split)
     parameters = step.parameters.update(held_out.located)
@@ -357,22 +415,37 @@ def _calibration(checked: CheckedSamples, nominal: _Step, step: _Step, stages, s
     shown = np.where(np.isfinite(held_out.position), held_out.position, position["fit"])
     points, arrows = in_root(step.model, parameters, shown)
     return Calibration(
-        recording, robot, step.model, solution, stages, tuple(parameter_rows(solution)),
+        recording,
+        robot,
+        step.model,
+        solution,
+        stages,
+        tuple(parameter_rows(solution)),
         error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
         _held_out_summary(held_out),
         error_summary(_final_held_out(nominal, split).residual),
-        position["fit"], position["held_out"], position["nominal"],
-        held_out.fold, points, arrows,
-        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]), checked.warnings,
-        dict(solution.provenance), rotation, split.fit, checked.doubts,
-    )  # fmt: skip
+        position["fit"],
+        position["held_out"],
+        position["nominal"],
+        held_out.fold,
+        points,
+        arrows,
+        tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]),
+        checked.warnings,
+        dict(solution.provenance),
+        rotation,
+        split.fit,
+        checked.doubts,
+    )
 
 
 def _all_known(step: _Step, parameters: Parameters, split: Split) -> Identifiability:
     """What the data determine of all that any stage freed, also of what was then held, and what Hayati's rows hold."""
     everything = parameters.only(parameters.mask | np.isin(parameters.keys, list(step.tied)))
     robot = step.model.chain.robot
-    if set(geometry_free(robot)) <= {key for key, free in zip(everything.keys, everything.mask) if free}:
+    if set(geometry_free(robot)) <= {
+        key for key, free in zip(everything.keys, everything.mask) if free
+    }:
         everything = everything.free(*held_by_convention(robot))
     return identifiability(normal_matrix(step.model.at(split.fit), everything), everything)
 
@@ -381,7 +454,11 @@ def _held_out_summary(held_out: HeldOut) -> dict:
     """Errors, folds and samples; what had to be located on the tested rows costs one number each."""
     folds = len(np.unique(held_out.fold[held_out.fold >= 0]))
     counts = {"folds": folds, "samples": int((held_out.fold >= 0).sum())}
-    return error_summary(held_out.residual) | counts | {"located_on_test_rows": sorted(held_out.located)}
+    return (
+        error_summary(held_out.residual)
+        | counts
+        | {"located_on_test_rows": sorted(held_out.located)}
+    )
 
 
 def save(calibration: Calibration, folder: Path) -> None:

@@ -14,22 +14,22 @@ import numpy as np
 
 from datasets.chunks import Chunks, read_chunks
 from robot_model.system import bind, redundant_geometry
-from workbench.jobs.calibrate import Calibration, Stage, calibrate
-from workbench.core.least_squares.adjustment_tests import robust_sigma, variance_test
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
+from workbench.core.least_squares.adjustment_tests import robust_sigma, variance_test
 from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.least_squares.linear_algebra import solve_positive
+from workbench.core.least_squares.solver import CONVERGED, Equations, Fit, solve
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution
-from workbench.core.least_squares.solver import CONVERGED, Equations, Fit, solve
-from workbench.fitting.cross_validation import error_summary
-from workbench.fitting.verdicts.noise_report import NoiseReport, report
-from workbench.machine.progress import paced
-from workbench.fitting.plans import frames_of
 from workbench.files.results import parameter_rows
 from workbench.files.solution_file import NAME, solution_keys
+from workbench.fitting.cross_validation import error_summary
+from workbench.fitting.plans import frames_of
+from workbench.fitting.verdicts.noise_report import NoiseReport, report
+from workbench.jobs.calibrate import Calibration, Stage, calibrate
+from workbench.machine.progress import paced
 
 _FLOOR = 1e-4
 
@@ -72,7 +72,9 @@ class Stream:
         first, known = 0, self.chunks.each
         for part in self.chunks:
             names = part.columns
-            both = {name: np.concatenate([known.columns[name], part.columns[name]]) for name in names}
+            both = {
+                name: np.concatenate([known.columns[name], part.columns[name]]) for name in names
+            }
             chain = bind(self.robot, replace(part, columns=both), self.start)
             chain = chain.at(np.arange(known.n, known.n + part.n))
             own = slice(first, first + part.n)
@@ -167,13 +169,21 @@ class ChunkedCalibration:
         said = self.thin.as_json()
         known = self.solution.known
         return said | {
-            "command": "calibrate-large", "recording": self.chunks.head.name, "samples": self.chunks.n,
-            "samples_for_stages": self.chunks.thin.n, "parameters": parameter_rows(self.solution), "fit": self.fit,
-            "held_out": self.held_out, "nominal": self.nominal, "converged": self.solution.converged,
-            "outcome": self.solution.outcome, "undetermined": list(self.solution.null_sentences),
-            "observability": known.observability(self.chunks.n), "noise": self.noise.as_json(),
+            "command": "calibrate-large",
+            "recording": self.chunks.head.name,
+            "samples": self.chunks.n,
+            "samples_for_stages": self.chunks.thin.n,
+            "parameters": parameter_rows(self.solution),
+            "fit": self.fit,
+            "held_out": self.held_out,
+            "nominal": self.nominal,
+            "converged": self.solution.converged,
+            "outcome": self.solution.outcome,
+            "undetermined": list(self.solution.null_sentences),
+            "observability": known.observability(self.chunks.n),
+            "noise": self.noise.as_json(),
             "warnings": [*self.thin.warnings, *self.noise.warnings],
-        }  # fmt: skip
+        }
 
 
 def calibrate_chunks(
@@ -185,7 +195,8 @@ def calibrate_chunks(
 ) -> ChunkedCalibration:
     """Calibrate the robot of a recording folder whose samples are too many for memory.
 
-    plan, folds, progress, trust_data: as of `workbench.jobs.calibrate.calibrate`. Held-out errors: a fold's parameters are
+    plan, folds, progress, trust_data: as of `workbench.jobs.calibrate.calibrate`.
+    Held-out errors: a fold's parameters are
     those of all samples less one Newton step of its own normal equations (the infinitesimal jackknife's next order:
     Cook & Weisberg, Residuals and Influence in Regression, 1982, sec. 3.4), which is exact where the model is linear
     over it. Raises InputError.
@@ -196,7 +207,9 @@ def calibrate_chunks(
     thin = calibrate(chunks.thin, plan, folds=folds, progress=progress, trust_data=trust_data)
     stream = stream_of(chunks, thin, progress)
     wanted = _wanted(thin, stream)
-    free, _ = independent(stream.linearise(wanted)[1].normal, wanted, redundant=redundant_geometry(thin.robot))
+    free, _ = independent(
+        stream.linearise(wanted)[1].normal, wanted, redundant=redundant_geometry(thin.robot)
+    )
     fit = solve(stream, free)
     held_out = _held_out(stream, fit, _folds(chunks.pose, folds), folds)
     everything = wanted.take_over(fit.parameters).only(wanted.mask)
@@ -204,21 +217,28 @@ def calibrate_chunks(
     provenance = dict(thin.provenance) | {"samples": str(chunks.n)}
     solution = Solution(fit.parameters, fit, known, provenance)
     nominal = error_summary(_nominal(stream))
-    return ChunkedCalibration(chunks, thin, stream, solution, error_summary(fit.residual), held_out, nominal,
-                              fit.residual)  # fmt: skip
+    return ChunkedCalibration(
+        chunks, thin, stream, solution, error_summary(fit.residual), held_out, nominal, fit.residual
+    )
 
 
 def stream_of(chunks: Chunks, thin: Calibration, progress: Callable[[str], None]) -> Stream:
     """All samples under the model that the thinned ones chose, with the sigma that they honestly have."""
     if any(effect.port == NOISE for effect in thin.model.effects):
-        raise InputError("plan: expected no effect on the noise for a calibration in chunks, found one; take it out")
+        raise InputError(
+            "plan: expected no effect on the noise for a calibration in chunks, found one; take it out"
+        )
     if any(effect.by_moves for effect in thin.model.effects):
-        raise InputError("plan: expected no effect of the last moves (reading-lag) for a calibration in chunks, which "
-                         "sees no sample's predecessor; take it out")
+        raise InputError(
+            "plan: expected no effect of the last moves (reading-lag) for a calibration in chunks, which "
+            "sees no sample's predecessor; take it out"
+        )
     chain = thin.model.chain
     stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
     extra = np.median(chain.sigma**2 - stated**2, axis=1)
-    return Stream(chunks, thin.robot, chain.start, thin.model.effects, extra, paced(progress, "sample"))
+    return Stream(
+        chunks, thin.robot, chain.start, thin.model.effects, extra, paced(progress, "sample")
+    )
 
 
 def _wanted(thin: Calibration, stream: Stream) -> Parameters:
@@ -242,7 +262,9 @@ def _held_out(stream: Stream, fit: Fit, fold: np.ndarray, folds: int) -> dict:
     pull = prior * (parameters.pack() - parameters.nulls[parameters.mask])
     moved = []
     for k in range(folds):
-        rest = (normal.sum(0) - normal[k] + np.diag(prior)) * np.outer(scale, scale) + _FLOOR * np.eye(len(scale))
+        rest = (normal.sum(0) - normal[k] + np.diag(prior)) * np.outer(
+            scale, scale
+        ) + _FLOOR * np.eye(len(scale))
         step = solve_positive(rest, (gradient.sum(0) - gradient[k] + pull) * scale) * scale
         moved.append(parameters.unpack(parameters.pack() - step))
     parts = []
@@ -262,8 +284,16 @@ def _nominal(stream: Stream) -> np.ndarray:
 
 def save(made: ChunkedCalibration, folder: Path) -> None:
     """Write parameters.toml, calibration.json and solution.json, which `compensate` and `export` read."""
-    whole = replace(made.thin, solution=made.solution, fit=made.fit, held_out=made.held_out, nominal=made.nominal)
-    (folder / NAME).write_text(json.dumps(solution_keys(whole, made.noise), indent=1), encoding="utf-8")
+    whole = replace(
+        made.thin,
+        solution=made.solution,
+        fit=made.fit,
+        held_out=made.held_out,
+        nominal=made.nominal,
+    )
+    (folder / NAME).write_text(
+        json.dumps(solution_keys(whole, made.noise), indent=1), encoding="utf-8"
+    )
     (folder / "parameters.toml").write_text(made.solution.parameters.to_toml(), encoding="utf-8")
     (folder / "calibration.json").write_text(json.dumps(made.as_json(), indent=1), encoding="utf-8")
 

@@ -11,11 +11,11 @@ from sensors.boards.detection import Rejected, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, camera_from_keys, camera_keys
 from workbench.core.errors import InputError
-from workbench.machine.progress import paced
-from workbench.imaging.images import by_role
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import camera_verdict, camera_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
+from workbench.imaging.images import by_role
+from workbench.machine.progress import paced
 
 FILE = "camera.toml"
 
@@ -39,7 +39,9 @@ def calibrate(recording: Recording, model: str, progress: Callable[[str], None])
     tick = paced(progress, "board in picture")
     found = detect_all(recording, lambda done, total, name: tick(done, total))
     try:
-        calibration = calibrate_camera(found.views, found.board, found.size, model, progress=progress)
+        calibration = calibrate_camera(
+            found.views, found.board, found.size, model, progress=progress
+        )
     except InputError as problem:
         raise _with_reason(problem, found) from None
     return CameraRun(recording, model, calibration, (*found.rejected, *calibration.rejected))
@@ -50,8 +52,10 @@ def _with_reason(problem: InputError, found) -> InputError:
     if not found.rejected:
         return problem
     first, of = found.rejected[0], len(found.views) + len(found.rejected)
-    return InputError(f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} pictures left out; {first.image}: "
-                      f"{first.why})")  # fmt: skip
+    return InputError(
+        f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} pictures left out; {first.image}: "
+        f"{first.why})"
+    )
 
 
 def as_json(made: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
@@ -98,7 +102,13 @@ def images_json(calibration: CameraCalibration) -> list[dict]:
     """One row a picture used."""
     count = np.bincount(calibration.view, minlength=len(calibration.views))
     return [
-        {"image": view.image, "placement": view.placement, "corners": int(k), "rms_px": float(rms), "note": view.note}
+        {
+            "image": view.image,
+            "placement": view.placement,
+            "corners": int(k),
+            "rms_px": float(rms),
+            "note": view.note,
+        }
         for view, k, rms in zip(calibration.views, count, calibration.view_rms_px)
     ]
 
@@ -112,7 +122,8 @@ def bow_json(calibration: CameraCalibration) -> dict | None:
         "height_mm": bow.height_mm,
         "height_std_mm": bow.height_std_mm,
         "parameters": [
-            {"name": name, "value": value, "std": bow.std[name], "unit": "mm"} for name, value in bow.parameters.items()
+            {"name": name, "value": value, "std": bow.std[name], "unit": "mm"}
+            for name, value in bow.parameters.items()
         ],
     }
 
@@ -121,7 +132,14 @@ def held_out_json(held) -> dict | None:
     """Errors on pictures left out, beside OpenCV's; None where there are too few."""
     if held is None:
         return None
-    names = ("folds", "rms_px", "halved_rms_px", "opencv_rms_px", "opencv_halved_rms_px", "sentence")
+    names = (
+        "folds",
+        "rms_px",
+        "halved_rms_px",
+        "opencv_rms_px",
+        "opencv_halved_rms_px",
+        "sentence",
+    )
     return {name: getattr(held, name) for name in names}
 
 
@@ -152,7 +170,9 @@ def save(made: CameraRun, folder: Path) -> None:
 
     calibration = made.calibration
     std = {
-        key.removeprefix("camera."): float(value) for key, value in calibration.std.items() if key.startswith("camera.")
+        key.removeprefix("camera."): float(value)
+        for key, value in calibration.std.items()
+        if key.startswith("camera.")
     }
     text = {
         "format": "camera/1",

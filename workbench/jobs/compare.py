@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t as student
 
-from workbench.jobs.calibrate import Calibration, calibrate
-from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
-from workbench.core.text.csv_text import csv_text
 from workbench.core.errors import InputError
+from workbench.core.text.csv_text import csv_text
 from workbench.fitting.cross_validation import blocks, error_summary
 from workbench.fitting.plans import read_plan
+from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.fitting.verdicts.verdict import Tolerance, Verdict
+from workbench.jobs.calibrate import Calibration, calibrate
 
 DEFAULT = "default"
 _BLOCKS, _LEAST_BLOCKS = 10, 5
@@ -42,7 +42,9 @@ class Comparison:
     @property
     def distances(self) -> np.ndarray:
         """(plans, held out) mm, 3-D distances of the held-out rows."""
-        return np.stack([_lengths(c.held_out_residual[:, self.block >= 0]) for c in self.calibrations])
+        return np.stack(
+            [_lengths(c.held_out_residual[:, self.block >= 0]) for c in self.calibrations]
+        )
 
     @property
     def angles(self) -> np.ndarray | None:
@@ -64,16 +66,22 @@ class Comparison:
         held_out = [error_summary(self._held_out(c)) for c in self.calibrations]
         return [
             {
-                "plan": name, **_parameters(calibration),
+                "plan": name,
+                **_parameters(calibration),
                 "stages": [stage.name for stage in calibration.stages if stage.earned],
-                **_fit_rms(calibration), **{f"held_out_{k}": v for k, v in own.items()},
-                "ratio": own["rms_mm"] / held_out[0]["rms_mm"], **self._paired(k, self.distances),
+                **_fit_rms(calibration),
+                **{f"held_out_{k}": v for k, v in own.items()},
+                "ratio": own["rms_mm"] / held_out[0]["rms_mm"],
+                **self._paired(k, self.distances),
                 **self._rotation_columns(k, own, held_out[0]),
-                "converged": calibration.solution.converged, "noise": calibration.noise.as_json(),
+                "converged": calibration.solution.converged,
+                "noise": calibration.noise.as_json(),
                 "verdict": self.verdict(k).as_json(),
             }
-            for k, (name, calibration, own) in enumerate(zip(self.names, self.calibrations, held_out))
-        ]  # fmt: skip
+            for k, (name, calibration, own) in enumerate(
+                zip(self.names, self.calibrations, held_out)
+            )
+        ]
 
     def _held_out(self, calibration) -> np.ndarray:
         """(m, held out) residual of the held-out rows, mm and then rad."""
@@ -139,13 +147,18 @@ class Comparison:
         """The answer of `workbench compare`; the verdict is that of the best plan."""
         first = self.calibrations[0]
         return {
-            "command": "compare", "recording": self.recording.name, "measures": self.recording.measures,
-            "samples": first.recording.n, "held_out_samples": int((self.block >= 0).sum()),
+            "command": "compare",
+            "recording": self.recording.name,
+            "measures": self.recording.measures,
+            "samples": first.recording.n,
+            "held_out_samples": int((self.block >= 0).sum()),
             "held_out_by": "test samples" if self.tested_apart else "folds of the fit samples",
-            "blocks": len(np.unique(self.block[self.block >= 0])), "nominal": first.nominal, "plans": self.rows(),
+            "blocks": len(np.unique(self.block[self.block >= 0])),
+            "nominal": first.nominal,
+            "plans": self.rows(),
             "verdict": self.best_verdict(tolerances).as_json(),
             "warnings": list(first.warnings),
-        }  # fmt: skip
+        }
 
 
 def compare(
@@ -167,21 +180,33 @@ def compare(
     for name in plans:
         progress(f"plan {name}")
         plan = None if name == DEFAULT else Path(name)
-        found.append(calibrate(recording, plan, fit_samples, test_samples, folds, progress, trust_data))
+        found.append(
+            calibrate(recording, plan, fit_samples, test_samples, folds, progress, trust_data)
+        )
     block = np.where(np.all([c.fold >= 0 for c in found], 0), found[0].fold, -1)
-    apart = bool(len(np.unique(block[block >= 0])) == 1 and not (test_samples is None and fit_samples is None))
+    apart = bool(
+        len(np.unique(block[block >= 0])) == 1
+        and not (test_samples is None and fit_samples is None)
+    )
     if apart:
         block[block >= 0] = blocks(found[0].recording.poses[block >= 0], _BLOCKS)
-    names, choosing = tuple(Path(name).stem for name in plans), tuple(_chooses(name) for name in plans)
+    names, choosing = (
+        tuple(Path(name).stem for name in plans),
+        tuple(_chooses(name) for name in plans),
+    )
     return Comparison(recording, names, tuple(found), block, apart, choosing)
 
 
 def _check(plans):
     if not plans:
-        raise InputError("--plan names no plan, where at least one is expected; name several, or 'default'.")
+        raise InputError(
+            "--plan names no plan, where at least one is expected; name several, or 'default'."
+        )
     twice = sorted({name for name in plans if list(plans).count(name) > 1})
     if twice:
-        raise InputError(f"--plan names {twice[0]} twice, where each plan is expected once; take one of them out.")
+        raise InputError(
+            f"--plan names {twice[0]} twice, where each plan is expected once; take one of them out."
+        )
 
 
 def _lengths(residual: np.ndarray) -> np.ndarray:
@@ -211,8 +236,13 @@ def save(comparison: Comparison, folder: Path) -> None:
     held-out.csv has one column of distances (mm) a plan and, where orientation is measured, one of
     angles, called `<plan>_rotation_deg`.
     """
-    rows = [{k: "; ".join(v) if isinstance(v, list) else v for k, v in row.items()} for row in comparison.rows()]
-    (folder / "table.csv").write_text(csv_text(list(rows[0]), [row.values() for row in rows]), encoding="utf-8")
+    rows = [
+        {k: "; ".join(v) if isinstance(v, list) else v for k, v in row.items()}
+        for row in comparison.rows()
+    ]
+    (folder / "table.csv").write_text(
+        csv_text(list(rows[0]), [row.values() for row in rows]), encoding="utf-8"
+    )
     ids = comparison.calibrations[0].recording.sample_ids[comparison.block >= 0]
     errors, head = comparison.distances, [*comparison.names]
     if comparison.measures_orientation:
@@ -272,6 +302,8 @@ def _bars(axes, comparison, colours, kind):
         axes.annotate(text, (value, at), (5, 0), textcoords="offset points", va="center", size=9)
     names = [f"{row['plan']}\n{row['identifiable']} identifiable" for row in rows]
     axes.set(yticks=place, yticklabels=names, xlim=(0, 1.3 * max(values)))
-    axes.set(xlabel=f"RMS of the {what} ({unit})", title="held out, and its ratio to the first plan's")
+    axes.set(
+        xlabel=f"RMS of the {what} ({unit})", title="held out, and its ratio to the first plan's"
+    )
     axes.invert_yaxis()
     axes.legend(frameon=False, loc="lower right")

@@ -51,7 +51,11 @@ class Compensated:
 
 
 def compensate(
-    arm: CalibratedArm, readings: np.ndarray, poses: np.ndarray | None = None, covariates=None, anywhere: bool = False
+    arm: CalibratedArm,
+    readings: np.ndarray,
+    poses: np.ndarray | None = None,
+    covariates=None,
+    anywhere: bool = False,
 ) -> Compensated:
     """Readings with which the calibrated arm puts its flange where the nominal arm would have put it.
 
@@ -65,7 +69,10 @@ def compensate(
     if poses is not None:
         found = _nominal_readings(arm.robot, found, wanted, anywhere)
     deviation, before = _off(_model(arm, found, wanted, covariates), arm)
-    position, rotation = np.linalg.norm(deviation[:3], axis=0), np.rad2deg(np.linalg.norm(deviation[3:], axis=0))
+    position, rotation = (
+        np.linalg.norm(deviation[:3], axis=0),
+        np.rad2deg(np.linalg.norm(deviation[3:], axis=0)),
+    )
     for _ in range(_STEPS):
         model = _model(arm, found, wanted, covariates)
         residual, distance = _off(model, arm)
@@ -133,15 +140,29 @@ def _model(arm, readings, wanted, covariates) -> Model:
     """The calibrated arm at readings, measured from its own root against the wanted poses."""
     variables = arm.robot.mixing @ np.asarray(readings, float).T
     n = variables.shape[1]
-    covariates = {name: np.broadcast_to(np.asarray(v, float), (n,)) for name, v in (covariates or {}).items()}
+    covariates = {
+        name: np.broadcast_to(np.asarray(v, float), (n,)) for name, v in (covariates or {}).items()
+    }
     covariates.setdefault("row", np.zeros(n))
     payload = arm.robot.payload_mass + covariates.get("payload_kg", np.zeros(n))
     measurement = ExternalPose(wanted[:, :3, 3].T.copy(), wanted[:, :3, :3])
     blank = np.zeros((3, n))
-    state = State(arm.robot, variables, covariates, arm.robot.gravity, payload, arm.load_centre, blank,
-                  np.ones(n, int), blank)  # fmt: skip
+    state = State(
+        arm.robot,
+        variables,
+        covariates,
+        arm.robot.gravity,
+        payload,
+        arm.load_centre,
+        blank,
+        np.ones(n, int),
+        blank,
+    )
     ones = np.ones((6, n))
-    return Model(RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones), arm.acting_effects)
+    return Model(
+        RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones),
+        arm.acting_effects,
+    )
 
 
 def _parameters(model: Model, arm: CalibratedArm):
@@ -170,7 +191,9 @@ def _step(model, arm, residual):
     jacobian = np.transpose(rows * scale, (2, 1, 0)) * weight
     right = (residual * scale).T[..., None]
     # damped: near a singular posture a plain inverse would leap
-    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * _LEVER_MM**2 * 1e-3 * np.eye(arm.robot.joints)
+    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * _LEVER_MM**2 * 1e-3 * np.eye(
+        arm.robot.joints
+    )
     return (solve_positive(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0] * weight).T
 
 
@@ -190,12 +213,17 @@ def _nominal_readings(robot, start, wanted, anywhere):
     """Readings (n, R) of the nominal arm at the wanted poses, from `start`; where that leads beyond limits and any
     posture will do, from other places within them."""
     found, good = _searched(robot, start, wanted)
-    rng, (low, high) = np.random.default_rng(0), np.where(np.isnan(robot.limits), _OPEN, robot.limits).T
+    rng, (low, high) = (
+        np.random.default_rng(0),
+        np.where(np.isnan(robot.limits), _OPEN, robot.limits).T,
+    )
     for _ in range(_TRIES if anywhere else 0):
         rows = np.flatnonzero(~good)
         if not rows.size:
             break
-        found[rows], good[rows] = _searched(robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows])
+        found[rows], good[rows] = _searched(
+            robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows]
+        )
     return found
 
 
@@ -230,7 +258,8 @@ def _reach(robot):
 def _within(robot, readings):
     low, high = robot.limits.T
     return (
-        (readings >= np.where(np.isnan(low), -np.inf, low)) & (readings <= np.where(np.isnan(high), np.inf, high))
+        (readings >= np.where(np.isnan(low), -np.inf, low))
+        & (readings <= np.where(np.isnan(high), np.inf, high))
     ).all(1)
 
 
@@ -241,14 +270,20 @@ def _sigma(model, arm) -> np.ndarray:
     A beam is known across itself and not along, so that there the flange's own place is taken.
     """
     of_a_beam = arm.keys.get("measures") == "laser-spot"
-    known = {_called(key): key for key in arm.free if _called(key) in model.parameters.index
-             and not (of_a_beam and key.startswith("tool."))}  # fmt: skip
-    parameters = model.parameters.update({k: arm.values[key] for key in arm.values if (k := _called(key)) in
-                                          model.parameters.index})  # fmt: skip
+    known = {
+        _called(key): key
+        for key in arm.free
+        if _called(key) in model.parameters.index and not (of_a_beam and key.startswith("tool."))
+    }
+    parameters = model.parameters.update(
+        {k: arm.values[key] for key in arm.values if (k := _called(key)) in model.parameters.index}
+    )
     parameters = parameters.only(np.isin(parameters.keys, list(known)))
     if not known:
         return np.zeros(model.chain.n)
-    order = [arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free]
+    order = [
+        arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free
+    ]
     rows = model.linearise(parameters)[1][:, :3]
     covariance = _beside_the_frame(arm)[np.ix_(order, order)]
     return np.sqrt(np.maximum(np.einsum("fmn,fg,gmn->n", rows, covariance, rows), 0))
@@ -270,6 +305,10 @@ def _beside_the_frame(arm) -> np.ndarray:
 def _called(key: str) -> str:
     """What a parameter of a calibration is called in the model of a flange and one point on it."""
     place, _, name = key.partition(".")
-    if (place in ("tool", "sensor")) and name[-1:] in "xyz" and name[:-1] in ("", "reflector1_", "tip_"):
+    if (
+        (place in ("tool", "sensor"))
+        and name[-1:] in "xyz"
+        and name[:-1] in ("", "reflector1_", "tip_")
+    ):
         return f"tool.{name[-1]}"
     return key

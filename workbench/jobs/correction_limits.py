@@ -14,9 +14,9 @@ import numpy as np
 from datasets.errors import complaint
 from robot_model.state import sliding
 from robot_model.system import geometry_priors
-from workbench.jobs.compensate import covariates_read
 from workbench.core.errors import InputError
 from workbench.files.solution_file import CalibratedArm
+from workbench.jobs.compensate import covariates_read
 
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
 # makes less than a ten-thousandth of the mean square. The noise statement, the data or the model is wrong.
@@ -59,7 +59,9 @@ class Limits:
             ("--max-sigma-mm", self.sigma_mm),
         ):
             if value is not None and not value > 0:
-                raise InputError(f"{option} {value:g}: expected a number above 0, found another; correct it")
+                raise InputError(
+                    f"{option} {value:g}: expected a number above 0, found another; correct it"
+                )
 
     def largest_sigma_mm(self, arm: CalibratedArm) -> float:
         """Standard uncertainty, mm, above which a target of this arm is refused."""
@@ -154,7 +156,9 @@ def _implausible_parameters(arm: CalibratedArm) -> str:
     is_one_far = most > _FAR_FROM_NOMINAL
     if not is_one_far and chi2.sf(together, len(deviations)) > _FAR_PROBABILITY:
         return ""
-    sentence = f"parameter {key} is {_amount(arm, key)} from nominal, {most:.1f} prior standard deviations"
+    sentence = (
+        f"parameter {key} is {_amount(arm, key)} from nominal, {most:.1f} prior standard deviations"
+    )
     if is_one_far:
         return sentence
     rms = math.sqrt(together / len(deviations))
@@ -187,7 +191,11 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
             "no such column",
             "add it with the values that hold when the programme runs",
         )
-    return {name: values for name, values in programme.covariates.items() if name in {*arm.fitted_range, _LOAD}}
+    return {
+        name: values
+        for name, values in programme.covariates.items()
+        if name in {*arm.fitted_range, _LOAD}
+    }
 
 
 def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judgement:
@@ -242,7 +250,11 @@ class _Coverage:
             return []
         numbers = [str(k + 1) for k in np.flatnonzero(rows)]
         more = f" and {len(numbers) - _NAMED_TARGETS} more" if len(numbers) > _NAMED_TARGETS else ""
-        meaning = "the correction extrapolates" if self.is_read else "the model does not depend on it, the arm may"
+        meaning = (
+            "the correction extrapolates"
+            if self.is_read
+            else "the model does not depend on it, the arm may"
+        )
         return [
             f"{self.name} is outside {self._range()}, which was recorded, in target "
             f"{', '.join(numbers[:_NAMED_TARGETS])}{more}: {meaning}; record samples there or check these targets."
@@ -255,7 +267,11 @@ class _Coverage:
 def _coverages(arm: CalibratedArm, programme, found) -> list[_Coverage]:
     if arm.fitted_range is None:
         return []
-    return [_load(arm, programme, len(found.reached)), *_other_covariates(arm, programme), *_joints(arm, found)]
+    return [
+        _load(arm, programme, len(found.reached)),
+        *_other_covariates(arm, programme),
+        *_joints(arm, found),
+    ]
 
 
 def _load(arm, programme, n) -> _Coverage:

@@ -13,15 +13,15 @@ from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, camera_from_keys
 from sensors.hand_eye.result import HandEye
 from sensors.hand_eye.review import Review
-from workbench.jobs import camera as cameras
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
-from workbench.imaging.flange import flange_poses, rows_of_samples
-from workbench.fitting.verdicts.hand_eye_verdict import handeye_verdict, handeye_warnings
-from workbench.machine.progress import paced
-from workbench.imaging.images import by_role, check_size
 from workbench.files.provenance import provenance
+from workbench.fitting.verdicts.hand_eye_verdict import handeye_verdict, handeye_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
+from workbench.imaging.flange import flange_poses, rows_of_samples
+from workbench.imaging.images import by_role, check_size
+from workbench.jobs import camera as cameras
+from workbench.machine.progress import paced
 
 FILE = "hand-eye.toml"
 IN_HAND, TO_HAND = "in-hand", "to-hand"
@@ -88,7 +88,9 @@ def calibrate(
     rows = rows_of_samples(recording, [view.row["sample"] for view in views])
     poses = flange[rows]
     held = source == HELD or sensor is not None
-    review = review_recording(Observed(recording, found, views, camera, not held, poses, rows, kind), progress)
+    review = review_recording(
+        Observed(recording, found, views, camera, not held, poses, rows, kind), progress
+    )
     if not trust_data:
         refuse(recording, review)
     made = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
@@ -156,7 +158,9 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
     progress(f"hand-eye from {len(labels)} profiles of a ball")
     ball = recording.balls.get(int(balls[0]))
     flange = flange_poses(recording)[first]
-    made = hand_eye_from_profiles(recording.points.T, pose, flange, None if ball is None else ball[3])
+    made = hand_eye_from_profiles(
+        recording.points.T, pose, flange, None if ball is None else ball[3]
+    )
     free = None
     if ball is not None:
         progress("the same with a radius of its own")
@@ -196,7 +200,9 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "radius_mm": made.radius,
         "radius_std_mm": made.std.get("target.radius"),
         **profiler_json(run),
-        "camera": None if run.camera is None else {**cameras.camera_json(run.camera, made.std), "source": run.source},
+        "camera": None
+        if run.camera is None
+        else {**cameras.camera_json(run.camera, made.std), "source": run.source},
         "rejected": [{"image": one.image, "why": one.why} for one in run.rejected],
         "undetermined": list(made.undetermined),
         "suspicions": list(made.suspicions),

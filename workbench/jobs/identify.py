@@ -6,11 +6,11 @@ import numpy as np
 
 from robot_model.effects import CATALOGUE
 from robot_model.system import bind, geometry_free, held_by_convention
-from workbench.fitting.checked_samples import check_samples
 from workbench.core.effect import make_effects
 from workbench.core.least_squares.identifiability import identifiability as look
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import normal_matrix
+from workbench.core.model import Model
+from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 
 _NOMINAL_SIGMA_MM = 0.05
@@ -34,17 +34,22 @@ def identifiability(recording, plan: Path | None = None, trust_data: bool = Fals
         rows = read_plan(plan)
         stages = [_stage_of_plan(chain, rows[:k], rows, scale) for k in range(1, len(rows) + 1)]
     return {
-        "measures": recording.measures, "samples": moving.n, "poses": len(np.unique(moving.poses)),
-        "sigma_assumed_mm": scale if recording.sigma is None else None, "stages": stages,
+        "measures": recording.measures,
+        "samples": moving.n,
+        "poses": len(np.unique(moving.poses)),
+        "sigma_assumed_mm": scale if recording.sigma is None else None,
+        "stages": stages,
         "warnings": list(checked.warnings),
-    }  # fmt: skip
+    }
 
 
 def _stage(chain, robot, stage, scale) -> dict:
     model = Model(chain, make_effects(CATALOGUE, stage.effects))
     parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
     own = [p.key for effect in model.effects for p in effect.parameters(chain)]
-    return _judged(stage, model, (parameters.free(*own) if own else parameters).nudged(), scale, robot)
+    return _judged(
+        stage, model, (parameters.free(*own) if own else parameters).nudged(), scale, robot
+    )
 
 
 def _stage_of_plan(chain, upto, plan, scale) -> dict:
@@ -64,6 +69,9 @@ def _judged(stage, model, parameters, scale, robot=None) -> dict:
         everything = parameters.free(*more)
         whole = look(normal_matrix(model, everything), everything, scale)
     return {
-        "name": stage.name, "free": len(known.keys), "identifiable": known.rank,
-        "undetermined": whole.sentences(), **known.observability(model.chain.sigma.shape[1]),
-    }  # fmt: skip
+        "name": stage.name,
+        "free": len(known.keys),
+        "identifiable": known.rank,
+        "undetermined": whole.sentences(),
+        **known.observability(model.chain.sigma.shape[1]),
+    }

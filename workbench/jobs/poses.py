@@ -11,15 +11,15 @@ from robot_model.clearance import self_clearance
 from robot_model.effects import CATALOGUE
 from robot_model.measurements import looks_of, measurement_of, samples_of
 from robot_model.system import bind, geometry_free, held_by_convention
-from workbench.fitting.checked_samples import check_samples
-from workbench.core.text.csv_text import csv_text
-from workbench.core.least_squares.design import Design, choose
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.core.least_squares.design import Design, choose
 from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.least_squares.linear_algebra import covariance_of
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import normal_matrix
+from workbench.core.model import Model
+from workbench.core.text.csv_text import csv_text
+from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import default_plan, frames_of
 from workbench.imaging.visibility import EVERYTHING, Sight, unseen
 
@@ -60,28 +60,52 @@ class Chosen:
         if found.bound is None:
             return None
         twice = found.twice if len(found.twice) else None
-        squares = {"chosen_mm": found.value, "random_mm": np.median(found.random),
-                   "random_twice_mm": None if twice is None else np.median(twice),
-                   "all_mm": found.everything, "bound_mm": max(found.bound, 0.0)}  # fmt: skip
-        told = {key: None if square is None else float(np.sqrt(square)) for key, square in squares.items()}
+        squares = {
+            "chosen_mm": found.value,
+            "random_mm": np.median(found.random),
+            "random_twice_mm": None if twice is None else np.median(twice),
+            "all_mm": found.everything,
+            "bound_mm": max(found.bound, 0.0),
+        }
+        told = {
+            key: None if square is None else float(np.sqrt(square))
+            for key, square in squares.items()
+        }
         share = None if twice is None else float((twice > found.value).mean())
         return told | {"share_of_twice_beaten": share} | dict(self.rotation)
 
     def as_json(self) -> dict:
         """The answer of `workbench poses`."""
         return {
-            "command": "poses", "recording": self.recording.name, "criterion": self.criterion,
-            "poses": len(self.design.chosen), "candidates": self.candidates, "left_out": self.left_out,
-            "parameters": self.parameters, "value": self.design.value,
-            "random_median": float(np.median(self.design.random)), "gain_over_random": self.design.gain,
-            "predicted": self.predicted(), "samples": list(self.samples), "undetermined": list(self.undetermined),
+            "command": "poses",
+            "recording": self.recording.name,
+            "criterion": self.criterion,
+            "poses": len(self.design.chosen),
+            "candidates": self.candidates,
+            "left_out": self.left_out,
+            "parameters": self.parameters,
+            "value": self.design.value,
+            "random_median": float(np.median(self.design.random)),
+            "gain_over_random": self.design.gain,
+            "predicted": self.predicted(),
+            "samples": list(self.samples),
+            "undetermined": list(self.undetermined),
             "warnings": list(self.warnings),
-        }  # fmt: skip
+        }
 
 
-def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: bool = False,
-                 link_radius_mm: float = LINK_RADIUS_MM, seed: int = 0,
-                 sight: Sight = EVERYTHING, repeats: int = 1, trust_data: bool = False) -> Chosen:  # fmt: skip
+def choose_poses(
+    recording,
+    n: int,
+    criterion: str = "D",
+    tasks=None,
+    effects: bool = False,
+    link_radius_mm: float = LINK_RADIUS_MM,
+    seed: int = 0,
+    sight: Sight = EVERYTHING,
+    repeats: int = 1,
+    trust_data: bool = False,
+) -> Chosen:
     """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
 
     recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
@@ -94,12 +118,7 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     trust_data: choose also from a recording that cannot be right.
     Raises InputError where there are too few candidates or the criterion is not known.
     """
-    if criterion not in CRITERIA:
-        raise InputError(f"--criterion {criterion}: expected one of {', '.join(CRITERIA)}, found none of them; "
-                         "correct it")
-    if (criterion == "task") != (tasks is not None):
-        raise InputError(f"--criterion {criterion}: expected --tasks RECORDING with the criterion task and with no "
-                         f"other, found {'none' if tasks is None else 'one'}; correct the call")
+    _check_criterion(criterion, tasks)
     checked = check_samples(recording, trust_data)
     moving, robot = checked.recording, checked.robot
     good, left_out = _usable(robot, moving, link_radius_mm, sight.checked(recording.measures))
@@ -107,18 +126,18 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     poses = np.unique(moving.poses, return_inverse=True)[1]
     count = poses.max(initial=-1) + 1
     if count < 2:
-        raise InputError(f"{recording.name}: expected at least 2 poses that can be used, found {count} "
-                         f"({_told(left_out)}); bring other candidates, or ask for less of the sensor and the arm")
-    if repeats < 1:
-        raise InputError(f"--repeats {repeats}: expected how often one pose may be measured, at least 1; correct it")
-    if not 2 <= n <= count:
-        raise InputError(f"--count {n}: expected 2 to {count}, the poses of {recording.name} that can be used "
-                         f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates")
+        raise InputError(
+            f"{recording.name}: expected at least 2 poses that can be used, found {count} "
+            f"({_told(left_out)}); bring other candidates, or ask for less of the sensor and the arm"
+        )
+    _check_counts(n, count, repeats, recording.name, left_out)
     model, free, everything = _model(robot, moving, effects)
     if not free.mask.any():
-        raise InputError(f"{recording.name}: expected candidate poses that determine at least one parameter of the "
-                         "arm, found none that changes a measurement by more than its sigma; bring poses that differ "
-                         "more, or check sigma_mm")
+        raise InputError(
+            f"{recording.name}: expected candidate poses that determine at least one parameter of the "
+            "arm, found none that changes a measurement by more than its sigma; bring poses that differ "
+            "more, or check sigma_mm"
+        )
     rows = _by_pose(_whitened(model, free), poses)
     wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
     known = None if tasks is None else _known(free)
@@ -129,8 +148,45 @@ def choose_poses(recording, n: int, criterion: str = "D", tasks=None, effects: b
     everything = everything.free(*held_by_convention(robot))
     judged = identifiability(normal_matrix(model.at(picked), everything), everything)
     samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
-    return Chosen(recording, samples, design, criterion, tuple(judged.sentences()), int(count), left_out,
-                  int(free.mask.sum()), rotation, checked.warnings)  # fmt: skip
+    return Chosen(
+        recording,
+        samples,
+        design,
+        criterion,
+        tuple(judged.sentences()),
+        int(count),
+        left_out,
+        int(free.mask.sum()),
+        rotation,
+        checked.warnings,
+    )
+
+
+def _check_criterion(criterion: str, tasks) -> None:
+    """InputError where the criterion is not known, or does not go with `tasks`."""
+    if criterion not in CRITERIA:
+        raise InputError(
+            f"--criterion {criterion}: expected one of {', '.join(CRITERIA)}, found none of them; "
+            "correct it"
+        )
+    if (criterion == "task") != (tasks is not None):
+        raise InputError(
+            f"--criterion {criterion}: expected --tasks RECORDING with the criterion task and with no "
+            f"other, found {'none' if tasks is None else 'one'}; correct the call"
+        )
+
+
+def _check_counts(n: int, count: int, repeats: int, name: str, left_out) -> None:
+    """InputError where n poses cannot be chosen from `count` usable ones."""
+    if repeats < 1:
+        raise InputError(
+            f"--repeats {repeats}: expected how often one pose may be measured, at least 1; correct it"
+        )
+    if not 2 <= n <= count:
+        raise InputError(
+            f"--count {n}: expected 2 to {count}, the poses of {name} that can be used "
+            f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates"
+        )
 
 
 def _known(free) -> np.ndarray:
@@ -140,11 +196,15 @@ def _known(free) -> np.ndarray:
 
 def _in_rounds(counts) -> np.ndarray:
     """Rows (k,) as often as counted (n,): all once, then again those that come twice, and so on."""
-    return np.concatenate([np.flatnonzero(counts > done) for done in range(max(counts.max(initial=1), 1))])
+    return np.concatenate(
+        [np.flatnonzero(counts > done) for done in range(max(counts.max(initial=1), 1))]
+    )
 
 
 def _told(left_out) -> str:
-    return ", ".join(f"{count} {why}" for why, count in left_out.items() if count) or "none left out"
+    return (
+        ", ".join(f"{count} {why}" for why, count in left_out.items() if count) or "none left out"
+    )
 
 
 def _model(robot, recording, effects):
@@ -180,10 +240,14 @@ def _task_rows(robot, model, tasks, free):
     """(T, m, F) rows of the tasks, mm and rad, with the candidates' base and tool; InputError where these differ."""
     tasks = samples_of(tasks)
     own = measurement_of(tasks).parameters()
-    placed = [p.key for p in model.chain.parameters.table if not p.key.startswith(("base.", "joint-"))]
+    placed = [
+        p.key for p in model.chain.parameters.table if not p.key.startswith(("base.", "joint-"))
+    ]
     if [p.key for p in own] != placed or tasks.joints.shape[1] != robot.mixing.shape[1]:
-        raise InputError(f"--tasks {tasks.name}: expected poses of the candidates' robot, tool and targets, measured "
-                         "as they are, found others; make them as the candidates were made")
+        raise InputError(
+            f"--tasks {tasks.name}: expected poses of the candidates' robot, tool and targets, measured "
+            "as they are, found others; make them as the candidates were made"
+        )
     chain = bind(robot, replace(tasks, sigma_mm=1.0), start=model.chain.start)
     seen = Model(chain, model.effects)
     rows = seen.linearise(seen.parameters.take_over(free).only(free.mask))[1]
@@ -197,7 +261,10 @@ def _rotation_errors(rows, tasks, known, chosen) -> dict[str, float]:
     """
     if not tasks.shape[1]:
         return {}
-    return {"chosen_deg": _rotation_error(rows[chosen], tasks, known), "all_deg": _rotation_error(rows, tasks, known)}
+    return {
+        "chosen_deg": _rotation_error(rows[chosen], tasks, known),
+        "all_deg": _rotation_error(rows, tasks, known),
+    }
 
 
 def _rotation_error(rows, tasks, known) -> float:
@@ -213,8 +280,11 @@ def _usable(robot, recording, link_radius, sight):
     for look in looks_of(recording):
         variables = robot.mixing @ look.joints.T
         reasons = {"beyond a joint's limit": _beyond(robot, look.joints)}
-        reasons["in the arm's own way"] = (self_clearance(robot, variables, link_radius) < 2 * link_radius
-                                           if link_radius > 0 else np.zeros(recording.n, bool))  # fmt: skip
+        reasons["in the arm's own way"] = (
+            self_clearance(robot, variables, link_radius) < 2 * link_radius
+            if link_radius > 0
+            else np.zeros(recording.n, bool)
+        )
         for why, rows in (reasons | unseen(robot, recording, link_radius, sight)).items():
             left[why] = left.get(why, 0) + int((rows & ~taken).sum())
             taken |= rows
@@ -224,8 +294,10 @@ def _usable(robot, recording, link_radius, sight):
 def _beyond(robot, joints):
     """(n,) True where a reading (n, R) passes a limit that the robot states."""
     low, high = robot.limits.T
-    return ((joints < np.where(np.isnan(low), -np.inf, low - 1e-9))
-            | (joints > np.where(np.isnan(high), np.inf, high + 1e-9))).any(1)  # fmt: skip
+    return (
+        (joints < np.where(np.isnan(low), -np.inf, low - 1e-9))
+        | (joints > np.where(np.isnan(high), np.inf, high + 1e-9))
+    ).any(1)
 
 
 def write_poses(chosen: Chosen, folder: Path) -> Path:
@@ -236,7 +308,9 @@ def write_poses(chosen: Chosen, folder: Path) -> Path:
     place = np.searchsorted(sample, chosen.recording.sample_ids).clip(max=len(sample) - 1)
     rows = _in_rounds(np.where(sample[place] == chosen.recording.sample_ids, times[place], 0))
     joints = joint_columns(chosen.recording.columns)
-    named = [k for k in ("sample", "ball", "reflector", "point", "pair") if k in chosen.recording.columns]
+    named = [
+        k for k in ("sample", "ball", "reflector", "point", "pair") if k in chosen.recording.columns
+    ]
     columns = {k: chosen.recording.columns[k][rows] for k in (*named, *joints)}
     lines = [[f"{value:.10g}" for value in row] for row in zip(*columns.values())]
     path = Path(folder) / "poses.csv"

@@ -10,8 +10,8 @@ from sensors.rendering.recording import Stations, make_recording
 from sensors.rendering.scene import Scene, read_scene
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix, transform
-from workbench.machine.progress import paced
 from workbench.jobs.simulate import Truth, truth_of
+from workbench.machine.progress import paced
 
 _NOT_THE_ARMS = ("sensor", "target", "noise")
 _MEASURED = ("x_mm", "y_mm", "z_mm", "range_mm")
@@ -74,8 +74,13 @@ def arm_truth(arm: Truth) -> dict:
     values = zip(arm.parameters.table, arm.parameters.values.tolist())
     poses = sensor_poses(arm)
     return {
-        "parameters": [{"key": p.key, "value": value, "unit": p.unit, "nominal": p.null} for p, value in values
-                       if value != p.null],
-        "T_artefact_sensor": [{"sample": int(sample), "pose": pose_values(pose[:3, :3], pose[:3, 3]).tolist()}
-                              for sample, pose in zip(arm.shown.sample_ids, poses)],
-    }  # fmt: skip
+        "parameters": [
+            {"key": p.key, "value": value, "unit": p.unit, "nominal": p.null}
+            for p, value in values
+            if value != p.null
+        ],
+        "T_artefact_sensor": [
+            {"sample": int(sample), "pose": pose_values(pose[:3, :3], pose[:3, 3]).tolist()}
+            for sample, pose in zip(arm.shown.sample_ids, poses)
+        ],
+    }

@@ -19,14 +19,14 @@ from sensors.pictures import flaw, read, stacks, unlit
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.find import find_stripes
-from workbench.jobs import scanner as calibrated
-from workbench.imaging.ball_names import named
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
-from workbench.machine.progress import paced
+from workbench.files.spool import Made, Spool
+from workbench.imaging.ball_names import named
 from workbench.imaging.images import by_role, check_size, full_scale, path_of, streamed
 from workbench.imaging.scan_surface import reconstructed
-from workbench.files.spool import Made, Spool
+from workbench.jobs import scanner as calibrated
+from workbench.machine.progress import paced
 
 CLOUDS = "clouds"
 INCIDENCE_DEG = 60.0
@@ -58,7 +58,12 @@ class Ball:
     @property
     def whole(self) -> bool:
         """Whether it is seen well enough to be a measurement of the ball's form and size."""
-        return bool(self.fit) and not self.fit.cut and not self.beyond and self.fit.coverage >= ALL_ROUND
+        return (
+            bool(self.fit)
+            and not self.fit.cut
+            and not self.beyond
+            and self.fit.coverage >= ALL_ROUND
+        )
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,9 @@ class Scans:
     told: dict[str, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
-def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress: Callable[[str], None]) -> Scans:
+def scan(
+    recording: Recording, scanner_file: Path | None, folder: Path, progress: Callable[[str], None]
+) -> Scans:
     """Clouds and balls of every scan of a recording.
 
     scanner_file: a calibrated scanner, None calibrates one from the recording's boards; folder: where
@@ -114,7 +121,9 @@ def scan(recording: Recording, scanner_file: Path | None, folder: Path, progress
     saturation = full_scale(recording, by_role(recording, "scan"))
     work = _Work(recording, scanner, folder, saturation, differ_in_case_only(groups))
     each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
-    beside = folder.parent  # on its disk, and not in it: not every system moves a folder with an open file
+    beside = (
+        folder.parent
+    )  # on its disk, and not in it: not every system moves a folder with an open file
     return Scans(recording, scanner, made, Spool(each, folder=beside), beside)
 
 
@@ -164,23 +173,52 @@ class _Work:
         pixels, steps, sigma, shape, covariates, dropped, rejected = self.stripes(known)
         points, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
         seen = np.isfinite(points).all(0)
-        points, pixels, steps, sigma, shape = points[:, seen], pixels[:, seen], steps[seen], sigma[seen], shape[:, seen]
+        points, pixels, steps, sigma, shape = (
+            points[:, seen],
+            pixels[:, seen],
+            steps[seen],
+            sigma[seen],
+            shape[:, seen],
+        )
         cloud = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
         write_cloud(self.folder / cloud, points)
         balls, outcome = self.balls(known, points, pixels, steps, sigma, shape)
         without = len(rows) - len(known)
-        lost = f"{without} of {len(rows)} pictures are at steps that the scanner has no plane for" if without else ""
+        lost = (
+            f"{without} of {len(rows)} pictures are at steps that the scanner has no plane for"
+            if without
+            else ""
+        )
         some = np.linspace(0, max(points.shape[1] - 1, 0), min(points.shape[1], _DRAWN)).astype(int)
         outside = sum(ball.beyond for ball in balls)
-        far = f"{outside} balls beyond the depths of the boards, where the planes are not calibrated" if outside else ""
-        told = "; ".join(filter(None, (lost, outcome if points.size else self.dark(known), far, surface)))
+        far = (
+            f"{outside} balls beyond the depths of the boards, where the planes are not calibrated"
+            if outside
+            else ""
+        )
+        told = "; ".join(
+            filter(None, (lost, outcome if points.size else self.dark(known), far, surface))
+        )
         accepted = figures(self.recording, rows[0], balls)
-        return Scan(name, rows[0], points.shape[1], cloud, points[:, some], dropped, balls, told, rejected, accepted)
+        return Scan(
+            name,
+            rows[0],
+            points.shape[1],
+            cloud,
+            points[:, some],
+            dropped,
+            balls,
+            told,
+            rejected,
+            accepted,
+        )
 
     def dark(self, rows) -> str:
         """Why a scan has no points, as far as its middle picture tells."""
         middle = rows[len(rows) // 2]
-        why = flaw(read(path_of(self.recording, middle), f"{self.recording.name}/{middle['image']}"))
+        why = flaw(
+            read(path_of(self.recording, middle), f"{self.recording.name}/{middle['image']}")
+        )
         return f"no laser line was found in {len(rows)} pictures ({middle['image']}: {why or 'no clear line'})"
 
     @cached_property
@@ -204,7 +242,9 @@ class _Work:
             parts.append((found.pixels, first + found.frame, found.sigma, found.shape))
             dropped.update(found.dropped)
             first += len(stack)
-        pixels, frame, sigma, shape = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
+        pixels, frame, sigma, shape = (
+            np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
+        )
         names = [name for name in COVARIATES if all(name in row for row in rows)]
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
@@ -227,8 +267,14 @@ class _Work:
             at_limit=self._at_limit(pixels, steps, [int(row.get("step", 0)) for row in rows]),
         )
         trimmed = np.deg2rad(INCIDENCE_DEG)
-        found = find_balls(points, radii, free=True, incidence=trimmed, **each) if points.shape[1] else []
-        numbers, outcome = named(self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found])
+        found = (
+            find_balls(points, radii, free=True, incidence=trimmed, **each)
+            if points.shape[1]
+            else []
+        )
+        numbers, outcome = named(
+            self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
+        )
         if not found:
             outcome = "; ".join(filter(None, (outcome, _perhaps_cut(each["at_limit"]))))
         made = []
@@ -258,7 +304,10 @@ class _Work:
         planes, covariance = self.scanner.planes, self.scanner.covariance
         along = pixels[1 if self.along == "rows" else 0, on]
         own = stripe_error(error[:, on], place[on], along)
-        return {"shared": plane_error(points[:, on], planes, place[on], covariance, own), "ordered": True}
+        return {
+            "shared": plane_error(points[:, on], planes, place[on], covariance, own),
+            "ordered": True,
+        }
 
     def _at_limit(self, pixels, steps, swept):
         """(n,) whether points lie at the edge of the picture, or in the first or last plane of the steps `swept`."""
@@ -277,7 +326,9 @@ class _Work:
         """What a ball (4,) does to the stripes on it, by which their centres are found off."""
         mirror = self.scanner.mirror
         planes, light = self.scanner.planes[:, place], None if mirror is None else mirror.point
-        return bend_on_ball(self.scanner.camera, ball[:3], ball[3], pixels, planes, self.scanner.scan, light)
+        return bend_on_ball(
+            self.scanner.camera, ball[:3], ball[3], pixels, planes, self.scanner.scan, light
+        )
 
     def _radius(self, number, found, radii):
         if number is not None:
@@ -285,15 +336,19 @@ class _Work:
         return None if radii is None else min(radii, key=lambda radius: abs(radius - found))
 
 
-def figures(recording: Recording, row: Mapping, balls: Sequence[Ball]) -> tuple[Characteristic, ...]:
+def figures(
+    recording: Recording, row: Mapping, balls: Sequence[Ball]
+) -> tuple[Characteristic, ...]:
     """Acceptance figures of one scan; balls that are not seen well enough do not count."""
     known = recording.balls
     numbers = {number: k + 1 for k, number in enumerate(known)}
     table = np.array([ball[:3] for ball in known.values()]).T if known else None
     whole = [ball for ball in balls if ball.whole]
     told = table if all(ball.number is not None for ball in whole) else None
-    probed = [Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius)
-              for k, ball in enumerate(whole)]  # fmt: skip
+    probed = [
+        Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius)
+        for k, ball in enumerate(whole)
+    ]
     return acceptance(probed, told, temperature=row.get("temperature_c"))
 
 
@@ -301,16 +356,21 @@ def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
     """Pictures that are overexposed, or black between two that show the line: beside what is seen, black is right."""
     lit = np.bincount(frame, minlength=len(rows)) > 0
     between = np.r_[False, lit[:-1]] & np.r_[lit[1:], False]
-    return tuple(Rejected(row["image"], why) for row, why, near in zip(rows, flaws, between)
-                 if why and (near or not why.startswith("all black")))  # fmt: skip
+    return tuple(
+        Rejected(row["image"], why)
+        for row, why, near in zip(rows, flaws, between)
+        if why and (near or not why.startswith("all black"))
+    )
 
 
 def _perhaps_cut(at_limit) -> str:
     """What to look for where no ball is found: one that the field cuts shows too little of itself."""
     if not at_limit.any():
         return ""
-    return (f"{at_limit.sum()} of {at_limit.size} points lie at the field's limit: a ball there is cut by the field; "
-            "move it to the middle")  # fmt: skip
+    return (
+        f"{at_limit.sum()} of {at_limit.size} points lie at the field's limit: a ball there is cut by the field; "
+        "move it to the middle"
+    )
 
 
 def _fitted(points, lit, radius, start, own) -> BallFit:
@@ -327,6 +387,10 @@ def write_cloud(path: Path, points: np.ndarray) -> None:
 
     if not points.size:
         return
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.ascontiguousarray(points.T)))
+    cloud = open3d.geometry.PointCloud(
+        open3d.utility.Vector3dVector(np.ascontiguousarray(points.T))
+    )
     if not open3d.io.write_point_cloud(str(path), cloud):
-        raise InputError(f"{path} cannot be written; see that the disk has room, or name another place with --out.")
+        raise InputError(
+            f"{path} cannot be written; see that the disk has room, or name another place with --out."
+        )

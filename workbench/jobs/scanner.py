@@ -14,13 +14,13 @@ from sensors.pictures import read_grey, stacks, unlit
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.model import Scanner
 from sensors.stripe.find import find_stripes
-from workbench.jobs import camera as cameras
 from workbench.core.errors import InputError
-from workbench.machine.progress import paced
-from workbench.imaging.images import by_role, full_scale, path_of, streamed
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
+from workbench.imaging.images import by_role, full_scale, path_of, streamed
+from workbench.jobs import camera as cameras
+from workbench.machine.progress import paced
 
 FILE = "scanner.toml"
 _FRAMES = 16
@@ -76,15 +76,24 @@ def calibrate(
             f"found it at none of {len(groups)} ({unusable[0]['why']}); take the board pictures again"
         )
     rejected = [
-        Rejected(row["image"], f"the board was not found at its placement ({one['why']})", one["placement"])
+        Rejected(
+            row["image"],
+            f"the board was not found at its placement ({one['why']})",
+            one["placement"],
+        )
         for one in unusable
         for row in groups[one["placement"]]
     ]
     stripes = board_stripes(recording, usable, camera.calibration.board, progress, rejected)
     calibration = calibrate_scanner(
-        camera.calibration.views, stripes, camera.calibration.board, camera.calibration.camera.size,
-        camera=camera.calibration, provenance={k: v for k, v in provenance(recording).items() if v}, progress=progress,
-    )  # fmt: skip
+        camera.calibration.views,
+        stripes,
+        camera.calibration.board,
+        camera.calibration.camera.size,
+        camera=camera.calibration,
+        provenance={k: v for k, v in provenance(recording).items() if v},
+        progress=progress,
+    )
     return ScannerRun(recording, camera, calibration, unusable, tuple(rejected))
 
 
@@ -93,7 +102,9 @@ def _why(camera, placement):
     return reasons[0] if reasons else "no board picture at this placement"
 
 
-def board_stripes(recording, usable, board: Board, progress, rejected: list[Rejected] | None = None) -> BoardStripes:
+def board_stripes(
+    recording, usable, board: Board, progress, rejected: list[Rejected] | None = None
+) -> BoardStripes:
     """The laser's line on every board: `usable` pairs of a view and the rows of its pictures under the laser.
 
     rejected: given those in which no line can be seen.
@@ -115,7 +126,9 @@ def _direction(recording, usable, board, saturation) -> str:
     for view, rows in usable:
         middle = rows[len(rows) // 2 : len(rows) // 2 + 1]
         for along in found:
-            found[along] += sum(part.n for part in _Work(recording, board, along, saturation)((view, middle))[0])
+            found[along] += sum(
+                part.n for part in _Work(recording, board, along, saturation)((view, middle))[0]
+            )
     return max(found, key=found.get)
 
 
@@ -129,25 +142,35 @@ class _Work:
     along: str
     saturation: float | None = None
 
-    def __call__(self, placed: tuple[View, list[Mapping]]) -> tuple[list[BoardStripes], list[Rejected]]:
+    def __call__(
+        self, placed: tuple[View, list[Mapping]]
+    ) -> tuple[list[BoardStripes], list[Rejected]]:
         view, rows = placed
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
         region, first, parts, rejected = region_of(view, self.board), 0, [], []
         for stack in stacks(paths, _FRAMES, called.get):
-            background = dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
+            background = (
+                dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
+            )
             if stack.shape[1:] != region.shape:
                 raise InputError(
                     f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
                     f"picture, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
                 )
             mine, why = rows[first : first + len(stack)], [unlit(frame) for frame in stack]
-            rejected += [Rejected(row["image"], said, view.placement) for row, said in zip(mine, why) if said]
+            rejected += [
+                Rejected(row["image"], said, view.placement) for row, said in zip(mine, why) if said
+            ]
             lit = [k for k, said in enumerate(why) if not said]
             if lit:
                 found = find_stripes(
-                    stack[lit], self.along, background=background, region=region, saturation=self.saturation
+                    stack[lit],
+                    self.along,
+                    background=background,
+                    region=region,
+                    saturation=self.saturation,
                 )
                 parts.append(_told(found, [mine[k] for k in lit], view.placement))
             first += len(stack)
@@ -157,12 +180,20 @@ class _Work:
 def _told(found, rows, placement) -> BoardStripes:
     """Stripes with what images.csv says of their pictures."""
     names = [
-        name for name in ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s") if all(name in r for r in rows)
+        name
+        for name in ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
+        if all(name in r for r in rows)
     ]
-    angles = [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None
+    angles = (
+        [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None
+    )
     covariates = {name: [row[name] for row in rows] for name in names}
     return BoardStripes.of(
-        found, [placement] * len(rows), [int(row.get("step", 0)) for row in rows], angles, covariates
+        found,
+        [placement] * len(rows),
+        [int(row.get("step", 0)) for row in rows],
+        angles,
+        covariates,
     )
 
 
@@ -173,7 +204,9 @@ def region_of(view: View, board: Board) -> np.ndarray:
     width, height = view.size
     middle = view.pixels.mean(1, keepdims=True)
     wider = 1 + 2 * _BEYOND / (min(board.columns, board.rows) - 1)
-    hull = cv2.convexHull(np.ascontiguousarray((middle + wider * (view.pixels - middle)).T, np.float32))
+    hull = cv2.convexHull(
+        np.ascontiguousarray((middle + wider * (view.pixels - middle)).T, np.float32)
+    )
     mask = np.zeros((height, width), np.uint8)
     cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 1)
     return mask.astype(bool)
@@ -183,11 +216,25 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
     """The scanner's part of the JSON contract; tolerances: what its verdict is judged by."""
     calibration, scanner = made.calibration, made.scanner
     joint = cameras.camera_json(calibration.camera, calibration.std)
-    planes = [{"step": int(step), "normal": plane[:3].tolist(), "offset_mm": float(plane[3]), "rms_mm": float(rms),
-               "rms_px": float(px), "sigma_mm": float(sigma), "sigma_best_frame_mm": apart}
-              for step, plane, rms, px, sigma, apart in zip(
-                  scanner.steps, scanner.planes.T, calibration.rms_mm, calibration.rms_px, calibration.sigma_plane_mm,
-                  _apart(calibration))]  # fmt: skip
+    planes = [
+        {
+            "step": int(step),
+            "normal": plane[:3].tolist(),
+            "offset_mm": float(plane[3]),
+            "rms_mm": float(rms),
+            "rms_px": float(px),
+            "sigma_mm": float(sigma),
+            "sigma_best_frame_mm": apart,
+        }
+        for step, plane, rms, px, sigma, apart in zip(
+            scanner.steps,
+            scanner.planes.T,
+            calibration.rms_mm,
+            calibration.rms_px,
+            calibration.sigma_plane_mm,
+            _apart(calibration),
+        )
+    ]
     good = ~calibration.wrong
     return {
         "camera": {**cameras.as_json(made.camera), **joint},
@@ -219,8 +266,10 @@ def _apart(calibration) -> list[float | None]:
 def shared_json(calibration: ScannerCalibration) -> dict:
     """1 sigma, px, by which points of stripes err together, by kind, with its own sigma (None: not known)."""
     together = calibration.made.sheets.together
-    return {name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
-            for (name, sigma), std in zip(together.named.items(), together.std)}  # fmt: skip
+    return {
+        name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
+        for (name, sigma), std in zip(together.named.items(), together.std)
+    }
 
 
 def mirror_json(calibration: ScannerCalibration) -> dict | None:

@@ -11,8 +11,8 @@ from robot_model.measurements import looks_of, samples_of
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from robot_model.system import geometry_free
-from workbench.core.text.csv_text import csv_text
 from workbench.core.errors import InputError
+from workbench.core.text.csv_text import csv_text
 
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
 PARTS = ("position", "x", "y", "z")
@@ -38,26 +38,41 @@ class Significance:
     def unseen(self) -> dict[str, list[str]]:
         """part -> keys of the parameters that do not move it at all."""
         small = 1e-9 * self.index.max(0)
-        return {part: [k for k, v in zip(self.keys, self.index[:, c]) if v <= small[c]] for c, part in enumerate(PARTS)}
+        return {
+            part: [k for k, v in zip(self.keys, self.index[:, c]) if v <= small[c]]
+            for c, part in enumerate(PARTS)
+        }
 
     def as_json(self) -> dict:
         """The answer of `workbench significance`."""
         rows = [
-            {"parameter": key, **{f"index_{p}": v for p, v in zip(PARTS, own)},
-             **{f"sensitivity_{p}": v for p, v in zip(PARTS, per)}}
+            {
+                "parameter": key,
+                **{f"index_{p}": v for p, v in zip(PARTS, own)},
+                **{f"sensitivity_{p}": v for p, v in zip(PARTS, per)},
+            }
             for key, own, per in zip(self.keys, self.index.tolist(), self.sensitivity.tolist())
-        ]  # fmt: skip
+        ]
         return {
-            "command": "significance", "robot": self.robot.name, "points": self.points, "step_mm": self.step_mm,
-            "step_rad": self.step_rad, "configurations": self.place, "parameters": rows,
+            "command": "significance",
+            "robot": self.robot.name,
+            "points": self.points,
+            "step_mm": self.step_mm,
+            "step_rad": self.step_rad,
+            "configurations": self.place,
+            "parameters": rows,
             "without_effect": self.unseen(),
-        }  # fmt: skip
+        }
 
 
 def significance(
-    robot: Robot, points: int = 50, seed: int = 0, step_mm: float = 0.1, step_rad: float = 0.1,
+    robot: Robot,
+    points: int = 50,
+    seed: int = 0,
+    step_mm: float = 0.1,
+    step_rad: float = 0.1,
     readings: np.ndarray | None = None,
-) -> Significance:  # fmt: skip
+) -> Significance:
     """The average significance index of every parameter of the geometry, at random configurations.
 
     readings (n, R) rad, mm: draw from these, where a recording's own poses are asked about.
@@ -67,9 +82,14 @@ def significance(
     Each parameter is moved alone, so that the projection is the length of the change. Ranges
     that the robot does not state are taken as half a turn each way.
     """
-    variables = _drawn(robot, points, seed) if readings is None else _some(robot, readings, points, seed)
+    variables = (
+        _drawn(robot, points, seed) if readings is None else _some(robot, readings, points, seed)
+    )
     keys = tuple(geometry_free(robot))
-    places = [(int(key[6 : key.index(".")]) - 1, COLUMNS.index(key.split(".")[1].rstrip("0123456789"))) for key in keys]
+    places = [
+        (int(key[6 : key.index(".")]) - 1, COLUMNS.index(key.split(".")[1].rstrip("0123456789")))
+        for key in keys
+    ]
     steps = np.array([step_mm if COLUMNS[c] in ("d", "a") else step_rad for _, c in places])
     index = np.array([_moved(robot, variables, *place, step) for place, step in zip(places, steps)])
     small = np.array([_moved(robot, variables, *place, 1e-6) for place in places]) / 1e-6
@@ -92,21 +112,27 @@ def robot_called(name: str) -> tuple[Robot, np.ndarray | None]:
         return _robot(name, known), None
     recording = datasets.read(name)
     if not recording.robot or not recording.joints.size:
-        raise InputError(f"{name}: expected a recording with a robot and joint readings q1_deg ..., found "
-                         f"{recording.measures} without; name a robot, or another recording")
+        raise InputError(
+            f"{name}: expected a recording with a robot and joint readings q1_deg ..., found "
+            f"{recording.measures} without; name a robot, or another recording"
+        )
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     readings = np.concatenate([look.joints for look in looks_of(samples_of(recording))])
     if readings.shape[1] != robot.mixing.shape[1]:
-        raise InputError(f"{name}: expected {robot.mixing.shape[1]} joint readings as {robot.name} has, found "
-                         f"{readings.shape[1]}; correct samples.csv or robot.toml")
+        raise InputError(
+            f"{name}: expected {robot.mixing.shape[1]} joint readings as {robot.name} has, found "
+            f"{readings.shape[1]}; correct samples.csv or robot.toml"
+        )
     return robot, readings
 
 
 def _robot(name, recordings):
     """The robot of a file or of a name; InputError that also says which recordings there are."""
     if Path(name).suffix.lower() not in (".toml", ".urdf") and name not in builtin_robots():
-        raise InputError(f"{name}: expected a robot ({', '.join(builtin_robots())}), a robot.toml or URDF, or a "
-                         f"recording ({', '.join(sorted(recordings))}, or a folder), found none of these; correct it")
+        raise InputError(
+            f"{name}: expected a robot ({', '.join(builtin_robots())}), a robot.toml or URDF, or a "
+            f"recording ({', '.join(sorted(recordings))}, or a folder), found none of these; correct it"
+        )
     return load_robot(name)
 
 
@@ -130,7 +156,10 @@ def _moved(robot, variables, joint, column, step):
     before = forward(robot, variables, geometry)
     geometry[joint, column] += step
     after = forward(robot, variables, geometry)
-    changes = [after.end_origin - before.end_origin, *(a - b for a, b in zip(after.end, before.end))]
+    changes = [
+        after.end_origin - before.end_origin,
+        *(a - b for a, b in zip(after.end, before.end)),
+    ]
     return [float(np.sqrt((change**2).sum(0)).mean()) for change in changes]
 
 
@@ -159,11 +188,16 @@ def picture(found: Significance):
         if part == "position":  # a tenth of a millimetre beside tens
             axes.set_yscale("log")
             axes.set_ylim(0.3 * min(column[~none]), None)
-            axes.collections[-1].set_offsets([(k, 0.34 * min(column[~none])) for k in np.flatnonzero(none)])
+            axes.collections[-1].set_offsets(
+                [(k, 0.34 * min(column[~none])) for k in np.flatnonzero(none)]
+            )
         axes.tick_params("x", rotation=90, labelsize=8)
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(axis="y", alpha=0.25)
     charts[1].legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 0.98))
-    made.suptitle(f"{found.robot.name}: average significance of {found.step_mm:g} mm or {found.step_rad:g} rad, "
-                  f"{found.points} {found.place}", size=11.5)  # fmt: skip
+    made.suptitle(
+        f"{found.robot.name}: average significance of {found.step_mm:g} mm or {found.step_rad:g} rad, "
+        f"{found.points} {found.place}",
+        size=11.5,
+    )
     return made

@@ -55,7 +55,9 @@ def truth_from(scene: Scene, path: Path) -> Truth:
     beside."""
     keys = _robot_keys(scene, Path(path))
     robot = load_robot(keys, f"scene {path}, key robot")
-    keys |= {"gravity": robot.gravity.tolist()} if "gravity" in keys else {}  # which recordings hold at length 1
+    keys |= (
+        {"gravity": robot.gravity.tolist()} if "gravity" in keys else {}
+    )  # which recordings hold at length 1
     rng = np.random.default_rng(scene.seed)
     joints, target = _poses(scene, robot, rng, path)
     blank = _blank(scene, robot, keys, joints, target, rng)
@@ -76,7 +78,11 @@ def _robot_keys(scene: Scene, path: Path) -> dict:
     if file.suffix.lower() != ".toml":
         return {"builtin": scene.robot}
     keys = read_toml(file)
-    return keys | {"urdf": str(file.parent / keys["urdf"])} if isinstance(keys.get("urdf"), str) else keys
+    return (
+        keys | {"urdf": str(file.parent / keys["urdf"])}
+        if isinstance(keys.get("urdf"), str)
+        else keys
+    )
 
 
 def _without_effects(scene, robot, blank, rng):
@@ -86,14 +92,20 @@ def _without_effects(scene, robot, blank, rng):
     sensor's recording also says at what range.
     """
     seen = np.unique(blank.reflector) - 1
-    at_flange = np.ravel(np.array(scene.reflectors)[seen]) if scene.measures == "external-point" else _pose(scene.tool)
+    at_flange = (
+        np.ravel(np.array(scene.reflectors)[seen])
+        if scene.measures == "external-point"
+        else _pose(scene.tool)
+    )
     start = np.concatenate([_pose(scene.base), at_flange])
     model = Model(bind(robot, blank, start))
     geometry = _geometry_errors(scene, model.parameters, rng)
     residual = model.residual(model.parameters.update(geometry))
     shown = replace(blank, columns=dict(blank.columns) | model.chain.measurement.columns(residual))
     if scene.measures == "ball-centre":
-        shown = replace(shown, columns=shown.columns | {"range_mm": np.linalg.norm(shown.points, axis=1)})
+        shown = replace(
+            shown, columns=shown.columns | {"range_mm": np.linalg.norm(shown.points, axis=1)}
+        )
     return shown, start, geometry
 
 
@@ -113,7 +125,9 @@ def _check_columns(model) -> None:
         for name in effect.needs:
             stem = name.rstrip("0123456789").split("_")[0].rstrip("0123456789")
             if name not in held and stem in _MAKERS:
-                raise InputError(f"{effect.title} needs column '{name}', found none; add {_MAKERS[stem]} to the scene")
+                raise InputError(
+                    f"{effect.title} needs column '{name}', found none; add {_MAKERS[stem]} to the scene"
+                )
 
 
 _MAKERS = {
@@ -130,7 +144,9 @@ def _true_values(scene, model) -> dict[str, float]:
     for cause, effect in zip(scene.effect, model.effects):
         full = [p.key for p in effect.parameters(model.chain)]
         ends = [key.rpartition(".")[2] for key in full]
-        keys = {key: key for key in full} | {end: key for end, key in zip(ends, full) if ends.count(end) == 1}
+        keys = {key: key for key in full} | {
+            end: key for end, key in zip(ends, full) if ends.count(end) == 1
+        }
         for name, value in cause.values.items():
             if name not in keys:
                 known = [end if end in keys else key for end, key in zip(ends, full)]
@@ -171,7 +187,11 @@ def _poses(scene: Scene, robot: Robot, rng, path) -> tuple[np.ndarray, np.ndarra
         raise InputError(
             f"scene {path}, key balls: a ball-centre scene needs at least one [x, y, z, radius], found none"
         )
-    if robot.convention != "distal" or robot.prismatic.any() or robot.mixing.shape != (robot.joints,) * 2:
+    if (
+        robot.convention != "distal"
+        or robot.prismatic.any()
+        or robot.mixing.shape != (robot.joints,) * 2
+    ):
         raise InputError(
             f"scene {path}, key robot: a ball-centre scene needs an arm in the distal convention whose joints all "
             f"turn and have a reading, found '{robot.name}'; choose another arm or measures"
@@ -194,11 +214,21 @@ def _looking_at_balls(scene, robot, limits, rng):
     middle, half = robot.mixing @ limits.mean(1), np.abs(robot.mixing) @ np.ptp(limits, axis=1) / 2
     box = np.stack([middle - half, middle + half], 1)
     angles, ball = scanning(
-        rng, robot.geometry, box, balls, robot.flange @ _matrix(scene.tool), scene.samples * (1 + coupled), middle,
-        tilt=np.deg2rad(scene.cap_deg), stand_off=scene.stand_off_mm, half_field=_half_field(scene),
-    )  # fmt: skip
+        rng,
+        robot.geometry,
+        box,
+        balls,
+        robot.flange @ _matrix(scene.tool),
+        scene.samples * (1 + coupled),
+        middle,
+        tilt=np.deg2rad(scene.cap_deg),
+        stand_off=scene.stand_off_mm,
+        half_field=_half_field(scene),
+    )
     joints = np.linalg.solve(robot.mixing, angles.T).T
-    allowed = np.flatnonzero(((joints >= limits[:, 0]) & (joints <= limits[:, 1])).all(1) | (not coupled))
+    allowed = np.flatnonzero(
+        ((joints >= limits[:, 0]) & (joints <= limits[:, 1])).all(1) | (not coupled)
+    )
     if len(allowed) < scene.samples:
         raise ValueError(f"only {len(allowed)} of the {scene.samples} wanted views can be reached")
     chosen = allowed[: scene.samples]
@@ -244,8 +274,13 @@ def _covariates(scene, robot, n, rng) -> dict[str, np.ndarray]:
         columns |= {f"approach{k}": rng.choice([-1.0, 1.0], n) for k in range(1, len(slides) + 1)}
     if scene.speeds_deg_s is not None:
         top = scene.speeds_deg_s
-        columns |= {f"qdot{k}_{'mm' if s else 'deg'}_s": rng.uniform(-top, top, n) for k, s in enumerate(slides, 1)}
+        columns |= {
+            f"qdot{k}_{'mm' if s else 'deg'}_s": rng.uniform(-top, top, n)
+            for k, s in enumerate(slides, 1)
+        }
     if scene.temperature_c is not None:
         first, last = scene.temperature_c
-        columns["temperature_c"] = first + (last - first) * (1 - np.cos(np.linspace(0, np.pi, n))) / 2
+        columns["temperature_c"] = (
+            first + (last - first) * (1 - np.cos(np.linspace(0, np.pi, n))) / 2
+        )
     return columns

@@ -47,9 +47,15 @@ class Extra:
 
 
 OPTIONAL = {
-    "mujoco": Extra("mujoco", "proof", "`workbench prove`, for the simulator of the blind benchmark"),
-    "distributed": Extra("distributed", "study", "`workbench study --scheduler`, for a Dask cluster"),
-    "SALib": Extra("SALib", "study", "`workbench study` with Sobol' indices, such as uncertainty-sources"),
+    "mujoco": Extra(
+        "mujoco", "proof", "`workbench prove`, for the simulator of the blind benchmark"
+    ),
+    "distributed": Extra(
+        "distributed", "study", "`workbench study --scheduler`, for a Dask cluster"
+    ),
+    "SALib": Extra(
+        "SALib", "study", "`workbench study` with Sobol' indices, such as uncertainty-sources"
+    ),
 }
 # what Open3D and VTK load from a Linux system, and the Debian package that has it
 SHARED = {
@@ -89,8 +95,12 @@ def examine() -> list[Check]:
 def as_json(checks: Sequence[Check]) -> dict:
     """The object of `doctor --json`; `healthy` is false where something required is missing."""
     healthy = all(check.ok for check in checks if check.required)
-    return {"command": "doctor", "healthy": healthy, "checks": [asdict(check) for check in checks],
-            "apt": apt_command(checks)}
+    return {
+        "command": "doctor",
+        "healthy": healthy,
+        "checks": [asdict(check) for check in checks],
+        "apt": apt_command(checks),
+    }
 
 
 def apt_command(checks: Sequence[Check]) -> str | None:
@@ -104,8 +114,12 @@ def _sudo() -> str:
 
 
 def _python() -> Check:
-    return Check("Python", sys.version_info >= (3, 11), platform.python_version(),
-                 advice="Install Python 3.11 or newer and make the environment with it.")
+    return Check(
+        "Python",
+        sys.version_info >= (3, 11),
+        platform.python_version(),
+        advice="Install Python 3.11 or newer and make the environment with it.",
+    )
 
 
 def _shared_libraries() -> list[Check]:
@@ -191,8 +205,13 @@ def _recordings() -> Check:
         found = [row["name"] for row in registry.listing() if row["folder"]]
     except Exception as error:
         return Check("recordings", False, f"{type(error).__name__}: {error}", False)
-    return Check("recordings", bool(found), ", ".join(found) or "none", False,
-                 "Set WORKBENCH_RECORDINGS to the folder that holds them.")
+    return Check(
+        "recordings",
+        bool(found),
+        ", ".join(found) or "none",
+        False,
+        "Set WORKBENCH_RECORDINGS to the folder that holds them.",
+    )
 
 
 def _writing(folder: Path) -> Check:
@@ -200,5 +219,9 @@ def _writing(folder: Path) -> Check:
         with tempfile.TemporaryFile(dir=folder):
             return Check("write permission", True, str(folder))
     except OSError as error:
-        return Check("write permission", False, f"{folder}: {error.strerror}",
-                     advice="Change to a folder that you may write, or use --out.")
+        return Check(
+            "write permission",
+            False,
+            f"{folder}: {error.strerror}",
+            advice="Change to a folder that you may write, or use --out.",
+        )

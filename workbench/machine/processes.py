@@ -35,8 +35,12 @@ def local(workers: int, loaded: str, begin: Callable = one_thread, *given) -> It
     what is `given`.
     """
     before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # a fresh process takes them over before it loads anything
-    pool = ProcessPoolExecutor(workers, mp_context=_context(loaded), initializer=begin, initargs=given)
+    os.environ.update(
+        dict.fromkeys(THREADS, "1")
+    )  # a fresh process takes them over before it loads anything
+    pool = ProcessPoolExecutor(
+        workers, mp_context=_context(loaded), initializer=begin, initargs=given
+    )
     try:
         yield pool
     finally:

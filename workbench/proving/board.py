@@ -6,17 +6,60 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from workbench.core.text.csv_text import protect_text_columns
+from workbench.files.runs import replace_file
 from workbench.proving import figures
 from workbench.proving.tasks import COUNTS
-from workbench.files.runs import replace_file
 
-_ORDER = ("failed", "false alarm", "wrong", "missed", "abstained", "more", "part", "place", "group", "reference")
-_COLUMNS = ("case", "suite", "index", "outcome", "concealed", "survives_sigma", "verdict", "claims",
-            "confidently_wrong", "detected", "located", "located_in_group", "group_size", "covariates_right",
-            "asks_for_it", "surviving_mm", "visible_mm", "below_visible",
-            "before_mm", "after_mm", "noise_mm", "oracle_before_mm", "oracle_after_mm",
-            "part_before_mm", "part_after_mm", "part_oracle_mm", "robot", "measures", "samples", "sigma_mm", "noise",
-            "seconds", "cpu_s", "note", "program", "seal")  # fmt: skip
+_ORDER = (
+    "failed",
+    "false alarm",
+    "wrong",
+    "missed",
+    "abstained",
+    "more",
+    "part",
+    "place",
+    "group",
+    "reference",
+)
+_COLUMNS = (
+    "case",
+    "suite",
+    "index",
+    "outcome",
+    "concealed",
+    "survives_sigma",
+    "verdict",
+    "claims",
+    "confidently_wrong",
+    "detected",
+    "located",
+    "located_in_group",
+    "group_size",
+    "covariates_right",
+    "asks_for_it",
+    "surviving_mm",
+    "visible_mm",
+    "below_visible",
+    "before_mm",
+    "after_mm",
+    "noise_mm",
+    "oracle_before_mm",
+    "oracle_after_mm",
+    "part_before_mm",
+    "part_after_mm",
+    "part_oracle_mm",
+    "robot",
+    "measures",
+    "samples",
+    "sigma_mm",
+    "noise",
+    "seconds",
+    "cpu_s",
+    "note",
+    "program",
+    "seal",
+)
 
 
 @dataclass(frozen=True)
@@ -49,22 +92,37 @@ class Board:
         """The answer of `workbench prove`."""
         asked = [figure for figure in self.figures if figure.reached is not None]
         return {
-            "command": "prove", "cases": len(self.rows), "seed": self.seed, "made_by": self.command,
-            "asked": len(asked), "reached": sum(figure.reached for figure in asked),
-            "suites": self.held, "planned": dict(self.planned), "programs": self.programs,
+            "command": "prove",
+            "cases": len(self.rows),
+            "seed": self.seed,
+            "made_by": self.command,
+            "asked": len(asked),
+            "reached": sum(figure.reached for figure in asked),
+            "suites": self.held,
+            "planned": dict(self.planned),
+            "programs": self.programs,
             "skipped": dict(self.skipped),
             "figures": [figure.as_json() for figure in self.figures],
-            "detection": figures.detection(self.rows), "reliability": figures.reliability(self.rows),
+            "detection": figures.detection(self.rows),
+            "reliability": figures.reliability(self.rows),
             "seals": {row["case"]: row["seal"] for row in self.rows},
             "results": [dict(row) for row in self.rows],
-        }  # fmt: skip
+        }
 
 
-def board(rows: Sequence[Mapping], skipped: Mapping[str, str], seed: int, command: str,
-          checks: Sequence[figures.Figure] = (), planned: Mapping[str, int] | None = None) -> Board:
+def board(
+    rows: Sequence[Mapping],
+    skipped: Mapping[str, str],
+    seed: int,
+    command: str,
+    checks: Sequence[figures.Figure] = (),
+    planned: Mapping[str, int] | None = None,
+) -> Board:
     """The scoreboard of opened cases; checks: figures of the examination itself."""
     ordered = sorted(rows, key=lambda row: (_rank(row), row["suite"], row["index"]))
-    return Board(tuple(ordered), (*figures.table(ordered), *checks), skipped, seed, command, planned or {})
+    return Board(
+        tuple(ordered), (*figures.table(ordered), *checks), skipped, seed, command, planned or {}
+    )
 
 
 def _rank(row) -> tuple:
@@ -92,15 +150,38 @@ def save(made: Board, folder: Path) -> None:
         partial.replace(folder / name)
 
 
-_TEXT = {"case", "suite", "outcome", "concealed", "verdict", "claims", "robot", "measures", "noise", "note", "seal",
-         "program"}  # fmt: skip
+_TEXT = {
+    "case",
+    "suite",
+    "outcome",
+    "concealed",
+    "verdict",
+    "claims",
+    "robot",
+    "measures",
+    "noise",
+    "note",
+    "seal",
+    "program",
+}
 _WHOLE = {"index", "samples", "group_size"}
-_YES_NO = {"confidently_wrong", "detected", "located", "located_in_group", "covariates_right", "asks_for_it",
-           "below_visible"}  # fmt: skip
+_YES_NO = {
+    "confidently_wrong",
+    "detected",
+    "located",
+    "located_in_group",
+    "covariates_right",
+    "asks_for_it",
+    "below_visible",
+}
 
 
 def _schema(pa):
-    kinds = dict.fromkeys(_TEXT, pa.string()) | dict.fromkeys(_WHOLE, pa.int64()) | dict.fromkeys(_YES_NO, pa.bool_())
+    kinds = (
+        dict.fromkeys(_TEXT, pa.string())
+        | dict.fromkeys(_WHOLE, pa.int64())
+        | dict.fromkeys(_YES_NO, pa.bool_())
+    )
     return pa.schema([(name, kinds.get(name, pa.float64())) for name in _COLUMNS])
 
 

@@ -8,8 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from workbench.proving import protocol
 from workbench.core.errors import InputError
+from workbench.proving import protocol
 from workbench.proving.figures import Figure, rate
 
 _PROGRAM = ("workbench/core", "workbench/diagnosis", "robot_model", "sensors", "datasets")
@@ -26,7 +26,9 @@ def program() -> str:
     for place in _PROGRAM:
         for path in sorted((protocol.PROJECT / place).rglob("*.py")):
             if "makers" not in path.parts:
-                every.update(path.relative_to(protocol.PROJECT).as_posix().encode() + path.read_bytes())
+                every.update(
+                    path.relative_to(protocol.PROJECT).as_posix().encode() + path.read_bytes()
+                )
     return every.hexdigest()[:12]
 
 
@@ -35,18 +37,40 @@ def checks(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Figure]:
     makers, seals = maker_files(), protocol.published(exam)
     names = [row["case"] for row in rows]
     return [
-        rate("independence", "modules of the makers that import nothing of the model", makers,
-             lambda path: not _strangers(path), "all", 1.0),
-        rate("honesty", "sealed truths in which one changed byte fails the run", names, _refuser(exam, seals), "all",
-             1.0),
-        rate("honesty", "diagnoses that opened nothing but their recording", rows, lambda r: not r.get("opened"), "all",
-             1.0),
-    ]  # fmt: skip
+        rate(
+            "independence",
+            "modules of the makers that import nothing of the model",
+            makers,
+            lambda path: not _strangers(path),
+            "all",
+            1.0,
+        ),
+        rate(
+            "honesty",
+            "sealed truths in which one changed byte fails the run",
+            names,
+            _refuser(exam, seals),
+            "all",
+            1.0,
+        ),
+        rate(
+            "honesty",
+            "diagnoses that opened nothing but their recording",
+            rows,
+            lambda r: not r.get("opened"),
+            "all",
+            1.0,
+        ),
+    ]
 
 
 def maker_files() -> list[Path]:
     """Source files of the makers of concealed cases, and of all within `datasets` that they import."""
-    found = [path for place in protocol.MAKERS for path in ([place] if place.is_file() else place.glob("*.py"))]
+    found = [
+        path
+        for place in protocol.MAKERS
+        for path in ([place] if place.is_file() else place.glob("*.py"))
+    ]
     for path in found:  # grows while it is gone through
         mine = (_file(name) for name in _imported(path) if name.startswith("datasets."))
         found += [other for other in mine if other is not None and other not in found]

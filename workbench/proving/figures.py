@@ -39,7 +39,9 @@ class Figure:
     @property
     def word(self) -> str:
         """Reached, too few cases or short; empty where nothing is asked."""
-        return {None: "", True: "reached", False: "too few cases" if self.within else "short"}[self.reached]
+        return {None: "", True: "reached", False: "too few cases" if self.within else "short"}[
+            self.reached
+        ]
 
     def as_json(self) -> dict:
         return asdict(self) | {"reached": self.reached, "word": self.word}
@@ -55,12 +57,22 @@ def wilson(hits: int, cases: int) -> tuple[float, float]:
     return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
 
 
-def rate(suite: str, name: str, rows: Sequence[Mapping], hit: Callable[[Mapping], bool], asked: str = "",
-         limit: float | None = None, at_most: bool = False, least: int = 0) -> Figure:
+def rate(
+    suite: str,
+    name: str,
+    rows: Sequence[Mapping],
+    hit: Callable[[Mapping], bool],
+    asked: str = "",
+    limit: float | None = None,
+    at_most: bool = False,
+    least: int = 0,
+) -> Figure:
     """Share of rows for which `hit`; within where it is at least, or at most, the limit."""
     hits, cases = sum(bool(hit(row)) for row in rows), len(rows)
     value = hits / cases if cases else None
-    within = None if limit is None or value is None else value <= limit if at_most else value >= limit
+    within = (
+        None if limit is None or value is None else value <= limit if at_most else value >= limit
+    )
     return Figure(suite, name, hits, cases, value, *wilson(hits, cases), asked, within, least)
 
 
@@ -75,10 +87,27 @@ def table(rows: Sequence[Mapping]) -> list[Figure]:
 
 
 def _clean(rows):
-    alarms = rate("clean", "false alarms", rows, lambda r: not _kept(r), "≤ 1 % of ≥ 300", 0.01, at_most=True,
-                  least=300)  # fmt: skip
-    upper = Figure("clean", "upper 95 % limit of false alarms", None, len(rows), alarms.high, None, None, "≤ 2.5 %",
-                   alarms.high <= 0.025)  # fmt: skip
+    alarms = rate(
+        "clean",
+        "false alarms",
+        rows,
+        lambda r: not _kept(r),
+        "≤ 1 % of ≥ 300",
+        0.01,
+        at_most=True,
+        least=300,
+    )
+    upper = Figure(
+        "clean",
+        "upper 95 % limit of false alarms",
+        None,
+        len(rows),
+        alarms.high,
+        None,
+        None,
+        "≤ 2.5 %",
+        alarms.high <= 0.025,
+    )
     return [alarms, upper]
 
 
@@ -86,15 +115,35 @@ def _library(rows):
     large = [row for row in rows if (row["survives_sigma"] or 1.0) >= SEEN]
     found = [row for row in large if row.get("detected")]
     return [
-        rate("library", "detected, surviving size ≥ 0.3 σ", large, lambda r: r.get("detected"), "≥ 95 %", 0.95),
+        rate(
+            "library",
+            "detected, surviving size ≥ 0.3 σ",
+            large,
+            lambda r: r.get("detected"),
+            "≥ 95 %",
+            0.95,
+        ),
         rate("library", "located, of detected", found, _located, "≥ 98 %", 0.98),
-        rate("library", "located, or place in the declared group", found, lambda r: r.get("located_in_group")),
+        rate(
+            "library",
+            "located, or place in the declared group",
+            found,
+            lambda r: r.get("located_in_group"),
+        ),
         rate("library", "right name or declared group, of detected", found, _right, "≥ 90 %", 0.90),
         rate("library", "right name alone, of detected", found, lambda r: r["outcome"] == "exact"),
-        rate("library", "detected, of those above the smallest visible size that the answer states",
-             [r for r in rows if r.get("below_visible") is False], lambda r: r.get("detected")),
-        rate("library", "detected, surviving size < 0.3 σ", [r for r in rows if r not in large],
-             lambda r: r.get("detected")),
+        rate(
+            "library",
+            "detected, of those above the smallest visible size that the answer states",
+            [r for r in rows if r.get("below_visible") is False],
+            lambda r: r.get("detected"),
+        ),
+        rate(
+            "library",
+            "detected, surviving size < 0.3 σ",
+            [r for r in rows if r not in large],
+            lambda r: r.get("detected"),
+        ),
         _confidently("library", rows, "≤ 1 %", 0.01),
     ]
 
@@ -103,30 +152,67 @@ def _swallowed(rows):
     parts = [r for r in rows if _part_gain(r) is not None]
     return [
         rate("swallowed", "right name or declared group", rows, _right, "≥ 85 %", 0.85),
-        rate("swallowed", "named, or abstained, or below the smallest visible size that the answer states", rows,
-             lambda r: _right(r) or r["outcome"] == "abstained" or _silent(r), "all", 1.0),
+        rate(
+            "swallowed",
+            "named, or abstained, or below the smallest visible size that the answer states",
+            rows,
+            lambda r: _right(r) or r["outcome"] == "abstained" or _silent(r),
+            "all",
+            1.0,
+        ),
         rate("swallowed", "a wrong name", rows, lambda r: r.get("wrong_name")),
-        rate("swallowed", "error on the part not fitted falls by half of the oracle's gain or more", parts,
-             lambda r: _part_gain(r) >= 0.5, "≥ half of the oracle's", 0.85),
-        _median("swallowed", "share of the oracle's gain on the part not fitted", [_part_gain(r) for r in parts], 0.5),
+        rate(
+            "swallowed",
+            "error on the part not fitted falls by half of the oracle's gain or more",
+            parts,
+            lambda r: _part_gain(r) >= 0.5,
+            "≥ half of the oracle's",
+            0.85,
+        ),
+        _median(
+            "swallowed",
+            "share of the oracle's gain on the part not fitted",
+            [_part_gain(r) for r in parts],
+            0.5,
+        ),
         _confidently("swallowed", rows, "", None),
-    ]  # fmt: skip
+    ]
 
 
 def _pairs(rows):
     return [
         rate("pairs", "both exact", rows, lambda r: r["outcome"] == "exact", "≥ 85 %", 0.85),
         rate("pairs", "both exact or in declared groups", rows, _right),
-        rate("pairs", "a wrong name", rows, lambda r: r.get("wrong_name"), "≤ 3 %", 0.03, at_most=True),
+        rate(
+            "pairs",
+            "a wrong name",
+            rows,
+            lambda r: r.get("wrong_name"),
+            "≤ 3 %",
+            0.03,
+            at_most=True,
+        ),
         _confidently("pairs", rows, "", None),
     ]
 
 
 def _outside(rows):
     return [
-        rate("outside", "`unexplained`", rows, lambda r: r["verdict"] == "unexplained", "≥ 95 %", 0.95),
+        rate(
+            "outside",
+            "`unexplained`",
+            rows,
+            lambda r: r["verdict"] == "unexplained",
+            "≥ 95 %",
+            0.95,
+        ),
         rate("outside", "located", rows, _located, "≥ 90 %", 0.90),
-        rate("outside", "`unexplained`, located, and nothing named", rows, lambda r: r["outcome"] == "exact"),
+        rate(
+            "outside",
+            "`unexplained`, located, and nothing named",
+            rows,
+            lambda r: r["outcome"] == "exact",
+        ),
         rate("outside", "the right covariates", rows, lambda r: r.get("covariates_right")),
         _confidently("outside", rows, "", None),
     ]
@@ -135,16 +221,32 @@ def _outside(rows):
 def _withheld(rows):
     at_joints = [r for r in rows if r["effects"][0]["where"].startswith("joint")]
     return [
-        rate("covariate-withheld", "located, effects at joints", at_joints, _located, "≥ 90 %", 0.90),
+        rate(
+            "covariate-withheld", "located, effects at joints", at_joints, _located, "≥ 90 %", 0.90
+        ),
         _confidently("covariate-withheld", rows, "none", 0.0),
-        rate("covariate-withheld", "the missing covariate is asked for", rows, lambda r: r.get("asks_for_it"),
-             "≥ 80 %", 0.80),
-        rate("covariate-withheld", "the missing covariate is asked for, or the effect named without it", rows,
-             lambda r: r.get("asks_for_it") or _right(r)),
-        rate("covariate-withheld", "the missing covariate is asked for, and no other", rows,
-             lambda r: r.get("asks_for_it") and r.get("asks") == 1),
+        rate(
+            "covariate-withheld",
+            "the missing covariate is asked for",
+            rows,
+            lambda r: r.get("asks_for_it"),
+            "≥ 80 %",
+            0.80,
+        ),
+        rate(
+            "covariate-withheld",
+            "the missing covariate is asked for, or the effect named without it",
+            rows,
+            lambda r: r.get("asks_for_it") or _right(r),
+        ),
+        rate(
+            "covariate-withheld",
+            "the missing covariate is asked for, and no other",
+            rows,
+            lambda r: r.get("asks_for_it") and r.get("asks") == 1,
+        ),
         rate("covariate-withheld", "located, all effects", rows, _located),
-    ]  # fmt: skip
+    ]
 
 
 def _sensor(rows):
@@ -171,35 +273,70 @@ def _planted(rows):
     found = [r for r in at_one if r.get("detected")]
     bare = [r for r in rows if not r["effects"]]
     return [
-        rate("real-planted", "detected at 1 × the real residual", at_one, lambda r: r.get("detected"), "≥ 95 %", 0.95),
+        rate(
+            "real-planted",
+            "detected at 1 × the real residual",
+            at_one,
+            lambda r: r.get("detected"),
+            "≥ 95 %",
+            0.95,
+        ),
         rate("real-planted", "right name, of detected", found, _right, "≥ 95 %", 0.95),
         rate("real-planted", "unplanted copies: verdict unchanged", bare, _kept, "all", 1.0),
     ]
 
 
 def _real_withheld(rows):
-    return [rate("real-withheld", "rules kept", rows, lambda r: r["outcome"] in ("exact", "right"), "all", 1.0)]
+    return [
+        rate(
+            "real-withheld",
+            "rules kept",
+            rows,
+            lambda r: r["outcome"] in ("exact", "right"),
+            "all",
+            1.0,
+        )
+    ]
 
 
 _SUITES = {
-    "clean": _clean, "library": _library, "swallowed": _swallowed, "pairs": _pairs, "outside": _outside,
-    "covariate-withheld": _withheld, "sensor": _sensor, "real-knocked-out": _knocked_out,
-    "real-planted": _planted, "real-withheld": _real_withheld,
-}  # fmt: skip
+    "clean": _clean,
+    "library": _library,
+    "swallowed": _swallowed,
+    "pairs": _pairs,
+    "outside": _outside,
+    "covariate-withheld": _withheld,
+    "sensor": _sensor,
+    "real-knocked-out": _knocked_out,
+    "real-planted": _planted,
+    "real-withheld": _real_withheld,
+}
 
 
 def gain(rows: Sequence[Mapping]) -> list[Figure]:
     """The median share of the oracle's held-out gain, over all cases in which the oracle gains what can be told."""
     shares = [share for share in map(gain_share, rows) if share is not None]
-    told = rate("gain", "held-out error told before and after, mm (px in suite sensor), of all cases answered",
-                [r for r in rows if r["verdict"]], _told, "every case", 1.0)  # fmt: skip
-    made = [_median("gain", "held-out gain as a share of the oracle's, median", shares, 0.9)] if shares else []
+    told = rate(
+        "gain",
+        "held-out error told before and after, mm (px in suite sensor), of all cases answered",
+        [r for r in rows if r["verdict"]],
+        _told,
+        "every case",
+        1.0,
+    )
+    made = (
+        [_median("gain", "held-out gain as a share of the oracle's, median", shares, 0.9)]
+        if shares
+        else []
+    )
     return made + [told] if told.cases else made
 
 
 def _asks_for_nothing(rows) -> list[Figure]:
     """The control of what is withheld: an answer that asks for something always is no answer."""
-    whole = [r for r in rows if r["suite"] in ("clean", "library", "swallowed", "pairs") and r["verdict"]]
+    whole = [
+        r for r in rows if r["suite"] in ("clean", "library", "swallowed", "pairs") and r["verdict"]
+    ]
     name = "control: something is asked for where nothing was withheld"
     if not whole or not any(r["suite"] == "covariate-withheld" for r in rows):
         return []
@@ -235,7 +372,9 @@ def _part_gain(row: Mapping) -> float | None:
 
 def _silent(row: Mapping) -> bool:
     """Whether nothing was named, of a size that the answer itself calls too small to be seen here."""
-    return bool(row.get("below_visible")) and not row.get("wrong_name") and row["outcome"] != "failed"
+    return (
+        bool(row.get("below_visible")) and not row.get("wrong_name") and row["outcome"] != "failed"
+    )
 
 
 def _median(suite, name, values, limit) -> Figure:
@@ -247,11 +386,21 @@ def _median(suite, name, values, limit) -> Figure:
     off = _Z * np.sqrt(n) / 2
     low, high = values[max(int(n / 2 - off), 0)], values[min(int(np.ceil(n / 2 + off)), n - 1)]
     middle = float(np.median(values))
-    return Figure(suite, name, None, n, middle, float(low), float(high), f"≥ {limit:g}", middle >= limit)
+    return Figure(
+        suite, name, None, n, middle, float(low), float(high), f"≥ {limit:g}", middle >= limit
+    )
 
 
 def _confidently(suite, rows, asked, limit) -> Figure:
-    return rate(suite, "confidently wrong", rows, lambda r: r.get("confidently_wrong"), asked, limit, at_most=True)
+    return rate(
+        suite,
+        "confidently wrong",
+        rows,
+        lambda r: r.get("confidently_wrong"),
+        asked,
+        limit,
+        at_most=True,
+    )
 
 
 def _right(row) -> bool:
@@ -270,7 +419,9 @@ def _located(row) -> bool:
 # ---------------------------------------------------------------------- curves
 
 
-def detection(rows: Sequence[Mapping], edges: Sequence[float] = (0, 0.15, 0.2, 0.3, 0.5, 1, 2, 4, 20)) -> list[dict]:
+def detection(
+    rows: Sequence[Mapping], edges: Sequence[float] = (0, 0.15, 0.2, 0.3, 0.5, 1, 2, 4, 20)
+) -> list[dict]:
     """Share detected, and named right of all, by surviving size in sigma; a row a bin that has cases."""
     single = [r for r in rows if r["suite"] in ("library", "sensor") and r["survives_sigma"]]
     made = []
@@ -278,10 +429,20 @@ def detection(rows: Sequence[Mapping], edges: Sequence[float] = (0, 0.15, 0.2, 0
         own = [r for r in single if low <= r["survives_sigma"] < high]
         if own:
             seen, named = sum(bool(r.get("detected")) for r in own), sum(map(_right, own))
-            made.append({"from_sigma": low, "to_sigma": high, "cases": len(own),
-                         "middle_sigma": float(np.exp(np.mean(np.log([r["survives_sigma"] for r in own])))),
-                         "detected": seen / len(own), "detected_interval": wilson(seen, len(own)),
-                         "named": named / len(own), "named_interval": wilson(named, len(own))})  # fmt: skip
+            made.append(
+                {
+                    "from_sigma": low,
+                    "to_sigma": high,
+                    "cases": len(own),
+                    "middle_sigma": float(
+                        np.exp(np.mean(np.log([r["survives_sigma"] for r in own])))
+                    ),
+                    "detected": seen / len(own),
+                    "detected_interval": wilson(seen, len(own)),
+                    "named": named / len(own),
+                    "named_interval": wilson(named, len(own)),
+                }
+            )
     return made
 
 
@@ -294,8 +455,16 @@ def reliability(rows: Sequence[Mapping]) -> list[dict]:
         if own:
             hits = sum(bool(right) for _, right in own)
             stated = float(np.mean([p for p, _ in own]))
-            made.append({"from": low, "to": min(high, 1.0), "claims": len(own), "right": hits / len(own),
-                         "interval": wilson(hits, len(own)), "stated": stated})  # fmt: skip
+            made.append(
+                {
+                    "from": low,
+                    "to": min(high, 1.0),
+                    "claims": len(own),
+                    "right": hits / len(own),
+                    "interval": wilson(hits, len(own)),
+                    "stated": stated,
+                }
+            )
     return made
 
 

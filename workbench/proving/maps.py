@@ -31,8 +31,16 @@ def maps(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Map]:
 
 
 def _chosen(rows) -> Mapping | None:
-    able = [r for r in rows if r["outcome"] == "exact" and r["survives_sigma"] and r["samples"] <= _LARGEST
-            and r["measures"] == "external-point" and r.get("after_mm") and r["after_mm"] < 0.9 * r["before_mm"]]
+    able = [
+        r
+        for r in rows
+        if r["outcome"] == "exact"
+        and r["survives_sigma"]
+        and r["samples"] <= _LARGEST
+        and r["measures"] == "external-point"
+        and r.get("after_mm")
+        and r["after_mm"] < 0.9 * r["before_mm"]
+    ]
     able.sort(key=lambda row: row["survives_sigma"])
     return able[len(able) // 2] if able else None
 

@@ -10,11 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.proving import protocol
 from workbench.files.runs import replace_file
+from workbench.proving import protocol
 
 _FOLDS = 5
-_UNMODELLED = {"unknown", "outliers", "noise-heteroscedastic", "unit-or-frame", "encoder-quantisation"}
+_UNMODELLED = {
+    "unknown",
+    "outliers",
+    "noise-heteroscedastic",
+    "unit-or-frame",
+    "encoder-quantisation",
+}
 
 
 def weigh(folder: Path, name: str) -> None:
@@ -26,13 +32,19 @@ def weigh(folder: Path, name: str) -> None:
         found = _weighed(exam.recording(name), truth, record["answer"])
     except Exception as error:  # an oracle that fails leaves its figures out, and says so
         found = {"oracle_note": f"{type(error).__name__}: {error}"}
-    found["answer_seal"] = protocol.checksum(exam.answer(name))  # the case is open now: its answer stays as it is
+    found["answer_seal"] = protocol.checksum(
+        exam.answer(name)
+    )  # the case is open now: its answer stays as it is
     replace_file(exam.weighed(name), json.dumps(found, indent=1) + "\n")
 
 
 def _weighed(recording: Path, truth: Mapping, answer: Mapping | None) -> dict:
     rows = rows_of(truth["effects"])
-    if truth["measures"] not in ("ball-centre", "external-point") or rows is None or "rule" in truth:
+    if (
+        truth["measures"] not in ("ball-centre", "external-point")
+        or rows is None
+        or "rule" in truth
+    ):
         return {}
     import datasets
 
@@ -59,7 +71,9 @@ class Bench:
         self.chain = bind(self.robot, self.recording)
         torque = self.chain.state.torque
         yields = [k + 1 for k in range(self.robot.joints) if np.ptp(torque[k]) > 0.02]
-        self.baseline = tuple(("joint-compliance", f"joint-{k}", {}) for k in yields) * (baseline != "geometry")
+        self.baseline = tuple(("joint-compliance", f"joint-{k}", {}) for k in yields) * (
+            baseline != "geometry"
+        )
 
     def model(self, rows: Sequence[tuple]):
         """Model and start, with base, geometry, tool and all of the effects free; effects start near their null."""
@@ -99,20 +113,28 @@ def rows_of(effects: Sequence[Mapping]) -> tuple[tuple, ...] | None:
         return None
     options = {"order", "seat", "width", "joint", "after", "start", "end"}
     return tuple(
-        (one["effect"], one["where"], _typed(one["effect"], {k: v for k, v in one["detail"].items() if k in options}))
+        (
+            one["effect"],
+            one["where"],
+            _typed(one["effect"], {k: v for k, v in one["detail"].items() if k in options}),
+        )
         for one in effects
     )
 
 
 def _typed(effect: str, options: dict) -> dict:
-    numbers = {"order", "width", "after", "start", "end"} - ({"order"} if effect == "base-drift" else set())
+    numbers = {"order", "width", "after", "start", "end"} - (
+        {"order"} if effect == "base-drift" else set()
+    )
     return {k: float(v) if k in numbers else v for k, v in options.items()}
 
 
 def claimed_rows(answer: Mapping | None) -> tuple[tuple, ...]:
     """Rows of the catalogue for what was claimed. A claim that the answer does not tell wholly predicts nothing."""
     claims = answer["effects"] if answer else ()
-    rows = ((c["effect"], c["where"], _options(c)) for c in claims if c["effect"] not in _UNMODELLED)
+    rows = (
+        (c["effect"], c["where"], _options(c)) for c in claims if c["effect"] not in _UNMODELLED
+    )
     return tuple((effect, where, options) for effect, where, options in rows if options is not None)
 
 
@@ -122,10 +144,15 @@ def _options(claim: Mapping) -> dict | None:
     if stated:
         return _typed(claim["effect"], dict(stated))
     number = float(words[1]) if len(words) > 1 and words[1].replace(".", "", 1).isdigit() else None
-    told = {"order": {"order": number}, "after": {"after": number}}.get(words[0] if words else "", {})
+    told = {"order": {"order": number}, "after": {"after": number}}.get(
+        words[0] if words else "", {}
+    )
     if words[:1] == ["from"]:
         told = {"joint": int(words[-1])}
     elif "gravity" in words:
         told = {"seat": "gravity"}
-    untold = claim["effect"] in ("zero-shift", "base-drift", "transmission-harmonic", "joint-coupling") and not told
+    untold = (
+        claim["effect"] in ("zero-shift", "base-drift", "transmission-harmonic", "joint-coupling")
+        and not told
+    )
     return None if untold or None in told.values() else told

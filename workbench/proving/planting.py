@@ -55,8 +55,11 @@ def _twins(terms, tried, k: int) -> tuple[tuple[str, str], ...]:
     """Of what yields, what the k-th does not predict better than."""
     if terms[k].effect not in _YIELDS:
         return ()
-    return tuple((one.effect, one.where) for one, made in zip(terms, tried)
-                 if one is not terms[k] and one.effect in _YIELDS and not tried[k].beats(made))  # fmt: skip
+    return tuple(
+        (one.effect, one.where)
+        for one, made in zip(terms, tried)
+        if one is not terms[k] and one.effect in _YIELDS and not tried[k].beats(made)
+    )
 
 
 def _possible(bench: Bench) -> list[Term]:
@@ -65,10 +68,15 @@ def _possible(bench: Bench) -> list[Term]:
     torque = np.ptp(state.torque, axis=1)
     bends = [np.ptp(rows, axis=-1).max(-1) for rows in (state.moment[1:-1], state.bearing_moment)]
     places = zip(_YIELDS, ("joint", "link", "joint"), (torque, *bends))
-    yields = [Term(effect, f"{kind}-{k + 1}") for effect, kind, loads in places
-              for k in np.flatnonzero(loads > _LOADED_NM)]  # fmt: skip
+    yields = [
+        Term(effect, f"{kind}-{k + 1}")
+        for effect, kind, loads in places
+        for k in np.flatnonzero(loads > _LOADED_NM)
+    ]
     turns = np.flatnonzero((angle > _TURNS_RAD) & ~bench.robot.prismatic)
-    return yields + [Term("transmission-harmonic", f"joint-{k + 1}", (("order", 2.0),)) for k in turns]
+    return yields + [
+        Term("transmission-harmonic", f"joint-{k + 1}", (("order", 2.0),)) for k in turns
+    ]
 
 
 def without(recording, name: str, terms):
@@ -76,7 +84,9 @@ def without(recording, name: str, terms):
     model, fitted = _fitted(name, recording)
     bare = fitted
     for one in terms:
-        bare = bare.update({key: 0.0 for key in fitted.keys if key.startswith(f"{one.where}.{one.effect}.")})
+        bare = bare.update(
+            {key: 0.0 for key in fitted.keys if key.startswith(f"{one.where}.{one.effect}.")}
+        )
     change = model.residual(fitted)[:3] - model.residual(bare)[:3]
     return _moved(recording, -change)
 
@@ -129,7 +139,9 @@ def _drawn(recording, rng) -> tuple[dict, np.ndarray, str]:
     """Effect, what it does to its joint's angle (n,) for a size of 1, and the unit of its size."""
     joints = recording.joints.shape[1]
     k = int(rng.integers(joints))
-    kind = str(rng.choice(["transmission-harmonic", "joint-coupling", "zero-shift"], p=[0.5, 0.2, 0.3]))
+    kind = str(
+        rng.choice(["transmission-harmonic", "joint-coupling", "zero-shift"], p=[0.5, 0.2, 0.3])
+    )
     angle = _angles(recording)
     if kind == "transmission-harmonic":
         order = int(rng.choice([2, 3, 4]))
@@ -171,7 +183,9 @@ def _surviving(recording, effect, wave) -> tuple[float, float]:
     """RMS a coordinate, mm, of what a fit of the geometry leaves of a small effect, and of what it really leaves."""
     basis, residual, model, start, fitted = _baseline(_Held(recording))
     joint = int(effect["where"].rpartition("-")[2]) - 1
-    rows = model.chain.evaluate(fitted.values[: len(model.chain.parameters)], {}).rows("joint", np.array([joint]))[0]
+    rows = model.chain.evaluate(fitted.values[: len(model.chain.parameters)], {}).rows(
+        "joint", np.array([joint])
+    )[0]
     change = (rows * (_SMALL * wave)).ravel()
     change = change - basis @ (basis.T @ change)
     return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(residual**2)))

@@ -66,7 +66,9 @@ def name_of(suite: str, index: int, seed: int) -> str:
 # ------------------------------------------------------------- conceal and seal
 
 
-def conceal(exam: Examination, name: str, write: Callable[[Path], None], truth: Callable[[], str]) -> None:
+def conceal(
+    exam: Examination, name: str, write: Callable[[Path], None], truth: Callable[[], str]
+) -> None:
     """Put a case in its two places, whole or not at all. Kept where it is there.
 
     `write` makes the recording's folder, and `truth` then gives the text to be sealed. The recording comes first: a
@@ -97,8 +99,10 @@ def seal(exam: Examination) -> dict[str, str]:
     fresh = {name: checksum(exam.truth(name)) for name in exam.names() if name not in known}
     early = [name for name in fresh if exam.answer(name).exists()]
     if early:
-        raise InputError(f"{exam.answer(early[0])} was written before its truth was sealed, where a seal comes first; "
-                         "remove that file, and the case is diagnosed again.")  # fmt: skip
+        raise InputError(
+            f"{exam.answer(early[0])} was written before its truth was sealed, where a seal comes first; "
+            "remove that file, and the case is diagnosed again."
+        )
     if fresh:
         replace_file(exam.seals, json.dumps(known | fresh, indent=1, sort_keys=True) + "\n")
     return known | fresh
@@ -114,8 +118,10 @@ def checksum(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise InputError(f"{path} is expected to hold a sealed truth, found '{error.strerror}'; "
-                         "begin the examination again in a new folder.") from error  # fmt: skip
+        raise InputError(
+            f"{path} is expected to hold a sealed truth, found '{error.strerror}'; "
+            "begin the examination again in a new folder."
+        ) from error
 
 
 def check(exam: Examination, seals: Mapping[str, str]) -> None:
@@ -123,16 +129,20 @@ def check(exam: Examination, seals: Mapping[str, str]) -> None:
     for name, seal_of in seals.items():
         found = checksum(exam.truth(name))
         if found != seal_of:
-            raise InputError(f"{exam.truth(name)} was changed after it was sealed: SHA-256 {seal_of[:12]}… was "
-                             f"published, found {found[:12]}…; this examination proves nothing, begin it again in "
-                             "a new folder.")  # fmt: skip
+            raise InputError(
+                f"{exam.truth(name)} was changed after it was sealed: SHA-256 {seal_of[:12]}… was "
+                f"published, found {found[:12]}…; this examination proves nothing, begin it again in "
+                "a new folder."
+            )
 
 
 def opened(exam: Examination, name: str, seals: Mapping[str, str]) -> dict:
     """The truth of a case whose answer is there. Raises InputError where seal or answer is missing or broken."""
     if name not in seals or not exam.answer(name).exists():
-        raise InputError(f"case {name} of {exam.folder} is to be opened, and has no seal or no answer yet; "
-                         "diagnose it first.")  # fmt: skip
+        raise InputError(
+            f"case {name} of {exam.folder} is to be opened, and has no seal or no answer yet; "
+            "diagnose it first."
+        )
     check(exam, {name: seals[name]})
     return json.loads(exam.truth(name).read_text(encoding="utf-8"))
 
@@ -164,7 +174,9 @@ class Watch:
 
     def searched(self, path: str) -> bool:
         """Whether the import system lists this folder when it looks for a module, which tells no file's content."""
-        return path in {os.path.abspath(place) for place in sys.path} and not self._is_barred(os.path.realpath(path))
+        return path in {os.path.abspath(place) for place in sys.path} and not self._is_barred(
+            os.path.realpath(path)
+        )
 
     def _is_barred(self, real: str) -> bool:
         return any(_inside(real, place) for place in self.barred)
@@ -181,10 +193,23 @@ _FILES = {"open", "os.listdir", "os.scandir"}
 _FORBIDDEN = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "socket.connect"}
 PROJECT = Path(__file__).resolve().parents[2]
 MAKERS = tuple((PROJECT / "datasets" / "makers").glob("concealed*"))
-_ALLOWED = tuple(Path(os.path.realpath(p)) for p in (
-    sys.prefix, sys.base_prefix, sys.exec_prefix, os.path.dirname(os.__file__), PROJECT,
-    "/usr", "/lib", "/lib64", "/etc", "/proc", "/sys", "/dev",
-))  # fmt: skip
+_ALLOWED = tuple(
+    Path(os.path.realpath(p))
+    for p in (
+        sys.prefix,
+        sys.base_prefix,
+        sys.exec_prefix,
+        os.path.dirname(os.__file__),
+        PROJECT,
+        "/usr",
+        "/lib",
+        "/lib64",
+        "/etc",
+        "/proc",
+        "/sys",
+        "/dev",
+    )
+)
 _watch: list[Watch] = []
 
 
@@ -213,7 +238,9 @@ def watched(given: Path, barred: Iterable[Path]) -> Iterator[list[str]]:
     if not _watch:
         sys.addaudithook(_hook)
         _watch.append(Watch(given, ()))
-    _watch[0] = Watch(Path(os.path.realpath(given)), tuple(Path(os.path.realpath(p)) for p in barred), active=True)
+    _watch[0] = Watch(
+        Path(os.path.realpath(given)), tuple(Path(os.path.realpath(p)) for p in barred), active=True
+    )
     try:
         yield _watch[0].found
     finally:
@@ -246,14 +273,20 @@ def _answered(diagnose, recording: Path) -> dict:
     except InputError as sentence:
         return {"answer": None, "refused": str(sentence), "failed": ""}
     except Exception as error:  # whatever it is, the case counts as not answered
-        return {"answer": None, "refused": "", "failed": f"{type(error).__name__}: {error}{_place(error)}"}
+        return {
+            "answer": None,
+            "refused": "",
+            "failed": f"{type(error).__name__}: {error}{_place(error)}",
+        }
 
 
 def _place(error: BaseException) -> str:
     """Where an error came from: the innermost line of ours."""
     import traceback
 
-    lines = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.startswith(str(PROJECT))]
+    lines = [
+        f for f in traceback.extract_tb(error.__traceback__) if f.filename.startswith(str(PROJECT))
+    ]
     return f" ({Path(lines[-1].filename).name}:{lines[-1].lineno})" if lines else ""
 
 
@@ -266,7 +299,10 @@ def _patience() -> Iterator[None]:
     import signal
     import threading
 
-    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+    if (
+        not hasattr(signal, "setitimer")
+        or threading.current_thread() is not threading.main_thread()
+    ):
         yield
         return
     own, clock = (signal.SIGPROF, signal.ITIMER_PROF), (signal.SIGALRM, signal.ITIMER_REAL)

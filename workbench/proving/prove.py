@@ -7,10 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from workbench.files import runs
-from workbench.proving import protocol
 from workbench.core.errors import InputError
-from workbench.proving import board, checks, stages, tasks
+from workbench.files import runs
+from workbench.proving import board, checks, protocol, stages, tasks
 
 _SETTINGS = "settings.json"
 
@@ -36,19 +35,28 @@ def prove(
     count = stages.workers(jobs)
     plan = tasks.Plan(()) if own else tasks.plan(suites, cases, seed)
     if own is None and not plan.tasks:
-        raise InputError("prove: no case can be made here, because " + "; ".join(
-            f"suite {suite}: {why}" for suite, why in plan.skipped.items()) + "; name another suite.")  # fmt: skip
+        raise InputError(
+            "prove: no case can be made here, because "
+            + "; ".join(f"suite {suite}: {why}" for suite, why in plan.skipped.items())
+            + "; name another suite."
+        )
     planned = _settle(folder, seed, str(own.resolve()) if own else None, plan.counts)
     exam = protocol.Examination(folder)
     names = _sealed(exam, plan, own, count, say)
     stages.run(folder, names, count, say, minutes)
-    rows = stages.open_all(folder, [name for name in exam.names() if exam.answer(name).exists()], count, say)
-    made = board.board(rows, plan.skipped, seed, _command(planned, seed, own), checks.checks(exam, rows), planned)
+    rows = stages.open_all(
+        folder, [name for name in exam.names() if exam.answer(name).exists()], count, say
+    )
+    made = board.board(
+        rows, plan.skipped, seed, _command(planned, seed, own), checks.checks(exam, rows), planned
+    )
     board.save(made, folder)
     return made
 
 
-def _sealed(exam: protocol.Examination, plan: tasks.Plan, own: Path | None, count: int, say) -> list[str]:
+def _sealed(
+    exam: protocol.Examination, plan: tasks.Plan, own: Path | None, count: int, say
+) -> list[str]:
     """Names of the cases of this call, concealed and with their seals published."""
     if own is None:
         stages.conceal(exam.folder, plan, count, say)
@@ -68,7 +76,9 @@ def default_folder(seed: int, own: Path | None) -> Path:
     """
     if own is None:
         return runs.RUNS / f"prove-seed-{seed}"
-    place = hashlib.sha256(str(Path(own).resolve()).encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    place = hashlib.sha256(str(Path(own).resolve()).encode("utf-8", "surrogatepass")).hexdigest()[
+        :8
+    ]
     return runs.RUNS / f"prove-{runs.slug(own)}-{place}"
 
 
@@ -79,17 +89,23 @@ def bring(exam: protocol.Examination, own: Path) -> list[str]:
     """
     truths = sorted((own / "sealed").glob("*.json"))
     if not truths:
-        raise InputError(f"--folder {own}: sealed/<case>.json is expected for every recordings/<case>/, found none; "
-                         "write them as {\"effects\": [{\"effect\": …, \"where\": …}]}.")  # fmt: skip
+        raise InputError(
+            f"--folder {own}: sealed/<case>.json is expected for every recordings/<case>/, found none; "
+            'write them as {"effects": [{"effect": …, "where": …}]}.'
+        )
     told = _sums(own / "SHA256SUMS")
     for path in truths:
         name, source = path.stem, own / "recordings" / path.stem
         if not (source / "recording.toml").exists():
-            raise InputError(f"--folder {own}: {path.name} is sealed, and recordings/{name}/recording.toml is not "
-                             "there; add the recording or remove the answer.")  # fmt: skip
+            raise InputError(
+                f"--folder {own}: {path.name} is sealed, and recordings/{name}/recording.toml is not "
+                "there; add the recording or remove the answer."
+            )
         if told and told.get(name) != protocol.checksum(path):
-            raise InputError(f"{path}: SHA256SUMS of {own} has another checksum, so this truth was changed after it "
-                             "was sealed; bring back the sealed one.")  # fmt: skip
+            raise InputError(
+                f"{path}: SHA256SUMS of {own} has another checksum, so this truth was changed after it "
+                "was sealed; bring back the sealed one."
+            )
         text = path.read_text(encoding="utf-8")
         _check_truth(path, text)
         copy = partial(shutil.copytree, source)
@@ -104,8 +120,10 @@ def _check_truth(path: Path, text: str) -> None:
     except (ValueError, KeyError, TypeError):
         complete = False
     if not complete:
-        raise InputError(f"{path}: expected an object with a list \"effects\" of objects with \"effect\" and \"where\" "
-                         "(an empty list where nothing is concealed), found something else; correct it.")  # fmt: skip
+        raise InputError(
+            f'{path}: expected an object with a list "effects" of objects with "effect" and "where" '
+            "(an empty list where nothing is concealed), found something else; correct it."
+        )
 
 
 def _sums(path: Path) -> dict[str, str]:
@@ -120,19 +138,33 @@ def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int])
     path = folder / _SETTINGS
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
     if known is None and folder.is_dir() and any(folder.iterdir()):
-        raise InputError(f"{folder} already holds other files, where an examination expects a folder that is new, "
-                         "empty or its own; name another one with --out.")  # fmt: skip
+        raise InputError(
+            f"{folder} already holds other files, where an examination expects a folder that is new, "
+            "empty or its own; name another one with --out."
+        )
     if known and (known["seed"], known["own"]) != (seed, own):
-        raise InputError(f"{folder} holds an examination of seed {known['seed']}, found --seed {seed}; "
-                         "name another folder with --out.")  # fmt: skip
+        raise InputError(
+            f"{folder} holds an examination of seed {known['seed']}, found --seed {seed}; "
+            "name another folder with --out."
+        )
     before = known["planned"] if known else {}
-    planned = {suite: max(counts.get(suite, 0), before.get(suite, 0)) for suite in {**before, **counts}}
+    planned = {
+        suite: max(counts.get(suite, 0), before.get(suite, 0)) for suite in {**before, **counts}
+    }
     folder.mkdir(parents=True, exist_ok=True)
-    runs.replace_file(path, json.dumps({"seed": seed, "own": own, "planned": planned}, indent=1) + "\n")
+    runs.replace_file(
+        path, json.dumps({"seed": seed, "own": own, "planned": planned}, indent=1) + "\n"
+    )
     return planned
 
 
 def _command(planned, seed, own) -> str:
     if own:
         return f"workbench prove --folder {own}"
-    return " ".join(["workbench prove", *(f"--suite {suite}={n}" for suite, n in planned.items()), f"--seed {seed}"])
+    return " ".join(
+        [
+            "workbench prove",
+            *(f"--suite {suite}={n}" for suite, n in planned.items()),
+            f"--seed {seed}",
+        ]
+    )

@@ -15,9 +15,13 @@ import numpy as np
 from workbench.proving import planting
 
 ROBOT_SETS = (
-    "irb120_faro", "motoman_leica_ctu:right", "motoman_leica_ctu:left", "fanuc165f_innopolis", "irb120_wu_arm",
+    "irb120_faro",
+    "motoman_leica_ctu:right",
+    "motoman_leica_ctu:left",
+    "fanuc165f_innopolis",
+    "irb120_wu_arm",
     "hilti_jaibot_tilt:flat",
-)  # fmt: skip
+)
 PLANTED_SETS = ("irb120_faro", "motoman_leica_ctu:right", "motoman_leica_ctu:left", "irb120_wu_arm")
 _FARO = "irb120_faro"
 _THIN, _FIRST = 6, 200
@@ -58,13 +62,22 @@ def available(suite: str) -> tuple[int, str]:
 
 def made(suite: str, index: int, seed: int) -> Made:
     """How a case's recording is written, and its truth."""
-    recording, truth = {"real-knocked-out": _knocked_out, "real-planted": _planted, "real-withheld": _withheld}[suite](
-        index, seed
-    )
+    recording, truth = {
+        "real-knocked-out": _knocked_out,
+        "real-planted": _planted,
+        "real-withheld": _withheld,
+    }[suite](index, seed)
     truth = {
-        "suite": suite, "index": index, "robot": recording.title or recording.name, "measures": recording.measures,
-        "samples": recording.n, "sigma_mm": recording.sigma_mm, "noise": "real", "baseline": "geometry", **truth,
-    }  # fmt: skip
+        "suite": suite,
+        "index": index,
+        "robot": recording.title or recording.name,
+        "measures": recording.measures,
+        "samples": recording.n,
+        "sigma_mm": recording.sigma_mm,
+        "noise": "real",
+        "baseline": "geometry",
+        **truth,
+    }
     text = json.dumps(truth, indent=1, sort_keys=True) + "\n"
     return lambda folder: _write(recording, folder), lambda: text
 
@@ -72,7 +85,9 @@ def made(suite: str, index: int, seed: int) -> Made:
 def _write(recording, folder: Path) -> None:
     import datasets
 
-    plain = replace(recording, title="An arm and its measured points", name="", source="", licence="", guess={})
+    plain = replace(
+        recording, title="An arm and its measured points", name="", source="", licence="", guess={}
+    )
     datasets.write(plain, folder)
 
 
@@ -116,8 +131,13 @@ def _knocked_out(index: int, seed: int):
     told = {"terms": [[t.effect, t.where] for t in terms], "set": name}
     if kept is None:
         return corrected, {"rule": "not-again", "effects": [], **told}
-    effect = {"effect": kept.effect, "where": kept.where, "detail": dict(kept.options), "accept": list(kept.twins),
-              "places": [where for _, where in kept.twins]}  # fmt: skip
+    effect = {
+        "effect": kept.effect,
+        "where": kept.where,
+        "detail": dict(kept.options),
+        "accept": list(kept.twins),
+        "places": [where for _, where in kept.twins],
+    }
     return corrected, {"rule": "named", "effects": [effect], **told}
 
 
@@ -139,7 +159,13 @@ def _planted(index: int, seed: int):
         return copy, {"rule": "unplanted", "effects": [], "set": here[which], "twin": twin}
     times = _TIMES[(index // len(here) - 2) % len(_TIMES)]
     planted, effect = planting.plant(recording, rng, times)
-    return planted, {"rule": "planted", "effects": [effect], "set": here[which], "twin": twin, "times": times}
+    return planted, {
+        "rule": "planted",
+        "effects": [effect],
+        "set": here[which],
+        "twin": twin,
+        "times": times,
+    }
 
 
 # -------------------------------------------------------------------- withheld
@@ -160,8 +186,14 @@ def _withheld(index: int, seed: int):
 # --------------------------------------------------------------------- scoring
 
 
-_ELASTIC = {"joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance", "pedestal-compliance",
-            "tool-deflection"}  # fmt: skip
+_ELASTIC = {
+    "joint-compliance",
+    "link-self-weight",
+    "link-compliance",
+    "bearing-compliance",
+    "pedestal-compliance",
+    "tool-deflection",
+}
 _OF_TIME = {"base-drift", "zero-shift", "reading-lag"}
 _CLOCKED = ("time", "approach", "step", "last")
 
@@ -171,14 +203,22 @@ def score(truth: Mapping, record: Mapping, twin: Mapping | None = None) -> dict:
     from workbench.proving import scoring
 
     answer = record["answer"]
-    row = {"outcome": "failed", "verdict": answer["verdict"] if answer else None, "claims": scoring.claims(answer),
-           "seconds": record["seconds"], "note": record["refused"] or record["failed"]}  # fmt: skip
+    row = {
+        "outcome": "failed",
+        "verdict": answer["verdict"] if answer else None,
+        "claims": scoring.claims(answer),
+        "seconds": record["seconds"],
+        "note": record["refused"] or record["failed"],
+    }
     if record["opened"] or answer is None:
         return row
     row |= {"detected": answer["verdict"] != "consistent", **scoring.errors(answer)}
     row["note"] = truth.get("what", "")
     if "twin" in truth and not (twin and twin["answer"]):
-        return row | {"outcome": "reference", "note": "the same set as it is has no answer to compare with"}
+        return row | {
+            "outcome": "reference",
+            "note": "the same set as it is has no answer to compare with",
+        }
     return row | _RULES[truth["rule"]](truth, answer, twin["answer"] if twin else None)
 
 
@@ -195,7 +235,13 @@ def _named(truth, answer, twin) -> dict:
     elif any(scoring.in_group(c, one) for c in answer["effects"]):
         outcome = "group"
     else:
-        outcome = "place" if scoring.place_right(one, answer) else "wrong" if answer["effects"] else "missed"
+        outcome = (
+            "place"
+            if scoring.place_right(one, answer)
+            else "wrong"
+            if answer["effects"]
+            else "missed"
+        )
     return {"outcome": outcome, "located": scoring.place_right(one, answer)}
 
 
@@ -226,7 +272,8 @@ def _moves(truth, answer, twin) -> dict:
 
     said = {scoring.plain(n) for c in answer["effects"] for n in c.get("depends_on") or ()}
     found = any(name.startswith(("approach", "step", "last")) for name in said) or any(
-        c["effect"] == "reading-lag" or (c["effect"] == "backlash" and c.get("variant") != "seated by gravity")
+        c["effect"] == "reading-lag"
+        or (c["effect"] == "backlash" and c.get("variant") != "seated by gravity")
         for c in answer["effects"]
     )
     return {"outcome": "exact" if found else "missed", "located": found}
@@ -234,14 +281,20 @@ def _moves(truth, answer, twin) -> dict:
 
 def _no_time(truth, answer, twin) -> dict:
     of_time = [
-        c for c in answer["effects"]
+        c
+        for c in answer["effects"]
         if c["effect"] in _OF_TIME or any(n.startswith(_CLOCKED) for n in c.get("depends_on") or ())
-    ]  # fmt: skip
+    ]
     return {"outcome": "false alarm" if of_time else "right", "located": None}
 
 
 _RULES = {
-    "named": _named, "not-again": _not_again, "planted": _planted_found, "unplanted": _unplanted,
+    "named": _named,
+    "not-again": _not_again,
+    "planted": _planted_found,
+    "unplanted": _unplanted,
     "as-it-is": lambda truth, answer, twin: {"outcome": "reference", "located": None},
-    "elastic-first": _elastic_first, "moves": _moves, "no-time": _no_time,
-}  # fmt: skip
+    "elastic-first": _elastic_first,
+    "moves": _moves,
+    "no-time": _no_time,
+}

@@ -28,9 +28,12 @@ def score(truth: Mapping, record: Mapping) -> dict:
     """One row of the scoreboard. truth: as sealed; record: as `workbench.proving.protocol.run` wrote it."""
     answer = record["answer"]
     row = {
-        "outcome": "failed", "verdict": answer["verdict"] if answer else None, "claims": claims(answer),
-        "seconds": record["seconds"], "note": record["refused"] or record["failed"],
-    }  # fmt: skip
+        "outcome": "failed",
+        "verdict": answer["verdict"] if answer else None,
+        "claims": claims(answer),
+        "seconds": record["seconds"],
+        "note": record["refused"] or record["failed"],
+    }
     if record["opened"]:
         return row | {"note": "opened " + ", ".join(record["opened"][:3])}
     if answer is None:
@@ -43,23 +46,33 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
     """Outcome, place, confidence and held-out errors of an answer that is there."""
     true = truth["effects"]
     found = {
-        "detected": answer["verdict"] != "consistent", "first": _first(answer),
+        "detected": answer["verdict"] != "consistent",
+        "first": _first(answer),
         "confidently_wrong": any(_confidently_wrong(one, true) for one in answer["effects"]),
-        "wrong_name": any(one["effect"] != "unknown" and not _stands_for(one, true) for one in answer["effects"]),
-        "beliefs": [(one["probability"], _right(one, true)) for one in answer["effects"]
-                    if one.get("probability") is not None],
-        "asks": len(answer.get("not_recorded") or ()), **errors(answer),
-    }  # fmt: skip
+        "wrong_name": any(
+            one["effect"] != "unknown" and not _stands_for(one, true) for one in answer["effects"]
+        ),
+        "beliefs": [
+            (one["probability"], _right(one, true))
+            for one in answer["effects"]
+            if one.get("probability") is not None
+        ],
+        "asks": len(answer.get("not_recorded") or ()),
+        **errors(answer),
+    }
     if not true:
         return found | {"outcome": "false alarm" if found["detected"] else "right", "located": None}
     found |= {
         "located": all(place_right(one, answer) for one in true),
         "located_in_group": all(place_right(one, answer, groups=True) for one in true),
-        "group_size": max((1 + len(c.get("alternatives", ())) for c in answer["effects"] if _stands_for(c, true)),
-                          default=None),
-        "covariates_right": covariates_right(true[0], answer), **_visible(truth, answer),
+        "group_size": max(
+            (1 + len(c.get("alternatives", ())) for c in answer["effects"] if _stands_for(c, true)),
+            default=None,
+        ),
+        "covariates_right": covariates_right(true[0], answer),
+        **_visible(truth, answer),
         "asks_for_it": names_words(truth.get("words", ()), answer),
-    }  # fmt: skip
+    }
     unnamed = all(one["effect"] == "unknown" for one in true)
     return found | {"outcome": _outside(answer, found) if unnamed else _named(true, answer, found)}
 
@@ -127,9 +140,13 @@ def place_right(one: Mapping, answer: Mapping, groups: bool = False) -> bool:
 
     groups: the places of declared alternatives count too.
     """
-    said = {claim["where"] for claim in answer["effects"]} | {row["where"] for row in answer["located"][:1]}
+    said = {claim["where"] for claim in answer["effects"]} | {
+        row["where"] for row in answer["located"][:1]
+    }
     if groups:
-        said |= {other["where"] for claim in answer["effects"] for other in claim.get("alternatives", ())}
+        said |= {
+            other["where"] for claim in answer["effects"] for other in claim.get("alternatives", ())
+        }
     return bool(said & _places(one))
 
 
@@ -138,7 +155,9 @@ def covariates_right(one: Mapping, answer: Mapping) -> bool | None:
     if not one.get("depends_on"):
         return None
     known = {plain(name) for name in one["depends_on"]}
-    claims = [c for c in answer["effects"] if c["effect"] == "unknown"] + list(answer["located"][:1])
+    claims = [c for c in answer["effects"] if c["effect"] == "unknown"] + list(
+        answer["located"][:1]
+    )
     said = {plain(name) for claim in claims for name in claim.get("depends_on") or ()}
     return bool(said) and bool(said & known)
 
@@ -162,7 +181,11 @@ def names_words(words: Sequence[str], answer: Mapping) -> bool | None:
     for claim in answer["effects"]:
         statement = claim.get("statement") or ""
         texts += [statement] if "record" in statement else []
-        texts += [str(a.get(key) or "") for a in claim.get("alternatives", ()) for key in ("why", "not_recorded")]
+        texts += [
+            str(a.get(key) or "")
+            for a in claim.get("alternatives", ())
+            for key in ("why", "not_recorded")
+        ]
     text = " ".join(map(str, texts)).lower()
     return any(word in text for word in words)
 
@@ -176,11 +199,19 @@ def _visible(truth: Mapping, answer: Mapping) -> dict:
     if len(truth["effects"]) > 1 or one.get("survives_sigma") is None or sigma is None:
         return {}
     order = one.get("detail", {}).get("order")
-    rows = [row for row in answer.get("smallest_visible", ()) if same(row, one) and row.get("surviving_mm")]
+    rows = [
+        row
+        for row in answer.get("smallest_visible", ())
+        if same(row, one) and row.get("surviving_mm")
+    ]
     rows = [row for row in rows if order is None or row.get("variant") == f"order {order}"] or rows
     size = one["survives_sigma"] * sigma * 3**0.5
     least = min((row["surviving_mm"] for row in rows), default=None)
-    return {"surviving_mm": size, "visible_mm": least, "below_visible": None if least is None else size < least}
+    return {
+        "surviving_mm": size,
+        "visible_mm": least,
+        "below_visible": None if least is None else size < least,
+    }
 
 
 def errors(answer: Mapping) -> dict:
@@ -194,16 +225,24 @@ def claims(answer) -> list[str]:
     """What the answer claims, each in a few words with its probability."""
     if not answer:
         return []
-    return [f"{c['effect']}{' ' + c['variant'] if c.get('variant') else ''} at {c['where']} "
-            f"({c['probability']:.2f})" if c.get("probability") is not None else f"{c['effect']} at {c['where']}"
-            for c in answer["effects"]]  # fmt: skip
+    return [
+        f"{c['effect']}{' ' + c['variant'] if c.get('variant') else ''} at {c['where']} "
+        f"({c['probability']:.2f})"
+        if c.get("probability") is not None
+        else f"{c['effect']} at {c['where']}"
+        for c in answer["effects"]
+    ]
 
 
 def _first(answer) -> dict:
     """Effect and place that the answer puts first; "nothing" where it finds none."""
     for claim in answer["effects"][:1]:
         return {"effect": claim["effect"], "where": claim["where"]}
-    where = answer["located"][0]["where"] if answer["located"] and answer["verdict"] != "consistent" else "nothing"
+    where = (
+        answer["located"][0]["where"]
+        if answer["located"] and answer["verdict"] != "consistent"
+        else "nothing"
+    )
     return {"effect": "nothing" if answer["verdict"] == "consistent" else "unknown", "where": where}
 
 

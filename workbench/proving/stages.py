@@ -6,11 +6,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from workbench.machine import processes
-from workbench.proving import protocol
 from workbench.core.errors import InputError
-from workbench.proving import checks, scoring, tasks
 from workbench.files.runs import replace_file
+from workbench.machine import processes
+from workbench.proving import checks, protocol, scoring, tasks
 
 Say = Callable[[str], None]
 QUESTIONS = "questions.json"
@@ -35,7 +34,9 @@ def publish(folder: Path) -> dict[str, str]:
     return seals
 
 
-def run(folder: Path, names: Iterable[str], jobs: int, say: Say, minutes: float | None = None) -> None:
+def run(
+    folder: Path, names: Iterable[str], jobs: int, say: Say, minutes: float | None = None
+) -> None:
     """Diagnose every case that has no answer; the seals are checked before and after.
 
     minutes: no diagnosis begins later than so long from now. Cases go by their names, an order by chance, so that
@@ -57,7 +58,9 @@ def diagnose(folder: Path, name: str, baseline: str, until: float = float("inf")
     """One case, in a process that has seen no truth; not when the time `until` has passed."""
     if time.time() < until:
         _warm()
-        protocol.run(folder, name, lambda recording: answer_of(recording, baseline), checks.program())
+        protocol.run(
+            folder, name, lambda recording: answer_of(recording, baseline), checks.program()
+        )
 
 
 def answer_of(recording: Path, baseline: str) -> dict:
@@ -71,7 +74,9 @@ def answer_of(recording: Path, baseline: str) -> dict:
 
 def plain(found) -> dict:
     """The same object without numpy's numbers; what is not finite becomes null."""
-    text = json.dumps(found, default=lambda value: value.tolist() if hasattr(value, "tolist") else str(value))
+    text = json.dumps(
+        found, default=lambda value: value.tolist() if hasattr(value, "tolist") else str(value)
+    )
     return json.loads(text, parse_constant=lambda word: None)
 
 
@@ -93,26 +98,44 @@ def row_of(exam: protocol.Examination, name: str, seals) -> dict:
     """One opened case: what was concealed, what was said, what it is worth."""
     truth = protocol.opened(exam, name, seals)
     record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
-    known = {key: truth.get(key) for key in ("suite", "index", "robot", "measures", "samples", "sigma_mm", "noise")}
+    known = {
+        key: truth.get(key)
+        for key in ("suite", "index", "robot", "measures", "samples", "sigma_mm", "noise")
+    }
     sizes = [one.get("survives_sigma") for one in truth["effects"]]
     known |= {
         "concealed": [f"{one['effect']} at {one['where']}" for one in truth["effects"]],
-        "effects": truth["effects"], "survives_sigma": min((s for s in sizes if s is not None), default=None),
-    }  # fmt: skip
+        "effects": truth["effects"],
+        "survives_sigma": min((s for s in sizes if s is not None), default=None),
+    }
     weighed = json.loads(exam.weighed(name).read_text(encoding="utf-8"))
     if weighed.pop("answer_seal", None) not in (None, protocol.checksum(exam.answer(name))):
-        raise InputError(f"{exam.answer(name)} was changed after its case was opened, where an answer comes first; "
-                         "this examination proves nothing, begin it again in a new folder.")  # fmt: skip
+        raise InputError(
+            f"{exam.answer(name)} was changed after its case was opened, where an answer comes first; "
+            "this examination proves nothing, begin it again in a new folder."
+        )
     scored = scoring.score(truth, record) if "rule" not in truth else _by_rule(exam, truth, record)
     took = {"cpu_s": record.get("cpu_s", record["seconds"]), "program": record.get("program", "")}
-    return {"case": name, "seal": seals[name], **known, **took, "opened": record["opened"], **scored, **weighed}
+    return {
+        "case": name,
+        "seal": seals[name],
+        **known,
+        **took,
+        "opened": record["opened"],
+        **scored,
+        **weighed,
+    }
 
 
 def _by_rule(exam, truth, record) -> dict:
     from workbench.proving import real
 
     other = exam.answer(truth["twin"]) if "twin" in truth else None
-    twin = json.loads(other.read_text(encoding="utf-8")) if other is not None and other.exists() else None
+    twin = (
+        json.loads(other.read_text(encoding="utf-8"))
+        if other is not None and other.exists()
+        else None
+    )
     return real.score(truth, record, twin)
 
 
@@ -131,7 +154,9 @@ def _spread(function: Callable, work: list[tuple], jobs: int) -> Iterator:
     from multiprocessing import get_context
 
     for name in processes.THREADS:
-        os.environ.setdefault(name, "1")  # before numpy is loaded there: a thread a process, a process a core
+        os.environ.setdefault(
+            name, "1"
+        )  # before numpy is loaded there: a thread a process, a process a core
     with ProcessPoolExecutor(min(jobs, len(work)), mp_context=get_context("spawn")) as pool:
         running = [pool.submit(function, *arguments) for arguments in work]
         try:

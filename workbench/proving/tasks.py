@@ -5,13 +5,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from workbench.proving import protocol
 from workbench.core.errors import InputError
+from workbench.proving import protocol
 
 COUNTS = {
-    "clean": 400, "library": 400, "swallowed": 80, "pairs": 80, "outside": 80, "covariate-withheld": 80,
-    "sensor": 40, "real-knocked-out": 40, "real-planted": 40, "real-withheld": 6,
-}  # fmt: skip
+    "clean": 400,
+    "library": 400,
+    "swallowed": 80,
+    "pairs": 80,
+    "outside": 80,
+    "covariate-withheld": 80,
+    "sensor": 40,
+    "real-knocked-out": 40,
+    "real-planted": 40,
+    "real-withheld": 6,
+}
 """Suite -> cases of the whole examination; the real ones have as many as there is to knock out and to plant."""
 PICTURES, REAL = ("sensor",), ("real-knocked-out", "real-planted", "real-withheld")
 
@@ -61,10 +69,14 @@ def _counted(word: str, cases: int | None) -> tuple[str, int]:
     """Suite and count of `name` or `name=count`."""
     name, sign, count = word.partition("=")
     if name not in COUNTS:
-        raise InputError(f"--suite: expected one of {', '.join(COUNTS)}, found '{name}'; choose one of them.")
+        raise InputError(
+            f"--suite: expected one of {', '.join(COUNTS)}, found '{name}'; choose one of them."
+        )
     if sign and not (count.isdecimal() and int(count)):
-        raise InputError(f"--suite {word}: a number of cases from 1 is expected after '=', found '{count}'; "
-                         f"write {name}=20, or {name} alone.")  # fmt: skip
+        raise InputError(
+            f"--suite {word}: a number of cases from 1 is expected after '=', found '{count}'; "
+            f"write {name}=20, or {name} alone."
+        )
     return name, int(count) if sign else cases or COUNTS[name]
 
 

@@ -15,57 +15,103 @@ def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Pa
     numbers = [("table, held-out RMS", rounded(table["held_out"]["rms_mm"]), "mm")]
     parts = [_table(folder, table, why)]
     if rendered is not None:
-        numbers = [("from pictures, held-out RMS", rounded(rendered["held_out"]["rms_mm"]), "mm"),
-                   ("ball centres from the truth", rounded(rendered["against_truth"]["rms_mm"]), "mm"), *numbers]
+        numbers = [
+            ("from pictures, held-out RMS", rounded(rendered["held_out"]["rms_mm"]), "mm"),
+            ("ball centres from the truth", rounded(rendered["against_truth"]["rms_mm"]), "mm"),
+            *numbers,
+        ]
         parts.insert(0, _pictures(folder, rendered))
     lead = ("Errors are 3-D distances in mm on samples that no step of the solve has seen.",)
-    return Page("Demonstration", "Two calibrations from end to end", tuple(numbers), lead, tuple(parts))
+    return Page(
+        "Demonstration", "Two calibrations from end to end", tuple(numbers), lead, tuple(parts)
+    )
 
 
 def _pictures(folder: Path, rendered: Mapping) -> Section:
     """Rendered pictures, scanner, ball centres, arm."""
     sensor, told = rendered["sensor"], rendered["against_truth"]
     made, place = sensor["calibration"], Path(rendered["run"]).name
-    form = next((one["value"] for one in sensor["acceptance"] if one["name"] == "probing_rms"), None)
+    form = next(
+        (one["value"] for one in sensor["acceptance"] if one["name"] == "probing_rms"), None
+    )
     lines = [
-        ("pictures", f"{made['camera']['views']} of the board, {len(made['planes'])} light planes, "
-                     f"{len(sensor['scans'])} scans"),
+        (
+            "pictures",
+            f"{made['camera']['views']} of the board, {len(made['planes'])} light planes, "
+            f"{len(sensor['scans'])} scans",
+        ),
         ("camera", f"corners {rounded(made['camera']['rms_coordinate_px'])} px RMS a coordinate"),
         ("light planes", f"stripes {rounded(made['plane_rms_mm'])} mm RMS from their planes"),
         ("balls", f"form {rounded(form)} mm RMS, the worst ball"),
-        ("ball centres", f"{rounded(told['rms_mm'])} mm RMS from the truth, {told['balls']} of them, after the one "
-                         "rigid "
-                         "motion that the frame of the camera is free by"),
-        ("arm", f"{rounded(rendered['held_out']['rms_mm'])} mm RMS held out, {rounded(rendered['nominal']['rms_mm'])} "
-                "mm with "
-                "the geometry of the data sheet"),
-    ]  # fmt: skip
-    ways = [(f"{place}/report.html", "The report of this chain, sensor and arm"),
-            (f"{place}/recording/images.csv", "The rendered recording"),
-            (f"{place}/truth.json", "What it was rendered from")]
-    return Section("pictures", "From rendered pictures to the arm", (
-        words("No public set holds the whole chain, so its pictures are rendered: a board, the board under the laser, "
-              "and scans of "
-              "three balls from an arm whose geometry is not that of its data sheet. Nothing but these pictures, the "
-              "readings of the "
-              "joints and the certificate of the balls went into the result."),
-        facts(lines), *_drawn(folder / place), links(ways)))  # fmt: skip
+        (
+            "ball centres",
+            f"{rounded(told['rms_mm'])} mm RMS from the truth, {told['balls']} of them, after the one "
+            "rigid "
+            "motion that the frame of the camera is free by",
+        ),
+        (
+            "arm",
+            f"{rounded(rendered['held_out']['rms_mm'])} mm RMS held out, {rounded(rendered['nominal']['rms_mm'])} "
+            "mm with "
+            "the geometry of the data sheet",
+        ),
+    ]
+    ways = [
+        (f"{place}/report.html", "The report of this chain, sensor and arm"),
+        (f"{place}/recording/images.csv", "The rendered recording"),
+        (f"{place}/truth.json", "What it was rendered from"),
+    ]
+    return Section(
+        "pictures",
+        "From rendered pictures to the arm",
+        (
+            words(
+                "No public set holds the whole chain, so its images are rendered: a board, the board under the laser, "
+                "and scans of "
+                "three balls from an arm whose geometry is not that of its data sheet. Nothing but these pictures, the "
+                "readings of the "
+                "joints and the certificate of the balls went into the result."
+            ),
+            facts(lines),
+            *_drawn(folder / place),
+            links(ways),
+        ),
+    )
 
 
 def _table(folder: Path, table: Mapping, why: str) -> Section:
     """A table of an arm that was measured from outside."""
     place = Path(table["run"]).name
-    lines = [("recording", why), ("samples", f"{table['samples']:,}"),
-             ("arm", f"{rounded(table['held_out']['rms_mm'])} mm RMS held out, {rounded(table['nominal']['rms_mm'])} "
-                     "mm with the "
-                     "geometry of the data sheet")]  # fmt: skip
-    return Section("table", "From a table of measured points", (
-        facts(lines), *_drawn(folder / place), links([(f"{place}/report.html", "The report of this "
-                                                                               "calibration")])))  # fmt: skip
+    lines = [
+        ("recording", why),
+        ("samples", f"{table['samples']:,}"),
+        (
+            "arm",
+            f"{rounded(table['held_out']['rms_mm'])} mm RMS held out, {rounded(table['nominal']['rms_mm'])} "
+            "mm with the "
+            "geometry of the data sheet",
+        ),
+    ]
+    return Section(
+        "table",
+        "From a table of measured points",
+        (
+            facts(lines),
+            *_drawn(folder / place),
+            links([(f"{place}/report.html", "The report of this calibration")]),
+        ),
+    )
 
 
 def _drawn(place: Path):
     """The summary picture where it was drawn."""
     path = place / "summary.png"
-    return (picture(path, "Held-out errors stage by stage, their spread, and the residuals in "
-                          "space."),) if path.exists() else ()
+    return (
+        (
+            picture(
+                path, "Held-out errors stage by stage, their spread, and the residuals in space."
+            ),
+        )
+        if path.exists()
+        else ()
+    )

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from workbench.report.calibration import errors as spread
+from workbench.files.runs import replace_file
 from workbench.report import provenance
+from workbench.report.calibration import errors as spread
 from workbench.report.calibration import headline, history, parameters, residuals, scene, stages
 from workbench.report.calibration.summary_image import write_picture
 from workbench.report.sections import Page, Section
-from workbench.files.runs import replace_file
 
 PAGE, PICTURE = "report.html", "summary.png"
 
@@ -43,7 +43,11 @@ def _rendered(template: str, **values) -> str:
 
     loader = PackageLoader("workbench", "report/templates")
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     return environment.get_template(template).render(plotly=get_plotlyjs(), **values)
 

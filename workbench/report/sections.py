@@ -53,12 +53,20 @@ def pair(*figures: dict) -> dict:
 
 def table(head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> dict:
     """A table whose first `left` columns are words and the rest numbers already written."""
-    return {"kind": "table", "head": list(head), "rows": [list(map(str, row)) for row in rows], "left": left}
+    return {
+        "kind": "table",
+        "head": list(head),
+        "rows": [list(map(str, row)) for row in rows],
+        "left": left,
+    }
 
 
 def facts(lines: Sequence[tuple[str, str]]) -> dict:
     """Names and what is to be said of each."""
-    return {"kind": "facts", "lines": [(name, str(text)) for name, text in lines if text not in (None, "")]}
+    return {
+        "kind": "facts",
+        "lines": [(name, str(text)) for name, text in lines if text not in (None, "")],
+    }
 
 
 def note(title: str, lines: Sequence[str]) -> dict:
@@ -90,6 +98,10 @@ def thumbnail(path: Path) -> str:
     if picture is None or not picture.size:
         return ""
     scale = _THUMBNAIL / max(picture.shape)
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else picture
+    small = (
+        cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        if scale < 1
+        else picture
+    )
     code = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 70])[1]
     return "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode()

@@ -9,7 +9,9 @@ BLUE, ORANGE, GREEN, VIOLET, GREY = "#1f83c4", "#d9730d", "#12957a", "#b8649f", 
 COMPONENTS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 DISTANCE = VIOLET
 MOST_POINTS = 5000
-_SMALLEST_LOG = 1e-100  # ends of a logarithmic axis beyond this and its reciprocal count as zero and infinity
+_SMALLEST_LOG = (
+    1e-100  # ends of a logarithmic axis beyond this and its reciprocal count as zero and infinity
+)
 _IN_VIEW = 1.45
 """Length of a scene's diagonal that is in view from where the figures are seen from, in plotly's units."""
 
@@ -42,12 +44,21 @@ def log_axis(low: float, high: float, most: int = 7) -> dict:
         if len(ticks) <= most:
             break
     ticks = ticks[:: -(-len(ticks) // most)] if ticks else [low, high]
-    return dict(type="log", range=[np.log10(low), np.log10(high)], tickvals=ticks, ticktext=[plain(t) for t in ticks])
+    return dict(
+        type="log",
+        range=[np.log10(low), np.log10(high)],
+        tickvals=ticks,
+        ticktext=[plain(t) for t in ticks],
+    )
 
 
 def _log_ends(low: float, high: float) -> tuple[float, float]:
     """Finite positive ends with low < high: those given where they are usable, else a decade about what is."""
-    usable = [float(end) for end in (low, high) if np.isfinite(end) and _SMALLEST_LOG <= end <= 1 / _SMALLEST_LOG]
+    usable = [
+        float(end)
+        for end in (low, high)
+        if np.isfinite(end) and _SMALLEST_LOG <= end <= 1 / _SMALLEST_LOG
+    ]
     if not usable:
         return 0.1, 10.0
     low, high = min(usable), max(usable)
@@ -72,12 +83,19 @@ def _framed(made: go.Figure) -> None:
 
     plotly's own "data" keeps the volume of the box, so that a long scene sticks out of the picture.
     """
-    places = [[np.ravel(getattr(trace, axis)) for axis in "xyz"] for trace in made.data
-              if trace.type in ("scatter3d", "mesh3d", "surface")]  # fmt: skip
+    places = [
+        [np.ravel(getattr(trace, axis)) for axis in "xyz"]
+        for trace in made.data
+        if trace.type in ("scatter3d", "mesh3d", "surface")
+    ]
     if not places:
         return
-    spans = [np.ptp(along[np.isfinite(along)]) for along in
-             (np.concatenate([trace[k] for trace in places]).astype(float) for k in range(3))]  # fmt: skip
+    spans = [
+        np.ptp(along[np.isfinite(along)])
+        for along in (
+            np.concatenate([trace[k] for trace in places]).astype(float) for k in range(3)
+        )
+    ]
     length = float(np.linalg.norm(spans)) or 1.0
     ratio = {axis: max(_IN_VIEW * span / length, 0.05) for axis, span in zip("xyz", spans)}
     made.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio))

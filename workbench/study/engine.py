@@ -60,8 +60,14 @@ def do_part(study: Study, runs: range) -> tuple[list[Row], float]:
     return [row_of(study, run) for run in runs], time.perf_counter() - start
 
 
-def carry_out(study: Study, folder: Path, executor: Callable[[], object], workers: int,
-              tick: Callable[[int, int], None], work: Parts = do_part) -> Done:  # fmt: skip
+def carry_out(
+    study: Study,
+    folder: Path,
+    executor: Callable[[], object],
+    workers: int,
+    tick: Callable[[int, int], None],
+    work: Parts = do_part,
+) -> Done:
     """Make every part that `folder` lacks and write it there as it comes.
 
     executor: makes a context manager that yields a `concurrent.futures.Executor`, again where one breaks; workers: how
@@ -95,12 +101,16 @@ def _results(left: Sequence[int], submit, executor, ahead: int) -> Iterator[tupl
             yield from _streamed(waiting, lost, lambda k: submit(pool, k), ahead)
         left = sorted(lost)
     if left:
-        raise InputError(f"study, part {left[0] + 1}: expected runs that end, found that their process died "
-                         f"{_ATTEMPTS} "
-                         "times; see whether memory suffices, with fewer workers (--workers 1)")  # fmt: skip
+        raise InputError(
+            f"study, part {left[0] + 1}: expected runs that end, found that their process died "
+            f"{_ATTEMPTS} "
+            "times; see whether memory suffices, with fewer workers (--workers 1)"
+        )
 
 
-def _streamed(waiting: list[int], lost: list[int], submit, ahead: int) -> Iterator[tuple[int, tuple]]:
+def _streamed(
+    waiting: list[int], lost: list[int], submit, ahead: int
+) -> Iterator[tuple[int, tuple]]:
     flying: dict[Future, int] = {}
     order = iter(waiting)
     try:

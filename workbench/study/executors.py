@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager
 
-from workbench.machine import processes
 from workbench.core.errors import InputError
+from workbench.machine import processes
 
 
 def local(workers: int) -> AbstractContextManager[Executor]:
@@ -22,19 +22,25 @@ def dask(address: str) -> Iterator[tuple[Executor, int]]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--scheduler: expected the package distributed, found none; type pip install "
-                         "'vision-sensor-workbench[study]'") from None  # fmt: skip
+        raise InputError(
+            "--scheduler: expected the package distributed, found none; type pip install "
+            "'vision-sensor-workbench[study]'"
+        ) from None
     try:
         client = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as problem:
-        raise InputError(f"--scheduler {address}: expected a Dask scheduler that answers, found none "
-                         f"({type(problem).__name__}); start one with `dask scheduler`, or leave the option "
-                         "out") from None
+        raise InputError(
+            f"--scheduler {address}: expected a Dask scheduler that answers, found none "
+            f"({type(problem).__name__}); start one with `dask scheduler`, or leave the option "
+            "out"
+        ) from None
     try:
         threads = sum(client.nthreads().values())
         if not threads:
-            raise InputError(f"--scheduler {address}: expected workers, found none; start some with `dask worker "
-                             f"{address}`")
+            raise InputError(
+                f"--scheduler {address}: expected workers, found none; start some with `dask worker "
+                f"{address}`"
+            )
         yield client.get_executor(pure=False, retries=2), threads
     finally:
         client.close()

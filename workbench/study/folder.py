@@ -41,7 +41,9 @@ def digest(study: Study, more: str = "") -> str:
 
 def place_of(name: str, study: Study, data: str, out: Path | None) -> Place:
     """The same study always stands in the same place: `runs/study-<name>-<digest>`, or `out`."""
-    path = (out.expanduser() if out else RUNS / f"study-{slug(name)}-{digest(study, data)[:8]}").resolve()
+    path = (
+        out.expanduser() if out else RUNS / f"study-{slug(name)}-{digest(study, data)[:8]}"
+    ).resolve()
     return Place(path, path.with_name(f".partial-{path.name}"))
 
 
@@ -74,12 +76,16 @@ def _remove(place: Place, made: list[Path]) -> None:
 
 def _check_free(place: Place, study: Study, data: str) -> None:
     if place.path.exists() and not (place.path.is_dir() and not any(place.path.iterdir())):
-        raise InputError(f"{place.path} already holds something, where --out expects a folder that is new, empty or of "
-                         "this very study, so that nothing is overwritten; name another folder")  # fmt: skip
+        raise InputError(
+            f"{place.path} already holds something, where --out expects a folder that is new, empty or of "
+            "this very study, so that nothing is overwritten; name another folder"
+        )
     left = place.partial / STUDY
     if place.partial.exists() and (not left.is_file() or _told(left) != digest(study, data)):
-        raise InputError(f"{place.partial} holds another study that was stopped, or one whose file, data or version "
-                         "has changed since; remove it, or name another place with --out")  # fmt: skip
+        raise InputError(
+            f"{place.partial} holds another study that was stopped, or one whose file, data or version "
+            "has changed since; remove it, or name another place with --out"
+        )
 
 
 def _told(path: Path) -> str:
@@ -93,8 +99,10 @@ def _make(place: Place, study: Study, data: str, made: list[Path]) -> None:
     try:
         (place.partial / PARTS).mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise InputError(f"{place.partial} cannot be written, because the system says '{problem.strerror}'; name a "
-                         "place that you may write with --out") from problem  # fmt: skip
+        raise InputError(
+            f"{place.partial} cannot be written, because the system says '{problem.strerror}'; name a "
+            "place that you may write with --out"
+        ) from problem
     if not (place.partial / STUDY).exists():
         try:
             replace_file(place.partial / STUDY, json.dumps(keys, indent=1))
@@ -115,8 +123,10 @@ def _alone(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise InputError(f"{folder} is being written by another process; wait for it, or name another place with "
-                             "--out") from None  # fmt: skip
+            raise InputError(
+                f"{folder} is being written by another process; wait for it, or name another place with "
+                "--out"
+            ) from None
         yield
 
 
@@ -128,8 +138,10 @@ def _move(place: Place) -> None:
         os.rename(place.partial, place.path)
         shutil.rmtree(place.path / PARTS, ignore_errors=True)  # the table holds them all
     except OSError as problem:
-        raise InputError(f"{place.path} cannot be written, because the system says '{problem.strerror}'; name another "
-                         "place with --out") from problem  # fmt: skip
+        raise InputError(
+            f"{place.path} cannot be written, because the system says '{problem.strerror}'; name another "
+            "place with --out"
+        ) from problem
 
 
 def load(folder: Path) -> Study:

@@ -7,8 +7,8 @@ import numpy as np
 
 import datasets
 from datasets.recording import Recording
-from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.core.errors import InputError
+from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.study.robots import plan_of
 from workbench.study.spec import Study
 
@@ -32,7 +32,9 @@ def resampled(study: Study, rng: np.random.Generator) -> Recording:
     recording = original(study.recording)
     if study.resample.how == "poses":
         return by_poses(recording, study.resample.count, rng)
-    return with_new_noise(fitted(study.recording, study.models[0], study.folds), study.resample.noise, rng)
+    return with_new_noise(
+        fitted(study.recording, study.models[0], study.folds), study.resample.noise, rng
+    )
 
 
 def by_poses(recording: Recording, count: int | None, rng: np.random.Generator) -> Recording:
@@ -43,8 +45,10 @@ def by_poses(recording: Recording, count: int | None, rng: np.random.Generator) 
     first = np.searchsorted(labels[rows], np.arange(labels.max() + 2))
     drawn = np.sort(rng.integers(labels.max() + 1, size=count or labels.max() + 1))
     if len(np.unique(drawn)) < 4:
-        raise InputError(f"study, key resample.count: expected poses enough to calibrate, found "
-                         f"{len(np.unique(drawn))} different ones of {recording.name}; raise it")  # fmt: skip
+        raise InputError(
+            f"study, key resample.count: expected poses enough to calibrate, found "
+            f"{len(np.unique(drawn))} different ones of {recording.name}; raise it"
+        )
     order = np.concatenate([rows[first[pose] : first[pose + 1]] for pose in drawn.tolist()])
     chosen = recording.select(order)
     columns = chosen.columns | {"sample": np.arange(1.0, len(order) + 1)}

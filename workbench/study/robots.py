@@ -9,17 +9,17 @@ from datasets.recording import Recording
 from robot_model.effects import CATALOGUE
 from robot_model.state import sliding
 from robot_model.system import RobotChain, bind
-from workbench.jobs.calibrate import Calibration, calibrate
-from workbench.jobs.compensate import compensate
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
-from workbench.core.least_squares.solver import solve
-from workbench.fitting.plans import PLAN_FILES, default_plan, frames_of, geometry, plan_names
-from workbench.jobs.simulate import Truth, truth_from
 from workbench.files.solution_file import CalibratedArm
+from workbench.fitting.plans import PLAN_FILES, default_plan, frames_of, geometry, plan_names
+from workbench.jobs.calibrate import Calibration, calibrate
+from workbench.jobs.compensate import compensate
+from workbench.jobs.simulate import Truth, truth_from
 from workbench.study.spec import Study, Tasks, validated
 
 MODELS = ("geometry", "joint-compliance", "default")
@@ -48,7 +48,9 @@ def world(study: Study, seed: int) -> World:
     residual, sigma = truth.model.residual(truth.parameters), truth.model.sigma(truth.parameters)
     noisy = residual + truth.rng.normal(size=residual.shape) * sigma
     shown = truth.shown
-    every = replace(shown, columns=shown.columns | truth.model.chain.measurement.columns(noisy), name="study")
+    every = replace(
+        shown, columns=shown.columns | truth.model.chain.measurement.columns(noisy), name="study"
+    )
     measured = every.select(_designed(study, every.select(np.arange(keys.samples)), truth.rng))
     return World(truth, measured, dict(_tests(study, truth, np.arange(keys.samples, shown.n))))
 
@@ -64,11 +66,15 @@ def _designed(study: Study, candidates: Recording, rng) -> np.ndarray:
             "raise scene.samples or lower it"
         )
     if design.choice in ("first", "random"):
-        chosen = np.arange(candidates.n) if design.choice == "first" else rng.permutation(candidates.n)
+        chosen = (
+            np.arange(candidates.n) if design.choice == "first" else rng.permutation(candidates.n)
+        )
         return np.sort(chosen[: design.count])
     from workbench.jobs.poses import choose_poses
 
-    chosen = choose_poses(candidates, design.count, design.choice, link_radius_mm=0.0, seed=int(rng.integers(2**31)))
+    chosen = choose_poses(
+        candidates, design.count, design.choice, link_radius_mm=0.0, seed=int(rng.integers(2**31))
+    )
     return np.flatnonzero(np.isin(candidates.sample_ids, chosen.samples))
 
 
@@ -78,7 +84,11 @@ def _tests(study: Study, truth: Truth, rows: np.ndarray):
     for payload in study.test.payload_kg or [None]:
         for temperature in study.test.temperature_c or [None]:
             changed = {"payload_kg": payload, "temperature_c": temperature}
-            changed = {name: np.full(shown.n, value) for name, value in changed.items() if value is not None}
+            changed = {
+                name: np.full(shown.n, value)
+                for name, value in changed.items()
+                if value is not None
+            }
             name = "test" + _told(payload, "kg") + _told(temperature, "c")
             yield name, _true_points(truth, replace(shown, columns=shown.columns | changed))
     if study.tasks is not None:
@@ -93,20 +103,28 @@ def task_rows(tasks: Tasks, shown: Recording, chain: RobotChain) -> Recording:
     """The rows of a recording at the task poses; InputError where they do not fit the robot."""
     slides = sliding(chain.robot)
     if any(len(row) != len(slides) for row in tasks.joints_deg):
-        raise InputError(f"study, key tasks.joints_deg: expected {len(slides)} readings a pose, as many as "
-                         f"{chain.robot.name} has, found another number; correct it")  # fmt: skip
+        raise InputError(
+            f"study, key tasks.joints_deg: expected {len(slides)} readings a pose, as many as "
+            f"{chain.robot.name} has, found another number; correct it"
+        )
     n = len(tasks.joints_deg)
     columns = {name: np.full(n, values[0]) for name, values in shown.columns.items()}
     columns |= {"sample": np.arange(n, dtype=float), "time_s": np.zeros(n)}
-    columns |= {f"q{k}_{'mm' if s else 'deg'}": np.array([row[k - 1] for row in tasks.joints_deg], float)
-                for k, s in enumerate(slides, 1)}  # fmt: skip
+    columns |= {
+        f"q{k}_{'mm' if s else 'deg'}": np.array([row[k - 1] for row in tasks.joints_deg], float)
+        for k, s in enumerate(slides, 1)
+    }
     return replace(shown, columns=columns | {"payload_kg": np.full(n, float(tasks.payload_kg))})
 
 
 def _true_points(truth: Truth, rows: Recording) -> Recording:
     """The same rows with the points at which the true robot shows them, without noise."""
-    blank = replace(rows, columns=rows.columns | dict.fromkeys(("x_mm", "y_mm", "z_mm"), np.zeros(rows.n)))
-    model = Model(bind(truth.model.chain.robot, blank, truth.model.chain.start), truth.model.effects)
+    blank = replace(
+        rows, columns=rows.columns | dict.fromkeys(("x_mm", "y_mm", "z_mm"), np.zeros(rows.n))
+    )
+    model = Model(
+        bind(truth.model.chain.robot, blank, truth.model.chain.start), truth.model.effects
+    )
     residual = model.residual(model.parameters.take_over(truth.parameters))
     return replace(rows, columns=rows.columns | model.chain.measurement.columns(residual))
 
@@ -162,7 +180,11 @@ def plan_of(name: str, recording: Recording) -> Path | tuple[Stage, ...] | None:
     if name == "joint-compliance":
         loaded = next(s for s in default_plan(bind(robot, recording)) if s.name == "compliance")
         torsion = tuple(row for row in loaded.effects if row[0] == "joint-compliance")
-        stages += (Stage("compliance", "joints yield to the weight of links and load", torsion, earn=False),)
+        stages += (
+            Stage(
+                "compliance", "joints yield to the weight of links and load", torsion, earn=False
+            ),
+        )
     return stages
 
 
@@ -176,14 +198,20 @@ def check_models(study: Study, folder: Path) -> Study:
             read_plan(folder / name)
             name = str((folder / name).resolve())
         elif name not in MODELS:
-            make_effects(CATALOGUE, [row for stage in read_plan(PLAN_FILES / f"{name}.toml") for row in stage.effects])
+            make_effects(
+                CATALOGUE,
+                [row for stage in read_plan(PLAN_FILES / f"{name}.toml") for row in stage.effects],
+            )
         named.append(name)
     return study.model_copy(update={"models": named})
 
 
 def calibrations(study: Study, measured: Recording) -> dict[str, Calibration]:
     """Each model's calibration of one recording."""
-    return {Path(name).stem: calibrate(measured, plan_of(name, measured), folds=study.folds) for name in study.models}
+    return {
+        Path(name).stem: calibrate(measured, plan_of(name, measured), folds=study.folds)
+        for name in study.models
+    }
 
 
 def judged(made: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
@@ -193,9 +221,12 @@ def judged(made: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
     for name, test in tests.items():
         row |= _errors(f"nominal_{name}", nominal_residual(first, test))
     for name, one in made.items():
-        row |= {f"{name}_fit_mm": one.fit["rms_mm"], f"{name}_held_out_mm": one.held_out["rms_mm"],
-                f"{name}_identifiable": one.solution.known.rank,
-                f"{name}_converged": int(one.solution.converged)}  # fmt: skip
+        row |= {
+            f"{name}_fit_mm": one.fit["rms_mm"],
+            f"{name}_held_out_mm": one.held_out["rms_mm"],
+            f"{name}_identifiable": one.solution.known.rank,
+            f"{name}_converged": int(one.solution.converged),
+        }
         for test, rows in tests.items():
             row |= _errors(f"{name}_{test}", residual_of(one, rows))
     return row
@@ -231,9 +262,13 @@ def compensated(made: dict[str, Calibration], world: World) -> Row:
     covariates = {k: v for k, v in programmed.covariates.items() if k != "range_mm"}
     for called, calibration in made.items():
         found = compensate(arm_of(calibration), programmed.joints, covariates=covariates)
-        there = np.flatnonzero(found.reached)  # beside a singular posture no small correction turns the flange
+        there = np.flatnonzero(
+            found.reached
+        )  # beside a singular posture no small correction turns the flange
         if there.size:
-            row[f"{called}_compensated_mm"] = _as_nominal(world.truth, programmed.select(there), found.readings[there])
+            row[f"{called}_compensated_mm"] = _as_nominal(
+                world.truth, programmed.select(there), found.readings[there]
+            )
         row[f"{called}_reached"] = float(found.reached.mean())
     return row
 
@@ -241,11 +276,15 @@ def compensated(made: dict[str, Calibration], world: World) -> Row:
 def _as_nominal(truth: Truth, programmed: Recording, readings: np.ndarray) -> float:
     """RMS mm by which the true points at `readings` are no nominal arm's at the programmed ones."""
     robot = truth.model.chain.robot
-    driven = {f"q{k}_{'mm' if s else 'deg'}": values if s else np.rad2deg(values)
-              for k, (values, s) in enumerate(zip(readings.T, sliding(robot)), 1)}  # fmt: skip
+    driven = {
+        f"q{k}_{'mm' if s else 'deg'}": values if s else np.rad2deg(values)
+        for k, (values, s) in enumerate(zip(readings.T, sliding(robot)), 1)
+    }
     points = _true_points(truth, replace(programmed, columns=programmed.columns | driven))
     names = ("x_mm", "y_mm", "z_mm")
-    seen = replace(programmed, columns=programmed.columns | {k: points.columns[k] for k in names}, sigma_mm=1.0)
+    seen = replace(
+        programmed, columns=programmed.columns | {k: points.columns[k] for k in names}, sigma_mm=1.0
+    )
     model = Model(bind(robot, seen))
     return _rms(solve(model, model.parameters.free(*frames_of(model.parameters))).residual[:3])
 
@@ -256,9 +295,17 @@ def arm_of(calibration: Calibration) -> CalibratedArm:
     parameters = solution.parameters
     free = tuple(key for key, mine in zip(parameters.keys, parameters.mask) if mine)
     return CalibratedArm(
-        calibration.robot, calibration.model.effects, dict(zip(parameters.keys, parameters.values.tolist())), free,
-        solution.covariance, np.asarray(chain.state.load_centre), calibration.held_out["rms_mm"], True, "", {},
-    )  # fmt: skip
+        calibration.robot,
+        calibration.model.effects,
+        dict(zip(parameters.keys, parameters.values.tolist())),
+        free,
+        solution.covariance,
+        np.asarray(chain.state.load_centre),
+        calibration.held_out["rms_mm"],
+        True,
+        "",
+        {},
+    )
 
 
 def parameter_row(made: dict[str, Calibration]) -> Row:
@@ -281,6 +328,11 @@ def diagnosed(study: Study, measured: Recording) -> Row:
     true = [f"{one['effect']}@{one['where']}" for one in (study.scene or {}).get("effect", [])]
     row: Row = {"verdict": found["verdict"], "found": " ".join(effects)}
     if true:
-        row |= {"found_true": len(set(true) & set(effects)), "found_false": len(set(effects) - set(true))}
+        row |= {
+            "found_true": len(set(true) & set(effects)),
+            "found_false": len(set(effects) - set(true)),
+        }
     held = found.get("held_out") or {}
-    return row | {f"diagnosis_{name}": held.get(name) for name in ("before_mm", "after_mm", "noise_mm")}
+    return row | {
+        f"diagnosis_{name}": held.get(name) for name in ("before_mm", "after_mm", "noise_mm")
+    }

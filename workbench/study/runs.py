@@ -24,7 +24,11 @@ def row_of(study: Study, run: int) -> Row:
         figures = _figures(own, seed_of(study, run))
     except InputError as problem:
         return row | {"outcome": str(problem)}
-    kept = {k: _cell(v) for k, v in figures.items() if any(fnmatchcase(k, pattern) for pattern in study.keep)}
+    kept = {
+        k: _cell(v)
+        for k, v in figures.items()
+        if any(fnmatchcase(k, pattern) for pattern in study.keep)
+    }
     return row | kept | {"outcome": "done"}
 
 
@@ -33,7 +37,9 @@ def seed_of(study: Study, run: int) -> int:
     points share those of their repeat."""
     vary = study.vary
     child = (run - 1) % vary.repeats + 1 if vary.same_noise else run
-    return int(np.random.SeedSequence(study.seed, spawn_key=(child,)).generate_state(1, np.uint64)[0] >> 1)
+    return int(
+        np.random.SeedSequence(study.seed, spawn_key=(child,)).generate_state(1, np.uint64)[0] >> 1
+    )
 
 
 def _figures(study: Study, seed: int) -> Row:
@@ -48,7 +54,9 @@ def _figures(study: Study, seed: int) -> Row:
     made = {}
     if "calibrate" in study.do:
         made = robots.calibrations(study, world.measured)
-        row |= robots.judged(made, world.tests) | (robots.parameter_row(made) if study.parameters else {})
+        row |= robots.judged(made, world.tests) | (
+            robots.parameter_row(made) if study.parameters else {}
+        )
     if "compensate" in study.do:
         row |= robots.compensated(made, world)
     return row | (robots.diagnosed(study, world.measured) if "diagnose" in study.do else {})

@@ -43,9 +43,13 @@ class Axis(_Table):
             raise ValueError(f"expected low below high, found {self.low:g} and {self.high:g}")
         if self.values is None and self.scale == "log" and not self.low > 0:
             raise ValueError(f"expected low above 0 on a logarithmic scale, found {self.low:g}")
-        odd = [path for path in self.paths if path.partition(".")[0] not in ROOTS or "." not in path]
+        odd = [
+            path for path in self.paths if path.partition(".")[0] not in ROOTS or "." not in path
+        ]
         if odd or not self.paths:
-            raise ValueError(f"expected a path that begins with {', '.join(f'{r}.' for r in ROOTS)} found {odd}")
+            raise ValueError(
+                f"expected a path that begins with {', '.join(f'{r}.' for r in ROOTS)} found {odd}"
+            )
         return self
 
 
@@ -121,12 +125,18 @@ class Study(_Table):
             raise ValueError("expected either scene or recording")
         if len(set(self.do)) < len(self.do) or not self.do:
             raise ValueError(f"expected each step of do once, found {self.do}")
-        if not set(self.do) & {"simulate", "calibrate"} or ("compensate" in self.do and "calibrate" not in self.do):
-            raise ValueError(f"expected do to hold simulate or calibrate, and calibrate before compensate, found "
-                             f"{self.do}")
+        if not set(self.do) & {"simulate", "calibrate"} or (
+            "compensate" in self.do and "calibrate" not in self.do
+        ):
+            raise ValueError(
+                f"expected do to hold simulate or calibrate, and calibrate before compensate, found "
+                f"{self.do}"
+            )
         names = [axis.name for axis in self.vary.parameter]
         if len(set(names)) < len(names) or set(names) & {"run", "outcome"}:
-            raise ValueError(f"expected names of parameters that differ, and neither run nor outcome, found {names}")
+            raise ValueError(
+                f"expected names of parameters that differ, and neither run nor outcome, found {names}"
+            )
         return self
 
 
@@ -136,7 +146,11 @@ def read_study(path: Path) -> Study:
     What it names is whole afterwards: the scene's keys stand in it and paths are absolute, so that it can be sent
     to another process. Raises InputError with the file, the key and what was expected.
     """
-    path = home_of(path) / Path(path).with_suffix(".toml").name if str(path) in study_names() else Path(path)
+    path = (
+        home_of(path) / Path(path).with_suffix(".toml").name
+        if str(path) in study_names()
+        else Path(path)
+    )
     study = validated(Study, _toml(path, "study"), f"study {path}")
     if isinstance(study.scene, str):
         file = path.parent / study.scene
@@ -153,7 +167,11 @@ def home_of(path: Path) -> Path:
 
 def study_names() -> list[str]:
     """Studies that come with the workbench."""
-    return sorted(path.stem for path in STUDY_FILES.glob("*.toml") if not path.stem.startswith(("scene-", "plan-")))
+    return sorted(
+        path.stem
+        for path in STUDY_FILES.glob("*.toml")
+        if not path.stem.startswith(("scene-", "plan-"))
+    )
 
 
 def _toml(path: Path, what: str) -> dict:
@@ -161,10 +179,13 @@ def _toml(path: Path, what: str) -> dict:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         known = f", or one of {', '.join(study_names())}" if what == "study" else ""
-        raise InputError(f"{path}: expected a {what} (TOML){known}, found no such file; correct its name") from None
+        raise InputError(
+            f"{path}: expected a {what} (TOML){known}, found no such file; correct its name"
+        ) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"{path}: expected a {what} (TOML), found what cannot be read ({problem}); correct "
-                         "it") from None
+        raise InputError(
+            f"{path}: expected a {what} (TOML), found what cannot be read ({problem}); correct it"
+        ) from None
 
 
 def _beside(scene: dict, folder: Path) -> dict:
@@ -187,7 +208,9 @@ def validated(kind, keys: dict, called: str):
     except ValidationError as problem:
         raise InputError(_sentence(problem.errors()[0], called)) from None
     except TypeError:
-        raise InputError(f"{called}: expected keys and values, found {keys!r:.60}; correct it") from None
+        raise InputError(
+            f"{called}: expected keys and values, found {keys!r:.60}; correct it"
+        ) from None
 
 
 def _sentence(first: dict, called: str) -> str:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from workbench.machine import processes
 from workbench.core.errors import InputError, Stopped
+from workbench.machine import processes
 from workbench.machine.progress import paced
 from workbench.study import executors, folder, robots, tables
 from workbench.study.engine import Done, carry_out, given, parts_of
@@ -39,18 +39,24 @@ def read(path: Path) -> tuple[Study, str]:
     first = values_of(study, 1)
     for axis in study.vary.parameter:
         for value in ends(axis):
-            _check_scene(with_values(study, first | {axis.name: value}), f"parameter {axis.name} = {value}")
+            _check_scene(
+                with_values(study, first | {axis.name: value}), f"parameter {axis.name} = {value}"
+            )
     _check_scene(with_values(study, first), "its first run")
     return study, _data_of(study)
 
 
 def _check_kind(study: Study) -> None:
     if study.kind == "sensor" and (study.recording or set(study.do) - {"simulate", "calibrate"}):
-        raise InputError("study, key do: expected a sensor study with a scene to simulate, or to simulate and "
-                         f"calibrate, found {study.do}; correct it")  # fmt: skip
+        raise InputError(
+            "study, key do: expected a sensor study with a scene to simulate, or to simulate and "
+            f"calibrate, found {study.do}; correct it"
+        )
     if study.recording is not None and {"compensate", "simulate"} & set(study.do):
-        raise InputError("study, key do: expected calibrate or diagnose of a recording, found "
-                         f"{study.do}; take the others out")  # fmt: skip
+        raise InputError(
+            "study, key do: expected calibrate or diagnose of a recording, found "
+            f"{study.do}; take the others out"
+        )
 
 
 def _check_scene(study: Study, called: str) -> None:
@@ -66,7 +72,9 @@ def _check_scene(study: Study, called: str) -> None:
 
             validated(Scene, study.scene, "scene")
             small = study.model_copy(update={"scene": study.scene | {"samples": 8}, "design": None})
-            robots.world(small.model_copy(update={"test": study.test.model_copy(update={"samples": 4})}), 0)
+            robots.world(
+                small.model_copy(update={"test": study.test.model_copy(update={"samples": 4})}), 0
+            )
     except InputError as problem:
         raise InputError(f"study, {called}: {problem}") from None
 
@@ -81,8 +89,14 @@ def _data_of(study: Study) -> str:
     return robot.read_text(encoding="utf-8") if robot.is_absolute() and robot.is_file() else ""
 
 
-def carried_out(path: Path, out: Path | None, workers: int | None, scheduler: str | None, say: Say,
-                close: Callable[[Finished, Path, Say], None] = lambda *_: None) -> Finished:  # fmt: skip
+def carried_out(
+    path: Path,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    say: Say,
+    close: Callable[[Finished, Path, Say], None] = lambda *_: None,
+) -> Finished:
     """Do the study of a file, or go on with it where it was stopped.
 
     out: the folder instead of `runs/study-<name>-<digest>`; workers: processes of this machine, all its cores where
@@ -108,8 +122,10 @@ def _made(study: Study, where: Path, workers: int | None, scheduler: str | None,
             return carry_out(study, where, executor, count_of, tick)
         except KeyboardInterrupt:
             kept = sum(len(parts_of(study)[k]) for k in tables.parts_done(where))
-            raise Stopped(f"Stopped: {kept:,} of {count(study):,} runs are kept in {where}; the same command goes on "
-                          "with the rest.") from None  # fmt: skip
+            raise Stopped(
+                f"Stopped: {kept:,} of {count(study):,} runs are kept in {where}; the same command goes on "
+                "with the rest."
+            ) from None
 
 
 def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager:

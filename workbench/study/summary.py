@@ -20,27 +20,48 @@ def summary(made) -> dict:
     outcomes = tables.columns(made.path, ["outcome"])["outcome"]
     done = int((outcomes == "done").sum())
     if not done:
-        raise InputError(f"study {made.name}: expected runs that can be done, found none of {len(outcomes)} "
-                         f"({outcomes[0]}); correct the study")  # fmt: skip
+        raise InputError(
+            f"study {made.name}: expected runs that can be done, found none of {len(outcomes)} "
+            f"({outcomes[0]}); correct the study"
+        )
     told = Counter(text for text in outcomes if text != "done")
     found = {
-        "command": "study", "study": made.name, "title": study.title or made.name, "kind": study.kind,
-        "do": study.do, "runs": len(outcomes), "done": done,
+        "command": "study",
+        "study": made.name,
+        "title": study.title or made.name,
+        "kind": study.kind,
+        "do": study.do,
+        "runs": len(outcomes),
+        "done": done,
         "not_done": [{"why": why, "runs": n} for why, n in told.most_common(10)],
-        "varied": [axis.name for axis in study.vary.parameter], "outcome": outcome_of(study, names),
+        "varied": [axis.name for axis in study.vary.parameter],
+        "outcome": outcome_of(study, names),
         "columns": [spread(name, values) for name, values in _numbers(made, names)],
-        "stiffen": stiffening(made, names), "sensitivity": sensitivity(made, names), "coverage": coverage(made, names),
+        "stiffen": stiffening(made, names),
+        "sensitivity": sensitivity(made, names),
+        "coverage": coverage(made, names),
         "work": _work(made.done),
-    }  # fmt: skip
+    }
     odd = study.outcome not in (None, found["outcome"])
-    told = [f"No column is called {study.outcome}, as key outcome says; {found['outcome']} is shown "
-            "instead."] if odd else []
+    told = (
+        [
+            f"No column is called {study.outcome}, as key outcome says; {found['outcome']} is shown "
+            "instead."
+        ]
+        if odd
+        else []
+    )
     return found | {"sentences": told + sentences(found)}
 
 
 def _work(done) -> dict:
-    return {"runs_made_now": done.made, "seconds_of_runs": done.seconds, "seconds": done.wall, "workers": done.workers,
-            "overhead": done.overhead}  # fmt: skip
+    return {
+        "runs_made_now": done.made,
+        "seconds_of_runs": done.seconds,
+        "seconds": done.wall,
+        "workers": done.workers,
+        "overhead": done.overhead,
+    }
 
 
 def _numbers(made, names):
@@ -56,8 +77,12 @@ def _numbers(made, names):
 def spread(name: str, values: np.ndarray) -> dict:
     """Mean, standard deviation and quantiles of the runs that have a value."""
     there = values[np.isfinite(values)]
-    row = {"column": name, "n": len(there), "mean": float(there.mean()),
-           "std": float(there.std(ddof=1)) if len(there) > 1 else None}  # fmt: skip
+    row = {
+        "column": name,
+        "n": len(there),
+        "mean": float(there.mean()),
+        "std": float(there.std(ddof=1)) if len(there) > 1 else None,
+    }
     return row | dict(zip(_QUANTILES, np.percentile(there, list(_QUANTILES.values())).tolist()))
 
 
@@ -66,9 +91,12 @@ def outcome_of(study: Study, names: list[str]) -> str:
     if study.outcome in names:
         return study.outcome
     last = study.models[-1].rpartition("/")[2].removesuffix(".toml")
-    ends = {"compliance": [f"{last}_tasks_mm", "uncalibrated_tasks_mm", f"{last}_test_mm"],
-            "sensor": ["centre_rms_mm", "form_rms_mm"], "uncertainty": [f"{last}_tasks_mm", f"{last}_test_mm"],
-            "design": [f"{last}_tasks_mm", f"{last}_test_mm"]}  # fmt: skip
+    ends = {
+        "compliance": [f"{last}_tasks_mm", "uncalibrated_tasks_mm", f"{last}_test_mm"],
+        "sensor": ["centre_rms_mm", "form_rms_mm"],
+        "uncertainty": [f"{last}_tasks_mm", f"{last}_test_mm"],
+        "design": [f"{last}_tasks_mm", f"{last}_test_mm"],
+    }
     wanted = [*ends[study.kind], f"{last}_held_out_mm", *(n for n in names if n.endswith("_mm"))]
     return next((name for name in wanted if name in names), "run")
 
@@ -91,11 +119,16 @@ def stiffening(made, names: list[str]) -> list[dict]:
     fine = np.isfinite(share).all(0)
     best = share[:, fine].argmin(0)
     return [
-        {"joint": name.partition(mark)[0], "at": place, "error_left": float(share[k, fine].mean()),
-         "error_left_p5": float(np.percentile(share[k, fine], 5)),
-         "error_left_p95": float(np.percentile(share[k, fine], 95)), "best_in": float((best == k).mean())}
+        {
+            "joint": name.partition(mark)[0],
+            "at": place,
+            "error_left": float(share[k, fine].mean()),
+            "error_left_p5": float(np.percentile(share[k, fine], 5)),
+            "error_left_p95": float(np.percentile(share[k, fine], 95)),
+            "best_in": float((best == k).mean()),
+        }
         for k, name in enumerate(found)
-    ]  # fmt: skip
+    ]
 
 
 def sensitivity(made, names: list[str]) -> dict:
@@ -113,34 +146,48 @@ def sensitivity(made, names: list[str]) -> dict:
     result = values.pop(outcome)
     fine = np.isfinite(result)
     if made.study.vary.repeats > 1 or made.study.vary.method == "grid":
-        return {"why": "not determined: needs a random, Latin hypercube, Sobol or Saltelli sample without repeats"}
+        return {
+            "why": "not determined: needs a random, Latin hypercube, Sobol or Saltelli sample without repeats"
+        }
     if fine.sum() < _LEAST:
         return {"why": f"not determined: {fine.sum()} runs are too few, expected at least {_LEAST}"}
     try:
         return _indices(made.study, axes, values, result, fine) | {"outcome": outcome}
     except ImportError:
-        return {"why": "not determined: needs the package SALib (pip install 'vision-sensor-workbench[study]')"}
+        return {
+            "why": "not determined: needs the package SALib (pip install 'vision-sensor-workbench[study]')"
+        }
 
 
 def _indices(study: Study, axes, values, result, fine) -> dict:
     names = [axis.name for axis in axes]
     if study.vary.method == "saltelli":
         if not fine.all():
-            return {"why": f"not determined: Saltelli's scheme needs every run, and {(~fine).sum()} were not done"}
+            return {
+                "why": f"not determined: Saltelli's scheme needs every run, and {(~fine).sum()} were not done"
+            }
         from SALib.analyze import sobol
 
         # about the mean: the estimators lose digits, and bias, to a large one
-        made = sobol.analyze(problem(len(axes)), result - result.mean(), calc_second_order=False, seed=study.seed)
+        made = sobol.analyze(
+            problem(len(axes)), result - result.mean(), calc_second_order=False, seed=study.seed
+        )
         rows = zip(names, made["S1"], made["S1_conf"], made["ST"], made["ST_conf"])
         keys = ("parameter", "first", "first_95", "total", "total_95")
-        return {"method": "Sobol indices", "indices": [dict(zip(keys, map(_plain, row))) for row in rows]}
+        return {
+            "method": "Sobol indices",
+            "indices": [dict(zip(keys, map(_plain, row))) for row in rows],
+        }
     from SALib.analyze import rbd_fast
 
     unit = np.stack([unit_of(axis, values[axis.name][fine]) for axis in axes], 1)
     made = rbd_fast.analyze(problem(len(axes)), unit, result[fine], seed=study.seed)
     rows = zip(names, made["S1"], made["S1_conf"])
     keys = ("parameter", "first", "first_95")
-    return {"method": "random balance designs", "indices": [dict(zip(keys, map(_plain, row))) for row in rows]}
+    return {
+        "method": "random balance designs",
+        "indices": [dict(zip(keys, map(_plain, row))) for row in rows],
+    }
 
 
 def _plain(value):
@@ -169,8 +216,16 @@ def coverage(made, names: list[str]) -> list[dict]:
     rows = []
     for key in [name for name in names if f"{name}:std" in names and true.get(f"{name}:std")]:
         values = tables.columns(made.path, [key, f"{key}:std"])
-        rows.append(_covered(key, values[key], values[f"{key}:std"], true[key], true[f"{key}:std"],
-                             behind is not None and key.startswith(behind)))  # fmt: skip
+        rows.append(
+            _covered(
+                key,
+                values[key],
+                values[f"{key}:std"],
+                true[key],
+                true[f"{key}:std"],
+                behind is not None and key.startswith(behind),
+            )
+        )
     return [row for row in rows if row is not None]
 
 
@@ -178,12 +233,21 @@ def _covered(key, values, std, true, stated, known) -> dict | None:
     fine = np.isfinite(values) & np.isfinite(std)
     if fine.sum() < 2:
         return None
-    row = {"parameter": key, "n": int(fine.sum()), "whole": true, "whole_std": stated,
-           "spread": float(values[fine].std(ddof=1)), "ratio": float(values[fine].std(ddof=1) / stated)}  # fmt: skip
+    row = {
+        "parameter": key,
+        "n": int(fine.sum()),
+        "whole": true,
+        "whole_std": stated,
+        "spread": float(values[fine].std(ddof=1)),
+        "ratio": float(values[fine].std(ddof=1) / stated),
+    }
     if known:
         away = np.abs(values[fine] - true) / std[fine]
-        row |= {"within_1": float((away <= 1).mean()), "within_2": float((away <= 1.96).mean()),
-                "bias_sigmas": float((values[fine] - true).mean() / stated)}  # fmt: skip
+        row |= {
+            "within_1": float((away <= 1).mean()),
+            "within_2": float((away <= 1.96).mean()),
+            "bias_sigmas": float((values[fine] - true).mean() / stated),
+        }
     return row
 
 
@@ -192,8 +256,10 @@ def sentences(found: dict) -> list[str]:
     lines = []
     if found["not_done"]:
         first = found["not_done"][0]
-        lines.append(f"{found['runs'] - found['done']} runs could not be done, {first['runs']} of them because: "
-                     f"{first['why']}")
+        lines.append(
+            f"{found['runs'] - found['done']} runs could not be done, {first['runs']} of them because: "
+            f"{first['why']}"
+        )
     if found["stiffen"]:
         best = min(found["stiffen"], key=lambda row: row["error_left"])
         lines.append(
@@ -204,14 +270,20 @@ def sentences(found: dict) -> list[str]:
     if indices := found["sensitivity"].get("indices"):
         most = max(indices, key=lambda row: row.get("total", row["first"]))
         share = most.get("total", most["first"])
-        lines.append(f"{most['parameter']} matters most for {found['outcome']}: {100 * share:.0f} % of its variance.")
+        lines.append(
+            f"{most['parameter']} matters most for {found['outcome']}: {100 * share:.0f} % of its variance."
+        )
     known = [row for row in found["coverage"] if "within_2" in row]
     if known:
         mean = np.mean([row["within_2"] for row in known])
-        lines.append(f"95 % intervals of {len(known)} parameters hold the true value in {100 * mean:.1f} % of the "
-                     "runs.")
+        lines.append(
+            f"95 % intervals of {len(known)} parameters hold the true value in {100 * mean:.1f} % of the "
+            "runs."
+        )
     elif found["coverage"]:
         ratio = np.median([row["ratio"] for row in found["coverage"]])
-        lines.append(f"Parameters of resampled recordings spread {ratio:.2f} times as much as their stated sigma "
-                     "(median).")
+        lines.append(
+            f"Parameters of resampled recordings spread {ratio:.2f} times as much as their stated sigma "
+            "(median)."
+        )
     return lines

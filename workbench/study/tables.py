@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.core.text.csv_text import protect_text_columns
 from workbench.core.errors import InputError
+from workbench.core.text.csv_text import protect_text_columns
 from workbench.study.robots import Row
 
 PARTS, TABLE, CSV = "parts", "table.parquet", "table.csv"
@@ -54,8 +54,10 @@ def whole(path: Path) -> Iterator[Path]:
     except OSError as problem:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT)
         why = "the disk is full" if full else f"the system says '{problem.strerror}'"
-        raise InputError(f"{path} cannot be written, because {why}; make room or name another place with --out, and "
-                         "the study goes on where it was") from problem  # fmt: skip
+        raise InputError(
+            f"{path} cannot be written, because {why}; make room or name another place with --out, and "
+            "the study goes on where it was"
+        ) from problem
     finally:
         partial.unlink(missing_ok=True)
 
@@ -98,10 +100,11 @@ def _schema(pa, schemas):
 
 def _as(pa, table, schema):
     columns = [
-        table.column(field.name).cast(field.type) if field.name in table.column_names
+        table.column(field.name).cast(field.type)
+        if field.name in table.column_names
         else pa.nulls(table.num_rows, field.type)
         for field in schema
-    ]  # fmt: skip
+    ]
     return pa.table(columns, schema=schema)
 
 
@@ -119,7 +122,8 @@ def columns(folder: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
 
     table = pq.read_table(folder / TABLE, columns=list(names), memory_map=True)
     return {
-        name: np.array(column.to_pylist(), object) if types.is_string(column.type)
+        name: np.array(column.to_pylist(), object)
+        if types.is_string(column.type)
         else column.cast("float64").to_numpy().astype(float)
         for name, column in zip(table.column_names, table.columns)
-    }  # fmt: skip
+    }

@@ -28,7 +28,9 @@ def _points(vary: Vary) -> int:
     if vary.method == "grid":
         return _grid(vary)
     if vary.runs is None:
-        raise InputError(f"study, key vary.runs: expected the number of runs of {vary.method}, found none; add it")
+        raise InputError(
+            f"study, key vary.runs: expected the number of runs of {vary.method}, found none; add it"
+        )
     if vary.method == "saltelli":
         return _saltelli_base(vary) * (len(vary.parameter) + 2)
     return vary.runs
@@ -37,8 +39,10 @@ def _points(vary: Vary) -> int:
 def _grid(vary: Vary) -> int:
     total = prod(_levels(axis) for axis in vary.parameter)
     if vary.runs is not None and vary.runs != total:
-        raise InputError(f"study, key vary.runs: expected {total}, the points of the grid, found {vary.runs}; leave "
-                         "it out")
+        raise InputError(
+            f"study, key vary.runs: expected {total}, the points of the grid, found {vary.runs}; leave "
+            "it out"
+        )
     return total
 
 
@@ -50,8 +54,10 @@ def _saltelli_base(vary: Vary) -> int:
     """N of SALib's N (D + 2) points; a power of two, so that Sobol's sequence keeps its balance."""
     width = len(vary.parameter) + 2
     if width < 4:
-        raise InputError("study, key vary.parameter: expected at least two parameters for saltelli, found fewer; "
-                         "add one")
+        raise InputError(
+            "study, key vary.parameter: expected at least two parameters for saltelli, found fewer; "
+            "add one"
+        )
     base = 2 ** max(int(np.log2(max(vary.runs / width, 1))), 3)
     if base * width != vary.runs:
         raise InputError(
@@ -70,7 +76,9 @@ def values_of(study: Study, run: int) -> dict[str, float | str | list]:
     if study.vary.method == "grid":
         index = np.unravel_index(place, [_levels(axis) for axis in axes]) if axes else ()
         return {axis.name: _level(axis, int(k)) for axis, k in zip(axes, index)}
-    unit = _cube(study.vary.method, len(axes), _points(study.vary), study.seed, place // BLOCK)[place % BLOCK]
+    unit = _cube(study.vary.method, len(axes), _points(study.vary), study.seed, place // BLOCK)[
+        place % BLOCK
+    ]
     return {axis.name: _scaled(axis, float(u)) for axis, u in zip(axes, unit)}
 
 
@@ -90,7 +98,9 @@ def _cube(method: str, width: int, points: int, seed: int, block: int) -> np.nda
     if method == "saltelli":
         return _saltelli(width, points // (width + 2), seed)[block * BLOCK : block * BLOCK + rows]
     sequence = qmc.Sobol(width, rng=rng)
-    with warnings.catch_warnings(action="ignore"):  # that the count is no power of two: a block is, the last may not be
+    with warnings.catch_warnings(
+        action="ignore"
+    ):  # that the count is no power of two: a block is, the last may not be
         return sequence.fast_forward(block * BLOCK).random(rows) if block else sequence.random(rows)
 
 
@@ -104,7 +114,11 @@ def _saltelli(width: int, base: int, seed: int) -> np.ndarray:
 
 def problem(width: int) -> dict:
     """SALib's way to say that there are so many parameters, each from 0 to 1."""
-    return {"num_vars": width, "names": [f"x{k}" for k in range(width)], "bounds": [[0.0, 1.0]] * width}
+    return {
+        "num_vars": width,
+        "names": [f"x{k}" for k in range(width)],
+        "bounds": [[0.0, 1.0]] * width,
+    }
 
 
 def unit_of(axis: Axis, values: np.ndarray) -> np.ndarray:
@@ -170,5 +184,7 @@ def _inside(place, part, path, name):
 
 
 def _nowhere(path, name, part):
-    return InputError(f"study, parameter {name}, key path: expected keys of the study or its scene, found no "
-                      f"'{part}' in '{path}'; correct it (tables of a list are numbered from 1)")  # fmt: skip
+    return InputError(
+        f"study, parameter {name}, key path: expected keys of the study or its scene, found no "
+        f"'{part}' in '{path}'; correct it (tables of a list are numbered from 1)"
+    )

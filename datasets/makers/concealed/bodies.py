@@ -20,9 +20,20 @@ def joint_compliance(rng, world, joint: int | None = None):
     if k is None:
         return None
     most = _MOST_RAD / np.abs(world.torque[:, k]).max()
-    same = () if np.any(world.payload) or world.arm.tool_mass else (("link-self-weight", f"joint-{k + 1}"),)
-    return Concealed("joint-compliance", f"joint-{k + 1}", lambda s: Push(joint_compliance=s * np.eye(world.joints)[k]),
-                     most / 10, most, "rad/(N m)", accept=same)  # fmt: skip
+    same = (
+        ()
+        if np.any(world.payload) or world.arm.tool_mass
+        else (("link-self-weight", f"joint-{k + 1}"),)
+    )
+    return Concealed(
+        "joint-compliance",
+        f"joint-{k + 1}",
+        lambda s: Push(joint_compliance=s * np.eye(world.joints)[k]),
+        most / 10,
+        most,
+        "rad/(N m)",
+        accept=same,
+    )
 
 
 def link_self_weight(rng, world):
@@ -35,8 +46,14 @@ def link_self_weight(rng, world):
     if k is None:
         return None
     most = _MOST_RAD / np.abs(torque[:, k]).max()
-    return Concealed("link-self-weight", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * torque[:, k])),
-                     most / 10, most, "rad/(N m)")  # fmt: skip
+    return Concealed(
+        "link-self-weight",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * torque[:, k])),
+        most / 10,
+        most,
+        "rad/(N m)",
+    )
 
 
 def link_compliance(rng, world):
@@ -45,14 +62,22 @@ def link_compliance(rng, world):
     if k is None:
         return None
     most = _MOST_RAD / np.abs(world.moment[:, k]).max()
-    return Concealed("link-compliance", f"link-{k + 1}", lambda s: Push(link_compliance=s * np.eye(world.joints)[k]),
-                     most / 10, most, "rad/(N m)")  # fmt: skip
+    return Concealed(
+        "link-compliance",
+        f"link-{k + 1}",
+        lambda s: Push(link_compliance=s * np.eye(world.joints)[k]),
+        most / 10,
+        most,
+        "rad/(N m)",
+    )
 
 
 def pedestal_compliance(rng, world):
     """A pedestal that tilts under the arm, somewhat more one way than the other."""
     both = rng.uniform(0.6, 1.0, 2)
-    return Concealed("pedestal-compliance", "base", lambda s: Push(pedestal=s * both), 2e-6, 5e-5, "rad/(N m)")
+    return Concealed(
+        "pedestal-compliance", "base", lambda s: Push(pedestal=s * both), 2e-6, 5e-5, "rad/(N m)"
+    )
 
 
 def mount_tilt(rng, world):
@@ -79,7 +104,9 @@ def axis_run_out(rng, world):
     waves = np.stack([np.cos(world.angles[:, k]), np.sin(world.angles[:, k])])
     aside = np.zeros((world.n, world.joints, 3))
     aside[:, k, :2] = waves.T @ rng.normal(0, 1, (2, 2))
-    return Concealed("axis-run-out", f"joint-{k + 1}", lambda s: Push(run_out=s * aside), 0.02, 0.4, "mm")
+    return Concealed(
+        "axis-run-out", f"joint-{k + 1}", lambda s: Push(run_out=s * aside), 0.02, 0.4, "mm"
+    )
 
 
 def base_drift(rng, world):
@@ -90,7 +117,9 @@ def base_drift(rng, world):
     courses = np.stack([1 - np.exp(-share / rng.uniform(0.2, 0.6)), share * rng.uniform(-1, 1)])
     twist = courses.T @ (rng.normal(0, 1, (2, 6)) * size)
     detail = {"start": float(time[0]), "end": float(time[-1])}
-    return Concealed("base-drift", "base", lambda s: Push(base=s * twist), 0.05, 1.0, "mm and mrad", detail)
+    return Concealed(
+        "base-drift", "base", lambda s: Push(base=s * twist), 0.05, 1.0, "mm and mrad", detail
+    )
 
 
 def range_scale(rng, world):
@@ -98,7 +127,9 @@ def range_scale(rng, world):
     far = world.clean[:, 2]
     sensed = np.zeros((world.n, 3))
     sensed[:, 2] = far - 130.0
-    return Concealed("range-scale", "sensor", lambda s: Push(sensed=s * sensed), 3e-3, 0.04, "mm/mm")
+    return Concealed(
+        "range-scale", "sensor", lambda s: Push(sensed=s * sensed), 3e-3, 0.04, "mm/mm"
+    )
 
 
 def field_bias(rng, world):
@@ -122,7 +153,9 @@ def artefact_expansion(rng, world):
     """A plate that grows with temperature."""
     warm = world.covariates["temperature_c"] - 20.0
     grown = world.targets[world.index] * warm[:, None]
-    return Concealed("artefact-expansion", "artefact", lambda s: Push(ball=s * grown), 2e-5, 8e-5, "1/K")
+    return Concealed(
+        "artefact-expansion", "artefact", lambda s: Push(ball=s * grown), 2e-5, 8e-5, "1/K"
+    )
 
 
 def _loaded(rng, swing) -> int | None:

@@ -41,11 +41,16 @@ def draw(suite: str, index: int, seed: int) -> Case:
         try:
             world = workplace.draw(rng, question.wish)
             found = _concealed(rng, world, question)
-        except (ValueError, StaticsError):  # an arm that cannot work where chance put it, or cannot carry itself
+        except (
+            ValueError,
+            StaticsError,
+        ):  # an arm that cannot work where chance put it, or cannot carry itself
             continue
         if found is not None:
             return _case(rng, suite, index, world, question, found)
-    raise ValueError(f"suite {suite}, case {index}: {_TRIES} tries made no case that can be measured")
+    raise ValueError(
+        f"suite {suite}, case {index}: {_TRIES} tries made no case that can be measured"
+    )
 
 
 def _concealed(rng, world: World, question) -> list[Sized] | None:
@@ -86,17 +91,24 @@ def _case(rng, suite, index, world: World, question, found) -> Case:
     order = _order(rng, world, question.shuffled)
     columns = {
         name: column if name == "pose" else column[order]  # poses are numbered as the file has them
-        for name, column in columns.items() if not _left_out(name, question.withheld)
-    }  # fmt: skip
+        for name, column in columns.items()
+        if not _left_out(name, question.withheld)
+    }
     columns = {"sample": np.arange(1, world.n + 1, dtype=float)} | columns
     balls = {k + 1: (*map(float, place), 15.0) for k, place in enumerate(world.targets)}
     stated = question.scatter.stated
-    truth = _truth(suite, index, world, question, found) | {"part": (np.flatnonzero(world.part[order]) + 1).tolist()}
+    truth = _truth(suite, index, world, question, found) | {
+        "part": (np.flatnonzero(world.part[order]) + 1).tolist()
+    }
     return Case(
-        world.measures, columns, world.robot, balls if world.measures == "ball-centre" else {},
+        world.measures,
+        columns,
+        world.robot,
+        balls if world.measures == "ball-centre" else {},
         None if stated is None else float(f"{world.sigma * stated:.3g}"),
-        "joint-compliance" if world.elastic else "geometry", truth,
-    )  # fmt: skip
+        "joint-compliance" if world.elastic else "geometry",
+        truth,
+    )
 
 
 def _order(rng, world: World, shuffled: bool) -> np.ndarray:
@@ -108,19 +120,29 @@ def _order(rng, world: World, shuffled: bool) -> np.ndarray:
 
 def _truth(suite, index, world, question, found) -> dict:
     return {
-        "suite": suite, "index": index, "effects": [one.truth() for one in found],
-        "robot": world.robot["name"], "measures": world.measures, "samples": world.n, "sigma_mm": world.sigma,
-        "noise": question.scatter.word, "covariates": sorted(world.covariates),
-        "withheld": question.withheld, "words": list(question.words), "split": question.wish.split,
+        "suite": suite,
+        "index": index,
+        "effects": [one.truth() for one in found],
+        "robot": world.robot["name"],
+        "measures": world.measures,
+        "samples": world.n,
+        "sigma_mm": world.sigma,
+        "noise": question.scatter.word,
+        "covariates": sorted(world.covariates),
+        "withheld": question.withheld,
+        "words": list(question.words),
+        "split": question.wish.split,
         "baseline": "joint-compliance" if world.elastic else "geometry",
-    }  # fmt: skip
+    }
 
 
 def _noise(rng, world, scatter: Scatter, push: Push) -> np.ndarray:
     """(n, 3) mm of unit variance times sigma."""
     unit = rng.normal(0, 1, (world.n, 3))
     if scatter.degrees:
-        unit = rng.standard_t(scatter.degrees, (world.n, 3)) / np.sqrt(scatter.degrees / (scatter.degrees - 2))
+        unit = rng.standard_t(scatter.degrees, (world.n, 3)) / np.sqrt(
+            scatter.degrees / (scatter.degrees - 2)
+        )
     spread = np.broadcast_to(push.spread, world.n)
     return world.sigma * np.exp(spread)[:, None] * unit
 
@@ -131,15 +153,21 @@ def _columns(world: World, points) -> dict:
     if world.measures == "ball-centre":
         columns["ball"] = world.index + 1.0
     elif len(world.targets) > 1:
-        columns |= {"reflector": world.index + 1.0, "pose": np.arange(world.n) // len(world.targets) + 1.0}
+        columns |= {
+            "reflector": world.index + 1.0,
+            "pose": np.arange(world.n) // len(world.targets) + 1.0,
+        }
     return columns | dict(world.covariates)
 
 
 _PREFIX = {
-    "approach": "approach", "payload": "payload_kg", "temperature": "temperature", "speed": "qdot", "time": "time_s",
-}  # fmt: skip
+    "approach": "approach",
+    "payload": "payload_kg",
+    "temperature": "temperature",
+    "speed": "qdot",
+    "time": "time_s",
+}
 
 
 def _left_out(name: str, kinds) -> bool:
     return any(name.startswith(_PREFIX[kind]) for kind in kinds)
-

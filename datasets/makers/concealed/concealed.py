@@ -47,18 +47,26 @@ class Sized:
         """What the sealed answer says of it."""
         one = self.concealed
         return {
-            "effect": one.effect, "where": one.where, "value": self.size, "unit": one.unit,
-            "survives_sigma": self.survives, "survives_share": self.share, "detail": dict(one.detail),
-            "accept": [list(pair) for pair in one.accept], "places": list(one.places),
+            "effect": one.effect,
+            "where": one.where,
+            "value": self.size,
+            "unit": one.unit,
+            "survives_sigma": self.survives,
+            "survives_share": self.share,
+            "detail": dict(one.detail),
+            "accept": [list(pair) for pair in one.accept],
+            "places": list(one.places),
             "depends_on": list(one.depends_on),
-        }  # fmt: skip
+        }
 
 
 _LEAST_SHARE = 2e-3
 _ENLARGED = 1.5
 
 
-def sized(world: World, base: np.ndarray, one: Concealed, wanted: float, sign: float = 1.0) -> Sized | None:
+def sized(
+    world: World, base: np.ndarray, one: Concealed, wanted: float, sign: float = 1.0
+) -> Sized | None:
     """The effect at the size that leaves `wanted` sigma, RMS over coordinates, after the baseline.
 
     None where the baseline swallows all of it, or nothing of it is to be seen here. At most `most`,

@@ -7,14 +7,18 @@ _OFTEN = {"time": 0.8, "temperature": 0.5, "payload": 0.5, "approach": 0.5, "spe
 _KELVIN = 0.25  # what the thermometer shows
 
 
-def draw(rng: np.random.Generator, joints_deg: np.ndarray, need: frozenset, part: np.ndarray, split: str) -> dict:
+def draw(
+    rng: np.random.Generator, joints_deg: np.ndarray, need: frozenset, part: np.ndarray, split: str
+) -> dict:
     """Columns in file units: those of the kinds that are needed, and others as chance has it.
 
     joints_deg: (n, J), one row a pose. part: (n,) True where a swallowed effect shows;
     split: "payload" or "temperature" makes it another one there, anything else does not.
     """
     n = len(joints_deg)
-    kinds = {kind for kind in KINDS if kind in need or rng.random() < _OFTEN[kind]} | {split} & set(KINDS)
+    kinds = {kind for kind in KINDS if kind in need or rng.random() < _OFTEN[kind]} | {split} & set(
+        KINDS
+    )
     time = np.round(np.cumsum(rng.uniform(8, 25, n)), 1)
     columns = {}
     if "time" in kinds:
@@ -35,8 +39,12 @@ def _temperature(rng, time, part, split):
     """A machine that warms up, and the day outside; only the part is warm where that is what tells it."""
     span = time[-1]
     rise = rng.uniform(6, 14) * (1 - np.exp(-time / (span * rng.uniform(0.15, 0.6))))
-    day = rng.uniform(0.5, 2) * np.sin(2 * np.pi * (time / span * rng.uniform(0.3, 1.5) + rng.random()))
-    kelvin = rng.uniform(19, 22) + (0.15 * rise + 10 * part if split == "temperature" else rise) + day
+    day = rng.uniform(0.5, 2) * np.sin(
+        2 * np.pi * (time / span * rng.uniform(0.3, 1.5) + rng.random())
+    )
+    kelvin = (
+        rng.uniform(19, 22) + (0.15 * rise + 10 * part if split == "temperature" else rise) + day
+    )
     return np.round(kelvin / _KELVIN) * _KELVIN
 
 

@@ -12,22 +12,41 @@ def outliers(rng, world):
     rows = rng.choice(world.n, count, replace=False)
     way = rng.normal(0, 1, (count, 3))
     off = np.zeros((world.n, 3))
-    off[rows] = way / np.linalg.norm(way, axis=1, keepdims=True) * rng.uniform(8, 25, (count, 1)) * world.sigma
+    off[rows] = (
+        way
+        / np.linalg.norm(way, axis=1, keepdims=True)
+        * rng.uniform(8, 25, (count, 1))
+        * world.sigma
+    )
     detail = {"samples": sorted(int(r) + 1 for r in rows)}
-    return Concealed("outliers", "samples", lambda s: Push(sensed=s * off), 1.0, 1.0, "1", detail, fixed=True)
+    return Concealed(
+        "outliers", "samples", lambda s: Push(sensed=s * off), 1.0, 1.0, "1", detail, fixed=True
+    )
 
 
 def noise_heteroscedastic(rng, world):
     """A spread that grows with something recorded; the mean stays."""
-    able = [name for name in ("temperature_c", "payload_kg", "time_s") if np.ptp(world.covariates.get(name, 0.0)) > 0]
+    able = [
+        name
+        for name in ("temperature_c", "payload_kg", "time_s")
+        if np.ptp(world.covariates.get(name, 0.0)) > 0
+    ]
     if not able:
         return None
     name = str(rng.choice(able))
     by = world.covariates[name]
     by = (by - by.mean()) / by.std()
     size = rng.uniform(0.35, 0.9)
-    return Concealed("noise-heteroscedastic", "noise", lambda s: Push(spread=s * by), size, size, "1",
-                     {"covariate": name}, fixed=True)  # fmt: skip
+    return Concealed(
+        "noise-heteroscedastic",
+        "noise",
+        lambda s: Push(spread=s * by),
+        size,
+        size,
+        "1",
+        {"covariate": name},
+        fixed=True,
+    )
 
 
 def unit_or_frame(rng, world):
@@ -35,7 +54,9 @@ def unit_or_frame(rng, world):
     kind = str(rng.choice(["axis-flipped", "joints-permuted", "joint-sign", "rows-shifted"]))
     joint = int(rng.integers(1, world.joints - 1))
     detail = {"kind": kind, "axis": str(rng.choice(["x_mm", "y_mm", "z_mm"])), "joint": joint + 1}
-    return Concealed("unit-or-frame", "samples", lambda s: Push(), 1.0, 1.0, "1", detail, fixed=True)
+    return Concealed(
+        "unit-or-frame", "samples", lambda s: Push(), 1.0, 1.0, "1", detail, fixed=True
+    )
 
 
 def garbled(columns: dict, detail) -> dict:

@@ -27,17 +27,27 @@ def robot(name: str, rng: np.random.Generator) -> dict:
     """A robot.toml as a mapping: lengths of the manual, masses, tool and, in half of the cases, gear ratios."""
     told = tomllib.loads((ROBOTS / f"{name}.toml").read_text(encoding="utf-8"))
     rows = [{key: row[key] for key in _ROW if key in row} for row in told["joint"]]
-    rows = [row | {"limits_deg": _limits(one)} if _LIMITS in one else row for row, one in zip(rows, told["joint"])]
+    rows = [
+        row | {"limits_deg": _limits(one)} if _LIMITS in one else row
+        for row, one in zip(rows, told["joint"])
+    ]
     for row, body in zip(rows, _bodies(told["joint"], rng)):
         row.update(body)
     if rng.random() < 0.5:
         for row in rows:
             row["gear_ratio"] = int(rng.integers(50, 161))
-    tool = {"mass_kg": round(rng.uniform(0.8, 2.5), 3), "com_mm": _rounded(rng.uniform([-40, -40, 20], [40, 40, 90]))}
+    tool = {
+        "mass_kg": round(rng.uniform(0.8, 2.5), 3),
+        "com_mm": _rounded(rng.uniform([-40, -40, 20], [40, 40, 90])),
+    }
     return {
-        "name": told["name"], "convention": "distal", "gravity": [0.0, 0.0, -1.0],
-        "source": "lengths of the maker's manual, masses by estimate", "payload": tool, "joint": rows,
-    }  # fmt: skip
+        "name": told["name"],
+        "convention": "distal",
+        "gravity": [0.0, 0.0, -1.0],
+        "source": "lengths of the maker's manual, masses by estimate",
+        "payload": tool,
+        "joint": rows,
+    }
 
 
 def limits_deg(row) -> list[float]:
@@ -57,7 +67,10 @@ def _bodies(rows, rng) -> list[dict]:
     reach = sum(abs(row["d_mm"]) + abs(row["a_mm"]) for row in rows)
     whole = 28 * (reach / 1000) ** 1.5 * rng.uniform(0.8, 1.2)  # kg: small arms of this class
     return [
-        {"mass_kg": round(float(whole * share), 3), "com_mm": _rounded(_half_way(row) + rng.uniform(-25, 25, 3))}
+        {
+            "mass_kg": round(float(whole * share), 3),
+            "com_mm": _rounded(_half_way(row) + rng.uniform(-25, 25, 3)),
+        }
         for row, share in zip(rows, _SHARES)
     ]
 

@@ -27,19 +27,36 @@ def transmission_harmonic(rng, world, order: int | None = None, joint: int | Non
     """A gear or encoder that errs n times a turn; with gear ratios told, n may be a gear's."""
     k = pick(rng, world) if joint is None else joint
     gear = world.robot["joint"][k].get("gear_ratio", 2)
-    n = int(order or rng.choice([1, 2, 3, 4, 6, gear, 2 * gear], p=[0.3, 0.3, 0.1, 0.1, 0.06, 0.08, 0.06]))
+    n = int(
+        order
+        or rng.choice([1, 2, 3, 4, 6, gear, 2 * gear], p=[0.3, 0.3, 0.1, 0.1, 0.06, 0.08, 0.06])
+    )
     wave = np.cos(n * world.angles[:, k] + rng.uniform(-np.pi, np.pi))
     detail = {"order": n}
-    return Concealed("transmission-harmonic", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * wave)),
-                     1e-4, _MOST_RAD, "rad", detail)  # fmt: skip
+    return Concealed(
+        "transmission-harmonic",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * wave)),
+        1e-4,
+        _MOST_RAD,
+        "rad",
+        detail,
+    )
 
 
 def backlash(rng, world, joint: int | None = None):
     """A gap: the joint stops short of its reading on the side that it came from, half of it."""
     k = pick(rng, world) if joint is None else joint
     side = world.covariates[f"approach{k + 1}"]
-    return Concealed("backlash", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * side)),
-                     1e-4, _MOST_RAD, "rad", {"seat": "approach"})  # fmt: skip
+    return Concealed(
+        "backlash",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * side)),
+        1e-4,
+        _MOST_RAD,
+        "rad",
+        {"seat": "approach"},
+    )
 
 
 def backlash_by_gravity(rng, world):
@@ -50,16 +67,30 @@ def backlash_by_gravity(rng, world):
     if (torque > 0).mean() < 0.1 or (torque < 0).mean() < 0.1 or np.abs(torque).max() < 0.3:
         return None
     side = np.tanh(torque / soft)
-    return Concealed("backlash", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * side)),
-                     1e-4, _MOST_RAD, "rad", {"seat": "gravity", "width": float(soft)})  # fmt: skip
+    return Concealed(
+        "backlash",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * side)),
+        1e-4,
+        _MOST_RAD,
+        "rad",
+        {"seat": "gravity", "width": float(soft)},
+    )
 
 
 def joint_coupling(rng, world):
     """A joint that turns by a share of another's motion."""
     k, other = (int(x) for x in rng.choice(world.joints, 2, replace=False))
     swing = world.angles[:, other]
-    return Concealed("joint-coupling", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * swing)),
-                     1e-4, _MOST_RAD, "rad/rad", {"joint": other + 1})  # fmt: skip
+    return Concealed(
+        "joint-coupling",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * swing)),
+        1e-4,
+        _MOST_RAD,
+        "rad/rad",
+        {"joint": other + 1},
+    )
 
 
 def zero_shift(rng, world):
@@ -71,22 +102,36 @@ def zero_shift(rng, world):
     after = (np.arange(world.n) >= first).astype(float)
     clock = world.covariates.get("time_s", np.arange(world.n, dtype=float))
     detail = {"after": float((clock[first - 1] + clock[first]) / 2), "row": first}
-    return Concealed("zero-shift", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * after)),
-                     1e-4, _MOST_RAD, "rad", detail)  # fmt: skip
+    return Concealed(
+        "zero-shift",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * after)),
+        1e-4,
+        _MOST_RAD,
+        "rad",
+        detail,
+    )
 
 
 def encoder_quantisation(rng, world):
     """The drive stands on the nearest count and not where the reading says."""
     k = pick(rng, world)
     reading = world.readings[:, k]
-    return Concealed("encoder-quantisation", f"joint-{k + 1}",
-                     lambda s: Push(joint=on_joint(world, k, s * np.round(reading / s) - reading)),
-                     3e-4, 2e-3, "rad a count")  # fmt: skip
+    return Concealed(
+        "encoder-quantisation",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * np.round(reading / s) - reading)),
+        3e-4,
+        2e-3,
+        "rad a count",
+    )
 
 
 def time_offset(rng, world):
     """The readings are of another instant than the measurement, while the arm moves."""
-    speed = np.deg2rad(np.column_stack([world.covariates[f"qdot{k}_deg_s"] for k in range(1, world.joints + 1)]))
+    speed = np.deg2rad(
+        np.column_stack([world.covariates[f"qdot{k}_deg_s"] for k in range(1, world.joints + 1)])
+    )
     speed = speed @ world.arm.mixing.T
     return Concealed("time-offset", "time", lambda s: Push(joint=s * speed), 1e-3, 0.1, "s")
 
@@ -97,14 +142,23 @@ def reading_lag(rng, world):
     Each joint has its own strongest braking and highest speed; the joint that needs longest sets the time of all.
     """
     change = np.diff(world.angles, axis=0, prepend=world.angles[:1])
-    first = np.maximum.accumulate(np.where(np.abs(change).any(1), np.arange(world.n), 0))  # reflectors share a stand
+    first = np.maximum.accumulate(
+        np.where(np.abs(change).any(1), np.arange(world.n), 0)
+    )  # reflectors share a stand
     way = change[first]
-    braking, speed = rng.uniform(6, 14, world.joints), rng.uniform(2.5, 6, world.joints)  # rad/s^2, rad/s
+    braking, speed = (
+        rng.uniform(6, 14, world.joints),
+        rng.uniform(2.5, 6, world.joints),
+    )  # rad/s^2, rad/s
     far = np.abs(way)
-    ramp = np.minimum(np.sqrt(far * braking), speed)  # the highest speed that each would reach by itself
+    ramp = np.minimum(
+        np.sqrt(far * braking), speed
+    )  # the highest speed that each would reach by itself
     time = np.where(far > 0, far / np.maximum(ramp, 1e-9) + ramp / braking, 0)
     slowest = np.argmax(time, axis=1)
-    share = 0.5 * braking[slowest] / np.maximum(far[np.arange(world.n), slowest], 1e-9)  # of the way, at t^2 = 1
+    share = (
+        0.5 * braking[slowest] / np.maximum(far[np.arange(world.n), slowest], 1e-9)
+    )  # of the way, at t^2 = 1
     left = way * np.where(time.max(1) > 0, share, 0)[:, None] / 5.0
     return Concealed("reading-lag", "time", lambda s: Push(joint=s * left), 1e-4, _MOST_RAD, "rad")
 
@@ -113,8 +167,14 @@ def joint_thermal_drift(rng, world):
     """An encoder's zero that moves with temperature."""
     k = pick(rng, world)
     warm = world.covariates["temperature_c"] - 20.0
-    return Concealed("joint-thermal-drift", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * warm)),
-                     1e-5, 4e-4, "rad/K")  # fmt: skip
+    return Concealed(
+        "joint-thermal-drift",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * warm)),
+        1e-5,
+        4e-4,
+        "rad/K",
+    )
 
 
 def link_thermal_growth(rng, world):
@@ -123,5 +183,11 @@ def link_thermal_growth(rng, world):
     k = int(rng.choice(np.flatnonzero(lengths > 50)))
     warm = world.covariates["temperature_c"] - 20.0
     # steel grows by 1.2e-5 a kelvin, aluminium by 2.3e-5; a link that is warmer than the air shows more
-    return Concealed("link-thermal-growth", f"link-{k + 1}", lambda s: Push(growth=on_joint(world, k, s * warm)),
-                     2e-5, 8e-5, "1/K")  # fmt: skip
+    return Concealed(
+        "link-thermal-growth",
+        f"link-{k + 1}",
+        lambda s: Push(growth=on_joint(world, k, s * warm)),
+        2e-5,
+        8e-5,
+        "1/K",
+    )

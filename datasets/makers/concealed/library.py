@@ -34,7 +34,9 @@ ROWS = {
     "joint-coupling": Row(joints.joint_coupling, weight=1.5),
     "zero-shift": Row(joints.zero_shift, weight=1.5),
     "encoder-quantisation": Row(joints.encoder_quantisation, weight=0.5, one_sided=True),
-    "link-thermal-growth": Row(joints.link_thermal_growth, _needs("temperature"), weight=1.5, one_sided=True),
+    "link-thermal-growth": Row(
+        joints.link_thermal_growth, _needs("temperature"), weight=1.5, one_sided=True
+    ),
     "joint-thermal-drift": Row(joints.joint_thermal_drift, _needs("temperature"), weight=1.5),
     "pedestal-compliance": Row(bodies.pedestal_compliance, one_sided=True),
     "base-drift": Row(bodies.base_drift, _needs("time"), weight=1.5),
@@ -46,9 +48,13 @@ ROWS = {
     "range-scale": Row(bodies.range_scale, Wish(_BALLS)),
     "field-bias": Row(bodies.field_bias, Wish(_BALLS)),
     "ball-position": Row(bodies.ball_position, Wish(_BALLS)),
-    "artefact-expansion": Row(bodies.artefact_expansion, Wish(_BALLS, frozenset({"temperature"})), one_sided=True),
+    "artefact-expansion": Row(
+        bodies.artefact_expansion, Wish(_BALLS, frozenset({"temperature"})), one_sided=True
+    ),
     "outliers": Row(data.outliers, one_sided=True),
-    "noise-heteroscedastic": Row(data.noise_heteroscedastic, _needs("temperature", "payload"), one_sided=True),
+    "noise-heteroscedastic": Row(
+        data.noise_heteroscedastic, _needs("temperature", "payload"), one_sided=True
+    ),
     "unit-or-frame": Row(data.unit_or_frame, weight=0.5, one_sided=True),
 }
 """What can be drawn; "backlash-by-gravity" is a backlash whose side gravity chooses."""

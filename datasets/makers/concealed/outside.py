@@ -32,23 +32,49 @@ def hose_on_the_wrist(rng, world):
     torque = (energy[0] - energy[1]) / 2e-4
     pull = torque / max(np.abs(torque).max(), 1e-9)
     wrist = ("q4_deg", "q5_deg", "q6_deg", "q4", "q5", "q6")
-    return Concealed("unknown", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * pull)), 2e-4, _MOST_RAD,
-                     "rad", {"cause": "hose torque on the wrist"}, depends_on=wrist)  # fmt: skip
+    return Concealed(
+        "unknown",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * pull)),
+        2e-4,
+        _MOST_RAD,
+        "rad",
+        {"cause": "hose torque on the wrist"},
+        depends_on=wrist,
+    )
 
 
 def loose_bolt(rng, world):
     """A link's flange that tips to the side on which the load hangs, across the link: it has play there."""
-    swing = [(np.abs(m).max(), (m > 0).mean()) for m in world.moment.transpose(1, 2, 0).reshape(-1, world.n)]
-    able = [i for i, (most, share) in enumerate(swing) if most > 0.5 and 0.15 < share < 0.85 and i < 2 * 5]
+    swing = [
+        (np.abs(m).max(), (m > 0).mean())
+        for m in world.moment.transpose(1, 2, 0).reshape(-1, world.n)
+    ]
+    able = [
+        i
+        for i, (most, share) in enumerate(swing)
+        if most > 0.5 and 0.15 < share < 0.85 and i < 2 * 5
+    ]
     if not able:
         return None
     k, axis = divmod(int(rng.choice(able)), 2)
     bend = np.zeros((world.n, world.joints, 2))
     bend[:, k, axis] = np.sign(world.moment[:, k, axis])
     near = (f"link-{k + 1}", f"joint-{k + 1}", f"joint-{k + 2}")
-    moved = tuple(name for j in range(1, world.joints) for name in _named(j, "q", "torque", "moment"))
-    return Concealed("unknown", f"link-{k + 1}", lambda s: Push(bend=s * bend), 1e-4, _MOST_RAD, "rad",
-                     {"cause": "loose bolt"}, places=near, depends_on=moved)  # fmt: skip
+    moved = tuple(
+        name for j in range(1, world.joints) for name in _named(j, "q", "torque", "moment")
+    )
+    return Concealed(
+        "unknown",
+        f"link-{k + 1}",
+        lambda s: Push(bend=s * bend),
+        1e-4,
+        _MOST_RAD,
+        "rad",
+        {"cause": "loose bolt"},
+        places=near,
+        depends_on=moved,
+    )
 
 
 def stick_slip(rng, world):
@@ -58,8 +84,16 @@ def stick_slip(rng, world):
     if torque.max() < 0.5 or np.std(torque) < 0.35 * torque.mean():
         return None
     stuck = -world.covariates[f"approach{k + 1}"] * torque**1.5 / torque.max() ** 1.5
-    return Concealed("unknown", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * stuck)), 2e-4, _MOST_RAD,
-                     "rad", {"cause": "stick-slip"}, depends_on=_named(k, "approach", "torque", "q"))  # fmt: skip
+    return Concealed(
+        "unknown",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * stuck)),
+        2e-4,
+        _MOST_RAD,
+        "rad",
+        {"cause": "stick-slip"},
+        depends_on=_named(k, "approach", "torque", "q"),
+    )
 
 
 def neighbours_cycle(rng, world):
@@ -69,8 +103,16 @@ def neighbours_cycle(rng, world):
     phase = 2 * np.pi * turns * time / time[-1] + rng.uniform(0, 6)
     course = np.tanh(3 * np.sin(phase)) if rng.random() < 0.5 else np.sin(phase)
     twist = course[:, None] * rng.normal(0, 1, 6) * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
-    return Concealed("unknown", "base", lambda s: Push(base=s * twist), 0.05, 1.5, "mm and mrad",
-                     {"cause": "floor moved by a neighbour"}, depends_on=("time", "time_s"))  # fmt: skip
+    return Concealed(
+        "unknown",
+        "base",
+        lambda s: Push(base=s * twist),
+        0.05,
+        1.5,
+        "mm and mrad",
+        {"cause": "floor moved by a neighbour"},
+        depends_on=("time", "time_s"),
+    )
 
 
 def worn_patch(rng, world):
@@ -80,8 +122,16 @@ def worn_patch(rng, world):
     wide = rng.uniform(0.06, 0.14) * np.ptp(angle)
     at = rng.choice(angle)
     bump = np.exp(-(((angle - at) / wide) ** 2))
-    return Concealed("unknown", f"joint-{k + 1}", lambda s: Push(joint=on_joint(world, k, s * bump)), 2e-4, _MOST_RAD,
-                     "rad", {"cause": "worn patch of a gear"}, depends_on=_named(k, "q"))  # fmt: skip
+    return Concealed(
+        "unknown",
+        f"joint-{k + 1}",
+        lambda s: Push(joint=on_joint(world, k, s * bump)),
+        2e-4,
+        _MOST_RAD,
+        "rad",
+        {"cause": "worn patch of a gear"},
+        depends_on=_named(k, "q"),
+    )
 
 
 CAUSES = {
@@ -99,7 +149,11 @@ def beside(world, base: np.ndarray, one: Concealed) -> np.ndarray:
 
     So that the size of a case is what no name can take from it.
     """
-    pushes = [push for where in dict.fromkeys((one.where, *one.places)) for push in _named_at(world, where)]
+    pushes = [
+        push
+        for where in dict.fromkeys((one.where, *one.places))
+        for push in _named_at(world, where)
+    ]
     columns = [(world.measured(push) - world.clean).ravel() for push in pushes]
     rest = np.column_stack([column - base @ (base.T @ column) for column in columns])
     size = np.linalg.norm(rest, axis=0)
@@ -115,7 +169,9 @@ def _named_at(world, where: str) -> list[Push]:
     if where == "base":
         share = world.covariates["time_s"] / world.covariates["time_s"][-1]
         scale = np.array([0.1, 0.1, 0.1, small, small, small])
-        return [Push(base=share[:, None] ** n * unit * scale) for n in (1, 2, 3) for unit in np.eye(6)]
+        return [
+            Push(base=share[:, None] ** n * unit * scale) for n in (1, 2, 3) for unit in np.eye(6)
+        ]
     if kind == "link":
         bends = np.zeros((2, world.n, world.joints, 2))
         for axis in (0, 1):

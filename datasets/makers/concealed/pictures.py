@@ -28,8 +28,18 @@ class Case:
 def draw(suite: str, index: int, seed: int) -> Case:
     """Every flaw in turn, at half to twice what a poor instrument has; and now and then none."""
     rng = np.random.default_rng([seed, 555, index])
-    flaw = None if index % _FLAWLESS == _FLAWLESS - 1 else list(concealed_pictures.EFFECTS)[index % _FLAWLESS]
-    return Case(suite, index, int(rng.integers(2**31)), flaw, float(np.exp(rng.uniform(np.log(0.5), np.log(2)))))
+    flaw = (
+        None
+        if index % _FLAWLESS == _FLAWLESS - 1
+        else list(concealed_pictures.EFFECTS)[index % _FLAWLESS]
+    )
+    return Case(
+        suite,
+        index,
+        int(rng.integers(2**31)),
+        flaw,
+        float(np.exp(rng.uniform(np.log(0.5), np.log(2)))),
+    )
 
 
 def recording(case: Case, folder: Path) -> None:
@@ -39,7 +49,13 @@ def recording(case: Case, folder: Path) -> None:
 
 def truth(case: Case, salt: str) -> str:
     """The sealed text, once the pictures are rendered."""
-    known = {"robot": "a scanner", "samples": None, "sigma_mm": None, "noise": "of pictures", "baseline": "geometry"}
+    known = {
+        "robot": "a scanner",
+        "samples": None,
+        "sigma_mm": None,
+        "noise": "of pictures",
+        "baseline": "geometry",
+    }
     told = {**known, **case.told, "suite": case.suite, "index": case.index, "salt": salt}
     return json.dumps(told, indent=1, sort_keys=True) + "\n"
 

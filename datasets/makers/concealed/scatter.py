@@ -14,5 +14,11 @@ class Scatter:
     def word(self) -> str:
         """What the truth calls it."""
         tails = "heavy-tailed" if self.degrees else "Gaussian"
-        stated = "no sigma stated" if self.stated is None else "" if self.stated == 1 else "wrong sigma stated"
+        stated = (
+            "no sigma stated"
+            if self.stated is None
+            else ""
+            if self.stated == 1
+            else "wrong sigma stated"
+        )
         return ", ".join(filter(None, (tails, stated)))

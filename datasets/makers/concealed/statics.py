@@ -59,7 +59,11 @@ def grown(arm: Arm, share: np.ndarray) -> Arm:
 def _settled(arm: Arm, angles, bend, payload):
     """Rest of the arm, as `mujoco_arm.rest` has it; angles are those after the mixing, bend (n, J, 2) rad."""
     plain = replace(arm, mixing=np.eye(arm.joints))
-    return _bent(plain, angles, bend, payload) if bend.any() else mujoco_arm.rest(plain, angles, payload_kg=payload)
+    return (
+        _bent(plain, angles, bend, payload)
+        if bend.any()
+        else mujoco_arm.rest(plain, angles, payload_kg=payload)
+    )
 
 
 def _bent(arm: Arm, angles, bend, payload) -> "Bent":
@@ -70,7 +74,9 @@ def _bent(arm: Arm, angles, bend, payload) -> "Bent":
     data = mujoco.MjData(model)
     compliance = mujoco_arm._compliances(arm)
     stiff = np.divide(1.0, compliance, out=np.zeros(len(compliance)), where=compliance != 0)
-    hinges = np.concatenate([(angles + arm.geometry[:, 0])[..., None], bend], axis=2).reshape(len(angles), -1)
+    hinges = np.concatenate([(angles + arm.geometry[:, 0])[..., None], bend], axis=2).reshape(
+        len(angles), -1
+    )
     start = np.hstack([np.zeros((len(angles), 2)), hinges])
     poses_found = []
     for row, (first, load) in enumerate(zip(start, payload)):
@@ -91,7 +97,9 @@ def _run_out(arm: Arm, angles, aside) -> np.ndarray:
     moved = np.zeros((len(angles), 3))
     for k in np.flatnonzero(aside.any(axis=(0, 2))):
         before = poses.forward(arm.geometry[:k], angles[:, :k]) if k else np.eye(4)[None]
-        moved += np.einsum("nij,nj->ni", np.broadcast_to(before[:, :3, :3], (len(angles), 3, 3)), aside[:, k])
+        moved += np.einsum(
+            "nij,nj->ni", np.broadcast_to(before[:, :3, :3], (len(angles), 3, 3)), aside[:, k]
+        )
     return moved
 
 

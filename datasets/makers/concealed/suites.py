@@ -55,14 +55,18 @@ def _clean(rng, index) -> Question:
         4: Scatter(stated=None),
     }.get(kind, Scatter())
     need = {"time", "temperature", "payload", "approach", "speed"} if kind == 1 else set()
-    return Question(wish=Wish(need=frozenset(need), elastic=bool(rng.random() < 0.15)), scatter=scatter)
+    return Question(
+        wish=Wish(need=frozenset(need), elastic=bool(rng.random() < 0.15)), scatter=scatter
+    )
 
 
 def _library(rng, index) -> Question:
     """Every effect in turn by weight; two thirds at 1 to 10 sigma, the others smaller, for the curve."""
     name = _drawn(rng, library.ROWS)
     row = library.ROWS[name]
-    wish = replace(row.wish, elastic=row.wish.elastic or (name not in _YIELDING and rng.random() < 0.15))
+    wish = replace(
+        row.wish, elastic=row.wish.elastic or (name not in _YIELDING and rng.random() < 0.15)
+    )
     return Question((name,), (_size(rng, index),), wish)
 
 
@@ -92,15 +96,23 @@ def _pairs(rng, index) -> Question:
     if {w.measures for w in wishes} - {""} and "mount-tilt" in (first, second):
         first = "joint-coupling"
     wish = Wish(
-        measures=max(w.measures for w in wishes), need=wishes[0].need | wishes[1].need,
-        elastic=any(w.elastic for w in wishes), samples=(200, 1000),
-    )  # fmt: skip
+        measures=max(w.measures for w in wishes),
+        need=wishes[0].need | wishes[1].need,
+        elastic=any(w.elastic for w in wishes),
+        samples=(200, 1000),
+    )
     sizes = tuple(float(np.exp(rng.uniform(0, np.log(8)))) for _ in range(2))
     return Question((first, second), sizes, wish, least=0.5)
 
 
 _ALONE = {"unit-or-frame", "encoder-quantisation", "mount-tilt"}
-_ON_JOINTS = ("transmission-harmonic", "joint-compliance", "backlash", "zero-shift", "joint-thermal-drift")
+_ON_JOINTS = (
+    "transmission-harmonic",
+    "joint-compliance",
+    "backlash",
+    "zero-shift",
+    "joint-thermal-drift",
+)
 
 
 def _outside(rng, index) -> Question:
@@ -114,10 +126,19 @@ def _withheld(rng, index) -> Question:
     """An effect whose covariate the file does not hold, in rows that stand in no order."""
     name = list(library.WITHHELD)[index % len(library.WITHHELD)]
     kind, words = library.WITHHELD[name]
-    gone = (kind, "time") if kind in ("temperature", "approach") else (kind,)  # time would tell what came before
+    gone = (
+        (kind, "time") if kind in ("temperature", "approach") else (kind,)
+    )  # time would tell what came before
     wish = Wish(need=frozenset({kind}), samples=(200, 1000))
-    return Question((name,), (float(np.exp(rng.uniform(0, np.log(8)))),), wish, least=0.8,
-                    withheld=gone, words=words, shuffled=True)  # fmt: skip
+    return Question(
+        (name,),
+        (float(np.exp(rng.uniform(0, np.log(8)))),),
+        wish,
+        least=0.8,
+        withheld=gone,
+        words=words,
+        shuffled=True,
+    )
 
 
 def _drawn(rng, rows) -> str:
@@ -126,6 +147,10 @@ def _drawn(rng, rows) -> str:
 
 
 _ASKED: dict[str, Callable[[np.random.Generator, int], Question]] = {
-    "clean": _clean, "library": _library, "swallowed": _swallowed, "pairs": _pairs,
-    "outside": _outside, "covariate-withheld": _withheld,
-}  # fmt: skip
+    "clean": _clean,
+    "library": _library,
+    "swallowed": _swallowed,
+    "pairs": _pairs,
+    "outside": _outside,
+    "covariate-withheld": _withheld,
+}

@@ -41,8 +41,13 @@ def rms(values: np.ndarray) -> float:
 
 def _at(world, geometry, station=None, hand=None, targets=None) -> np.ndarray:
     flange = poses.forward(geometry, world.angles)
-    hand, station = (world.hand if hand is None else hand), (world.station if station is None else station)
-    return world.seen(flange, hand, (world.targets if targets is None else targets)[world.index], station)
+    hand, station = (
+        (world.hand if hand is None else hand),
+        (world.station if station is None else station),
+    )
+    return world.seen(
+        flange, hand, (world.targets if targets is None else targets)[world.index], station
+    )
 
 
 def _moves(world, geometry) -> Iterator[tuple]:
@@ -81,4 +86,6 @@ def _yields(world, still) -> Iterator[np.ndarray]:
         if np.ptp(world.torque[:, k]) < 1e-3:
             continue
         flange = poses.forward(geometry, angles)
-        yield (world.seen(flange, world.hand, world.targets[world.index], world.station) - still).ravel()
+        yield (
+            world.seen(flange, world.hand, world.targets[world.index], world.station) - still
+        ).ravel()

@@ -46,7 +46,9 @@ def _plate(rng, reach) -> np.ndarray:
     side = rng.uniform(-1.0, 1.0)
     away = reach * rng.uniform(0.32, 0.6)
     plate = np.eye(4)
-    plate[:3, :3] = Rotation.from_euler("ZYX", [rng.uniform(-3, 3), *rng.normal(0, 0.05, 2)]).as_matrix()
+    plate[:3, :3] = Rotation.from_euler(
+        "ZYX", [rng.uniform(-3, 3), *rng.normal(0, 0.05, 2)]
+    ).as_matrix()
     plate[:3, 3] = away * np.cos(side), away * np.sin(side), reach * rng.uniform(-0.05, 0.25)
     return plate
 
@@ -75,7 +77,9 @@ def in_sight(rng: np.random.Generator, geometry, within, n: int) -> np.ndarray:
     for _ in range(60):
         joints = rng.uniform(middle - half, middle + half, (4 * n, len(within)))
         at = poses.forward(geometry, joints)[:, :3, 3]
-        good = (at[:, 2] > 0.05 * reach) & (at[:, :2] @ [np.cos(towards), np.sin(towards)] > 0.1 * reach)
+        good = (at[:, 2] > 0.05 * reach) & (
+            at[:, :2] @ [np.cos(towards), np.sin(towards)] > 0.1 * reach
+        )
         found = np.vstack([found, joints[good]])
         if len(found) >= n:
             return found[:n]

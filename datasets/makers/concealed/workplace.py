@@ -45,8 +45,14 @@ def draw(rng: np.random.Generator, wish: Wish) -> World:
         station, targets = np.linalg.inv(_nudged(rng, plate, 5.0, 1.0)), balls
     else:
         count = len(reflectors)
-        angles = np.repeat(visits.in_sight(rng, nominal.geometry, within, -(-n // count)), count, axis=0)
-        index, station, targets = np.tile(np.arange(count), len(angles) // count), _instrument(rng), reflectors
+        angles = np.repeat(
+            visits.in_sight(rng, nominal.geometry, within, -(-n // count)), count, axis=0
+        )
+        index, station, targets = (
+            np.tile(np.arange(count), len(angles) // count),
+            _instrument(rng),
+            reflectors,
+        )
     drawn = _World(robot, nominal, str(measures), angles, index, targets, station, hand)
     return _recorded(rng, wish, drawn)
 
@@ -76,14 +82,28 @@ def _recorded(rng, wish, drawn: _World) -> World:
         payload = columns.get("payload_kg", np.zeros(len(readings)))
         arm = _yielding(rng, arm, np.deg2rad(readings) @ arm.mixing.T, payload)
     sigma = float(np.round(np.exp(rng.uniform(*np.log([0.005, 0.05]))), 4))
-    return World(drawn.robot, drawn.measures, arm, np.deg2rad(readings), index, drawn.targets, drawn.station,
-                 _nudged(rng, drawn.hand, 0.5, 0.2), columns, sigma, wish.elastic, part)  # fmt: skip
+    return World(
+        drawn.robot,
+        drawn.measures,
+        arm,
+        np.deg2rad(readings),
+        index,
+        drawn.targets,
+        drawn.station,
+        _nudged(rng, drawn.hand, 0.5, 0.2),
+        columns,
+        sigma,
+        wish.elastic,
+        part,
+    )
 
 
 def _yielding(rng, arm, angles, payload):
     """The arm with joints that yield by 0.1 to 0.6 mrad under the greatest torque that they bear here."""
     greatest = np.abs(statics.torques(arm, angles, payload)[0]).max(axis=0)
-    return replace(arm, joint_compliance=rng.uniform(1e-4, 6e-4, arm.joints) / np.maximum(greatest, 5.0))
+    return replace(
+        arm, joint_compliance=rng.uniform(1e-4, 6e-4, arm.joints) / np.maximum(greatest, 5.0)
+    )
 
 
 def _robot(rng, wish) -> dict:
@@ -129,17 +149,25 @@ def _reflectors(rng) -> np.ndarray:
     count = int(rng.choice([1, 1, 2, 3]))
     turn = 2 * np.pi * (np.arange(count) / count + rng.random())
     off = rng.uniform(50, 130, count)
-    return np.round(np.column_stack([off * np.cos(turn), off * np.sin(turn), rng.uniform(20, 160, count)]), 3)
+    return np.round(
+        np.column_stack([off * np.cos(turn), off * np.sin(turn), rng.uniform(20, 160, count)]), 3
+    )
 
 
 def _hand(rng) -> np.ndarray:
     """(4, 4) sensor in the flange: at its side, looking ahead and a little inwards."""
-    return pose(rng.uniform([-60, -60, 40], [60, 60, 140]), (rng.uniform(-180, 180), *rng.uniform(-30, 30, 2)))
+    return pose(
+        rng.uniform([-60, -60, 40], [60, 60, 140]),
+        (rng.uniform(-180, 180), *rng.uniform(-30, 30, 2)),
+    )
 
 
 def _instrument(rng) -> np.ndarray:
     """(4, 4) base in the frame of a tracker some metres away."""
-    return pose(rng.uniform([-3000, -3000, -900], [3000, 3000, 300]), (rng.uniform(-180, 180), *rng.uniform(-2, 2, 2)))
+    return pose(
+        rng.uniform([-3000, -3000, -900], [3000, 3000, 300]),
+        (rng.uniform(-180, 180), *rng.uniform(-2, 2, 2)),
+    )
 
 
 def _nudged(rng, nominal: np.ndarray, mm: float, deg: float) -> np.ndarray:

@@ -105,9 +105,12 @@ class World:
     def only(self, rows: np.ndarray) -> "World":
         """The same world with only some of its samples; rows (n,) bool."""
         return replace(
-            self, readings=self.readings[rows], index=self.index[rows], part=self.part[rows],
+            self,
+            readings=self.readings[rows],
+            index=self.index[rows],
+            part=self.part[rows],
             covariates={name: column[rows] for name, column in self.covariates.items()},
-        )  # fmt: skip
+        )
 
     def flange(self, push: Push) -> np.ndarray:
         """(n, 4, 4) of the flange in the frame in which the base once stood."""
@@ -123,7 +126,9 @@ class World:
         tip, ball = (0.0, 0.0) if push is None else (push.tip, push.ball)
         if self.measures == "ball-centre":
             moved = flange.copy()
-            moved[:, :3, 3] += np.einsum("nij,nj->ni", flange[:, :3, :3], np.broadcast_to(tip, (len(flange), 3)))
+            moved[:, :3, 3] += np.einsum(
+                "nij,nj->ni", flange[:, :3, :3], np.broadcast_to(tip, (len(flange), 3))
+            )
             return ball_points(moved, targets + ball, station, hand)
         one = flange.copy()
         one[:, :3, 3] += np.einsum("nij,nj->ni", flange[:, :3, :3], targets + tip)

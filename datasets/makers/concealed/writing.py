@@ -22,11 +22,15 @@ def recording(case: Case, folder: Path) -> None:
 def files(case: Case) -> dict[str, str]:
     """File name -> text."""
     texts = {
-        "recording.toml": _recording(case), "robot.toml": _robot(case.robot), "samples.csv": table(case.columns),
-    }  # fmt: skip
+        "recording.toml": _recording(case),
+        "robot.toml": _robot(case.robot),
+        "samples.csv": table(case.columns),
+    }
     if case.balls:
         rows = np.array([(ball, *place) for ball, place in sorted(case.balls.items())], float)
-        texts["artefact.csv"] = table(dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows.T)))
+        texts["artefact.csv"] = table(
+            dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows.T))
+        )
     return texts
 
 
@@ -41,17 +45,29 @@ def salt(seed: int, suite: str, index: int) -> str:
 
 
 def _recording(case: Case) -> str:
-    lines = ['format = "recording/1"', 'title = "An arm and its measured points"', f'measures = "{case.measures}"']
+    lines = [
+        'format = "recording/1"',
+        'title = "An arm and its measured points"',
+        f'measures = "{case.measures}"',
+    ]
     lines += [] if case.sigma_mm is None else [f"sigma_mm = {case.sigma_mm!r}"]
-    tables = {"robot": "robot.toml", "samples": "samples.csv"} | ({"artefact": "artefact.csv"} if case.balls else {})
+    tables = {"robot": "robot.toml", "samples": "samples.csv"} | (
+        {"artefact": "artefact.csv"} if case.balls else {}
+    )
     for name, file in tables.items():
         lines += ["", f"[{name}]", f'file = "{file}"']
     return "\n".join(lines) + "\n"
 
 
 def _robot(robot: Mapping) -> str:
-    lines = [f"{key} = {_value(value)}" for key, value in robot.items() if key not in ("joint", "payload")]
-    lines += ["", "[payload]"] + [f"{key} = {_value(value)}" for key, value in robot["payload"].items()]
+    lines = [
+        f"{key} = {_value(value)}"
+        for key, value in robot.items()
+        if key not in ("joint", "payload")
+    ]
+    lines += ["", "[payload]"] + [
+        f"{key} = {_value(value)}" for key, value in robot["payload"].items()
+    ]
     for row in robot["joint"]:
         lines += ["", "[[joint]]"] + [f"{key} = {_value(value)}" for key, value in row.items()]
     return "\n".join(lines) + "\n"

@@ -19,16 +19,25 @@ def listing(json: answer.JsonTarget = None) -> None:
     rows = known()
     answer.deliver({"command": "datasets list", "datasets": rows}, json)
     console = answer.console(json)
-    tables.grid(console, "Recordings", ["name", "measures", "here", "licence"],
-                [[_names(row), row["measures"], "yes" if row["folder"] else "no", row["licence"]] for row in rows],
-                left=4)
+    tables.grid(
+        console,
+        "Recordings",
+        ["name", "measures", "here", "licence"],
+        [
+            [_names(row), row["measures"], "yes" if row["folder"] else "no", row["licence"]]
+            for row in rows
+        ],
+        left=4,
+    )
     console.print("`workbench datasets get NAME` fetches one that is not here.", markup=False)
 
 
 @app.command("get", short_help="Fetch a recording from its public source.")
 def get(
     name: Name,
-    folder: Annotated[Path | None, typer.Argument(help="Put it in here, instead of the cache.")] = None,
+    folder: Annotated[
+        Path | None, typer.Argument(help="Put it in here, instead of the cache.")
+    ] = None,
     json: answer.JsonTarget = None,
 ) -> None:
     """Fetch a recording from its public source and check every file; its folder comes last."""
@@ -51,8 +60,10 @@ def path(name: Name, json: answer.JsonTarget = None) -> None:
     found = _bundled().get(name) or datasets.find(name)
     if found is None:
         places = " or ".join(map(str, registry.places()))
-        raise InputError(f"{name} is expected in {places} and found in neither; fetch it with "
-                         f"`workbench datasets get {name}`, or set {registry.SETTING}.")
+        raise InputError(
+            f"{name} is expected in {places} and found in neither; fetch it with "
+            f"`workbench datasets get {name}`, or set {registry.SETTING}."
+        )
     _deliver("datasets path", name, found, json)
 
 
@@ -61,9 +72,18 @@ def known() -> list[dict]:
     import datasets
 
     bundled = [datasets.read(folder) for folder in _bundled().values()]
-    own = [{"name": name, "title": found.title, "measures": found.measures, "variants": [""],
-            "licence": "comes with the workbench", "url": None, "folder": folder}
-           for (name, folder), found in zip(_bundled().items(), bundled)]
+    own = [
+        {
+            "name": name,
+            "title": found.title,
+            "measures": found.measures,
+            "variants": [""],
+            "licence": "comes with the workbench",
+            "url": None,
+            "folder": folder,
+        }
+        for (name, folder), found in zip(_bundled().items(), bundled)
+    ]
     return own + datasets.listing()
 
 
@@ -75,7 +95,9 @@ def _bundled() -> dict[str, Path]:
 
 def _names(row: dict) -> str:
     """The names by which `row` can be read: a line each, variants behind a colon."""
-    return "\n".join(f"{row['name']}:{variant}" if variant else row["name"] for variant in row["variants"])
+    return "\n".join(
+        f"{row['name']}:{variant}" if variant else row["name"] for variant in row["variants"]
+    )
 
 
 def _deliver(command: str, name: str, folder: Path, json: str | None) -> None:

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.robot import calibrate
 from workbench.commands.shared import answer, tables
 from workbench.core.errors import InputError
+from workbench.files import runs
 
 REAL = "irb120_faro"
 BUNDLED = "elastic-arm"
@@ -23,7 +23,10 @@ def command(
         bool, typer.Option("--bundled", help="Use the small table of an arm that is always there.")
     ] = False,
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Render pictures and calibrate from them too.")
+        bool,
+        typer.Option(
+            "--pictures/--no-pictures", help="Render pictures and calibrate from them too."
+        ),
     ] = True,
 ) -> None:
     """Render pictures and calibrate scanner and arm from them; then a real arm's table where one is found.
@@ -43,7 +46,9 @@ def command(
             _show(console, rendered)
         (run.partial / TRACKER).mkdir()
         with answer.progress(f"calibrating {name}") as say:
-            table = calibrate.solve_into(run.partial / TRACKER, run.path / TRACKER, recording, name, {}, say, True)
+            table = calibrate.solve_into(
+                run.partial / TRACKER, run.path / TRACKER, recording, name, {}, say, True
+            )
             _front(run.partial, rendered, table, why)
         result = {**table, "command": "demo", "from_pictures": rendered, "run": run.path}
         runs.replace_file(run.partial / "answer.json", answer.as_text(result))
@@ -62,8 +67,11 @@ def choose(bundled: bool) -> tuple:
     try:
         recording = datasets.read(REAL)
     except InputError as missing:
-        return BUNDLED, datasets.read(BUNDLED), (
-            f"Recording: {BUNDLED}, bundled, because the real one is not here: {missing}")
+        return (
+            BUNDLED,
+            datasets.read(BUNDLED),
+            (f"Recording: {BUNDLED}, bundled, because the real one is not here: {missing}"),
+        )
     return REAL, recording, f"Recording: {REAL}, measured on a real robot."
 
 
@@ -77,8 +85,8 @@ def scene() -> Path:
 def _from_pictures(run: runs.Run, say) -> dict:
     """Rendered pictures -> scanner -> clouds -> ball centres -> arm, and how far that is from the truth."""
     import datasets
-    from workbench.jobs.render import render
     from workbench.imaging.ground_truth import centre_errors
+    from workbench.jobs.render import render
 
     folder, place = run.partial / RENDERED, run.path / RENDERED
     folder.mkdir()
@@ -86,17 +94,23 @@ def _from_pictures(run: runs.Run, say) -> dict:
     runs.replace_file(folder / "truth.json", answer.as_text(truth))
     found = datasets.read(folder / PICTURES)
     made = calibrate.solve_into(folder, place, found, "rendered pictures", {}, say, True)
-    return {**made, "recording": str(place / PICTURES), "against_truth": centre_errors(made["sensor"]["scans"], truth)}
+    return {
+        **made,
+        "recording": str(place / PICTURES),
+        "against_truth": centre_errors(made["sensor"]["scans"], truth),
+    }
 
 
 def _show(console, rendered: dict) -> None:
     """The rendered chain in a terminal."""
     told, camera = rendered["against_truth"], rendered["sensor"]["calibration"]["camera"]
     planes = rendered["sensor"]["calibration"]["plane_rms_mm"]
-    rows = [["corners, RMS a coordinate", camera["rms_coordinate_px"], "px"], ["stripes from their planes, "
-                                                                               "RMS", planes, "mm"],
-            ["ball centres from the truth, RMS", told["rms_mm"], "mm"],
-            ["arm, held-out RMS", rendered["held_out"]["rms_mm"], "mm"]]  # fmt: skip
+    rows = [
+        ["corners, RMS a coordinate", camera["rms_coordinate_px"], "px"],
+        ["stripes from their planes, RMS", planes, "mm"],
+        ["ball centres from the truth, RMS", told["rms_mm"], "mm"],
+        ["arm, held-out RMS", rendered["held_out"]["rms_mm"], "mm"],
+    ]
     tables.grid(console, "From rendered pictures to the arm", ["", "value", "unit"], rows)
 
 

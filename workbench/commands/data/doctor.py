@@ -27,7 +27,9 @@ def _show(console, checks, result) -> None:
         console.print(check.found, markup=False, soft_wrap=True)
         if check.advice and not check.ok:
             console.print(f"           {check.advice}", markup=False, soft_wrap=True)
-    last = "All that is required is here." if result["healthy"] else "Something required is missing."
+    last = (
+        "All that is required is here." if result["healthy"] else "Something required is missing."
+    )
     without = [check.name for check in checks if check.name in OPTIONAL and not check.ok]
     if without:
         last += f" Optional packages are missing: {', '.join(without)}; the lines above say which command needs them."

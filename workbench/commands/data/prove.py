@@ -9,24 +9,33 @@ from workbench.commands.shared import answer
 
 Suites = Annotated[
     list[str] | None,
-    typer.Option("--suite", metavar="NAME[=COUNT]", help="Only this suite, so many of it; once for each."),
+    typer.Option(
+        "--suite", metavar="NAME[=COUNT]", help="Only this suite, so many of it; once for each."
+    ),
 ]
 
 
 def command(
     suite: Suites = None,
-    cases: Annotated[int | None, typer.Option("--cases", min=1, help="Cases of a suite without a count.")] = None,
+    cases: Annotated[
+        int | None, typer.Option("--cases", min=1, help="Cases of a suite without a count.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Other seeds are other cases.")] = 1,
     folder: Annotated[
-        Path | None, typer.Option("--folder", metavar="DIR", help="Recordings and sealed answers of your own.")
+        Path | None,
+        typer.Option("--folder", metavar="DIR", help="Recordings and sealed answers of your own."),
     ] = None,
     jobs: answer.Jobs = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="The folder of the examination.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="The folder of the examination.")
+    ] = None,
     minutes: Annotated[
-        float | None, typer.Option("--minutes", min=0, help="Begin no diagnosis later; call again to go on.")
+        float | None,
+        typer.Option("--minutes", min=0, help="Begin no diagnosis later; call again to go on."),
     ] = None,
     page: Annotated[
-        Path | None, typer.Option("--page", metavar="FILE.md", help="Write the scoreboard as Markdown, too.")
+        Path | None,
+        typer.Option("--page", metavar="FILE.md", help="Write the scoreboard as Markdown, too."),
     ] = None,
     no_report: answer.NoReport = False,
     json: answer.JsonTarget = None,
@@ -77,5 +86,8 @@ def _value(figure) -> str:
 def _interval(figure) -> str:
     if figure["low"] is None or not figure["cases"]:
         return ""
-    return f"{figure['low']:.1%} – {figure['high']:.1%}" if figure["hits"] is not None else (
-        f"{figure['low']:.2f} – {figure['high']:.2f}")  # fmt: skip
+    return (
+        f"{figure['low']:.1%} – {figure['high']:.1%}"
+        if figure["hits"] is not None
+        else (f"{figure['low']:.2f} – {figure['high']:.2f}")
+    )

@@ -5,16 +5,25 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.shared import answer, tables
+from workbench.files import runs
 
-StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML), or one that comes along by "
-                                                                 "name.")]
-Workers = Annotated[int | None, typer.Option("--workers", min=1, max=4096, help="Processes; every core if left out.")]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask cluster does the runs.")
+StudyFile = Annotated[
+    Path,
+    typer.Argument(metavar="STUDY", help="A study file (TOML), or one that comes along by name."),
 ]
-Run = Annotated[int | None, typer.Option("--run", min=1, help="Make this run alone and say its row; writes nothing.")]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, max=4096, help="Processes; every core if left out."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask cluster does the runs."),
+]
+Run = Annotated[
+    int | None,
+    typer.Option("--run", min=1, help="Make this run alone and say its row; writes nothing."),
+]
 
 
 def command(
@@ -64,8 +73,10 @@ def _deliver(finished, json: str | None) -> None:
     console = answer.console(json)
     if finished.done is None:
         console.print("finished before; nothing was left to do", markup=False)
-    rows = [[row["column"], row["n"], row["mean"], row["std"], row["p5"], row["median"], row["p95"]]
-            for row in found["columns"][:_SHOWN]]  # fmt: skip
+    rows = [
+        [row["column"], row["n"], row["mean"], row["std"], row["p5"], row["median"], row["p95"]]
+        for row in found["columns"][:_SHOWN]
+    ]
     title = f"{found['title']}: {found['done']:,} of {found['runs']:,} runs done"
     tables.grid(console, title, ["column", "runs", "mean", "std", "5 %", "median", "95 %"], rows)
     for sentence in found["sentences"]:
@@ -88,8 +99,13 @@ def _alone(study: Path, run: int, json: str | None) -> None:
         one_thread()
         found, _ = read(study)
         if run > count(found):
-            raise InputError(f"--run {run}: expected one of the study's {count(found):,} runs, found none; lower it")
+            raise InputError(
+                f"--run {run}: expected one of the study's {count(found):,} runs, found none; lower it"
+            )
         row = row_of(found, run)
-    answer.deliver({"command": "study", "study": study, "run": run, "seed": seed_of(found, run), "row": row}, json)
+    answer.deliver(
+        {"command": "study", "study": study, "run": run, "seed": seed_of(found, run), "row": row},
+        json,
+    )
     rows = [list(pair) for pair in row.items()]
     tables.grid(answer.console(json), f"run {run} of {study}", ["column", "value"], rows)

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.shared import answer, samples, tables
 from workbench.core.errors import InputError
+from workbench.files import runs
 from workbench.fitting.verdicts.verdict import Tolerance
 
 Plan = Annotated[
@@ -22,9 +22,7 @@ TestSamples = Annotated[
     Path | None,
     typer.Option("--test-samples", metavar="FILE", help="Hold out these: a sample number a line."),
 ]
-Folds = Annotated[
-    int, typer.Option("--folds", min=2, help="Blocks of the cross-validation.")
-]
+Folds = Annotated[int, typer.Option("--folds", min=2, help="Blocks of the cross-validation.")]
 
 
 def command(
@@ -55,7 +53,9 @@ def command(
         test = samples.read_list(test_samples, known, "--test-samples")
         samples.check_apart(fit, test, test_samples)
         tolerances = answer.read_tolerances(tolerance, found.measures)
-        options = dict(plan=plan, fit_samples=fit, test_samples=test, folds=folds, trust_data=trust_data)
+        options = dict(
+            plan=plan, fit_samples=fit, test_samples=test, folds=folds, trust_data=trust_data
+        )
         check_scanner(found, scanner)
         result, run = solve(found, recording, options, say, out, not no_report, scanner, tolerances)
     deliver(result, run, json)
@@ -64,8 +64,10 @@ def command(
 def check_scanner(found, scanner: Path | None) -> None:
     """Raise InputError where a scanner is named for a recording without pictures of scans."""
     if scanner is not None and found.measures != "scan-images":
-        raise InputError(f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
-                         "leave the option out.")
+        raise InputError(
+            f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
+            "leave the option out."
+        )
 
 
 def solve(
@@ -84,15 +86,26 @@ def solve(
     scanner: file for a recording of scans, None calibrates one. tolerances: of the verdict. Raises InputError.
     """
     with runs.opened("calibrate", name, out) as run:
-        result = solve_into(run.partial, run.path, found, name, options, say, report, scanner, tolerances)
+        result = solve_into(
+            run.partial, run.path, found, name, options, say, report, scanner, tolerances
+        )
     return result, run
 
 
-def solve_into(folder: Path, path: Path, found, name: str, options: dict, say, report: bool,
-               scanner: Path | None = None, tolerances: Sequence[Tolerance] = ()) -> dict:
+def solve_into(
+    folder: Path,
+    path: Path,
+    found,
+    name: str,
+    options: dict,
+    say,
+    report: bool,
+    scanner: Path | None = None,
+    tolerances: Sequence[Tolerance] = (),
+) -> dict:
     """The same into a folder that exists and will stand at `path`; the answer. Raises InputError."""
-    from workbench.jobs.calibrate import calibrate, save
     from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
+    from workbench.jobs.calibrate import calibrate, save
 
     scans, told = None, {}
     if found.measures == "scan-images":
@@ -122,7 +135,10 @@ def _centres(found, scanner, folder, path, options, say):
         from workbench.jobs.scanner import as_json
 
         told["sensor"]["calibration"] = as_json(scans.calibration)
-    lists = {key: ball_centres.renumbered(scans, made, options.get(key)) for key in ("fit_samples", "test_samples")}
+    lists = {
+        key: ball_centres.renumbered(scans, made, options.get(key))
+        for key in ("fit_samples", "test_samples")
+    }
     return scans, told, made, {**options, **lists}
 
 

@@ -5,15 +5,19 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
-from workbench.commands.shared import answer, tables
 from workbench.commands.robot.calibrate import Folds
+from workbench.commands.shared import answer, tables
+from workbench.files import runs
 
-Plan = Annotated[Path | None, typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file.")]
+Plan = Annotated[
+    Path | None, typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file.")
+]
 
 
 def command(
-    recording: Annotated[Path, typer.Argument(help="Folder of a recording whose samples are a samples.parquet.")],
+    recording: Annotated[
+        Path, typer.Argument(help="Folder of a recording whose samples are a samples.parquet.")
+    ],
     plan: Plan = None,
     folds: Folds = 10,
     out: answer.OutFolder = None,

@@ -4,12 +4,15 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
-from workbench.commands.shared import answer, samples, tables
 from workbench.commands.robot.calibrate import FitSamples, Folds, TestSamples
+from workbench.commands.shared import answer, samples, tables
+from workbench.files import runs
 
 Plans = Annotated[
-    list[str], typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file; 'default'. Once for each.")
+    list[str],
+    typer.Option(
+        "--plan", metavar="NAME|FILE", help="A plan by name or file; 'default'. Once for each."
+    ),
 ]
 
 

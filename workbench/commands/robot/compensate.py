@@ -7,18 +7,31 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.shared import answer, tables
+from workbench.files import runs
 
-Solution = Annotated[Path, typer.Argument(help="Run folder of `workbench calibrate`, or its solution.json.")]
+Solution = Annotated[
+    Path, typer.Argument(help="Run folder of `workbench calibrate`, or its solution.json.")
+]
 Force = Annotated[
-    bool, typer.Option("--force", help="Use a calibration, and corrections, that are refused as implausible, too.")
+    bool,
+    typer.Option(
+        "--force", help="Use a calibration, and corrections, that are refused as implausible, too."
+    ),
 ]
 MaxPosition = Annotated[
-    float, typer.Option("--max-correction-mm", metavar="MM", help="Refuse larger corrections of the flange's position.")
+    float,
+    typer.Option(
+        "--max-correction-mm",
+        metavar="MM",
+        help="Refuse larger corrections of the flange's position.",
+    ),
 ]
 MaxRotation = Annotated[
-    float, typer.Option("--max-correction-deg", metavar="DEG", help="Refuse larger corrections of its orientation.")
+    float,
+    typer.Option(
+        "--max-correction-deg", metavar="DEG", help="Refuse larger corrections of its orientation."
+    ),
 ]
 MaxSigma = Annotated[
     float | None,
@@ -33,7 +46,9 @@ _NAMED = 12
 
 def command(
     solution: Solution,
-    targets: Annotated[Path, typer.Argument(help="Joint readings or flange poses, a row a target (CSV).")],
+    targets: Annotated[
+        Path, typer.Argument(help="Joint readings or flange poses, a row a target (CSV).")
+    ],
     force: Force = False,
     max_correction_mm: MaxPosition = 10.0,
     max_correction_deg: MaxRotation = 1.0,
@@ -49,6 +64,9 @@ def command(
     """
     answer.check_target(json)
     with answer.progress(f"reading {solution}") as say:
+        from workbench.files.solution_file import read_solution
+        from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
+        from workbench.fitting.verdicts.verdict import parse_tolerances
         from workbench.jobs.compensate import compensate
         from workbench.jobs.correction_limits import (
             Limits,
@@ -56,9 +74,6 @@ def command(
             covariates_of,
             judge_targets,
         )
-        from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
-        from workbench.files.solution_file import read_solution
-        from workbench.fitting.verdicts.verdict import parse_tolerances
 
         tolerances = parse_tolerances(tolerance)
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm)
@@ -71,11 +86,14 @@ def command(
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
-                **_summary(arm, found, refused), "warnings": [
-                    *doubts(programme, arm.robot), *judged.warnings, *_forced(forced)],
-                "verdict": _verdict(arm, found, refused, tolerances).as_json(), "targets": targets,
-                "solution": solution, "run": run.path, "corrected": run.path / "corrected.csv",
-            }  # fmt: skip
+                **_summary(arm, found, refused),
+                "warnings": [*doubts(programme, arm.robot), *judged.warnings, *_forced(forced)],
+                "verdict": _verdict(arm, found, refused, tolerances).as_json(),
+                "targets": targets,
+                "solution": solution,
+                "run": run.path,
+                "corrected": run.path / "corrected.csv",
+            }
             columns = corrected_columns(programme, arm.robot, found, refused)
             runs.replace_file(run.partial / "corrected.csv", as_csv(columns))
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
@@ -102,17 +120,21 @@ def _summary(arm, found, refused) -> dict:
     kept = reached.copy()
     kept[list(refused)] = False
     return {
-        "command": "compensate", "count": len(reached), "reached": int(reached.sum()),
+        "command": "compensate",
+        "count": len(reached),
+        "reached": int(reached.sum()),
         "corrected_count": int(kept.sum()),
         "unreached_rows": [int(k) + 1 for k in (~reached).nonzero()[0]],
         "refused": [{"row": k + 1, "why": "; ".join(why)} for k, why in sorted(refused.items())],
         "largest_correction_mm": _largest(found.position_mm[reached]),
         "largest_correction_deg": _largest(found.rotation_deg[reached]),
-        "correction_rms_mm": _rms(found.correction_mm[kept]), "left_rms_mm": _rms(found.left_mm[kept]),
-        "sigma_rms_mm": _rms(found.sigma_mm[kept]), "expected_error_mm": arm.held_out_mm,
+        "correction_rms_mm": _rms(found.correction_mm[kept]),
+        "left_rms_mm": _rms(found.left_mm[kept]),
+        "sigma_rms_mm": _rms(found.sigma_mm[kept]),
+        "expected_error_mm": arm.held_out_mm,
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
         "why_expected": "held-out RMS of the calibration: what the model does not explain comes back at every target",
-    }  # fmt: skip
+    }
 
 
 def _verdict(arm, found, refused, tolerances):
@@ -139,20 +161,29 @@ def _largest(values) -> float | None:
 
 def _show(console, result) -> None:
     head = ["", "RMS mm"]
-    rows = [["error of the nominal arm, held out", result["nominal_error_mm"]],
-            ["error to expect now, held out", result["expected_error_mm"]],
-            ["standard uncertainty at these targets", result["sigma_rms_mm"]],
-            ["the corrections, at the flange", result["correction_rms_mm"]],
-            ["inverse-kinematics residual", result["left_rms_mm"]]]  # fmt: skip
-    tables.grid(console, f"{result['corrected_count']} of {result['count']} targets corrected", head, rows)
+    rows = [
+        ["error of the nominal arm, held out", result["nominal_error_mm"]],
+        ["error to expect now, held out", result["expected_error_mm"]],
+        ["standard uncertainty at these targets", result["sigma_rms_mm"]],
+        ["the corrections, at the flange", result["correction_rms_mm"]],
+        ["inverse-kinematics residual", result["left_rms_mm"]],
+    ]
+    tables.grid(
+        console, f"{result['corrected_count']} of {result['count']} targets corrected", head, rows
+    )
     if result["largest_correction_mm"] is not None:
-        console.print(f"Largest correction: {result['largest_correction_mm']:.3g} mm, "
-                      f"{result['largest_correction_deg']:.3g} deg.", markup=False)  # fmt: skip
+        console.print(
+            f"Largest correction: {result['largest_correction_mm']:.3g} mm, "
+            f"{result['largest_correction_deg']:.3g} deg.",
+            markup=False,
+        )
     for sentence in result["warnings"]:
         console.print(sentence, markup=False)
     if result["unreached_rows"]:
-        console.print("Out of reach or limits, with no readings in corrected.csv: target "
-                      f"{', '.join(map(str, result['unreached_rows'][:_NAMED]))}.")  # fmt: skip
+        console.print(
+            "Out of reach or limits, with no readings in corrected.csv: target "
+            f"{', '.join(map(str, result['unreached_rows'][:_NAMED]))}."
+        )
     _show_refused(console, result["refused"])
     answer.show_verdict(console, result["verdict"])
     console.print(str(result["run"]), soft_wrap=True, markup=False)
@@ -163,7 +194,13 @@ def _show_refused(console, refused) -> None:
         why = f"Target {one['row']} is refused and has no readings in corrected.csv: {one['why']}."
         console.print(why, markup=False)
     if len(refused) > _NAMED:
-        console.print(f"{len(refused) - _NAMED} more targets are refused; the JSON answer names them.", markup=False)
+        console.print(
+            f"{len(refused) - _NAMED} more targets are refused; the JSON answer names them.",
+            markup=False,
+        )
     if refused:
-        console.print("Check these targets and the calibration; --max-correction-mm, --max-correction-deg and "
-                      "--max-sigma-mm set other limits, --force ignores them.", markup=False)  # fmt: skip
+        console.print(
+            "Check these targets and the calibration; --max-correction-mm, --max-correction-deg and "
+            "--max-sigma-mm set other limits, --force ignores them.",
+            markup=False,
+        )

@@ -5,19 +5,24 @@ from typing import Annotated, Literal
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.shared import answer, tables
 from workbench.core.errors import InputError
+from workbench.files import runs
 from workbench.fitting.verdicts.verdict import parse_tolerances
 
 Simulation = Annotated[
-    Path | None, typer.Option("--simulation", metavar="SCENE", help="Compare with this scene (TOML).")
+    Path | None,
+    typer.Option("--simulation", metavar="SCENE", help="Compare with this scene (TOML)."),
 ]
 Solution = Annotated[
-    Path | None, typer.Option("--solution", metavar="FILE", help="Compare with an earlier calibration (solution.json).")
+    Path | None,
+    typer.Option(
+        "--solution", metavar="FILE", help="Compare with an earlier calibration (solution.json)."
+    ),
 ]
 Baseline = Annotated[
-    Literal["geometry", "joint-compliance"], typer.Option("--baseline", help="What is already in the model.")
+    Literal["geometry", "joint-compliance"],
+    typer.Option("--baseline", help="What is already in the model."),
 ]
 
 
@@ -46,15 +51,29 @@ def command(
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
         if simulation is not None and solution is not None:
-            raise InputError("--simulation and --solution: expected one of them, found both; leave one out.")
+            raise InputError(
+                "--simulation and --solution: expected one of them, found both; leave one out."
+            )
         found = datasets.read(recording, trust_data)
         _check_scanner(found, scanner)
         tolerances = parse_tolerances(tolerance, _units(found))
         with runs.opened("diagnose", recording, out) as run:
-            made = diagnose(found, baseline=baseline, simulation=simulation, solution=solution, scanner=scanner,
-                            progress=say, jobs=jobs or cores(), trust_data=trust_data)  # fmt: skip
+            made = diagnose(
+                found,
+                baseline=baseline,
+                simulation=simulation,
+                solution=solution,
+                scanner=scanner,
+                progress=say,
+                jobs=jobs or cores(),
+                trust_data=trust_data,
+            )
             told = made.as_json()
-            result = {**told, **check_diagnosis(made, found, tolerances).keys(told), "run": run.path}
+            result = {
+                **told,
+                **check_diagnosis(made, found, tolerances).keys(told),
+                "run": run.path,
+            }
             save(made, run.partial)
             if not no_report:
                 say("writing the report")
@@ -75,8 +94,10 @@ def _units(recording) -> tuple[str, ...]:
 
 def _check_scanner(found, scanner: Path | None) -> None:
     if scanner is not None and found.measures != "scan-images":
-        raise InputError(f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
-                         "leave the option out.")
+        raise InputError(
+            f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
+            "leave the option out."
+        )
 
 
 def _report(made, folder: Path) -> None:
@@ -103,10 +124,16 @@ def show(console, result) -> None:
     units = [unit, "deg"] if "after_deg" in held_out else [unit]
     rows = [[name, *(held_out.get(f"{key}_{one}") for one in units)] for key, name in told.items()]
     scheme = f" ({held_out['scheme']})" if held_out["scheme"] else ""
-    title = f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
+    title = (
+        f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
+    )
     tables.grid(console, title, ["error", *units], rows)
     if (shares := result["against"]) is not None:
         names = ("parameters", "noise", "structure")
-        tables.grid(console, f"Difference from {shares['reference']}", ["", "mm²"],
-                    [[name, shares[f"{name}_mm2"]] for name in names])  # fmt: skip
+        tables.grid(
+            console,
+            f"Difference from {shares['reference']}",
+            ["", "mm²"],
+            [[name, shares[f"{name}_mm2"]] for name in names],
+        )
     console.print(f"Next: {result['next_experiment']}", markup=False)

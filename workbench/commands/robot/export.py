@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.shared import answer
 from workbench.commands.robot.compensate import Force
+from workbench.commands.shared import answer
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 
@@ -20,14 +20,26 @@ FORMATS = {
 }
 ALL_FORMATS = tuple(dict.fromkeys(name for names in FORMATS.values() for name in names))
 # Files of a run folder and what they hold; of a camera the scanner's file comes first, since it is the later one.
-_FILES = (("solution.json", ARM), ("hand-eye.toml", HAND_EYE), ("scanner.toml", CAMERA), ("camera.toml", CAMERA))
+_FILES = (
+    ("solution.json", ARM),
+    ("hand-eye.toml", HAND_EYE),
+    ("scanner.toml", CAMERA),
+    ("camera.toml", CAMERA),
+)
 
 ParentFrame = Annotated[
     str | None,
-    typer.Option("--parent-frame", metavar="NAME", help="ROS frame of flange or base, of a hand-eye transform."),
+    typer.Option(
+        "--parent-frame",
+        metavar="NAME",
+        help="ROS frame of flange or base, of a hand-eye transform.",
+    ),
 ]
 ChildFrame = Annotated[
-    str | None, typer.Option("--child-frame", metavar="NAME", help="ROS frame of the sensor, of a hand-eye transform.")
+    str | None,
+    typer.Option(
+        "--child-frame", metavar="NAME", help="ROS frame of the sensor, of a hand-eye transform."
+    ),
 ]
 
 
@@ -42,7 +54,9 @@ class _Frames:
 def command(
     source: Annotated[
         Path,
-        typer.Argument(help="Run folder, solution.json, camera.toml, scanner.toml or hand-eye.toml."),
+        typer.Argument(
+            help="Run folder, solution.json, camera.toml, scanner.toml or hand-eye.toml."
+        ),
     ],
     to: Annotated[str, typer.Option("--to", metavar="FORMAT", help=", ".join(ALL_FORMATS))],
     file: Annotated[Path, typer.Option("--out", metavar="FILE", help="Write this file.")],
@@ -58,9 +72,13 @@ def command(
     """
     answer.check_target(json)
     if to not in ALL_FORMATS:
-        raise InputError(f"--to {to}: expected one of {', '.join(ALL_FORMATS)}, found another; name one of them")
+        raise InputError(
+            f"--to {to}: expected one of {', '.join(ALL_FORMATS)}, found another; name one of them"
+        )
     if not file.parent.is_dir() or file.is_dir():
-        raise InputError(f"--out {file} expects a file in a folder that exists; make {file.parent} or name another")
+        raise InputError(
+            f"--out {file} expects a file in a folder that exists; make {file.parent} or name another"
+        )
     kind, path = _choose(source, to)
     if kind != HAND_EYE and (parent_frame or child_frame):
         raise InputError(
@@ -75,11 +93,20 @@ def command(
     for target, text in texts.items():
         replace_file(target, text)
     more = [target for target in texts if target != file]
-    result = {"command": "export", "source": source, "format": to, "file": file, "left_out": left_out}
+    result = {
+        "command": "export",
+        "source": source,
+        "format": to,
+        "file": file,
+        "left_out": left_out,
+    }
     answer.deliver(result | ({"launch_file": more[0]} if more else {}), json)
     console = answer.console(json)
     if left_out:
-        console.print(f"Not in this file, since its format cannot say it: {', '.join(left_out)}.", markup=False)
+        console.print(
+            f"Not in this file, since its format cannot say it: {', '.join(left_out)}.",
+            markup=False,
+        )
     for target in (*more, file):
         console.print(str(target), soft_wrap=True, markup=False)
 
@@ -92,7 +119,9 @@ def _choose(source: Path, to: str) -> tuple[str, Path]:
             return kind, path
     if found:
         offered = "; ".join(f"of its {kind} {', '.join(FORMATS[kind])}" for kind in found)
-        raise InputError(f"{source}: expected something that can be written as {to}, found none; it gives {offered}")
+        raise InputError(
+            f"{source}: expected something that can be written as {to}, found none; it gives {offered}"
+        )
     raise InputError(
         f"{source}: expected a run folder of `workbench calibrate`, `camera`, `scanner` or `handeye`, or one of "
         f"{', '.join(name for name, _ in _FILES)}, found none of them; name another"
@@ -129,11 +158,11 @@ def _is_hand_eye(source: Path) -> bool:
 
 
 def _arm(path, to, force) -> tuple[str, list[str]]:
-    from workbench.jobs.correction_limits import checked
     from workbench.files.exports import mdh_csv, mdh_json, urdf
     from workbench.files.exports.check import check_mdh, check_urdf
     from workbench.files.exports.mdh import left_out
     from workbench.files.solution_file import read_solution
+    from workbench.jobs.correction_limits import checked
 
     arm = checked(read_solution(path), path, force)
     text = {"urdf": urdf, "mdh-json": mdh_json, "mdh-csv": mdh_csv}[to](arm)
@@ -149,11 +178,19 @@ def _camera(path, to) -> tuple[str, list[str]]:
     camera, off = as_held(read_calibrated_camera(path), to)
     text = camera_text(camera, to)
     check_camera(camera, text, to)
-    left_out = [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {off:.2g} px"] if off else []
-    return text, left_out + (["light planes and mirror of the scanner"] if path.name == "scanner.toml" else [])
+    left_out = (
+        [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {off:.2g} px"]
+        if off
+        else []
+    )
+    return text, left_out + (
+        ["light planes and mirror of the scanner"] if path.name == "scanner.toml" else []
+    )
 
 
-def _hand_eye(path: Path, file: Path, frames: _Frames, force: bool) -> tuple[dict[Path, str], list[str]]:
+def _hand_eye(
+    path: Path, file: Path, frames: _Frames, force: bool
+) -> tuple[dict[Path, str], list[str]]:
     from workbench.files.exports.check import check_static_transform
     from workbench.files.exports.hand_eye import (
         CHILD,
@@ -166,6 +203,9 @@ def _hand_eye(path: Path, file: Path, frames: _Frames, force: bool) -> tuple[dic
 
     found = checked_hand_eye(read_hand_eye(path), path, force)
     made = StaticTransform(found.matrix, frames.parent or found.parent, frames.child or CHILD)
-    texts = {file: transform_yaml(made), file.with_name(f"{file.stem}.launch.yaml"): launch_yaml(made)}
+    texts = {
+        file: transform_yaml(made),
+        file.with_name(f"{file.stem}.launch.yaml"): launch_yaml(made),
+    }
     check_static_transform(made, *texts.values())
     return texts, ["the uncertainty of the transform"]

@@ -8,11 +8,17 @@ import typer
 from workbench.commands.shared import answer, tables
 from workbench.fitting.verdicts.verdict import no_verdict
 
-_NO_RESIDUAL = "Nothing is fitted, so that there is no residual to judge; run `workbench calibrate`."
+_NO_RESIDUAL = (
+    "Nothing is fitted, so that there is no residual to judge; run `workbench calibrate`."
+)
 
 Plan = Annotated[
     Path | None,
-    typer.Option("--plan", metavar="NAME|FILE", help="Look at the stages of this plan, not of the default one."),
+    typer.Option(
+        "--plan",
+        metavar="NAME|FILE",
+        help="Look at the stages of this plan, not of the default one.",
+    ),
 ]
 
 
@@ -30,7 +36,11 @@ def command(
 
         found = datasets.read(recording, trust_data)
         say("looking at the poses")
-        result = {"command": "identifiability", "recording": recording, **identifiability(found, plan, trust_data)}
+        result = {
+            "command": "identifiability",
+            "recording": recording,
+            **identifiability(found, plan, trust_data),
+        }
         result["verdict"] = no_verdict(_NO_RESIDUAL).as_json()
     answer.deliver(result, json)
     tables.identifiability(answer.console(json), result)

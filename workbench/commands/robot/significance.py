@@ -4,19 +4,25 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.shared import answer, tables
+from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
 
 _NO_RESIDUAL = "Sensitivities are computed from the nominal robot alone, so that there is no residual to judge."
 
 
 def command(
-    robot: Annotated[str, typer.Argument(help="A robot by name, a robot.toml or URDF, or a recording.")],
-    points: Annotated[int, typer.Option("--points", min=1, help="Configurations: random, or of a recording.")] = 50,
+    robot: Annotated[
+        str, typer.Argument(help="A robot by name, a robot.toml or URDF, or a recording.")
+    ],
+    points: Annotated[
+        int, typer.Option("--points", min=1, help="Configurations: random, or of a recording.")
+    ] = 50,
     seed: Annotated[int, typer.Option("--seed", help="Of the configurations.")] = 0,
     step_mm: Annotated[float, typer.Option("--mm", min=1e-6, help="Error of a length, mm.")] = 0.1,
-    step_rad: Annotated[float, typer.Option("--rad", min=1e-9, help="Error of an angle, rad.")] = 0.1,
+    step_rad: Annotated[
+        float, typer.Option("--rad", min=1e-9, help="Error of an angle, rad.")
+    ] = 0.1,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
@@ -30,7 +36,11 @@ def command(
         say("drawing")
         with runs.opened("significance", robot, out) as run:
             save(found, run.partial)
-            result = {**found.as_json(), "verdict": no_verdict(_NO_RESIDUAL).as_json(), "run": run.path}
+            result = {
+                **found.as_json(),
+                "verdict": no_verdict(_NO_RESIDUAL).as_json(),
+                "run": run.path,
+            }
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     _show(answer.console(json), result)
@@ -40,10 +50,14 @@ def _show(console, result) -> None:
     keys = [f"index_{part}" for part in ("position", "x", "y", "z")]
     rows = [[row["parameter"], *(row[key] for key in keys)] for row in result["parameters"]]
     step = f"{result['step_mm']:g} mm or {result['step_rad']:g} rad"
-    title = f"{result['robot']}: mean change by {step}, {result['points']} {result['configurations']}"
+    title = (
+        f"{result['robot']}: mean change by {step}, {result['points']} {result['configurations']}"
+    )
     tables.grid(console, title, ["parameter", "place, mm", "x axis", "y axis", "z axis"], rows)
     for part, left in result["without_effect"].items():
         angles = [key for key in left if ".d" not in key and (".a" not in key or "alpha" in key)]
         if part != "position" and angles:
-            console.print(f"The {part} axis alone shows nothing of {', '.join(angles)}.", markup=False)
+            console.print(
+                f"The {part} axis alone shows nothing of {', '.join(angles)}.", markup=False
+            )
     console.print(str(result["run"]), soft_wrap=True, markup=False)

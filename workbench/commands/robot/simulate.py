@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.shared import answer
+from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
 
 _NO_RESIDUAL = "A simulation is compared with nothing, so that it has no residual to judge."
@@ -32,10 +32,19 @@ def command(
 
 def deliver(scene: Path, recording, run: runs.Run, json: str | None) -> None:
     """Say what was simulated and where it lies; the folder comes last."""
-    answer.deliver({"command": "simulate", "scene": scene, "recording": run.path,
-                    "measures": recording.measures, "samples": recording.n,
-                    "sigma_mm": recording.sigma_mm, "verdict": no_verdict(_NO_RESIDUAL).as_json(),
-                    "run": run.path}, json)
+    answer.deliver(
+        {
+            "command": "simulate",
+            "scene": scene,
+            "recording": run.path,
+            "measures": recording.measures,
+            "samples": recording.n,
+            "sigma_mm": recording.sigma_mm,
+            "verdict": no_verdict(_NO_RESIDUAL).as_json(),
+            "run": run.path,
+        },
+        json,
+    )
     console = answer.console(json)
     console.print(f"{recording.n} samples, {recording.measures}", markup=False)
     console.print(str(run.path), soft_wrap=True, markup=False)

@@ -15,9 +15,14 @@ class Lens(StrEnum):
     RATIONAL = "rational"
 
 
-Recording = Annotated[str, typer.Argument(help="Folder of a recording with pictures of a board, or a known name.")]
+Recording = Annotated[
+    str, typer.Argument(help="Folder of a recording with pictures of a board, or a known name.")
+]
 Model = Annotated[
-    Lens, typer.Option("--model", help="Distortion: brown has k1 k2 p1 p2 k3, rational k4 k5 k6 besides.")
+    Lens,
+    typer.Option(
+        "--model", help="Distortion: brown has k1 k2 p1 p2 k3, rational k4 k5 k6 besides."
+    ),
 ]
 
 
@@ -44,7 +49,11 @@ def command(
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        result = {"recording": recording, **camera.as_json(made, tolerances), "camera_file": run.path / camera.FILE}
+        result = {
+            "recording": recording,
+            **camera.as_json(made, tolerances),
+            "camera_file": run.path / camera.FILE,
+        }
         return flow.with_reading_warnings(result, read)
 
     flow.run("camera", recording, out, json, work, sensor_tables.camera)

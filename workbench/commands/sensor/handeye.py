@@ -17,15 +17,25 @@ class Kind(StrEnum):
 
 
 Recording = Annotated[
-    str, typer.Argument(help="Folder of a recording with flange poses or joint readings, or a known name.")
+    str,
+    typer.Argument(
+        help="Folder of a recording with flange poses or joint readings, or a known name."
+    ),
 ]
 CameraFile = Annotated[
     Path | None,
-    typer.Option("--camera", metavar="FILE", help="Use this calibrated camera (camera.toml of `workbench camera`)."),
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        help="Use this calibrated camera (camera.toml of `workbench camera`).",
+    ),
 ]
 Where = Annotated[
     Kind | None,
-    typer.Option("--kind", help="The sensor is in the arm's hand, or looks at it from beside; else as [board] says."),
+    typer.Option(
+        "--kind",
+        help="The sensor is in the arm's hand, or looks at it from beside; else as [board] says.",
+    ),
 ]
 
 
@@ -56,7 +66,9 @@ def command(
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return flow.with_reading_warnings({"recording": recording, **hand_eye.as_json(made, tolerances)}, read)
+        return flow.with_reading_warnings(
+            {"recording": recording, **hand_eye.as_json(made, tolerances)}, read
+        )
 
     flow.run("handeye", recording, out, json, work, sensor_tables.handeye)
 

@@ -5,14 +5,18 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
 from workbench.commands.shared import answer
+from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
 
 Scene = Annotated[Path, typer.Argument(help="Scene file (TOML).")]
 Truth = Annotated[
     Path | None,
-    typer.Option("--truth", metavar="FILE", help="Write what the pictures were made from (JSON), for scoring."),
+    typer.Option(
+        "--truth",
+        metavar="FILE",
+        help="Write what the pictures were made from (JSON), for scoring.",
+    ),
 ]
 
 
@@ -33,8 +37,12 @@ def command(
             if truth is not None:
                 runs.replace_file(truth, answer.as_text(made["truth"]))
     found = {key: value for key, value in made.items() if key != "truth"}
-    found["verdict"] = no_verdict("A rendering measures nothing, so there is no residual to judge.").as_json()
-    answer.deliver({"command": "render", "scene": scene, "recording": run.path, **found, "run": run.path}, json)
+    found["verdict"] = no_verdict(
+        "A rendering measures nothing, so there is no residual to judge."
+    ).as_json()
+    answer.deliver(
+        {"command": "render", "scene": scene, "recording": run.path, **found, "run": run.path}, json
+    )
     console = answer.console(json)
     console.print(f"{found['images']} pictures, {found['samples']} samples", markup=False)
     console.print(str(run.path), soft_wrap=True, markup=False)

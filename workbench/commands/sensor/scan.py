@@ -6,7 +6,9 @@ import typer
 
 from workbench.commands.shared import answer, flow, sensor_tables
 
-Recording = Annotated[str, typer.Argument(help="Folder of a recording with pictures of scans, or a known name.")]
+Recording = Annotated[
+    str, typer.Argument(help="Folder of a recording with pictures of scans, or a known name.")
+]
 
 
 def command(

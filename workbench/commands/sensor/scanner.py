@@ -5,16 +5,23 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
-from workbench.commands.shared import answer, flow, sensor_tables
 from workbench.commands.sensor.camera import Lens, Model
+from workbench.commands.shared import answer, flow, sensor_tables
+from workbench.files import runs
 
 Recording = Annotated[
-    str, typer.Argument(help="Folder of a recording with pictures of a board under the laser, or a known name.")
+    str,
+    typer.Argument(
+        help="Folder of a recording with pictures of a board under the laser, or a known name."
+    ),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="FILE", help="Write the scanner here too; --scanner FILE reads it everywhere."),
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help="Write the scanner here too; --scanner FILE reads it everywhere.",
+    ),
 ]
 
 
@@ -46,7 +53,11 @@ def command(
         if out is not None:
             runs.replace_file(out, (run.partial / scanner.FILE).read_text(encoding="utf-8"))
         place = out.resolve() if out else run.path / scanner.FILE
-        result = {"recording": recording, **scanner.as_json(made, tolerances), "scanner_file": place}
+        result = {
+            "recording": recording,
+            **scanner.as_json(made, tolerances),
+            "scanner_file": place,
+        }
         return flow.with_reading_warnings(result, read)
 
     flow.run("scanner", recording, None, json, work, sensor_tables.scanner)

@@ -19,7 +19,9 @@ from workbench.files.runs import replace_file
 
 JsonTarget = Annotated[
     str | None,
-    typer.Option("--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."),
+    typer.Option(
+        "--json", metavar="FILE|-", help="Write the answer as JSON; - is standard output."
+    ),
 ]
 OutFolder = Annotated[
     Path | None,
@@ -29,13 +31,17 @@ OutFolder = Annotated[
 Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; one a core otherwise.")]
 TrustData = Annotated[
     bool,
-    typer.Option("--trust-data", help="Go on with a warning where the recorded data are found implausible."),
+    typer.Option(
+        "--trust-data", help="Go on with a warning where the recorded data are found implausible."
+    ),
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page.")]
 ScannerFile = Annotated[
     Path | None,
     typer.Option(
-        "--scanner", metavar="FILE", help="Use this calibrated scanner (scanner.toml of `workbench scanner`)."
+        "--scanner",
+        metavar="FILE",
+        help="Use this calibrated scanner (scanner.toml of `workbench scanner`).",
     ),
 ]
 
@@ -75,7 +81,9 @@ def check_target(target: str | None, option: str = "--json") -> None:
         return
     path = Path(target)
     if path.is_dir():
-        raise InputError(f"{option} {target} expects a file, found a folder; name a file, {path / 'name'} for one.")
+        raise InputError(
+            f"{option} {target} expects a file, found a folder; name a file, {path / 'name'} for one."
+        )
     if not path.parent.is_dir():
         raise InputError(
             f"{option} {target} expects a file in a folder that exists; make {path.parent} first or name another file."

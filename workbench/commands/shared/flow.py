@@ -3,13 +3,15 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from workbench.files import runs
 from workbench.commands.shared import answer
+from workbench.files import runs
 
 Work = Callable[[runs.Run, Callable[[str], None]], Mapping]
 
 
-def run(command: str, subject: str, out: Path | None, json: str | None, work: Work, show: Callable) -> None:
+def run(
+    command: str, subject: str, out: Path | None, json: str | None, work: Work, show: Callable
+) -> None:
     """Do `work(run, say)` in a new run folder; its answer goes to the folder, to `--json` and to `show`.
 
     command, subject: name the run folder; out: that folder instead. show: takes console and answer. Warnings of the

@@ -18,8 +18,9 @@ def read_list(path: Path | None, known: Container[int], option: str) -> tuple[in
         if line.strip():
             _add(places, line.strip(), f"{path}, line {row}", known)
     if not places:
-        raise InputError(f"{path} is empty, where {option} expects one sample number a line; "
-                         "write at least one.")
+        raise InputError(
+            f"{path} is empty, where {option} expects one sample number a line; write at least one."
+        )
     return tuple(places)
 
 
@@ -27,32 +28,44 @@ def check_apart(fit: tuple[int, ...] | None, test: tuple[int, ...] | None, path:
     """Raise InputError where a sample stands in both lists: it would not be held out."""
     shared = sorted(set(fit or ()) & set(test or ()))
     if shared:
-        raise InputError(f"{path} names sample {shared[0]} ({len(shared)} in all), which "
-                         "--fit-samples names too, where a test sample is expected to be unseen; "
-                         "take it out of one of the two files.")
+        raise InputError(
+            f"{path} names sample {shared[0]} ({len(shared)} in all), which "
+            "--fit-samples names too, where a test sample is expected to be unseen; "
+            "take it out of one of the two files."
+        )
 
 
 def _lines(path: Path, option: str) -> list[str]:
     try:
         return path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
-        raise InputError(f"{path} cannot be read as {option}: {error.strerror}; name a text file "
-                         "with one sample number a line.") from error
+        raise InputError(
+            f"{path} cannot be read as {option}: {error.strerror}; name a text file "
+            "with one sample number a line."
+        ) from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 text, where {option} expects one sample number a "
-                         "line; save it as plain text.") from error
+        raise InputError(
+            f"{path} is not UTF-8 text, where {option} expects one sample number a "
+            "line; save it as plain text."
+        ) from error
 
 
 def _add(places: dict[int, str], text: str, place: str, known: Container[int]) -> None:
     try:
         number = int(text)
     except ValueError:
-        raise InputError(f"{place}: expected one whole sample number, found '{text[:40]}'; write "
-                         "one number a line.") from None
+        raise InputError(
+            f"{place}: expected one whole sample number, found '{text[:40]}'; write "
+            "one number a line."
+        ) from None
     if number in places:
-        raise InputError(f"{place}: expected each sample once, found {number} again after "
-                         f"{places[number]}; remove one of the two.")
+        raise InputError(
+            f"{place}: expected each sample once, found {number} again after "
+            f"{places[number]}; remove one of the two."
+        )
     if number not in known:
-        raise InputError(f"{place}: expected the number of a sample of the recording, found "
-                         f"{number}, which it does not have; correct or remove the line.")
+        raise InputError(
+            f"{place}: expected the number of a sample of the recording, found "
+            f"{number}, which it does not have; correct or remove the line."
+        )
     places[number] = place

@@ -17,9 +17,14 @@ def camera(console, answer: Mapping) -> None:
         f"{number(answer['rms_coordinate_px'])} px a coordinate"
     )
     std = answer["std"]
-    rows = [[key, *measured(answer[key], std.get(key))] for key in ("fx_px", "fy_px", "cx_px", "cy_px")]
+    rows = [
+        [key, *measured(answer[key], std.get(key))] for key in ("fx_px", "fy_px", "cx_px", "cy_px")
+    ]
     names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    rows += [[name, *measured(*pair)] for name, *pair in zip(names, answer["distortion"], std["distortion"])]
+    rows += [
+        [name, *measured(*pair)]
+        for name, *pair in zip(names, answer["distortion"], std["distortion"])
+    ]
     grid(console, title, ["parameter", "value", "1 sigma"], rows)
     for sentence in _about_camera(answer):
         console.print(f"- {sentence}", markup=False, soft_wrap=True)
@@ -58,8 +63,15 @@ def scanner(console, answer: Mapping) -> None:
     planes = answer["planes"]
     shown = planes if len(planes) <= 8 else [planes[k * (len(planes) - 1) // 7] for k in range(8)]
     rows = [
-        [p["step"], *(f"{n:.5f}" for n in p["normal"]), f"{p['offset_mm']:.3f}", number(p["rms_mm"], 2),
-         number(p["sigma_mm"] if p["sigma_best_frame_mm"] is None else p["sigma_best_frame_mm"], 2)]
+        [
+            p["step"],
+            *(f"{n:.5f}" for n in p["normal"]),
+            f"{p['offset_mm']:.3f}",
+            number(p["rms_mm"], 2),
+            number(
+                p["sigma_mm"] if p["sigma_best_frame_mm"] is None else p["sigma_best_frame_mm"], 2
+            ),
+        ]
         for p in shown
     ]
     grid(console, title, ["step", "nx", "ny", "nz", "offset mm", "RMS mm", "1 sigma mm"], rows)
@@ -75,14 +87,21 @@ def scan(console, answer: Mapping) -> None:
     """Balls of each scan and the acceptance figures; `answer`: the object of `scan --json`."""
     head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "RMS mm", "1 sigma mm", ""]
     rows, unseen, outcomes, points, more, others, untold = [], [], {}, 0, 0, 0, 0
-    for one in answer["scans"]:  # once: a long session's are read anew each time, and few of them kept
+    for one in answer[
+        "scans"
+    ]:  # once: a long session's are read anew each time, and few of them kept
         points, balls = points + one["points"], _balls(one)
         more += max(len(rows) + len(balls) - _SHOWN, 0)
         rows += balls[: _SHOWN - len(rows)]
         others += max(len(unseen) + len(one["rejected"]) - _SENTENCES, 0)
         unseen += one["rejected"][: _SENTENCES - len(unseen)]
         untold += not _noted(outcomes, one["outcome"], one["scan"])
-    grid(console, f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points", head, rows)
+    grid(
+        console,
+        f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points",
+        head,
+        rows,
+    )
     if more:
         console.print(f"and {more} more, which the JSON names\n")
     for sentence, scans in outcomes.items():
@@ -91,11 +110,20 @@ def scan(console, answer: Mapping) -> None:
     if untold:
         console.print(f"- {untold} more scans: other sentences, which the JSON holds")
     rejected(console, unseen, others)
-    told = [[row["name"].replace("_", " "), row["symbol"], *_valued(row)] for row in answer["acceptance"]]
+    told = [
+        [row["name"].replace("_", " "), row["symbol"], *_valued(row)]
+        for row in answer["acceptance"]
+    ]
     told = [row for row in told if row[2] is not None]
     if told:
         console.print()
-        grid(console, "Acceptance figures, the worst scan", ["characteristic", "symbol", "value", "unit"], told, left=2)
+        grid(
+            console,
+            "Acceptance figures, the worst scan",
+            ["characteristic", "symbol", "value", "unit"],
+            told,
+            left=2,
+        )
 
 
 def _noted(outcomes: dict[str, list[str]], sentence: str, scan: str) -> bool:
@@ -114,21 +142,31 @@ def _balls(one: Mapping) -> list[list]:
         doubts = {"cut": ball["cut_by_field"], "too far": ball["beyond_calibrated_depths"]}
         place, spread = (ball["x_mm"], ball["y_mm"], ball["z_mm"]), max(ball["std_mm"])
         said = ", ".join(doubt for doubt, there in doubts.items() if there)
-        figures = (*(measured(value, spread)[0] for value in place), number(ball["rms_mm"], 2), number(spread, 2))
+        figures = (
+            *(measured(value, spread)[0] for value in place),
+            number(ball["rms_mm"], 2),
+            number(spread, 2),
+        )
         rows.append([one["scan"], ball["ball"], ball["used"], *figures, said])
     return rows or [[one["scan"], *[None] * 7, "no ball"]]
 
 
 def _valued(row: Mapping) -> tuple:
     """A characteristic's value and unit; shares in %."""
-    return (100 * row["value"], "%") if row["unit"] == "1" and row["value"] is not None else (row["value"], row["unit"])
+    return (
+        (100 * row["value"], "%")
+        if row["unit"] == "1" and row["value"] is not None
+        else (row["value"], row["unit"])
+    )
 
 
 def _profiler(answer: Mapping) -> list[str]:
     """Lines on the scale of a profiler's z, its noise and the ball's radius where that is fitted."""
     told = [f"noise of a profile: {number(answer['noise'])} {answer['noise_unit']}"]
     if answer.get("range_scale_std"):
-        told.append(f"scale of the profiler's z: {answer['range_scale']:+.2%}, 1 sigma {answer['range_scale_std']:.2%}")
+        told.append(
+            f"scale of the profiler's z: {answer['range_scale']:+.2%}, 1 sigma {answer['range_scale_std']:.2%}"
+        )
     if answer.get("free_radius_std_mm") and not answer["radius_std_mm"]:
         radius, std = measured(answer["free_radius_mm"], answer["free_radius_std_mm"])
         told.append(f"with a radius of its own: {radius} mm, 1 sigma {std} mm")
@@ -155,20 +193,36 @@ def handeye(console, answer: Mapping) -> None:
     sensor = answer["hand_eye"]
     for sentence in answer["undetermined"]:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
-    values, spreads = (*sensor["xyz_mm"], *sensor["rotvec_deg"]), (*sensor["std_mm"], *sensor["std_deg"])
+    values, spreads = (
+        (*sensor["xyz_mm"], *sensor["rotvec_deg"]),
+        (*sensor["std_mm"], *sensor["std_deg"]),
+    )
     names = ("x mm", "y mm", "z mm", "rx deg", "ry deg", "rz deg")
-    rows = [[name, measured(value, std)[0], known(std)] for name, value, std in zip(names, values, spreads)]
+    rows = [
+        [name, measured(value, std)[0], known(std)]
+        for name, value, std in zip(names, values, spreads)
+    ]
     title = f"{answer['recording']}: {answer['transform']}, {answer['poses']} poses"
     grid(console, title, ["", "value", "1 sigma"], rows)
     if answer.get("radius_mm") is not None:
         radius, std = measured(answer["radius_mm"], answer["radius_std_mm"])
-        console.print(f"radius of the ball: {radius} mm, {'known' if std == '–' else f'1 sigma {std} mm'}")
+        console.print(
+            f"radius of the ball: {radius} mm, {'known' if std == '–' else f'1 sigma {std} mm'}"
+        )
         for line in _profiler(answer):
             console.print(line, markup=False)
         console.print()
     keys = [key for key in answer["fit"] if key in answer["held_out"]]
-    rows = [[_ERRORS.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]] for key in keys]
-    grid(console, "How far apart what stands still seems to be, pose by pose", ["", "fit", "held out"], rows)
+    rows = [
+        [_ERRORS.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]]
+        for key in keys
+    ]
+    grid(
+        console,
+        "How far apart what stands still seems to be, pose by pose",
+        ["", "fit", "held out"],
+        rows,
+    )
     rejected(console, answer["rejected"])
 
 

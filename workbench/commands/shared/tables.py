@@ -3,7 +3,12 @@
 from collections.abc import Mapping, Sequence
 
 MEASURES = ("rms_mm", "mean_mm", "p95_mm", "max_mm")
-ROTATION_MEASURES = ("rotation_rms_deg", "rotation_mean_deg", "rotation_p95_deg", "rotation_max_deg")
+ROTATION_MEASURES = (
+    "rotation_rms_deg",
+    "rotation_mean_deg",
+    "rotation_p95_deg",
+    "rotation_max_deg",
+)
 _BLOCKS = ("nominal", "fit", "held_out")
 _DEGREES = ("rotation_rms_deg", "held_out_rotation_rms_deg")
 
@@ -36,9 +41,16 @@ def identifiability(console, answer: Mapping) -> None:
     """
     warnings(console, answer)
     head = ["stage", "free", "known", "O1", "O2", "O3", "O4", "O5"]
-    rows = [[s["name"], s["free"], s["identifiable"], *(number(s[f"O{k}"], 3) for k in range(1, 6))]
-            for s in answer["stages"]]
-    grid(console, f"{answer['recording']}: {answer['samples']} samples at {answer['poses']} poses", head, rows)
+    rows = [
+        [s["name"], s["free"], s["identifiable"], *(number(s[f"O{k}"], 3) for k in range(1, 6))]
+        for s in answer["stages"]
+    ]
+    grid(
+        console,
+        f"{answer['recording']}: {answer['samples']} samples at {answer['poses']} poses",
+        head,
+        rows,
+    )
     said: set[str] = set()
     for stage in answer["stages"]:
         more = [sentence for sentence in stage["undetermined"] if sentence not in said]
@@ -49,7 +61,9 @@ def identifiability(console, answer: Mapping) -> None:
 
 def number(value, digits: int = 4) -> str:
     """So many significant digits; a dash for what is not there."""
-    return "–" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    return (
+        "–" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    )
 
 
 def measured(value: float | None, std: float | None) -> tuple[str, str]:
@@ -77,7 +91,9 @@ def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], lef
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for index, name in enumerate(head):
         word = index < left or not name
-        table.add_column(name, justify="left" if word else "right", overflow="fold", no_wrap=not word)
+        table.add_column(
+            name, justify="left" if word else "right", overflow="fold", no_wrap=not word
+        )
     for row in rows:
         table.add_row(*(escape(number(cell)) for cell in row))
     console.print(table)
@@ -90,7 +106,10 @@ def _errors(console, answer: Mapping) -> None:
         blocks = [name for name in _BLOCKS if measures[0] in answer.get(name, ())]
         if not blocks:
             continue
-        rows = [[name.replace("_", " "), *(answer[name].get(key) for key in measures)] for name in blocks]
+        rows = [
+            [name.replace("_", " "), *(answer[name].get(key) for key in measures)]
+            for name in blocks
+        ]
         grid(console, title, [what, "RMS", "mean", "95 %", "max"], rows)
         title = ""
 
@@ -138,8 +157,10 @@ def unidentified(parameters: Sequence[Mapping]) -> str:
     if not missing:
         return ""
     held = sum(row["status"] == "held" for row in missing)
-    return (f"Without an estimate of their own: {len(missing)} of {len(parameters)} parameters, {len(missing) - held} "
-            f"not identifiable from this recording and {held} held by the plan; the report says why.")
+    return (
+        f"Without an estimate of their own: {len(missing)} of {len(parameters)} parameters, {len(missing) - held} "
+        f"not identifiable from this recording and {held} held by the plan; the report says why."
+    )
 
 
 def _significance(row: Mapping) -> float:

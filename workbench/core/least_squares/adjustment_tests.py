@@ -46,7 +46,12 @@ def variance_test(white: np.ndarray, degrees: float) -> VarianceTest:
     factor = np.sqrt(total / max(degrees, 1e-300))
     reduced = effective_degrees(squares, degrees, white.size)
     statistic = reduced * factor**2
-    return VarianceTest(float(factor), reduced, float(chi2.sf(statistic, reduced)), float(chi2.cdf(statistic, reduced)))
+    return VarianceTest(
+        float(factor),
+        reduced,
+        float(chi2.sf(statistic, reduced)),
+        float(chi2.cdf(statistic, reduced)),
+    )
 
 
 def effective_degrees(squares: np.ndarray, degrees: float, size: int) -> float:
@@ -158,7 +163,10 @@ def neighbour_test(values: np.ndarray, neighbour: np.ndarray, seed: int = 0) -> 
         return NeighbourTest(1.0, 1.0)
     rng = np.random.default_rng(seed)
     found = _difference(centred, neighbour) / total
-    chance = [_difference(centred[:, rng.permutation(values.shape[1])], neighbour) for _ in range(_PERMUTATIONS)]
+    chance = [
+        _difference(centred[:, rng.permutation(values.shape[1])], neighbour)
+        for _ in range(_PERMUTATIONS)
+    ]
     chance = np.array(chance) / total
     z = (found - chance.mean()) / max(chance.std(ddof=1), 1e-300)
     return NeighbourTest(float(found), float(norm.cdf(z)))
@@ -177,14 +185,18 @@ class RegressionTest:
     share: float
 
 
-def regression_test(residual: np.ndarray, baseline: np.ndarray, columns: np.ndarray) -> RegressionTest:
+def regression_test(
+    residual: np.ndarray, baseline: np.ndarray, columns: np.ndarray
+) -> RegressionTest:
     """Partial F-test whether `columns` (N, P) explain a residual (N,) beyond the `baseline` (N, F) of the fit.
 
     Draper & Smith, Applied Regression Analysis, 3rd ed. (1998), ch. 6. Rank-deficient columns are allowed.
     """
     base = _orthonormal(baseline)
     rest = residual - base @ (base.T @ residual)
-    added = _orthonormal(columns - base @ (base.T @ columns), np.linalg.norm(columns, axis=0).max(initial=0))
+    added = _orthonormal(
+        columns - base @ (base.T @ columns), np.linalg.norm(columns, axis=0).max(initial=0)
+    )
     explained = float(((added.T @ rest) ** 2).sum())
     total = float(rest @ rest)
     first, second = added.shape[1], len(residual) - base.shape[1] - added.shape[1]

@@ -64,7 +64,9 @@ def walk(arm: Arm, variables, base: np.ndarray) -> Walked:
     import torch
 
     def tensor(values):
-        return torch.as_tensor(np.asarray(values, float), dtype=variables.dtype, device=variables.device)
+        return torch.as_tensor(
+            np.asarray(values, float), dtype=variables.dtype, device=variables.device
+        )
 
     start = tensor(base @ arm.root)
     n = variables.shape[1]
@@ -114,7 +116,9 @@ def _turned(frame, about, angle):
     return made
 
 
-def derivative(arm: Arm, walked: Walked, tool: np.ndarray, index, base: np.ndarray, bent: Sequence[tuple]):
+def derivative(
+    arm: Arm, walked: Walked, tool: np.ndarray, index, base: np.ndarray, bent: Sequence[tuple]
+):
     """Point (3, n) and its derivative (6 + 5 J + 3 R + B, 3, n).
 
     tool (R, 3): points on the flange; index (n,) which of them. Columns: shift and small turn of the base about the
@@ -136,7 +140,9 @@ def derivative(arm: Arm, walked: Walked, tool: np.ndarray, index, base: np.ndarr
     made[:, _D : _A + 1] = walked.axes[:, _D : _A + 1]
     rows[6 : 6 + 5 * joints] = made.reshape(-1, 3, n)
     own = torch.nn.functional.one_hot(index, len(places)).to(**like).T
-    rows[6 + 5 * joints : 6 + 5 * joints + 3 * len(places)] = (own[:, None, None] * walked.end).reshape(-1, 3, n)
+    rows[6 + 5 * joints : 6 + 5 * joints + 3 * len(places)] = (
+        own[:, None, None] * walked.end
+    ).reshape(-1, 3, n)
     for place, (joint, basis) in enumerate(bent, len(rows) - len(bent)):
         rows[place] = basis * made[joint, _D if arm.prismatic[joint] else 0]
     return point, rows
@@ -149,9 +155,18 @@ def _cross(a, b):
     return torch.linalg.cross(a, b.expand_as(a), dim=-2)
 
 
-def normal_equations(arm: Arm, variables: np.ndarray, base: np.ndarray, tool: np.ndarray, index: np.ndarray,
-                     measured: np.ndarray, sigma: float, bent: Sequence[Bent] = (), where: str | None = None,
-                     single: bool = False) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
+def normal_equations(
+    arm: Arm,
+    variables: np.ndarray,
+    base: np.ndarray,
+    tool: np.ndarray,
+    index: np.ndarray,
+    measured: np.ndarray,
+    sigma: float,
+    bent: Sequence[Bent] = (),
+    where: str | None = None,
+    single: bool = False,
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Whitened normal matrix (F, F), gradient (F,) and chi-square of all n samples, added up over chunks of them.
 
     variables (J, n) joint variables, base (4, 4), tool (R, 3), index (n,), measured (3, n), sigma mm; columns as of

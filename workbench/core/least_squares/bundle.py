@@ -12,8 +12,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from workbench.core.least_squares.bundle_blocks import Blocks, Family, Layout, Part
 from workbench.core.errors import InputError
+from workbench.core.least_squares.bundle_blocks import Blocks, Family, Layout, Part
 from workbench.core.least_squares.identifiability import Identifiability, identifiability
 from workbench.core.least_squares.linear_algebra import (
     all_finite,
@@ -21,10 +21,10 @@ from workbench.core.least_squares.linear_algebra import (
     inverse_positive,
     solve_positive,
 )
+from workbench.core.least_squares.solver import CONVERGED, LOSSES, SETTLED, STALLED
 from workbench.core.model import Model
 from workbench.core.noise import noise_mask
 from workbench.core.parameters import Parameters
-from workbench.core.least_squares.solver import CONVERGED, LOSSES, SETTLED, STALLED
 
 OUT_OF_STEPS = (
     "did not converge: the cost was still falling at the last step; allow more steps, check units and the start, "
@@ -158,15 +158,21 @@ class _Problem:
     def __init__(self, models, parameters, families, eliminate, weigh):
         for model in models:
             parameters = parameters.only(parameters.mask & ~_noise(model, parameters))
-        self.families = {name: families[name] for name in sorted(families, key=lambda name: name != eliminate)}
+        self.families = {
+            name: families[name] for name in sorted(families, key=lambda name: name != eliminate)
+        }
         self.layout = _layout(parameters, self.families, eliminate)
         self.parts = [Part(model, parameters, self.layout) for model in models]
         self.weigh, self.damping, self.outcome, self.history = weigh, 0.0, "", []
         self.scales(parameters)
-        start = _Point(parameters, {name: np.array(f.values, float) for name, f in self.families.items()})
+        start = _Point(
+            parameters, {name: np.array(f.values, float) for name, f in self.families.items()}
+        )
         self.check_groups(start.values)
         self.inverse_sigma = [part.inverse_sigma(parameters) for part in self.parts]
-        self.measured = sum(part.tiles.live.sum() * len(s) for part, s in zip(self.parts, self.inverse_sigma))
+        self.measured = sum(
+            part.tiles.live.sum() * len(s) for part, s in zip(self.parts, self.inverse_sigma)
+        )
         self.take(start, self.linearise(start))
         self.check()
 
@@ -175,8 +181,10 @@ class _Problem:
             for name in part.families:
                 last = int(part.tiles.groups[name].max(initial=0))
                 if last >= len(values[name]):
-                    raise InputError(f"bundle: expected a start for {name} {last}, found {len(values[name])} of them; "
-                                     "give one for every group")
+                    raise InputError(
+                        f"bundle: expected a start for {name} {last}, found {len(values[name])} of them; "
+                        "give one for every group"
+                    )
 
     def scales(self, parameters):
         """Typical sizes, precisions of priors and their centres, of the dense and the eliminated unknowns."""
@@ -222,7 +230,10 @@ class _Problem:
     def whiten(self, point, residuals):
         """Give a point its residuals and their whitened squares."""
         point.residuals = residuals
-        point.squares = [np.einsum("mn,mn->n", w, w) for w in (r * s for r, s in zip(residuals, self.inverse_sigma))]
+        point.squares = [
+            np.einsum("mn,mn->n", w, w)
+            for w in (r * s for r, s in zip(residuals, self.inverse_sigma))
+        ]
 
     def weights(self, part, z, m):
         """(N,) robust weights of squares z of m numbers each, 0 for padding."""
@@ -241,9 +252,13 @@ class _Problem:
             part.add_to(blocks, own, root)
         self.data = blocks.scaled(self.scale, self.own_scale)
         squares = sum(float(w @ z) for w, z in zip(point.weights, point.squares))
-        excess = max(1.0, squares / max(self.measured, 1))  # as in solve: priors do not drown poor data
+        excess = max(
+            1.0, squares / max(self.measured, 1)
+        )  # as in solve: priors do not drown poor data
         self.trust, self.own_trust = self.precision * excess, self.own_precision * excess
-        self.gradient = self.data.gradient + self.trust * self.scale * (self.dense(point) - self.centre)
+        self.gradient = self.data.gradient + self.trust * self.scale * (
+            self.dense(point) - self.centre
+        )
         pull = self.own_trust * self.own_scale * (self.own(point) - self.own_centre)
         self.own_gradient = self.data.own_gradient + pull
         self.cost = self.cost_of(point)
@@ -263,7 +278,9 @@ class _Problem:
         """The squares under the present weights, and those of the priors."""
         squares = sum(float(w @ z) for w, z in zip(self.point.weights, point.squares))
         prior = self.trust @ (self.dense(point) - self.centre) ** 2
-        return squares + float(prior + ((self.own(point) - self.own_centre) ** 2 @ self.own_trust).sum())
+        return squares + float(
+            prior + ((self.own(point) - self.own_centre) ** 2 @ self.own_trust).sum()
+        )
 
     def reduced(self, damping):
         """Schur complement (D, D) of the damped normal matrix, and own^-1 [cross, gradient] (G, L, D + 1)."""
@@ -290,7 +307,11 @@ class _Problem:
             move = self.newton(_FLOOR + self.damping)
             decrement = -float(self.gradient @ move[0] + (self.own_gradient * move[1]).sum())
             unit = max(1.0, self.cost / max(self.measured, 1))
-            if self.damping == 0 and decrement <= _NEARLY * unit and self.finished(move, decrement, unit):
+            if (
+                self.damping == 0
+                and decrement <= _NEARLY * unit
+                and self.finished(move, decrement, unit)
+            ):
                 return
             if self.accept(move):
                 if abs(before - self.cost) < max(1e-5 * before, 0.02 * unit) and self.still(unit):
@@ -301,7 +322,9 @@ class _Problem:
 
     def still(self, unit):
         """Whether it is not damping that makes a step small in a long valley: the last ones together were small too."""
-        return self.damping == 0 or (len(self.history) > _LAST and self.history[-_LAST] - self.cost < unit)
+        return self.damping == 0 or (
+            len(self.history) > _LAST and self.history[-_LAST] - self.cost < unit
+        )
 
     @property
     def largest(self):
@@ -312,7 +335,9 @@ class _Problem:
         """Whether this is the end; a last step that moves hardly anything needs no new derivative."""
         if decrement > _DONE * unit:
             there = self.moved(*move)
-            self.whiten(there, [part.residual(there.parameters, there.values) for part in self.parts])
+            self.whiten(
+                there, [part.residual(there.parameters, there.values) for part in self.parts]
+            )
             there.weights = self.point.weights
             cost = self.cost_of(there)
             if not cost < self.cost:
@@ -339,11 +364,15 @@ class _Problem:
         held = np.diag(inverse) @ prior
         own = np.diag(self.own_trust * self.own_scale**2 + _FLOOR)
         if len(own):
-            held += (self.inverse_own() * own).sum() + ((mix @ inverse * mix).sum((0, 2)) * np.diag(own)).sum()
+            held += (self.inverse_own() * own).sum() + (
+                (mix @ inverse * mix).sum((0, 2)) * np.diag(own)
+            ).sum()
         return max(self.measured - len(self.scale) - self.own_centre.size + float(held), 1.0)
 
     def inverse_own(self):
-        return inverse_positive(self.data.own + np.diag(self.own_trust * self.own_scale**2 + _FLOOR))
+        return inverse_positive(
+            self.data.own + np.diag(self.own_trust * self.own_scale**2 + _FLOOR)
+        )
 
     def finish(self):
         schur, mix = self.reduced(_FLOOR)
@@ -353,24 +382,35 @@ class _Problem:
         own = self.own_scale[:, None]
         inverse = self.inverse_own() * own * own.T if len(own) else self.data.own
         left = [1.0 if self.weigh is None else _LEFT[len(r)] for r in self.point.residuals]
-        squares = [float(w @ z) / share for w, z, share in zip(self.point.weights, self.point.squares, left)]
+        squares = [
+            float(w @ z) / share
+            for w, z, share in zip(self.point.weights, self.point.squares, left)
+        ]
         counts = [part.tiles.live.sum() * len(s) for part, s in zip(self.parts, self.inverse_sigma)]
         spent = degrees / max(self.measured, 1)
         place = [part.tiles.place for part in self.parts]
         move, own_move = self.newton(_FLOOR)
         return BundleFit(
-            self.point.parameters, self.point.values,
+            self.point.parameters,
+            self.point.values,
             tuple(r[:, p] for r, p in zip(self.point.residuals, place)),
             tuple(w[p] for w, p in zip(self.point.weights, place)),
             tuple(float(np.sqrt(q / max(c * spent, 1))) for q, c in zip(squares, counts)),
-            normal / np.outer(self.scale, self.scale), self.table(), float(np.sqrt(sum(squares) / degrees)),
-            tuple(self.history), self.outcome or OUT_OF_STEPS, degrees,
-            Eliminated(inverse, mix * own / self.scale), (move * self.scale, own_move * self.own_scale),
-        )  # fmt: skip
+            normal / np.outer(self.scale, self.scale),
+            self.table(),
+            float(np.sqrt(sum(squares) / degrees)),
+            tuple(self.history),
+            self.outcome or OUT_OF_STEPS,
+            degrees,
+            Eliminated(inverse, mix * own / self.scale),
+            (move * self.scale, own_move * self.own_scale),
+        )
 
     def table(self):
         """The dense unknowns as parameters, all free, at their present values."""
-        shared = [p for p, free in zip(self.point.parameters.table, self.point.parameters.mask) if free]
+        shared = [
+            p for p, free in zip(self.point.parameters.table, self.point.parameters.mask) if free
+        ]
         kept = [f.table() for name, f in self.families.items() if name != self.layout.eliminate]
         table = Parameters.of([*shared, *(p for rows in kept for p in rows)])
         return replace(table, values=self.dense(self.point), mask=np.ones(len(table), bool))
@@ -382,7 +422,9 @@ def _layout(parameters, families, eliminate):
         if name != eliminate:
             offset[name], start = start, start + np.size(family.values)
     lengths = {name: family.length for name, family in families.items()}
-    return Layout(int(parameters.mask.sum()), eliminate if eliminate in families else None, offset, lengths)
+    return Layout(
+        int(parameters.mask.sum()), eliminate if eliminate in families else None, offset, lengths
+    )
 
 
 def _noise(model, parameters):

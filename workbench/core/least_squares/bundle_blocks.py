@@ -47,7 +47,14 @@ class Family:
         priors = [None] * self.length if self.prior is None else [float(p) for p in self.prior]
         label = f"{{}} of {self.name} {{}}"
         return [
-            Parameter(f"{self.name}-{group}.{name}", unit, float(start), float(size), label.format(name, group), p)
+            Parameter(
+                f"{self.name}-{group}.{name}",
+                unit,
+                float(start),
+                float(size),
+                label.format(name, group),
+                p,
+            )
             for group, row in enumerate(self.values)
             for name, unit, start, size, p in zip(names, units, row, self.typical, priors)
         ]
@@ -73,7 +80,11 @@ def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
     if not labels:
         labels = {"": np.zeros(n, int)}
     sizes = [int(label.max(initial=0)) + 1 for label in labels.values()]
-    code = np.ravel_multi_index(list(labels.values()), sizes) if len(labels) != 1 else next(iter(labels.values()))
+    code = (
+        np.ravel_multi_index(list(labels.values()), sizes)
+        if len(labels) != 1
+        else next(iter(labels.values()))
+    )
     every = np.arange(n)
     order = every if (code[1:] >= code[:-1]).all() else np.argsort(code, kind="stable")
     ordered = code if order is every else code[order]
@@ -86,7 +97,11 @@ def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
     if order is every and (counts == length).all():
         return Tiles(every, np.ones(n, bool), every, length, start, groups)
     position = every + np.repeat(start * length - new, counts)
-    index, live, place = np.repeat(order[new], tiles * length), np.zeros(tiles.sum() * length, bool), np.empty(n, int)
+    index, live, place = (
+        np.repeat(order[new], tiles * length),
+        np.zeros(tiles.sum() * length, bool),
+        np.empty(n, int),
+    )
     index[position], live[position], place[order] = order, True, position
     return Tiles(index, live, place, length, start, groups)
 
@@ -95,7 +110,9 @@ def _tile_length(counts):
     """The length for which padding and the number of tiles cost least together."""
     if not len(counts):
         return 1
-    lengths = np.unique(np.concatenate([np.quantile(counts, np.linspace(0, 1, 9), method="nearest"), [32, 64, 128]]))
+    lengths = np.unique(
+        np.concatenate([np.quantile(counts, np.linspace(0, 1, 9), method="nearest"), [32, 64, 128]])
+    )
     lengths = lengths[lengths > 0].astype(int)
     tiles = [(-(-counts // length)).sum() for length in lengths]
     return int(lengths[np.argmin([t * (length + _A_TILE) for t, length in zip(tiles, lengths)])])
@@ -116,10 +133,18 @@ class Blocks:
 
     @classmethod
     def empty(cls, dense: int, groups: int, length: int) -> "Blocks":
-        shapes = (dense, dense), (groups, length, dense), (groups, length, length), (dense,), (groups, length)
+        shapes = (
+            (dense, dense),
+            (groups, length, dense),
+            (groups, length, length),
+            (dense,),
+            (groups, length),
+        )
         return cls(*(np.zeros(shape) for shape in shapes))
 
-    def take_off(self, dense: np.ndarray, own: np.ndarray, pull: np.ndarray, factor: np.ndarray) -> None:
+    def take_off(
+        self, dense: np.ndarray, own: np.ndarray, pull: np.ndarray, factor: np.ndarray
+    ) -> None:
         """One product a group: rows (G, D) and (G, L), the residual's part `pull` (G,), each times `factor` (G,)."""
         far, near = factor[:, None] * dense, factor[:, None] * own
         self.dense -= dense.T @ far
@@ -131,9 +156,12 @@ class Blocks:
     def scaled(self, dense: np.ndarray, own: np.ndarray) -> "Blocks":
         """The same for unknowns in units of `dense` (D,) and `own` (L,)."""
         return Blocks(
-            self.dense * np.outer(dense, dense), self.cross * np.outer(own, dense), self.own * np.outer(own, own),
-            self.gradient * dense, self.own_gradient * own,
-        )  # fmt: skip
+            self.dense * np.outer(dense, dense),
+            self.cross * np.outer(own, dense),
+            self.own * np.outer(own, own),
+            self.gradient * dense,
+            self.own_gradient * own,
+        )
 
 
 @dataclass(frozen=True)
@@ -154,8 +182,12 @@ class Part:
 
     def __init__(self, model: Model, parameters: Parameters, layout: Layout):
         chain = model.chain
-        labels = {name: np.asarray(chain.labels[name]) for name in layout.length if name in chain.labels}
-        self.tiles = tiles_of(labels, chain.sigma.shape[1] if chain.sigma.shape[1] > 1 else _samples(labels, model))
+        labels = {
+            name: np.asarray(chain.labels[name]) for name in layout.length if name in chain.labels
+        }
+        self.tiles = tiles_of(
+            labels, chain.sigma.shape[1] if chain.sigma.shape[1] > 1 else _samples(labels, model)
+        )
         self.families, self.layout = tuple(labels), layout
         still = np.array_equal(self.tiles.index, np.arange(len(self.tiles.place)))
         self.model = model if still else model.at(self.tiles.index)
@@ -163,13 +195,22 @@ class Part:
         table = self.model.parameters
         missing = [key for key in table.keys if key not in parameters.index]
         if missing:
-            raise InputError(f"bundle: expected a parameter {missing[0]} in the shared table, found none; add it")
-        self.table, self.places = table, np.array([parameters.index[key] for key in table.keys], int)
+            raise InputError(
+                f"bundle: expected a parameter {missing[0]} in the shared table, found none; add it"
+            )
+        self.table, self.places = (
+            table,
+            np.array([parameters.index[key] for key in table.keys], int),
+        )
         self.columns = (np.cumsum(parameters.mask) - 1)[self.places][parameters.mask[self.places]]
 
-    def at(self, parameters: Parameters, values: Mapping[str, np.ndarray]) -> tuple[Model, Parameters]:
+    def at(
+        self, parameters: Parameters, values: Mapping[str, np.ndarray]
+    ) -> tuple[Model, Parameters]:
         """The model and its own table at shared parameters and family values."""
-        own = replace(self.table, values=parameters.values[self.places], mask=parameters.mask[self.places])
+        own = replace(
+            self.table, values=parameters.values[self.places], mask=parameters.mask[self.places]
+        )
         chain = self.model.chain.with_families({name: values[name] for name in self.families})
         return self.model.with_chain(chain), own
 
@@ -226,15 +267,24 @@ class Part:
         less D^-1 b b' D^-1 t^2 / (1 + t^2 b' D^-1 b), so that of the normal equations one product a group goes off.
         """
         shape, groups = shape * root[0], self.tiles.groups[self.layout.eliminate]
-        sums = np.add.reduceat((rows[:, 0] * shape).reshape(len(rows), -1, self.tiles.length).sum(-1),
-                               self.tiles.start, axis=1)  # fmt: skip
+        sums = np.add.reduceat(
+            (rows[:, 0] * shape).reshape(len(rows), -1, self.tiles.length).sum(-1),
+            self.tiles.start,
+            axis=1,
+        )
         known = np.add.reduceat((shape**2).reshape(-1, self.tiles.length).sum(-1), self.tiles.start)
         factor = variance / (1 + variance * np.bincount(groups, known, len(blocks.own)))
-        dense, own = np.zeros((len(blocks.own), len(blocks.dense))), np.zeros(blocks.own_gradient.shape)
+        dense, own = (
+            np.zeros((len(blocks.own), len(blocks.dense))),
+            np.zeros(blocks.own_gradient.shape),
+        )
         np.add.at(dense, (groups[:, None], self.columns), sums[: len(self.columns)].T)
         first = len(self.columns)
         for name in self.families:
-            mine, first = sums[first : first + self.layout.length[name]].T, first + self.layout.length[name]
+            mine, first = (
+                sums[first : first + self.layout.length[name]].T,
+                first + self.layout.length[name],
+            )
             if name == self.layout.eliminate:
                 np.add.at(own, groups, mine)
             else:
@@ -246,9 +296,12 @@ class Part:
         """(C, families' lengths, K + 1) Gram matrix of each combination of groups."""
         shaped = rows.reshape(*rows.shape[:2], -1, self.tiles.length)
         made = sum(
-            shaped[free:-1, j].transpose(1, 0, 2) @ shaped[:, j].transpose(1, 2, 0) for j in range(rows.shape[1])
+            shaped[free:-1, j].transpose(1, 0, 2) @ shaped[:, j].transpose(1, 2, 0)
+            for j in range(rows.shape[1])
         )
-        return made if len(self.tiles.start) == len(made) else np.add.reduceat(made, self.tiles.start)
+        return (
+            made if len(self.tiles.start) == len(made) else np.add.reduceat(made, self.tiles.start)
+        )
 
     def _add_families(self, blocks, grams, free):
         spans, start = {}, free
@@ -297,7 +350,11 @@ class _Place:
             _add_groups(self.blocks.own, self.groups, gram)
         elif self.gone:
             rows = np.arange(gram.shape[1])[:, None]
-            np.add.at(self.blocks.cross, (self.groups[:, None, None], rows, self.columns(other, groups)[:, None]), gram)
+            np.add.at(
+                self.blocks.cross,
+                (self.groups[:, None, None], rows, self.columns(other, groups)[:, None]),
+                gram,
+            )
         elif other != self.layout.eliminate:
             rows, columns = self.columns(self.name, self.groups), self.columns(other, groups)
             np.add.at(self.blocks.dense, (rows[:, :, None], columns[:, None]), gram)

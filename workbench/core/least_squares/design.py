@@ -49,8 +49,17 @@ class Design:
         return self.value / usual if self.larger_is_better else usual / self.value
 
 
-def choose(rows: np.ndarray, n: int, criterion: str = "D", tasks: np.ndarray | None = None, seed: int = 0,
-           draws: int = 200, known: np.ndarray | None = None, repeats: int = 1, bounded: bool = False) -> Design:
+def choose(
+    rows: np.ndarray,
+    n: int,
+    criterion: str = "D",
+    tasks: np.ndarray | None = None,
+    seed: int = 0,
+    draws: int = 200,
+    known: np.ndarray | None = None,
+    repeats: int = 1,
+    bounded: bool = False,
+) -> Design:
     """The n of N candidates with the best criterion.
 
     rows (N, m, F): whitened rows of each candidate, columns scaled to like sizes. criterion: "D"
@@ -76,10 +85,19 @@ def choose(rows: np.ndarray, n: int, criterion: str = "D", tasks: np.ndarray | N
     if downwards and bounded:
         shares, bound = least_error(grams, n, weight, ridge, repeats)
         chosen = min(chosen, search.exchange(_whole(shares, n, repeats)), key=worth)
-        pairs = [rng.choice(len(rows), 2 * n, replace=False) for _ in range(draws)] if 2 * n <= len(rows) else []
-        told = {"twice": np.array([worth(some) for some in pairs]), "everything": score(grams.sum(0) + ridge),
-                "bound": bound}  # fmt: skip
-    if not downwards and random.max() > worth(chosen):  # an exchange may end in a hole: once more from there
+        pairs = (
+            [rng.choice(len(rows), 2 * n, replace=False) for _ in range(draws)]
+            if 2 * n <= len(rows)
+            else []
+        )
+        told = {
+            "twice": np.array([worth(some) for some in pairs]),
+            "everything": score(grams.sum(0) + ridge),
+            "bound": bound,
+        }
+    if not downwards and random.max() > worth(
+        chosen
+    ):  # an exchange may end in a hole: once more from there
         chosen = search.exchange(several[int(random.argmax())])
     return Design(np.sort(chosen), worth(chosen), random, not downwards, **told)
 
@@ -129,21 +147,30 @@ def _criterion(name, n, weight) -> tuple[Callable, Callable]:
     if name == "D":
         return _volume, _volumes_with
     if name == "task":
-        return (lambda normal: float(np.trace(inverse_positive(normal) @ weight))), \
-               (lambda normal, rows, grams: -_variances_with(normal, rows, weight))  # fmt: skip
+        return (lambda normal: float(np.trace(inverse_positive(normal) @ weight))), (
+            lambda normal, rows, grams: -_variances_with(normal, rows, weight)
+        )
     index = int(name[1:]) - 1
 
     def score(normals):
         s = np.sqrt(np.maximum(symmetric_eigenvalues(normals), 1e-300))
         return observability(s, n)[index]
 
-    return (lambda normal: float(score(normal))), (lambda normal, rows, grams: score(normal + grams))
+    return (lambda normal: float(score(normal))), (
+        lambda normal, rows, grams: score(normal + grams)
+    )
 
 
 def observability(s: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
     """O1 ... O5 (...,) of singular values s (..., F), ascending, of n poses; Sun & Hollerbach, ICRA 2008."""
     low, high = s[..., 0], s[..., -1]
-    return (np.exp(np.log(s).mean(-1)) / np.sqrt(n), low / high, low, low**2 / high, 1 / (1 / s).sum(-1))
+    return (
+        np.exp(np.log(s).mean(-1)) / np.sqrt(n),
+        low / high,
+        low,
+        low**2 / high,
+        1 / (1 / s).sum(-1),
+    )
 
 
 def _volume(normal):

@@ -20,12 +20,18 @@ from workbench.core.least_squares.linear_algebra import (
 from workbench.core.parameters import Parameters
 
 _PART, _NAMED = 0.05, 6
-_SAME = 1e-12  # squared: what rounding leaves of a column, in its own length, that others make exactly
+_SAME = (
+    1e-12  # squared: what rounding leaves of a column, in its own length, that others make exactly
+)
 _NO_EFFECT = 1e-6  # sigmas: what rounding makes of a column of zeros
-_ROUNDING = 1e-13  # of the largest column: what is left of a column of zeros where the sigma is tiny
+_ROUNDING = (
+    1e-13  # of the largest column: what is left of a column of zeros where the sigma is tiny
+)
 _LEAST_SCALE = 1e-9  # residuals of exactly zero make no data infinitely good
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
-_TWIN = 1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
+_TWIN = (
+    1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
+)
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,9 @@ class Identifiability:
 
     def tied(self) -> dict[str, list[str]]:
         """For every undetermined parameter the others that it cannot be told from."""
-        found: dict[str, list[str]] = {key: [] for key, known in zip(self.keys, self.determined) if not known}
+        found: dict[str, list[str]] = {
+            key: [] for key, known in zip(self.keys, self.determined) if not known
+        }
         for group in self.groups():
             for key in group:
                 found.setdefault(key, []).extend(other for other in group if other != key)
@@ -76,7 +84,9 @@ class Identifiability:
         part = np.abs(row) * self.weight
         if part.max() < 1:  # nothing in it moves a measurement: it is the parameter itself
             return [int(np.argmax(np.abs(row)))]
-        part = (part / part.max()).round(6)  # of equals the first comes first, whatever rounding left of them
+        part = (part / part.max()).round(
+            6
+        )  # of equals the first comes first, whatever rounding left of them
         return [int(k) for k in np.argsort(-part, kind="stable") if part[k] > _PART]
 
     def _short(self):
@@ -118,10 +128,18 @@ class Identifiability:
             return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
         low, high = float(s[0]), float(s[-1])
         mean = float(np.exp(np.log(s).mean()) / np.sqrt(samples))
-        return {"O1": mean, "O2": low / high, "O3": low, "O4": low**2 / high, "O5": float(1 / (1 / s).sum())}
+        return {
+            "O1": mean,
+            "O2": low / high,
+            "O3": low,
+            "O4": low**2 / high,
+            "O5": float(1 / (1 / s).sum()),
+        }
 
 
-def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1.0) -> Identifiability:
+def identifiability(
+    normal: np.ndarray, parameters: Parameters, scale: float = 1.0
+) -> Identifiability:
     """From the whitened normal matrix (F, F) of the data and the free parameters, in their own units.
 
     scale: by how much the residuals exceed their stated sigmas; the data know that much less.
@@ -137,8 +155,14 @@ def identifiability(normal: np.ndarray, parameters: Parameters, scale: float = 1
     prior = parameters.precision[mask] * typical**2 + _FAINT
     covariance = covariance_of(scaled, prior) * np.outer(typical, typical)
     table = [p for p, free in zip(parameters.table, mask) if free]
-    names = tuple(p.key for p in table), tuple(p.label or p.key for p in table), tuple(p.unit for p in table)
-    return Identifiability(*names, typical, singular, vectors, rank, covariance, weight, _exact(scaled, weight))
+    names = (
+        tuple(p.key for p in table),
+        tuple(p.label or p.key for p in table),
+        tuple(p.unit for p in table),
+    )
+    return Identifiability(
+        *names, typical, singular, vectors, rank, covariance, weight, _exact(scaled, weight)
+    )
 
 
 def _exact(scaled, weight):
@@ -176,20 +200,29 @@ def independent(
     free = free[np.lexsort((has_prior, comes_last))]
     typical = parameters.typical[free]
     place = np.searchsorted(np.flatnonzero(parameters.mask), free)
-    scaled = normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
+    scaled = (
+        normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
+    )
     kept, left_out = _greedy(scaled)
     mask = np.zeros(len(parameters), bool)
     mask[free[kept]] = True
     keys = [parameters.keys[k] for k in free]
     weight = np.sqrt(np.maximum(np.diag(scaled), 0))
-    tied = {keys[k]: _partners(mix * weight[kept[: len(mix)]], keys, kept) for k, mix in left_out.items()}
+    tied = {
+        keys[k]: _partners(mix * weight[kept[: len(mix)]], keys, kept)
+        for k, mix in left_out.items()
+    }
     return parameters.only(mask), tied
 
 
 def _partners(part, keys, kept):
     """Keys of the kept parameters that make a left-out one, the main ones first."""
     part = np.abs(part)
-    return [keys[kept[j]] for j in np.argsort(-part, kind="stable") if part[j] > max(_PART * part.max(), 1e-9)]
+    return [
+        keys[kept[j]]
+        for j in np.argsort(-part, kind="stable")
+        if part[j] > max(_PART * part.max(), 1e-9)
+    ]
 
 
 def _greedy(scaled):
@@ -206,7 +239,11 @@ def _greedy(scaled):
             kept.append(k)
         else:
             size = len(kept)
-            left_out[k] = solve_triangular(lower[:size, :size], row[:size], trans=1, lower=True) if size else row[:0]
+            left_out[k] = (
+                solve_triangular(lower[:size, :size], row[:size], trans=1, lower=True)
+                if size
+                else row[:0]
+            )
     return kept, left_out
 
 

@@ -172,7 +172,9 @@ def inverse_positive(matrix: np.ndarray) -> np.ndarray:
         inverse = np.linalg.inv(unit)
     else:
         values, vectors = symmetric_eigen(unit)
-        inverse = (vectors / np.maximum(values, _cutoff(unit))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+        inverse = (vectors / np.maximum(values, _cutoff(unit))[..., None, :]) @ np.swapaxes(
+            vectors, -1, -2
+        )
     return (inverse + np.swapaxes(inverse, -1, -2)) / 2 / outer
 
 
@@ -225,7 +227,9 @@ def _covariance_by_rows(information, prior):
     triangle, order = linalg.qr(rows, mode="r", pivoting=True)
     triangle = triangle[: len(prior)]
     unit = np.abs(np.diag(triangle))
-    inverse = linalg.solve_triangular(triangle / unit[:, None], np.diag(1 / unit), check_finite=False)
+    inverse = linalg.solve_triangular(
+        triangle / unit[:, None], np.diag(1 / unit), check_finite=False
+    )
     covariance = np.empty_like(information)
     covariance[np.ix_(order, order)] = inverse @ inverse.T
     return covariance

@@ -11,7 +11,9 @@ from workbench.core.noise import fit_noise, information, noise_mask
 from workbench.core.parameters import Parameters
 
 CONVERGED = "converged: another step would move nothing by more than a hundredth of its sigma"
-SETTLED = "converged: the last step lowered chi-square by less than 0.02, or a hundred-thousandth of it"
+SETTLED = (
+    "converged: the last step lowered chi-square by less than 0.02, or a hundred-thousandth of it"
+)
 STALLED = "converged to rounding: no step lowers the cost any further"
 OUT_OF_STEPS = (
     "did not converge: the cost was still falling at the last step; allow more steps, check units "
@@ -210,10 +212,16 @@ class _Problem:
             move = _newton(damped, self.gradient)
             decrement = -float(self.gradient @ move)
             unit = max(1.0, self.cost / max(self.residual.size, 1))
-            if self.damping == 0 and decrement <= _NEARLY * unit and self.finished(move, decrement, unit):
+            if (
+                self.damping == 0
+                and decrement <= _NEARLY * unit
+                and self.finished(move, decrement, unit)
+            ):
                 return
             if self.accept(move, trial > 0):
-                if abs(before - self.cost) < max(1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)):
+                if abs(before - self.cost) < max(
+                    1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
+                ):
                     self.outcome = SETTLED
                 return
             self.damping = max(4 * self.damping, 1e-9 * self.normal.max())
@@ -260,11 +268,15 @@ class _Problem:
         degrees = self.degrees()
         data = float((self.weights * (self.residual * self.inverse_sigma) ** 2).sum())
         return Fit(
-            self.parameters, self.residual, self.weights,
+            self.parameters,
+            self.residual,
+            self.weights,
             self.data_normal / np.outer(self.scale, self.scale),
             float(np.sqrt(data / degrees)),
-            tuple(self.history), self.outcome or OUT_OF_STEPS, degrees,
-        )  # fmt: skip
+            tuple(self.history),
+            self.outcome or OUT_OF_STEPS,
+            degrees,
+        )
 
 
 def _newton(matrix, gradient):

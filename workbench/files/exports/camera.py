@@ -15,7 +15,9 @@ _GRID, _STEPS, _MOST_PX = 41, 10, 0.1
 def camera_text(camera: Camera, name: str) -> str:
     """The text of a camera in the format `name`, one of `CAMERA_FORMATS`; InputError where that cannot hold it."""
     if name not in CAMERA_FORMATS:
-        raise InputError(f"--to {name}: expected one of {', '.join(CAMERA_FORMATS)}, found another; name one of them")
+        raise InputError(
+            f"--to {name}: expected one of {', '.join(CAMERA_FORMATS)}, found another; name one of them"
+        )
     return CAMERA_FORMATS[name][0](camera)
 
 
@@ -26,15 +28,21 @@ def read_camera_text(text: str, name: str) -> Camera:
     try:
         return CAMERA_FORMATS[name][1](_loaded(text))
     except (KeyError, TypeError, ValueError, IndexError, yaml.YAMLError) as problem:
-        raise InputError(f"camera file: expected the {name} format, found that {str(problem)[:80]} is missing or not "
-                         "usable; export it again") from None
+        raise InputError(
+            f"camera file: expected the {name} format, found that {str(problem)[:80]} is missing or not "
+            "usable; export it again"
+        ) from None
 
 
 def _loaded(text: str) -> Any:
     """YAML, with OpenCV's own header and matrix tag taken off."""
     import yaml
 
-    lines = [line.replace("!!opencv-matrix", "") for line in text.splitlines() if not line.startswith("%YAML")]
+    lines = [
+        line.replace("!!opencv-matrix", "")
+        for line in text.splitlines()
+        if not line.startswith("%YAML")
+    ]
     return yaml.safe_load("\n".join(lines))
 
 
@@ -52,14 +60,22 @@ def _ros(camera: Camera) -> str:
     """sensor_msgs/CameraInfo as `camera_calibration_parsers` reads it."""
     brown = len(camera.values) == BROWN
     projection = np.column_stack([camera.matrix, np.zeros(3)])
-    return _dump({
-        "image_width": camera.size[0], "image_height": camera.size[1], "camera_name": "camera",
-        "camera_matrix": {"rows": 3, "cols": 3, "data": _floats(camera.matrix)},
-        "distortion_model": "plumb_bob" if brown else "rational_polynomial",
-        "distortion_coefficients": {"rows": 1, "cols": len(camera.distortion), "data": _floats(camera.distortion)},
-        "rectification_matrix": {"rows": 3, "cols": 3, "data": _floats(np.eye(3))},
-        "projection_matrix": {"rows": 3, "cols": 4, "data": _floats(projection)},
-    })  # fmt: skip
+    return _dump(
+        {
+            "image_width": camera.size[0],
+            "image_height": camera.size[1],
+            "camera_name": "camera",
+            "camera_matrix": {"rows": 3, "cols": 3, "data": _floats(camera.matrix)},
+            "distortion_model": "plumb_bob" if brown else "rational_polynomial",
+            "distortion_coefficients": {
+                "rows": 1,
+                "cols": len(camera.distortion),
+                "data": _floats(camera.distortion),
+            },
+            "rectification_matrix": {"rows": 3, "cols": 3, "data": _floats(np.eye(3))},
+            "projection_matrix": {"rows": 3, "cols": 4, "data": _floats(projection)},
+        }
+    )
 
 
 def _from_ros(keys) -> Camera:
@@ -94,18 +110,25 @@ def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
     if name != "kalibr" or not any(camera.distortion[4:]):
         return camera, 0.0
     wide, high = camera.size
-    pixels = np.stack(np.meshgrid(np.linspace(0, wide - 1, _GRID), np.linspace(0, high - 1, _GRID))).reshape(2, -1)
+    pixels = np.stack(
+        np.meshgrid(np.linspace(0, wide - 1, _GRID), np.linspace(0, high - 1, _GRID))
+    ).reshape(2, -1)
     flat = camera.normalised(pixels)
     seen = np.isfinite(flat).all(0)
-    points, found = np.vstack([flat, np.ones(flat.shape[1])])[:, seen], Camera.of([*camera.values[:8], 0], camera.size)
+    points, found = (
+        np.vstack([flat, np.ones(flat.shape[1])])[:, seen],
+        Camera.of([*camera.values[:8], 0], camera.size),
+    )
     for _ in range(_STEPS):
         rows = found.project_rows(points)[2][:8].reshape(8, -1)
         step = least_squares(rows.T, (pixels[:, seen] - found.project(points)).ravel())
         found = Camera.of([*found.values[:8] + step, 0], camera.size)
     off = float(np.linalg.norm(found.project(points) - pixels[:, seen], axis=0).max())
     if not (off < _MOST_PX and seen.all()):
-        raise InputError(f"export to Kalibr: expected a camera that its radtan model (k1, k2, p1, p2) follows to "
-                         f"{_MOST_PX} px, found one that it misses by {off:.2g} px; export to ROS or OpenCV instead")
+        raise InputError(
+            f"export to Kalibr: expected a camera that its radtan model (k1, k2, p1, p2) follows to "
+            f"{_MOST_PX} px, found one that it misses by {off:.2g} px; export to ROS or OpenCV instead"
+        )
     return found, off
 
 
@@ -113,22 +136,36 @@ def _kalibr(camera: Camera) -> str:
     """Kalibr's camchain: radial-tangential distortion has four coefficients, see `as_held`."""
     k1, k2, p1, p2, *more = camera.distortion
     if any(more):
-        raise InputError("export to Kalibr: expected a camera with k1, k2, p1, p2 alone, found k3 or rational terms, "
-                         "which its radtan model does not have; export to ROS or OpenCV instead")
-    return _dump({"cam0": {
-        "camera_model": "pinhole", "intrinsics": _floats(camera.values[:4]), "distortion_model": "radtan",
-        "distortion_coeffs": _floats([k1, k2, p1, p2]), "resolution": list(camera.size), "rostopic": "/camera",
-    }})  # fmt: skip
+        raise InputError(
+            "export to Kalibr: expected a camera with k1, k2, p1, p2 alone, found k3 or rational terms, "
+            "which its radtan model does not have; export to ROS or OpenCV instead"
+        )
+    return _dump(
+        {
+            "cam0": {
+                "camera_model": "pinhole",
+                "intrinsics": _floats(camera.values[:4]),
+                "distortion_model": "radtan",
+                "distortion_coeffs": _floats([k1, k2, p1, p2]),
+                "resolution": list(camera.size),
+                "rostopic": "/camera",
+            }
+        }
+    )
 
 
 def _from_kalibr(keys) -> Camera:
     camera = keys["cam0"]
-    return Camera.of(np.array([*camera["intrinsics"], *camera["distortion_coeffs"], 0.0]), camera["resolution"])
+    return Camera.of(
+        np.array([*camera["intrinsics"], *camera["distortion_coeffs"], 0.0]), camera["resolution"]
+    )
 
 
 def _camera(matrix, distortion, size) -> Camera:
     matrix = np.reshape(matrix, (3, 3))
-    return Camera.of(np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion]), size)
+    return Camera.of(
+        np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion]), size
+    )
 
 
 CAMERA_FORMATS: dict[str, tuple[Callable[[Camera], str], Callable[[Any], Camera]]] = {

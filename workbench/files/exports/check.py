@@ -36,7 +36,9 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
         path = Path(folder) / "arm.urdf"
         path.write_text(text, encoding="utf-8")
         again = load_robot(path)
-    readings = np.random.default_rng(0).uniform(-1, 1, (16, again.joints)) * np.where(arm.robot.prismatic, 100, 1)
+    readings = np.random.default_rng(0).uniform(-1, 1, (16, again.joints)) * np.where(
+        arm.robot.prismatic, 100, 1
+    )
     # joints that are coupled stand in the URDF as angles of their own
     coupled = np.count_nonzero(arm.robot.mixing) > arm.robot.joints
     variables = readings if coupled else readings @ arm.robot.mixing.T
@@ -60,7 +62,10 @@ def check_camera(camera: Camera, text: str, name: str) -> None:
 
 def check_static_transform(made: StaticTransform, transform: str, launch: str) -> None:
     """RuntimeError where one of the two files of a hand-eye transform does not give it back."""
-    for name, again in (("transform", read_transform_yaml(transform)), ("launch", read_launch_yaml(launch))):
+    for name, again in (
+        ("transform", read_transform_yaml(transform)),
+        ("launch", read_launch_yaml(launch)),
+    ):
         is_same = (again.parent, again.child) == (made.parent, made.child)
         if not is_same or np.abs(again.matrix - made.matrix).max() > _SAME_MM:
             raise _Differs(f"the {name} file read back is another transform")
@@ -71,7 +76,9 @@ def read_calibrated_camera(path: Path) -> Camera:
     try:
         keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"{path}: expected a camera.toml or scanner.toml, found that it cannot be read ({problem}); "
-                         "name the file that `workbench camera` or `workbench scanner` wrote") from None
+        raise InputError(
+            f"{path}: expected a camera.toml or scanner.toml, found that it cannot be read ({problem}); "
+            "name the file that `workbench camera` or `workbench scanner` wrote"
+        ) from None
     table = keys.get("camera", keys)
     return camera_from_keys(table if isinstance(table, dict) else {}, f"{path}, [camera]")

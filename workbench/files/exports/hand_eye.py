@@ -79,7 +79,9 @@ def _matrix_of(keys, path) -> np.ndarray:
     except (KeyError, TypeError, ValueError):
         matrix = np.full((4, 4), np.nan)
     rotation = matrix[:3, :3]
-    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROTATION and np.linalg.det(rotation) > 0
+    is_rotation = (
+        np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROTATION and np.linalg.det(rotation) > 0
+    )
     if not np.isfinite(matrix).all() or not is_rotation:
         raise InputError(
             f"{path}, key matrix: expected a rotation and a translation (4 rows of 4 numbers), found something else; "
@@ -150,7 +152,12 @@ def read_transform_yaml(text: str) -> StaticTransform:
 
     keys = yaml.safe_load(text)
     values = keys["transform"]
-    return _transform_of(values["translation"], values["rotation"], keys["header"]["frame_id"], keys["child_frame_id"])
+    return _transform_of(
+        values["translation"],
+        values["rotation"],
+        keys["header"]["frame_id"],
+        keys["child_frame_id"],
+    )
 
 
 def read_launch_yaml(text: str) -> StaticTransform:
@@ -161,7 +168,9 @@ def read_launch_yaml(text: str) -> StaticTransform:
     options = dict(zip(words[::2], words[1::2]))
     translation = {axis: float(options[f"--{axis}"]) for axis in _AXES}
     quaternion = {axis: float(options[f"--q{axis}"]) for axis in (*_AXES, "w")}
-    return _transform_of(translation, quaternion, options["--frame-id"], options["--child-frame-id"])
+    return _transform_of(
+        translation, quaternion, options["--frame-id"], options["--child-frame-id"]
+    )
 
 
 def _transform_of(translation, quaternion, parent, child) -> StaticTransform:

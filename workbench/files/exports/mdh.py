@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from robot_model.robot import Robot
-from workbench.core.text.csv_text import csv_text
 from workbench.core.errors import InputError
+from workbench.core.text.csv_text import csv_text
 from workbench.files.solution_file import CalibratedArm
 
 NAMES = ("theta", "d", "a", "alpha", "beta")
@@ -32,11 +32,18 @@ def _rows(arm) -> list[dict]:
 
 def mdh_json(arm: CalibratedArm) -> str:
     """The table with what is needed to use it: convention, root and flange frames, and what it leaves out."""
-    return json.dumps({
-        "robot": arm.robot.name, "convention": arm.robot.convention, "joints": _rows(arm),
-        "T_root_base_mm": arm.robot.base.tolist(), "T_last_flange_mm": arm.robot.flange.tolist(),
-        "held_out_rms_mm": arm.held_out_mm, "left_out": left_out(arm),
-    }, indent=1)  # fmt: skip
+    return json.dumps(
+        {
+            "robot": arm.robot.name,
+            "convention": arm.robot.convention,
+            "joints": _rows(arm),
+            "T_root_base_mm": arm.robot.base.tolist(),
+            "T_last_flange_mm": arm.robot.flange.tolist(),
+            "held_out_rms_mm": arm.held_out_mm,
+            "left_out": left_out(arm),
+        },
+        indent=1,
+    )
 
 
 def mdh_csv(arm: CalibratedArm) -> str:
@@ -53,12 +60,20 @@ def left_out(arm: CalibratedArm) -> list[str]:
 def read_mdh(text: str, robot: Robot) -> np.ndarray:
     """(J, 5) rad and mm of what `mdh_json` or `mdh_csv` wrote for this robot; InputError where it is not that."""
     try:
-        rows = json.loads(text)["joints"] if text.lstrip().startswith("{") else list(csv.DictReader(io.StringIO(text)))
+        rows = (
+            json.loads(text)["joints"]
+            if text.lstrip().startswith("{")
+            else list(csv.DictReader(io.StringIO(text)))
+        )
         geometry = np.array([[float(row[name]) for name in COLUMNS[1:]] for row in rows]) / _UNIT
     except (KeyError, TypeError, ValueError) as problem:
-        raise InputError(f"MDH table: expected columns {', '.join(COLUMNS)} with numbers, found {problem}; "
-                         "export it again") from None
+        raise InputError(
+            f"MDH table: expected columns {', '.join(COLUMNS)} with numbers, found {problem}; "
+            "export it again"
+        ) from None
     if geometry.shape != robot.geometry.shape:
-        raise InputError(f"MDH table: expected {robot.joints} joints as {robot.name} has, found {len(geometry)}; "
-                         "take the table of this robot")
+        raise InputError(
+            f"MDH table: expected {robot.joints} joints as {robot.name} has, found {len(geometry)}; "
+            "take the table of this robot"
+        )
     return geometry

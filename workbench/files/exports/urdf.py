@@ -36,7 +36,9 @@ def _note(arm):
     out = left_out(arm)
     more = f" Not in here, since a URDF cannot say it: {', '.join(out)}." if out else ""
     sums = f" In the controller's readings: {_sums(arm.robot)}." if _coupled(arm.robot) else ""
-    return f" Geometry as calibrated, held-out RMS {arm.held_out_mm:.4g} mm.{more}{sums} ".replace("--", "-")
+    return f" Geometry as calibrated, held-out RMS {arm.held_out_mm:.4g} mm.{more}{sums} ".replace(
+        "--", "-"
+    )
 
 
 def _signs(robot):
@@ -47,13 +49,19 @@ def _signs(robot):
 
 def _coupled(robot) -> bool:
     own = np.diag(np.diag(robot.mixing)) if robot.mixing.shape[0] == robot.mixing.shape[1] else None
-    return own is None or not np.array_equal(own, robot.mixing) or not (np.abs(np.diag(own)) == 1).all()
+    return (
+        own is None
+        or not np.array_equal(own, robot.mixing)
+        or not (np.abs(np.diag(own)) == 1).all()
+    )
 
 
 def _sums(robot) -> str:
     """joint_3 = q3 + q2 of each joint that is not its own reading."""
-    return "; ".join(f"joint_{k} = " + " + ".join(f"{row[c]:g} q{c + 1}" for c in np.flatnonzero(row))
-                     for k, row in enumerate(robot.mixing, 1))  # fmt: skip
+    return "; ".join(
+        f"joint_{k} = " + " + ".join(f"{row[c]:g} q{c + 1}" for c in np.flatnonzero(row))
+        for k, row in enumerate(robot.mixing, 1)
+    )
 
 
 def _origins(arm) -> list[np.ndarray]:
@@ -96,7 +104,7 @@ def _joint(root, robot, k, links, origin, sign):
 
 
 def _between(joint, parent, child, origin):
-    place = (" ".join(repr(float(v)) for v in origin[:3, 3] * 1e-3))
+    place = " ".join(repr(float(v)) for v in origin[:3, 3] * 1e-3)
     turn = " ".join(repr(float(v)) for v in Rotation.from_matrix(origin[:3, :3]).as_euler("xyz"))
     ET.SubElement(joint, "origin", xyz=place, rpy=turn)
     ET.SubElement(joint, "parent", link=parent)

@@ -12,8 +12,8 @@ from workbench.fitting.plausibility.columns_at_rest import (
     equal_columns,
     longest_run,
 )
-from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
 from workbench.fitting.plausibility.fitting import Fit, base_and_tool, fit_recording, reach_of
+from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.search import CLOSE, Explanation, search_further, search_singles
 from workbench.fitting.plausibility.suspicion import Suspicion

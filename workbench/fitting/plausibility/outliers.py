@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.fitting.plausibility.columns_at_rest import longest_run
-from workbench.fitting.plausibility.hypotheses.corrections import listed, observed_columns
 from workbench.fitting.plausibility.fitting import POSITION, row_mismatch, row_residual
+from workbench.fitting.plausibility.hypotheses.corrections import listed, observed_columns
 
 _FAR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""

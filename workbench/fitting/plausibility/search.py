@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_scale
 from workbench.fitting.plausibility.hypotheses.artefact_corrections import artefact_corrections
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, join
-from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_scale
 from workbench.fitting.plausibility.hypotheses.joint_corrections import (
     joint_corrections,
     sign_vectors,

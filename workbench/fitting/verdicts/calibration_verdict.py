@@ -24,7 +24,9 @@ def units_of(measures: str) -> tuple[str, ...]:
     return ("mm", "deg") if measures in _ORIENTED else ("mm",)
 
 
-def calibration_verdict(held_out: Mapping, report: NoiseReport, tolerances: Sequence[Tolerance] = ()) -> Verdict:
+def calibration_verdict(
+    held_out: Mapping, report: NoiseReport, tolerances: Sequence[Tolerance] = ()
+) -> Verdict:
     """The verdict on the held-out errors of a calibration.
 
     held_out: the block of the JSON contract (`rms_mm`, and `rotation_rms_deg` where poses are measured).

@@ -102,7 +102,9 @@ def _replicates(held_out: Mapping, components: int) -> Replicates | None:
     lack = held_out.get("lack_of_fit")
     if not lack or held_out["noise_from"] != "from replicates":
         return None
-    return Replicates(held_out["noise_mm"] / np.sqrt(components), float(lack["after"]["degrees"][1]))
+    return Replicates(
+        held_out["noise_mm"] / np.sqrt(components), float(lack["after"]["degrees"][1])
+    )
 
 
 def _structure(made) -> Structure:
@@ -122,4 +124,3 @@ def _advice(made, noise: NoiseReport | None) -> str:
             "check sigma_mm, or measure some poses repeatedly"
         )
     return "part of it is structure that stays unexplained; see the next experiment"
-

@@ -12,8 +12,8 @@ from workbench.core.least_squares.adjustment_tests import (
     variance_test,
 )
 from workbench.core.least_squares.identifiability import identifiability
-from workbench.core.model import Model
 from workbench.core.least_squares.solver import Fit, solve
+from workbench.core.model import Model
 from workbench.fitting.verdicts.noise_report import (
     Findings,
     NoiseReport,
@@ -85,7 +85,9 @@ def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) ->
         return nobody
     robust = solve(_with_scale(model, 0.0), fit.parameters, "cauchy")
     white = robust.residual[:3] / model.chain.sigma[:3]
-    wrong = outlying(standardised_squares(white), len(white), _least_scale(model, stated), _OUTLIER_LEVEL)
+    wrong = outlying(
+        standardised_squares(white), len(white), _least_scale(model, stated), _OUTLIER_LEVEL
+    )
     for _ in range(_ROUNDS):
         if wrong.mean() > _MOST_OUTLYING:
             return nobody
@@ -103,7 +105,9 @@ def _with_scale(model: Model, scale: float) -> Model:
     A calibration widens sigma until it explains faulty samples too; priors would then outweigh the good ones.
     """
     chain = model.chain
-    scaled = np.maximum(max(scale, 1e-3) * chain.sigma, 0 if chain.sigma_unknown else chain.stated_sigma)
+    scaled = np.maximum(
+        max(scale, 1e-3) * chain.sigma, 0 if chain.sigma_unknown else chain.stated_sigma
+    )
     return replace(model, chain=replace(chain, sigma=scaled), _bases={})
 
 
@@ -124,12 +128,16 @@ def _squares(model: Model, fit: Fit, left_out: np.ndarray) -> np.ndarray:
     sigma = model.sigma(fit.parameters)
     covariance = identifiability(fit.normal, fit.parameters).covariance
     reduced = redundancy((rows / sigma)[:, :3], covariance)
-    predicted = 2 * np.eye(reduced.shape[1]) - reduced  # I + H instead of I - H: the fit adds its own uncertainty
+    predicted = (
+        2 * np.eye(reduced.shape[1]) - reduced
+    )  # I + H instead of I - H: the fit adds its own uncertainty
     reduced[left_out] = predicted[left_out]
     return standardised_squares((residual / sigma)[:3], reduced)
 
 
-def _replicates(recording, model: Model, residual: np.ndarray, wrong: np.ndarray) -> Replicates | None:
+def _replicates(
+    recording, model: Model, residual: np.ndarray, wrong: np.ndarray
+) -> Replicates | None:
     """Noise from rows of one pose, target and load; rows that are copies of one another are counted once."""
     kept = np.flatnonzero(~wrong)
     kept = kept[_first_of_copies(residual[:, kept])]

@@ -106,7 +106,9 @@ class NoiseReport:
         if found.outlying and (agrees or self.alarms):
             return f"{_counted(found.outlying)} do not agree with the others; see the warnings"
         known_cause = found.replicates is None or _exceeds_replicates(found)
-        if known_cause and (found.replicates is not None or (found.structure is not None and found.structure.found)):
+        if known_cause and (
+            found.replicates is not None or (found.structure is not None and found.structure.found)
+        ):
             return f"unmodelled effects remain, as in most real arms; {DIAGNOSE}"
         return f"noise stated too small is more likely than an unmodelled effect; check sigma_mm, or {DIAGNOSE}"
 
@@ -142,7 +144,9 @@ def replicate_noise(group: np.ndarray, residual: np.ndarray) -> Replicates | Non
     repeated = counts[group] > 1
     sigma = float(np.sqrt(squares.sum() / free))
     size = len(residual) * int(repeated.sum())
-    return Replicates(sigma, effective_degrees(squares[repeated], free, size)) if sigma > 0 else None
+    return (
+        Replicates(sigma, effective_degrees(squares[repeated], free, size)) if sigma > 0 else None
+    )
 
 
 def report(found: Findings) -> NoiseReport:
@@ -154,7 +158,9 @@ def report(found: Findings) -> NoiseReport:
     sentence = " ".join(part for part in first if part)
     statement = _replicates_disagree(found)
     notices = [sentence] if above or _is_below(found) else []
-    notices += [text for text in (statement, _rotation(found), _outliers(found), _left_out(found)) if text]
+    notices += [
+        text for text in (statement, _rotation(found), _outliers(found), _left_out(found)) if text
+    ]
     level = ALARM if alarms else NOTICE if notices else NONE
     whole = " ".join(part for part in (sentence, statement) if part)
     return NoiseReport(found, level, whole, (*alarms, *notices), alarms)
@@ -230,7 +236,11 @@ def _cause_by_structure(found: Findings) -> str:
     moved = " or an instrument, sensor or base that moved" if ORDER in names else ""
     limit = _bound(found)
     ratio = limit / found.stated
-    check = f", which is still {ratio:.3g} times the stated noise: check that too" if ratio > _STILL_LARGE else ""
+    check = (
+        f", which is still {ratio:.3g} times the stated noise: check that too"
+        if ratio > _STILL_LARGE
+        else ""
+    )
     return (
         f"The residual depends on {' and '.join(names)}, which noise does not: unmodelled effects{moved}. At most "
         f"{limit:.3g} mm of it can be noise{check}. Run `workbench diagnose`."

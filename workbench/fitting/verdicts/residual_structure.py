@@ -45,7 +45,9 @@ class Samples:
     time: np.ndarray
 
 
-def structure(model: Model, parameters: Parameters, residual: np.ndarray, samples: Samples) -> Structure:
+def structure(
+    model: Model, parameters: Parameters, residual: np.ndarray, samples: Samples
+) -> Structure:
     """Tests for a model on its n fitted samples; residual (m, n) of the fit, mm and rad.
 
     Four tests: von Neumann's ratio of poses that follow one another (in the robot's frame and in that of the
@@ -70,7 +72,9 @@ def structure(model: Model, parameters: Parameters, residual: np.ndarray, sample
     return Structure(float(min(smallest, 1.0)), float(share), names)
 
 
-def in_root(model: Model, parameters: Parameters, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def in_root(
+    model: Model, parameters: Parameters, residual: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Measured points and residuals (3, n) mm, both in the robot's root frame."""
     own = parameters.values[: len(model.chain.parameters)]
     return model.chain.to_root(own, model.chain.evaluate(own, {}), residual)

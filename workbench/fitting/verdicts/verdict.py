@@ -100,7 +100,9 @@ class Verdict:
         return made
 
 
-def parse_tolerances(values: Sequence[str] | None, units: Sequence[str] = ("mm",)) -> tuple[Tolerance, ...]:
+def parse_tolerances(
+    values: Sequence[str] | None, units: Sequence[str] = ("mm",)
+) -> tuple[Tolerance, ...]:
     """Tolerances from the values of the repeatable option `--tolerance`: `0.1`, `0.1mm`, `0.05deg`, `0.3px`.
 
     units: those that the command can judge here, the first is that of a bare number. Raises InputError for a value
@@ -128,7 +130,9 @@ def _parse_tolerance(text: str, units: Sequence[str]) -> Tolerance:
         )
     value, unit = float(match[1]), match[2] or units[0]
     if not math.isfinite(value) or value <= 0:
-        raise InputError(f"--tolerance {text}: expected a number above 0, found {value:g}; correct it")
+        raise InputError(
+            f"--tolerance {text}: expected a number above 0, found {value:g}; correct it"
+        )
     if unit not in units:
         raise InputError(
             f"--tolerance {text}: expected a tolerance in {allowed}, which this command judges here, "
@@ -207,7 +211,9 @@ def _against_tolerance(residual: Residual, limit: float | None) -> str:
     return f"{stated} exceeds the tolerance of {limit:g} {residual.unit} ({residual.value / limit:.3g} times as large)"
 
 
-def _against_noise(residual: Residual, noise: Noise | None, ratio: float | None, advice: str) -> str:
+def _against_noise(
+    residual: Residual, noise: Noise | None, ratio: float | None, advice: str
+) -> str:
     if not residual.has_noise:
         return ""
     if noise is None or ratio is None:

@@ -100,7 +100,11 @@ def _root_mean_square(sigma):
 def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
     """Histogram and cumulative share of the held-out errors, of each kind that is measured."""
     kinds = [_spread(calibration, one) for one in (errors, rotation) if one is not None]
-    return {"kinds": kinds, "figures": list(FIGURES.values()), "table": error_rows(calibration, [errors, rotation])}
+    return {
+        "kinds": kinds,
+        "figures": list(FIGURES.values()),
+        "table": error_rows(calibration, [errors, rotation]),
+    }
 
 
 def _spread(calibration, errors: Errors) -> dict:
@@ -131,7 +135,9 @@ def error_rows(calibration, every) -> list[tuple[str, ...]]:
     return rows
 
 
-def noise_sentence(sigma: float | None, held_out: dict, parts: int = 3, kind: Kind = POSITION) -> str:
+def noise_sentence(
+    sigma: float | None, held_out: dict, parts: int = 3, kind: Kind = POSITION
+) -> str:
     """Compares the held-out error with what the stated noise of the instrument alone would leave."""
     if sigma is None:
         return (
@@ -205,7 +211,10 @@ def cumulative(errors: Errors) -> go.Figure:
 def _marks(errors, held_out):
     """Name, place, colour and dash of the upright lines of the histogram."""
     key = errors.kind.key
-    marks = [("RMS", held_out[key("rms")], style.ORANGE, "solid"), ("95 %", held_out[key("p95")], style.VIOLET, "dash")]
+    marks = [
+        ("RMS", held_out[key("rms")], style.ORANGE, "solid"),
+        ("95 %", held_out[key("p95")], style.VIOLET, "dash"),
+    ]
     if not errors.sigma:
         return marks
     name = f"noise alone, RMS {_root(errors.parts)}"
@@ -214,7 +223,11 @@ def _marks(errors, held_out):
 
 def _bins(distance):
     """Freedman & Diaconis' rule, kept between 10 and 80 bins."""
-    return int(np.clip(len(np.histogram_bin_edges(distance, "fd")) - 1, 10, 80)) if distance.size else 10
+    return (
+        int(np.clip(len(np.histogram_bin_edges(distance, "fd")) - 1, 10, 80))
+        if distance.size
+        else 10
+    )
 
 
 def _ecdf(distance):

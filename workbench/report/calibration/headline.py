@@ -16,7 +16,9 @@ def section(calibration, errors, rotation=None) -> dict:
         "meaning": meaning(calibration, errors.held),
         "gain": gain(calibration),
         "caution": caution(calibration),
-        "warning": "" if calibration.solution.converged else f"The solve {calibration.solution.outcome}.",
+        "warning": ""
+        if calibration.solution.converged
+        else f"The solve {calibration.solution.outcome}.",
     }
 
 
@@ -30,7 +32,11 @@ def meaning(calibration, held: np.ndarray) -> str:
     poses = len(np.unique(calibration.recording.poses[held]))
     folds = calibration.held_out.get("folds", 0)
     where = f"in {counted(folds, 'fold')}" if folds > 1 else "in one test set"
-    orientation = ", and by which angle its orientation differs" if ROTATION.key("rms") in calibration.held_out else ""
+    orientation = (
+        ", and by which angle its orientation differs"
+        if ROTATION.key("rms") in calibration.held_out
+        else ""
+    )
     return (
         f"This is how far the calibrated model's prediction lies from the measured point{orientation}, on "
         f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} that no step of the solve had seen "
@@ -46,7 +52,11 @@ def gain(calibration) -> str:
 
 def _gain(calibration, kind: Kind) -> str:
     key, unit = kind.key("rms"), kind.unit
-    nominal, fit, held_out = calibration.nominal[key], calibration.fit[key], calibration.held_out[key]
+    nominal, fit, held_out = (
+        calibration.nominal[key],
+        calibration.fit[key],
+        calibration.held_out[key],
+    )
     return (
         f"RMS {kind.name} error with the nominal geometry, base and tool alone fitted: {rounded(nominal)} {unit}, "
         f"{rounded(nominal / held_out)} times as much; on the samples of the fit itself: {rounded(fit)} {unit}."

@@ -11,12 +11,17 @@ _SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
 def section(calibration) -> dict:
     """The figure, and the sentence in which the solve itself says how it ended."""
     walked = [stage for stage in calibration.stages if len(stage.history)]
-    return {"figure": style.packed(figure(walked)) if walked else "", "outcome": calibration.solution.outcome}
+    return {
+        "figure": style.packed(figure(walked)) if walked else "",
+        "outcome": calibration.solution.outcome,
+    }
 
 
 def figure(stages) -> go.Figure:
     """Cost over step, one line a stage, each beginning where the one before ended."""
-    made = style.figure(360, "step of the solve, all stages in a row", "cost (dimensionless, logarithmic)")
+    made = style.figure(
+        360, "step of the solve, all stages in a row", "cost (dimensionless, logarithmic)"
+    )
     start = 0
     for k, stage in enumerate(stages):
         steps = list(range(start, start + len(stage.history)))

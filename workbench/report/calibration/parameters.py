@@ -46,7 +46,11 @@ def group(where: str, parameters: list[dict]) -> dict:
     """One fold-out group with its one-line summary."""
     free = [p for p in parameters if p["free"]]
     statuses = Counter(p["status"] for p in parameters)
-    parts = [f"{statuses[name]} {name}" for name in ("estimated", "not identifiable", "held") if statuses[name]]
+    parts = [
+        f"{statuses[name]} {name}"
+        for name in ("estimated", "not identifiable", "held")
+        if statuses[name]
+    ]
     return {
         "where": where.replace("-", " "),
         "rows": [row(p) for p in parameters],

@@ -63,7 +63,9 @@ def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors) -> dict:
 
 def quantities(recording) -> list[tuple[str, np.ndarray]]:
     """Label with unit and values (n,): joints, time or row order, covariates, number of the target."""
-    found = [(_joint_label(name), recording.columns[name]) for name in joint_columns(recording.columns)]
+    found = [
+        (_joint_label(name), recording.columns[name]) for name in joint_columns(recording.columns)
+    ]
     found.append(("row order (row number)", np.arange(1, recording.n + 1)))
     found += sorted(recording.covariates.items(), key=lambda pair: pair[0] != "time_s")
     found += [(f"{word} (number)", getattr(recording, word)) for word in ("ball", "reflector")]
@@ -91,7 +93,10 @@ def against(label: str, x: np.ndarray, errors: Errors) -> Against:
 def overview(every: list[Against], errors: Errors) -> go.Figure:
     """Small multiples: mean residual of each bin, all on one scale."""
     rows = -(-len(every) // _PANELS_ACROSS)
-    titles = [f"{one.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(one.share)}" for one in every]
+    titles = [
+        f"{one.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(one.share)}"
+        for one in every
+    ]
     lines = list(zip(errors.rows, _colours(errors)))[: max(len(errors.axes), 1)]
     made = make_subplots(
         rows,
@@ -113,7 +118,11 @@ def overview(every: list[Against], errors: Errors) -> go.Figure:
                 line=dict(color=colour, width=1.7),
                 row=k // _PANELS_ACROSS + 1,
                 col=k % _PANELS_ACROSS + 1,
-                hovertemplate="%{x:.3f}: mean " + name + " %{y:.4f} " + errors.kind.unit + "<extra></extra>",
+                hovertemplate="%{x:.3f}: mean "
+                + name
+                + " %{y:.4f} "
+                + errors.kind.unit
+                + "<extra></extra>",
             )
     made.update_annotations(font_size=11.5)
     made.update_layout(
@@ -126,7 +135,9 @@ def overview(every: list[Against], errors: Errors) -> go.Figure:
     made.update_xaxes(nticks=5, tickfont_size=10.5)
     for k, one in enumerate(every):
         if one.label.endswith("(number)") and len(one.centres) <= 8:
-            made.update_xaxes(tickvals=one.centres, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1)
+            made.update_xaxes(
+                tickvals=one.centres, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1
+            )
     return made
 
 
@@ -160,7 +171,9 @@ def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
             marker_size=4,
             hovertemplate="mean of the bin %{y:.4f} " + unit + "<extra></extra>",
         )
-    made.update_layout(template="none", height=60 + 145 * panels, margin=dict(l=70, r=14, t=8, b=52))
+    made.update_layout(
+        template="none", height=60 + 145 * panels, margin=dict(l=70, r=14, t=8, b=52)
+    )
     return made.update_xaxes(title_text=one.label, row=panels, col=1)
 
 

@@ -49,7 +49,9 @@ def scene_of(calibration) -> Scene:
     flange, links, at = arm(calibration)
     points, residual = calibration.points, calibration.residual_in_root
     together = _diagonal(points) < 0.05 * _diagonal(np.hstack([flange, links]))
-    feet, anchor = (flange, "the nominal flange of its pose") if together else (points, "its measured point")
+    feet, anchor = (
+        (flange, "the nominal flange of its pose") if together else (points, "its measured point")
+    )
     scale = arrow_scale(np.hstack([feet, links]), residual)
     same = calibration.recording.poses == calibration.recording.poses[at]
     return Scene(feet, feet + scale * residual, links, points[:, same], at, scale, anchor)
@@ -63,7 +65,9 @@ def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
     spread = np.maximum(variables.std(1, keepdims=True), 1e-9)
     at = int(np.argmin((((variables - middle) / spread) ** 2).sum(0)))
     frames = forward(robot, variables, links=True)
-    links = np.vstack([frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]])
+    links = np.vstack(
+        [frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]
+    )
     return frames.end_origin, links.T, at
 
 
@@ -118,7 +122,13 @@ def _add_arrows(made, feet, tips, scale):
 def _add_points(made, feet, distance):
     x, y, z = np.round(feet, 3)
     top = float(np.percentile(distance, 98))
-    bar = dict(title=dict(text="residual (mm)", side="right"), thickness=12, len=0.6, x=1.0, xanchor="right")
+    bar = dict(
+        title=dict(text="residual (mm)", side="right"),
+        thickness=12,
+        len=0.6,
+        x=1.0,
+        xanchor="right",
+    )
     made.add_scatter3d(
         x=x,
         y=y,
@@ -127,7 +137,13 @@ def _add_points(made, feet, distance):
         name="samples",
         customdata=np.round(distance, 5),
         marker=dict(
-            size=2.2, opacity=0.75, color=np.round(distance, 5), colorscale="Viridis", cmin=0, cmax=top, colorbar=bar
+            size=2.2,
+            opacity=0.75,
+            color=np.round(distance, 5),
+            colorscale="Viridis",
+            cmin=0,
+            cmax=top,
+            colorbar=bar,
         ),
         hovertemplate="residual %{customdata:.4f} mm<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>",
     )

@@ -11,7 +11,8 @@ def section(calibration) -> dict:
     """A step chart for each kind of error, the table of stages and the sentence on those left out."""
     kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
     charts = [
-        {"id": kind.prefix, "unit": kind.unit, "figure": style.packed(chart(calibration, kind))} for kind in kinds
+        {"id": kind.prefix, "unit": kind.unit, "figure": style.packed(chart(calibration, kind))}
+        for kind in kinds
     ]
     return {
         "charts": charts,
@@ -69,7 +70,9 @@ def chart(calibration, kind: Kind = POSITION) -> go.Figure:
         showlegend=False,
     )
     _add_held_out(made, "held out, kept", kept, style.BLUE, unit)
-    _add_held_out(made, "held out, not earned", [line for line in lines if not line[3]], style.GREY, unit)
+    _add_held_out(
+        made, "held out, not earned", [line for line in lines if not line[3]], style.GREY, unit
+    )
     fits = [line for line in lines if line[2] is not None]
     made.add_scatter(
         x=[line[2] for line in fits],
@@ -80,7 +83,12 @@ def chart(calibration, kind: Kind = POSITION) -> go.Figure:
         hovertemplate="fit %{x:.4f} " + unit + "<extra></extra>",
     )
     made.update_layout(margin_r=64)
-    made.update_yaxes(autorange="reversed", type="category", categoryarray=[line[0] for line in lines], automargin=True)
+    made.update_yaxes(
+        autorange="reversed",
+        type="category",
+        categoryarray=[line[0] for line in lines],
+        automargin=True,
+    )
     return made.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.report.calibration import scene as space
 from workbench.report import style
+from workbench.report.calibration import scene as space
 from workbench.report.calibration.errors import ROTATION, Errors
 from workbench.report.text import rounded
 
@@ -22,7 +22,9 @@ def write_picture(calibration, errors: Errors, path: Path) -> bool:
     try:
         picture(calibration, errors).savefig(path, dpi=150)
     except (ImportError, OSError, RuntimeError) as error:
-        _log.warning("%s was not drawn, because of: %s; the page is complete without it.", path.name, error)
+        _log.warning(
+            "%s was not drawn, because of: %s; the page is complete without it.", path.name, error
+        )
         return False
     return True
 
@@ -43,7 +45,14 @@ def picture(calibration, errors: Errors):
     if ROTATION.key("rms") in held_out:
         words += f", {rounded(held_out[ROTATION.key('rms')])} deg"
     made.text(0.015, 0.9, f"{words} held-out RMS", size=21, weight="bold", color=_INK)
-    made.text(0.985, 0.905, calibration.recording.title or calibration.recording.name, size=11, color=_INK, ha="right")
+    made.text(
+        0.985,
+        0.905,
+        calibration.recording.title or calibration.recording.name,
+        size=11,
+        color=_INK,
+        ha="right",
+    )
     return made
 
 
@@ -59,7 +68,9 @@ def _stages(axes, calibration):
     axes.step(np.array(values)[kept], rows[kept], where="post", color=style.BLUE, lw=1)
     axes.scatter(values, rows, color=[style.BLUE if k else style.GREY for k in kept], zorder=3)
     for value, at in zip(values, rows):
-        axes.annotate(rounded(value), (value, at), (8, 0), textcoords="offset points", va="center", size=8.5)
+        axes.annotate(
+            rounded(value), (value, at), (8, 0), textcoords="offset points", va="center", size=8.5
+        )
     axes.set(
         yticks=rows,
         yticklabels=names,
@@ -91,7 +102,12 @@ def _space(axes, calibration):
     feet, tips = scene.feet[:, rows], scene.tips[:, rows]
     axes.quiver(*feet, *(tips - feet), color=style.ORANGE, lw=0.8, arrow_length_ratio=0.25)
     axes.plot(*scene.links, color="#666666", lw=4, marker="o", ms=5)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)", title=f"residuals, enlarged {scene.scale:,.0f} times")
+    axes.set(
+        xlabel="x (mm)",
+        ylabel="y (mm)",
+        zlabel="z (mm)",
+        title=f"residuals, enlarged {scene.scale:,.0f} times",
+    )
     axes.set_aspect("equal")
     axes.tick_params(labelsize=7)
     axes.locator_params(nbins=4)

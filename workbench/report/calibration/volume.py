@@ -26,10 +26,14 @@ def volume(places: np.ndarray, error: np.ndarray):
     cloud = pyvista.PolyData(np.ascontiguousarray(places.T))
     cloud["error_mm"] = error
     radius = _NEAR * float(np.prod(high - low) / places.shape[1]) ** (1 / 3)
-    return grid.interpolate(cloud, radius=radius, sharpness=3.0, strategy="null_value", null_value=np.nan)
+    return grid.interpolate(
+        cloud, radius=radius, sharpness=3.0, strategy="null_value", null_value=np.nan
+    )
 
 
-def write_volume(places: np.ndarray, error: np.ndarray, arm: np.ndarray, folder: Path, name: str) -> Path | None:
+def write_volume(
+    places: np.ndarray, error: np.ndarray, arm: np.ndarray, folder: Path, name: str
+) -> Path | None:
     """Write `name`.vti and `name`.png into the folder; the PNG's path, None where this machine draws nothing.
 
     places (3, n), error (n,): as in `volume`; arm: (3, k) origins of base, joints and flange, mm.
@@ -39,7 +43,11 @@ def write_volume(places: np.ndarray, error: np.ndarray, arm: np.ndarray, folder:
     try:
         _drawn(made, arm, folder / f"{name}.png")
     except (ImportError, OSError, RuntimeError) as wrong:
-        _log.warning("%s.png was not drawn, because of: %s; the maps of points are complete without it.", name, wrong)
+        _log.warning(
+            "%s.png was not drawn, because of: %s; the maps of points are complete without it.",
+            name,
+            wrong,
+        )
         return None
     return folder / f"{name}.png"
 
@@ -58,10 +66,25 @@ def _drawn(grid, arm: np.ndarray, path: Path):
     front = [base[0], right, near, base[1], *upright]
     plotter = pyvista.Plotter(off_screen=True, window_size=list(_SIZE))
     plotter.set_background("white")
-    plotter.add_mesh(solid.clip_box(front, invert=True), scalars="error_mm", ambient=0.7, diffuse=0.3, **scale)
-    plotter.add_mesh(pyvista.lines_from_points(arm.T).tube(radius=0.012 * grid.length), color="#d9480f")
-    plotter.show_bounds(color="#444444", grid=False, location="outer", font_size=11, n_xlabels=3, n_ylabels=3,
-                        n_zlabels=3, fmt="%.0f", xtitle="x (mm)", ytitle="y (mm)", ztitle="z (mm)")  # fmt: skip
+    plotter.add_mesh(
+        solid.clip_box(front, invert=True), scalars="error_mm", ambient=0.7, diffuse=0.3, **scale
+    )
+    plotter.add_mesh(
+        pyvista.lines_from_points(arm.T).tube(radius=0.012 * grid.length), color="#d9480f"
+    )
+    plotter.show_bounds(
+        color="#444444",
+        grid=False,
+        location="outer",
+        font_size=11,
+        n_xlabels=3,
+        n_ylabels=3,
+        n_zlabels=3,
+        fmt="%.0f",
+        xtitle="x (mm)",
+        ytitle="y (mm)",
+        ztitle="z (mm)",
+    )
     plotter.camera_position = "iso"
     plotter.camera.azimuth = -90
     plotter.camera.zoom(0.88)
@@ -69,5 +92,16 @@ def _drawn(grid, arm: np.ndarray, path: Path):
     plotter.close()
 
 
-_BAR = dict(title="error (mm)", color="#222222", vertical=True, n_labels=5, fmt="%.3g", title_font_size=18,
-            label_font_size=15, width=0.06, height=0.6, position_x=0.9, position_y=0.2)  # fmt: skip
+_BAR = dict(
+    title="error (mm)",
+    color="#222222",
+    vertical=True,
+    n_labels=5,
+    fmt="%.3g",
+    title_font_size=18,
+    label_font_size=15,
+    width=0.06,
+    height=0.6,
+    position_x=0.9,
+    position_y=0.2,
+)

@@ -36,40 +36,75 @@ def places_of(made: Diagnosis) -> list[str]:
 
 def share_at(made: Diagnosis, where: str) -> float:
     """Share of the mismatch that something at a place makes, 0 where that may be chance."""
-    return max((one.share for one in made.located if one.where == where and one.p_value < 0.01), default=0.0)
+    return max(
+        (one.share for one in made.located if one.where == where and one.p_value < 0.01),
+        default=0.0,
+    )
 
 
 def _where(row, apart):
-    x = {where: float(k) for k, where in enumerate(row)} | {where: float(k) for k, where in enumerate(apart)}
+    x = {where: float(k) for k, where in enumerate(row)} | {
+        where: float(k) for k, where in enumerate(apart)
+    }
     return x, dict.fromkeys(row, 0.0) | dict.fromkeys(apart, -1.1)
 
 
 def _line(drawn, x, y, row):
-    drawn.add_scatter(x=[x[w] for w in row], y=[y[w] for w in row], mode="lines", hoverinfo="skip", meta="ink",
-                      line=dict(color=style.GREY, width=5))  # fmt: skip
+    drawn.add_scatter(
+        x=[x[w] for w in row],
+        y=[y[w] for w in row],
+        mode="lines",
+        hoverinfo="skip",
+        meta="ink",
+        line=dict(color=style.GREY, width=5),
+    )
 
 
 def _marks(drawn, places, x, y, share):
     values = np.array([share[w] for w in places])
     drawn.add_scatter(
-        x=[x[w] for w in places], y=[y[w] for w in places], mode="markers",
-        marker=dict(size=_SMALL + (_LARGE - _SMALL) * np.sqrt(values / max(values.max(initial=0), 1e-9)) * (values > 0),
-                    color=100 * values, colorscale=[[0, "#d5d5d5"], [0.05, "#f4c27a"], [1, "#c63a10"]], cmin=0,
-                    cmax=max(100 * float(values.max(initial=0)), 1.0), line=dict(color=style.GREY, width=1),
-                    symbol=["square" if w.startswith("link") else "circle" for w in places]),
+        x=[x[w] for w in places],
+        y=[y[w] for w in places],
+        mode="markers",
+        marker=dict(
+            size=_SMALL
+            + (_LARGE - _SMALL) * np.sqrt(values / max(values.max(initial=0), 1e-9)) * (values > 0),
+            color=100 * values,
+            colorscale=[[0, "#d5d5d5"], [0.05, "#f4c27a"], [1, "#c63a10"]],
+            cmin=0,
+            cmax=max(100 * float(values.max(initial=0)), 1.0),
+            line=dict(color=style.GREY, width=1),
+            symbol=["square" if w.startswith("link") else "circle" for w in places],
+        ),
         customdata=[f"{said.place(w)}: {100 * share[w]:.0f} % of the mismatch" for w in places],
         hovertemplate="%{customdata}<extra></extra>",
-    )  # fmt: skip
-    drawn.add_scatter(x=[x[w] for w in places], y=[y[w] - 0.42 for w in places], mode="text", hoverinfo="skip",
-                      text=[_short(w) for w in places], textfont=dict(size=11))  # fmt: skip
+    )
+    drawn.add_scatter(
+        x=[x[w] for w in places],
+        y=[y[w] - 0.42 for w in places],
+        mode="text",
+        hoverinfo="skip",
+        text=[_short(w) for w in places],
+        textfont=dict(size=11),
+    )
     told = [f"{100 * share[w]:.0f} %" if share[w] else "" for w in places]
-    drawn.add_scatter(x=[x[w] for w in places], y=[y[w] - 0.62 for w in places], mode="text", hoverinfo="skip",
-                      text=told, textfont=dict(size=10))  # fmt: skip
+    drawn.add_scatter(
+        x=[x[w] for w in places],
+        y=[y[w] - 0.62 for w in places],
+        mode="text",
+        hoverinfo="skip",
+        text=told,
+        textfont=dict(size=10),
+    )
 
 
 def _short(where: str) -> str:
     kind, dash, number = where.rpartition("-")
-    return f"{ {'joint': 'J', 'link': 'L', 'ball': 'ball '}.get(kind, kind)}{number}" if dash else where
+    return (
+        f"{ {'joint': 'J', 'link': 'L', 'ball': 'ball '}.get(kind, kind) }{number}"
+        if dash
+        else where
+    )
 
 
 def _names(drawn, made, places, x, y):
@@ -79,5 +114,14 @@ def _names(drawn, made, places, x, y):
         at.setdefault(term.finding.where, []).append(term.finding.effect)
     for k, where in enumerate(w for w in places if w in at):
         text, blue = "<br>".join(dict.fromkeys(at[where])), dict(size=11, color=style.BLUE)
-        drawn.add_annotation(x=x[where], y=y[where] + 0.22, text=f"<b>{text}</b>", showarrow=True, arrowhead=0, ax=0,
-                             ay=-36 - 34 * (k % 3), font=blue, arrowcolor=style.BLUE)  # fmt: skip
+        drawn.add_annotation(
+            x=x[where],
+            y=y[where] + 0.22,
+            text=f"<b>{text}</b>",
+            showarrow=True,
+            arrowhead=0,
+            ax=0,
+            ay=-36 - 34 * (k % 3),
+            font=blue,
+            arrowcolor=style.BLUE,
+        )

@@ -21,11 +21,15 @@ def evidence(made: Diagnosis) -> go.Figure:
     terms = sorted(with_evidence(made), key=lambda term: term.finding.gain)
     drawn = style.figure(120 + 34 * len(terms), "fall of chi-square with the term (logarithmic)")
     drawn.add_bar(
-        y=[term.title for term in terms], x=[max(term.finding.gain, 1e-3) for term in terms], orientation="h",
-        marker=dict(color=[style.BLUE if term.kept else style.GREY for term in terms]), showlegend=False,
-        text=[_bar_text(term, made.unit) for term in terms], textposition="auto",
+        y=[term.title for term in terms],
+        x=[max(term.finding.gain, 1e-3) for term in terms],
+        orientation="h",
+        marker=dict(color=[style.BLUE if term.kept else style.GREY for term in terms]),
+        showlegend=False,
+        text=[_bar_text(term, made.unit) for term in terms],
+        textposition="auto",
         hovertemplate="%{y}: %{x:.0f}<extra></extra>",
-    )  # fmt: skip
+    )
     gains = [max(term.finding.gain, 1e-2) for term in terms] or [1.0]
     drawn.update_xaxes(style.log_axis(min(gains) / 3, max(gains) * 2))
     drawn.update_yaxes(automargin=True)
@@ -49,14 +53,22 @@ def _bar_text(term, unit):
 
 def shares(found) -> go.Figure:
     """Three bars: parameters (of it placing), noise, structure."""
-    rows = (("values not calibrated: base and tool", found.placing_mm2, style.GREY),
-            ("values not calibrated: the rest", found.parameters_mm2 - found.placing_mm2, style.GREEN),
-            ("noise", found.noise_mm2, style.BLUE),
-            ("structure: missing physics", found.structure_mm2, style.ORANGE))  # fmt: skip
+    rows = (
+        ("values not calibrated: base and tool", found.placing_mm2, style.GREY),
+        ("values not calibrated: the rest", found.parameters_mm2 - found.placing_mm2, style.GREEN),
+        ("noise", found.noise_mm2, style.BLUE),
+        ("structure: missing physics", found.structure_mm2, style.ORANGE),
+    )
     rows = [row for row in rows[::-1] if row[1] > 0]
     drawn = style.figure(260, "mean squared distance (mm², logarithmic)")
-    drawn.add_bar(y=[r[0] for r in rows], x=[r[1] for r in rows], orientation="h", showlegend=False,
-                  marker=dict(color=[r[2] for r in rows]), text=[f"{r[1]:.3g} mm²" for r in rows])  # fmt: skip
+    drawn.add_bar(
+        y=[r[0] for r in rows],
+        x=[r[1] for r in rows],
+        orientation="h",
+        showlegend=False,
+        marker=dict(color=[r[2] for r in rows]),
+        text=[f"{r[1]:.3g} mm²" for r in rows],
+    )
     values = [r[1] for r in rows] or [1.0]
     drawn.update_xaxes(style.log_axis(min(values) / 5, max(values) * 5, most=9))
     return drawn.update_layout(bargap=0.3, margin_l=250)
@@ -65,8 +77,13 @@ def shares(found) -> go.Figure:
 def held_out(made: Diagnosis) -> go.Figure:
     """Share of samples that err by less, before and after, with the noise marked."""
     drawn = _shares_of_samples(made.proof.errors, made.unit)
-    drawn.add_scatter(x=[made.proof.noise] * 2, y=[0, 100], mode="lines", name="noise, RMS",
-                      line=dict(color=style.ORANGE, dash="dot", width=2))  # fmt: skip
+    drawn.add_scatter(
+        x=[made.proof.noise] * 2,
+        y=[0, 100],
+        mode="lines",
+        name="noise, RMS",
+        line=dict(color=style.ORANGE, dash="dot", width=2),
+    )
     return _fitted_to_traces(drawn)
 
 
@@ -83,8 +100,13 @@ def _shares_of_samples(every, unit: str) -> go.Figure:
         if not len(ordered):
             continue
         rank = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), 800)).astype(int))
-        drawn.add_scatter(x=ordered[rank], y=100 * (rank + 1) / len(ordered), mode="lines", name=name,
-                          line=dict(color=_COLOURS[name], width=3))  # fmt: skip
+        drawn.add_scatter(
+            x=ordered[rank],
+            y=100 * (rank + 1) / len(ordered),
+            mode="lines",
+            name=name,
+            line=dict(color=_COLOURS[name], width=3),
+        )
     return drawn
 
 
@@ -104,17 +126,47 @@ def space(made: Diagnosis, when: str) -> go.Figure:
     before = np.nan_to_num(views.before[:3, shown])
     feet = views.points[:, shown]
     scale = arrow_scale(np.hstack([feet, views.links]), before)
-    path = np.stack([feet, feet + scale * residual, np.full_like(feet, np.nan)], axis=2).reshape(3, -1)
-    length, top = np.linalg.norm(residual, axis=0), float(np.percentile(np.linalg.norm(before, axis=0), 98))
-    drawn = go.Figure(layout=dict(template="none", height=520, margin=dict(l=0, r=0, t=8, b=0), scene=axes(),
-                                  legend=dict(orientation="h", x=0, y=0, yanchor="top")))  # fmt: skip
-    drawn.add_scatter3d(**_xyz(path), mode="lines", name=f"residual, enlarged {scale:,.0f} times", hoverinfo="skip",
-                        line=dict(color=style.ORANGE, width=2), connectgaps=False)  # fmt: skip
-    drawn.add_scatter3d(**_xyz(feet), mode="markers", name="samples", customdata=np.round(length, 5),
-                        marker=dict(size=2.2, color=np.round(length, 5), colorscale="Viridis", cmin=0, cmax=top),
-                        hovertemplate="%{customdata:.4f} mm<extra></extra>")  # fmt: skip
-    drawn.add_scatter3d(**_xyz(views.links), mode="lines+markers", name="arm in one pose", hoverinfo="skip", meta="ink",
-                        line=dict(color=style.GREY, width=10), marker=dict(size=5, color=style.GREY))  # fmt: skip
+    path = np.stack([feet, feet + scale * residual, np.full_like(feet, np.nan)], axis=2).reshape(
+        3, -1
+    )
+    length, top = (
+        np.linalg.norm(residual, axis=0),
+        float(np.percentile(np.linalg.norm(before, axis=0), 98)),
+    )
+    drawn = go.Figure(
+        layout=dict(
+            template="none",
+            height=520,
+            margin=dict(l=0, r=0, t=8, b=0),
+            scene=axes(),
+            legend=dict(orientation="h", x=0, y=0, yanchor="top"),
+        )
+    )
+    drawn.add_scatter3d(
+        **_xyz(path),
+        mode="lines",
+        name=f"residual, enlarged {scale:,.0f} times",
+        hoverinfo="skip",
+        line=dict(color=style.ORANGE, width=2),
+        connectgaps=False,
+    )
+    drawn.add_scatter3d(
+        **_xyz(feet),
+        mode="markers",
+        name="samples",
+        customdata=np.round(length, 5),
+        marker=dict(size=2.2, color=np.round(length, 5), colorscale="Viridis", cmin=0, cmax=top),
+        hovertemplate="%{customdata:.4f} mm<extra></extra>",
+    )
+    drawn.add_scatter3d(
+        **_xyz(views.links),
+        mode="lines+markers",
+        name="arm in one pose",
+        hoverinfo="skip",
+        meta="ink",
+        line=dict(color=style.GREY, width=10),
+        marker=dict(size=5, color=style.GREY),
+    )
     return drawn
 
 
@@ -126,15 +178,26 @@ def picture(made: Diagnosis, when: str) -> go.Figure:
     """Length of the residual over the place in the picture."""
     views = made.views
     shown = style.thinned(views.points.shape[1])
-    lengths = {name: np.sqrt(np.nansum(part[:, shown] ** 2, 0)) for name, part in
-               (("before", views.before), ("after", views.after))}  # fmt: skip
+    lengths = {
+        name: np.sqrt(np.nansum(part[:, shown] ** 2, 0))
+        for name, part in (("before", views.before), ("after", views.after))
+    }
     drawn = style.figure(400, "u (px)", "v (px)")
     drawn.add_scatter(
-        x=views.points[0, shown], y=views.points[1, shown], mode="markers", showlegend=False,
-        marker=dict(size=3, color=lengths[when], colorscale="Viridis", cmin=0,
-                    cmax=float(np.percentile(lengths["before"], 98)), showscale=True,
-                    colorbar=dict(title=dict(text="residual (px)", side="right"), thickness=12)),
-    )  # fmt: skip
+        x=views.points[0, shown],
+        y=views.points[1, shown],
+        mode="markers",
+        showlegend=False,
+        marker=dict(
+            size=3,
+            color=lengths[when],
+            colorscale="Viridis",
+            cmin=0,
+            cmax=float(np.percentile(lengths["before"], 98)),
+            showscale=True,
+            colorbar=dict(title=dict(text="residual (px)", side="right"), thickness=12),
+        ),
+    )
     return drawn.update_yaxes(autorange="reversed", scaleanchor="x", constrain="domain")
 
 
@@ -146,12 +209,16 @@ def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
         x, title = shown_covariate(name, views.covariates[name])
         shown = style.thinned(len(x))
         titles = [f"{n} ({made.unit})" for n in views.names[: len(views.before)]]
-        drawn = make_subplots(1, len(views.before), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles)
+        drawn = make_subplots(
+            1, len(views.before), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles
+        )
         drawn.update_layout(template="none", height=300, margin=dict(l=64, r=18, t=40, b=48))
         for when, part in (("before", views.before), ("after", views.after)):
             for k, row in enumerate(part, 1):
                 _panel(drawn, k, x, row, shown, when)
-        middle = (len(views.before) + 1) // 2  # once: a long title under every panel runs into the next
+        middle = (
+            len(views.before) + 1
+        ) // 2  # once: a long title under every panel runs into the next
         drawn.update_xaxes(title=dict(text=title, standoff=8), col=middle)
         drawn.update_yaxes(range=[low, high])
         yield name, drawn
@@ -177,11 +244,27 @@ def shown_covariate(name: str, x: np.ndarray) -> tuple[np.ndarray, str]:
 
 def _panel(drawn, k, x, row, shown, when):
     size = 2.5
-    drawn.add_scatter(x=x[shown], y=row[shown], mode="markers", showlegend=False, hoverinfo="skip", row=1, col=k,
-                      marker=dict(size=size, color=_COLOURS[when], opacity=0.25))  # fmt: skip
+    drawn.add_scatter(
+        x=x[shown],
+        y=row[shown],
+        mode="markers",
+        showlegend=False,
+        hoverinfo="skip",
+        row=1,
+        col=k,
+        marker=dict(size=size, color=_COLOURS[when], opacity=0.25),
+    )
     centres, means = binned(x, row)
-    drawn.add_scatter(x=centres, y=means, mode="lines", name=when, showlegend=k == 1, row=1, col=k,
-                      line=dict(color=_COLOURS[when], width=3))  # fmt: skip
+    drawn.add_scatter(
+        x=centres,
+        y=means,
+        mode="lines",
+        name=when,
+        showlegend=k == 1,
+        row=1,
+        col=k,
+        line=dict(color=_COLOURS[when], width=3),
+    )
 
 
 def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -192,18 +275,25 @@ def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if len(values) <= _FEW:
         return values, np.bincount(place, row) / np.bincount(place)
     parts = np.array_split(np.argsort(x, kind="stable"), min(_BINS, max(len(x) // 8, 1)))
-    return np.array([x[p].mean() for p in parts if len(p)]), np.array([row[p].mean() for p in parts if len(p)])
+    return np.array([x[p].mean() for p in parts if len(p)]), np.array(
+        [row[p].mean() for p in parts if len(p)]
+    )
 
 
 def mattering(made: Diagnosis) -> list[str]:
     """The covariates whose bins explain most of what the findings took away, and time: at most six."""
     views = made.views
-    wide = [name for name, x in views.covariates.items()
-            if len(np.unique(x[:_LOOKED])) > 2 or name.startswith("approach")]  # fmt: skip
+    wide = [
+        name
+        for name, x in views.covariates.items()
+        if len(np.unique(x[:_LOOKED])) > 2 or name.startswith("approach")
+    ]
     removed = {name: fall(views, name) for name in wide if name not in ("time", "time_s")}
     best: list[str] = []
     for name in sorted(removed, key=lambda name: -removed[name]):
-        if len(best) < _MOST_PANELS - 1 and not any(_same(views.covariates[name], views.covariates[b]) for b in best):
+        if len(best) < _MOST_PANELS - 1 and not any(
+            _same(views.covariates[name], views.covariates[b]) for b in best
+        ):
             best.append(name)
     return [*best, *(name for name in ("time",) if name in views.covariates)]
 
@@ -218,7 +308,9 @@ def _same(x: np.ndarray, y: np.ndarray) -> bool:
 def fall(views, name: str) -> float:
     """Fall of the variance of the means in bins of a covariate, all components together."""
     x = views.covariates[name]
-    before, after = (sum(_variance(binned(x, row)[1]) for row in part) for part in (views.before, views.after))
+    before, after = (
+        sum(_variance(binned(x, row)[1]) for row in part) for part in (views.before, views.after)
+    )
     return before - after
 
 

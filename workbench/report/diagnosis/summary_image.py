@@ -21,7 +21,9 @@ def write_picture(made: Diagnosis, path: Path) -> bool:
     try:
         picture(made).savefig(path, dpi=130)
     except (ImportError, OSError, RuntimeError) as error:
-        _log.warning("%s was not drawn, because of: %s; the page is complete without it.", path.name, error)
+        _log.warning(
+            "%s was not drawn, because of: %s; the page is complete without it.", path.name, error
+        )
         return False
     return True
 
@@ -31,14 +33,29 @@ def picture(made: Diagnosis):
     from matplotlib.figure import Figure
 
     drawn = Figure(figsize=(13, 6.2), facecolor="white")
-    grid = drawn.add_gridspec(2, 2, left=0.06, right=0.975, bottom=0.1, top=0.84, hspace=0.42, wspace=0.16,
-                              height_ratios=(1, 1.35))  # fmt: skip
+    grid = drawn.add_gridspec(
+        2,
+        2,
+        left=0.06,
+        right=0.975,
+        bottom=0.1,
+        top=0.84,
+        hspace=0.42,
+        wspace=0.16,
+        height_ratios=(1, 1.35),
+    )
     _chain(drawn.add_subplot(grid[0, :]), made)
     _errors(drawn.add_subplot(grid[1, 0]), made)
     _over(drawn.add_subplot(grid[1, 1]), made)
     proof = made.proof
-    drawn.text(0.02, 0.92, f"{made.verdict}: {rounded(proof.before)} → {rounded(proof.after)} {made.unit} held out",
-               size=19, weight="bold", color=_INK)  # fmt: skip
+    drawn.text(
+        0.02,
+        0.92,
+        f"{made.verdict}: {rounded(proof.before)} → {rounded(proof.after)} {made.unit} held out",
+        size=19,
+        weight="bold",
+        color=_INK,
+    )
     drawn.text(0.98, 0.93, made.title, size=11, color=_INK, ha="right")
     return drawn
 
@@ -49,18 +66,37 @@ def _chain(axes, made):
     x = np.arange(len(places))
     axes.plot(x, 0 * x, color="#999999", lw=4, zorder=1)
     size = 70 + 900 * share / max(share.max(initial=0), 1e-9) * (share > 0)
-    axes.scatter(x, 0 * x, s=size, c=share, cmap="OrRd", vmin=0, vmax=max(share.max(initial=0), 0.01), zorder=2,
-                 edgecolors="#666666")  # fmt: skip
+    axes.scatter(
+        x,
+        0 * x,
+        s=size,
+        c=share,
+        cmap="OrRd",
+        vmin=0,
+        vmax=max(share.max(initial=0), 0.01),
+        zorder=2,
+        edgecolors="#666666",
+    )
     for k, where in enumerate(places):
         text = said.place(where).replace("the ", "").replace(" ", "\n")
-        axes.annotate(text, (k, 0), (0, -34), textcoords="offset points", ha="center", va="top", size=8)
+        axes.annotate(
+            text, (k, 0), (0, -34), textcoords="offset points", ha="center", va="top", size=8
+        )
     at: dict[str, list[str]] = {}
     for term in made.terms:
         at.setdefault(term.finding.where, []).append(term.finding.effect)
     for i, where in enumerate(w for w in places if w in at):
-        axes.annotate("\n".join(dict.fromkeys(at[where])), (places.index(where), 0), (0, 24 + 16 * (i % 3)),
-                      ha="center", textcoords="offset points", size=8.5, color=style.BLUE, weight="bold",
-                      arrowprops=dict(arrowstyle="-", color=style.BLUE, lw=0.8))  # fmt: skip
+        axes.annotate(
+            "\n".join(dict.fromkeys(at[where])),
+            (places.index(where), 0),
+            (0, 24 + 16 * (i % 3)),
+            ha="center",
+            textcoords="offset points",
+            size=8.5,
+            color=style.BLUE,
+            weight="bold",
+            arrowprops=dict(arrowstyle="-", color=style.BLUE, lw=0.8),
+        )
     axes.set(ylim=(-1.1, 1.3), xlim=(-0.6, len(places) - 0.4))
     axes.axis("off")
 
@@ -88,10 +124,17 @@ def _over(axes, made):
     name = max(made.views.covariates, key=lambda one: fall(made.views, one))
     x, title = shown_covariate(name, made.views.covariates[name])
     k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in made.views.before]))
-    for when, part, colour in (("before", made.views.before, style.GREY), ("after", made.views.after, style.BLUE)):
+    for when, part, colour in (
+        ("before", made.views.before, style.GREY),
+        ("after", made.views.after, style.BLUE),
+    ):
         axes.plot(x, part[k], ".", ms=2, alpha=0.3, color=colour)
         axes.plot(*binned(x, part[k]), color=colour, lw=2.5, label=when)
-    axes.set(xlabel=title, title=f"residual in {made.views.names[k]} ({made.unit})", ylim=extent(made.views.before[k]))
+    axes.set(
+        xlabel=title,
+        title=f"residual in {made.views.names[k]} ({made.unit})",
+        ylim=extent(made.views.before[k]),
+    )
     axes.legend(frameon=False)
     _quiet(axes)
 

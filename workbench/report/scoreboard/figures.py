@@ -13,12 +13,24 @@ def detection(board: Board) -> dict:
     """Share detected and share named against the surviving size."""
     made = style.figure(380, "surviving size, σ of a coordinate", "share of cases")
     rows = figures.detection(board.rows)
-    for key, words, colour in (("detected", "detected", style.BLUE), ("named", "right name or group", style.GREEN)):
-        made.add_trace(_with_interval([r["middle_sigma"] for r in rows], [r[key] for r in rows],
-                                      [r[f"{key}_interval"] for r in rows], words, colour))  # fmt: skip
+    for key, words, colour in (
+        ("detected", "detected", style.BLUE),
+        ("named", "right name or group", style.GREEN),
+    ):
+        made.add_trace(
+            _with_interval(
+                [r["middle_sigma"] for r in rows],
+                [r[key] for r in rows],
+                [r[f"{key}_interval"] for r in rows],
+                words,
+                colour,
+            )
+        )
     made.update_xaxes(**style.log_axis(0.08, 12))
     made.update_yaxes(range=[-0.02, 1.04], tickformat=".0%")
-    return figure("detection", made, "Detection curve over the cases of suite library, with 95 % intervals.")
+    return figure(
+        "detection", made, "Detection curve over the cases of suite library, with 95 % intervals."
+    )
 
 
 def reliability(board: Board) -> dict:
@@ -31,12 +43,18 @@ def reliability(board: Board) -> dict:
     made.add_trace(_with_interval(stated, right, within, "claims", style.ORANGE, text))
     made.update_xaxes(range=[-0.02, 1.04], tickformat=".0%")
     made.update_yaxes(range=[-0.02, 1.04], tickformat=".0%")
-    return figure("reliability", made, "Reliability diagram: every claim of every case, by the probability stated.")
+    return figure(
+        "reliability",
+        made,
+        "Reliability diagram: every claim of every case, by the probability stated.",
+    )
 
 
 def gain(board: Board) -> dict:
     """Held-out error after the diagnosis against that of the oracle."""
-    made = style.figure(380, "held-out RMS of the oracle, mm", "held-out RMS after the diagnosis, mm")
+    made = style.figure(
+        380, "held-out RMS of the oracle, mm", "held-out RMS after the diagnosis, mm"
+    )
     rows = [r for r in board.rows if r.get("oracle_after_mm") and r.get("after_mm")]
     best, reached = ([r[key] for r in rows] for key in ("oracle_after_mm", "after_mm"))
     made.add_trace(_cases(best, reached, rows, style.BLUE, "a case"))
@@ -44,14 +62,20 @@ def gain(board: Board) -> dict:
     made.add_trace(_dotted(ends, "equal"))
     made.update_xaxes(**style.log_axis(*ends))
     made.update_yaxes(**style.log_axis(*ends))
-    return figure("gain", made, "After the diagnosis against the fit that knows the truth, a point a case.")
+    return figure(
+        "gain", made, "After the diagnosis against the fit that knows the truth, a point a case."
+    )
 
 
 def runtimes(board: Board) -> dict:
     """Processor time of a diagnosis against the number of samples."""
     made = style.figure(380, "samples", "processor time, s")
     rows = [r for r in board.rows if r.get("cpu_s") and r["samples"]]
-    made.add_trace(_cases([r["samples"] for r in rows], [r["cpu_s"] for r in rows], rows, style.VIOLET, "a case"))
+    made.add_trace(
+        _cases(
+            [r["samples"] for r in rows], [r["cpu_s"] for r in rows], rows, style.VIOLET, "a case"
+        )
+    )
     made.update_xaxes(**style.log_axis(*_ends([r["samples"] for r in rows])))
     made.update_yaxes(**style.log_axis(*_ends([r["cpu_s"] for r in rows])))
     return figure("runtimes", made, "Time of a diagnosis, in one process of one thread.")
@@ -61,47 +85,89 @@ def confusion(board: Board, of: str) -> dict:
     """Concealed against said, counts; of: "effect" or "where"."""
     truths, said, counts = figures.confusion(board.rows, of)
     made = style.figure(140 + 22 * max(len(truths), 6), "said first", "concealed")
-    made.add_trace(go.Heatmap(
-        z=np.sqrt(counts), x=said, y=truths, text=np.where(counts > 0, counts.astype(str), ""), texttemplate="%{text}",
-        colorscale=[[0, "rgba(31,131,196,0)"], [1, style.BLUE]], showscale=False, customdata=counts,
-        hovertemplate="%{y} said to be %{x}: %{customdata}<extra></extra>",
-    ))  # fmt: skip
+    made.add_trace(
+        go.Heatmap(
+            z=np.sqrt(counts),
+            x=said,
+            y=truths,
+            text=np.where(counts > 0, counts.astype(str), ""),
+            texttemplate="%{text}",
+            colorscale=[[0, "rgba(31,131,196,0)"], [1, style.BLUE]],
+            showscale=False,
+            customdata=counts,
+            hovertemplate="%{y} said to be %{x}: %{customdata}<extra></extra>",
+        )
+    )
     made.update_yaxes(autorange="reversed", automargin=True, title=None)
     made.update_xaxes(automargin=True, tickangle=-40)
     name = {"effect": "effect", "where": "place"}[of]
-    return figure(f"confusion-{of}", made, f"Confusion by {name}, cases of one effect; a truth inside a declared group "
-                                           "counts as said.")  # fmt: skip
+    return figure(
+        f"confusion-{of}",
+        made,
+        f"Confusion by {name}, cases of one effect; a truth inside a declared group "
+        "counts as said.",
+    )
 
 
 def before_after(board: Board) -> dict:
     """Held-out RMS before and after, and the noise, for every case, from the largest fall on."""
-    rows = sorted((r for r in board.rows if r.get("before_mm") and r.get("after_mm")),
-                  key=lambda r: r["after_mm"] / r["before_mm"])  # fmt: skip
+    rows = sorted(
+        (r for r in board.rows if r.get("before_mm") and r.get("after_mm")),
+        key=lambda r: r["after_mm"] / r["before_mm"],
+    )
     made = style.figure(420, "cases, the largest fall first", "held-out RMS of 3-D distances, mm")
     place = list(range(1, len(rows) + 1))
-    for key, words, colour in (("before_mm", "before", style.ORANGE), ("after_mm", "after", style.BLUE),
-                               ("noise_mm", "noise", style.GREY)):  # fmt: skip
+    for key, words, colour in (
+        ("before_mm", "before", style.ORANGE),
+        ("after_mm", "after", style.BLUE),
+        ("noise_mm", "noise", style.GREY),
+    ):
         trace = _cases(place, [r.get(key) for r in rows], rows, colour, words)
         made.add_trace(trace)
-    made.update_yaxes(**style.log_axis(*_ends([r[k] for r in rows for k in ("before_mm", "after_mm") if r.get(k)])))
-    return figure("before-after", made, "Every case with its held-out errors; point at one for its name.")
+    made.update_yaxes(
+        **style.log_axis(
+            *_ends([r[k] for r in rows for k in ("before_mm", "after_mm") if r.get(k)])
+        )
+    )
+    return figure(
+        "before-after", made, "Every case with its held-out errors; point at one for its name."
+    )
 
 
 def _dotted(ends, name) -> go.Scatter:
-    return go.Scatter(x=ends, y=ends, mode="lines", line=dict(color=style.GREY, dash="dot"), name=name)
+    return go.Scatter(
+        x=ends, y=ends, mode="lines", line=dict(color=style.GREY, dash="dot"), name=name
+    )
 
 
 def _with_interval(x, y, intervals, name, colour, text=None) -> go.Scatter:
     up = [max(high - v, 0) for v, (_, high) in zip(y, intervals)]
     down = [max(v - low, 0) for v, (low, _) in zip(y, intervals)]
-    return go.Scatter(x=x, y=y, name=name, mode="lines+markers", line=dict(color=colour), text=text,
-                      error_y=dict(type="data", symmetric=False, array=up, arrayminus=down, thickness=1))  # fmt: skip
+    return go.Scatter(
+        x=x,
+        y=y,
+        name=name,
+        mode="lines+markers",
+        line=dict(color=colour),
+        text=text,
+        error_y=dict(type="data", symmetric=False, array=up, arrayminus=down, thickness=1),
+    )
 
 
 def _cases(x, y, rows, colour, name) -> go.Scatter:
-    text = [f"{r['suite']} {r['index']}: {'; '.join(r['concealed']) or 'nothing'}, {r['outcome']}" for r in rows]
-    return go.Scatter(x=x, y=y, mode="markers", marker=dict(color=colour, size=5, opacity=0.7), name=name, text=text,
-                      hovertemplate="%{text}<br>%{x:.4g}, %{y:.4g}<extra></extra>")  # fmt: skip
+    text = [
+        f"{r['suite']} {r['index']}: {'; '.join(r['concealed']) or 'nothing'}, {r['outcome']}"
+        for r in rows
+    ]
+    return go.Scatter(
+        x=x,
+        y=y,
+        mode="markers",
+        marker=dict(color=colour, size=5, opacity=0.7),
+        name=name,
+        text=text,
+        hovertemplate="%{text}<br>%{x:.4g}, %{y:.4g}<extra></extra>",
+    )
 
 
 def _ends(values) -> tuple[float, float]:
@@ -115,7 +181,9 @@ def summary(board: Board):
     from matplotlib.figure import Figure
 
     asked = [f for f in board.figures if f.reached is not None and f.value is not None][::-1]
-    made = Figure(figsize=(10, 1.2 + 0.3 * max(len(asked), 4)), facecolor="white", layout="constrained")
+    made = Figure(
+        figsize=(10, 1.2 + 0.3 * max(len(asked), 4)), facecolor="white", layout="constrained"
+    )
     axes = made.subplots()
     for k, f in enumerate(asked):
         colour = style.GREEN if f.reached else style.ORANGE
@@ -123,8 +191,14 @@ def summary(board: Board):
             axes.plot([f.low, f.high], [k, k], color=colour, lw=2, alpha=0.5, solid_capstyle="butt")
         axes.plot(f.value, k, "o", color=colour, ms=6)
         said = f"{f.value:.2f}" if f.hits is None and "limit" not in f.name else f"{f.value:.1%}"
-        axes.annotate(f"{said}  (asked {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False)
-    axes.set(yticks=range(len(asked)), yticklabels=[f"{f.suite}: {f.name}" for f in asked], xlim=(-0.02, 1.05))
+        axes.annotate(
+            f"{said}  (asked {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False
+        )
+    axes.set(
+        yticks=range(len(asked)),
+        yticklabels=[f"{f.suite}: {f.name}" for f in asked],
+        xlim=(-0.02, 1.05),
+    )
     axes.tick_params(axis="y", labelsize=8)
     axes.xaxis.set_major_formatter("{x:.0%}")
     axes.spines[["top", "right"]].set_visible(False)

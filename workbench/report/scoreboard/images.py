@@ -17,19 +17,37 @@ def write_pictures(board: Board, maps, folder: Path) -> dict[str, str]:
     """Write every picture for which there are cases into an existing folder; file name -> what it shows."""
     made = {
         "figures.png": (summary(board), "Every figure that is asked for, with its 95 % interval."),
-        "seen.png": (_seen(board), "Detection by surviving size (suites library and sensor), and how often claims are "
-                     "right by the probability that they state; 95 % intervals."),
-        "gain.png": (_gain(board), "Held-out error after the diagnosis against that of the fit that knows the truth, "
-                     "and processor time of a diagnosis by samples; a point a case."),
-        "effects.png": (_confusion(board, "effect"), "Concealed effect (row) and what is said first (column), cases of "
-                        "one effect; a truth inside a declared group counts as said."),
-        "places.png": (_confusion(board, "where"), "Concealed place (row) and the place that is said (column)."),
-        "before-after.png": (_before_after(board), "Held-out error before and after, and the noise, for every case, "
-                             "the largest fall first."),
-    }  # fmt: skip
+        "seen.png": (
+            _seen(board),
+            "Detection by surviving size (suites library and sensor), and how often claims are "
+            "right by the probability that they state; 95 % intervals.",
+        ),
+        "gain.png": (
+            _gain(board),
+            "Held-out error after the diagnosis against that of the fit that knows the truth, "
+            "and processor time of a diagnosis by samples; a point a case.",
+        ),
+        "effects.png": (
+            _confusion(board, "effect"),
+            "Concealed effect (row) and what is said first (column), cases of "
+            "one effect; a truth inside a declared group counts as said.",
+        ),
+        "places.png": (
+            _confusion(board, "where"),
+            "Concealed place (row) and the place that is said (column).",
+        ),
+        "before-after.png": (
+            _before_after(board),
+            "Held-out error before and after, and the noise, for every case, "
+            "the largest fall first.",
+        ),
+    }
     if maps:
-        made["maps.png"] = (_maps(maps), "Held-out error of every sample where it was measured, before and after: of "
-                            "each suite the case of middle size among those named right.")  # fmt: skip
+        made["maps.png"] = (
+            _maps(maps),
+            "Held-out error of every sample where it was measured, before and after: of "
+            "each suite the case of middle size among those named right.",
+        )
     for name, (picture, _) in made.items():
         picture.savefig(folder / name, dpi=_DPI)
     return {name: words for name, (_, words) in made.items()}
@@ -45,17 +63,42 @@ def _figure(width, height, columns=1, rows=1):
 def _seen(board):
     made, (curve, sure) = _figure(11, 3.8, 2)
     rows = figures.detection(board.rows)
-    for key, words, colour in (("detected", "detected", style.BLUE), ("named", "right name or group", style.GREEN)):
-        _with_interval(curve, [r["middle_sigma"] for r in rows], rows, key, f"{key}_interval", words, colour)
-    curve.set(xscale="log", xlabel="surviving size, σ of a coordinate", ylabel="share of cases", ylim=(-0.03, 1.05))
-    curve.set_xticks([0.15, 0.3, 0.6, 1, 2, 4, 8], ["0.15", "0.3", "0.6", "1", "2", "4", "8"], minor=False)
+    for key, words, colour in (
+        ("detected", "detected", style.BLUE),
+        ("named", "right name or group", style.GREEN),
+    ):
+        _with_interval(
+            curve, [r["middle_sigma"] for r in rows], rows, key, f"{key}_interval", words, colour
+        )
+    curve.set(
+        xscale="log",
+        xlabel="surviving size, σ of a coordinate",
+        ylabel="share of cases",
+        ylim=(-0.03, 1.05),
+    )
+    curve.set_xticks(
+        [0.15, 0.3, 0.6, 1, 2, 4, 8], ["0.15", "0.3", "0.6", "1", "2", "4", "8"], minor=False
+    )
     curve.minorticks_off()
     rows = figures.reliability(board.rows)
     sure.plot([0, 1], [0, 1], ":", color=style.GREY)
-    _with_interval(sure, [r["stated"] for r in rows], rows, "right", "interval", "claims", style.ORANGE)
+    _with_interval(
+        sure, [r["stated"] for r in rows], rows, "right", "interval", "claims", style.ORANGE
+    )
     for r in rows:
-        sure.annotate(str(r["claims"]), (r["stated"], r["right"]), (5, -11), textcoords="offset points", size=8)
-    sure.set(xlabel="stated probability", ylabel="share that is right", ylim=(-0.03, 1.05), xlim=(-0.03, 1.05))
+        sure.annotate(
+            str(r["claims"]),
+            (r["stated"], r["right"]),
+            (5, -11),
+            textcoords="offset points",
+            size=8,
+        )
+    sure.set(
+        xlabel="stated probability",
+        ylabel="share that is right",
+        ylim=(-0.03, 1.05),
+        xlim=(-0.03, 1.05),
+    )
     return _quiet(made)
 
 
@@ -76,7 +119,14 @@ def _gain(board):
     reached.plot(ends, ends, ":", color=style.GREY)
     reached.set(xlabel="held-out RMS of the oracle, mm", ylabel="after the diagnosis, mm")
     timed = [r for r in board.rows if r.get("cpu_s") and r.get("samples")]
-    time.loglog([r["samples"] for r in timed], [r["cpu_s"] for r in timed], "o", color=style.VIOLET, ms=3, alpha=0.6)
+    time.loglog(
+        [r["samples"] for r in timed],
+        [r["cpu_s"] for r in timed],
+        "o",
+        color=style.VIOLET,
+        ms=3,
+        alpha=0.6,
+    )
     time.set(xlabel="samples", ylabel="processor time, s")
     return _quiet(made)
 
@@ -96,12 +146,19 @@ def _confusion(board, of):
 
 def _before_after(board):
     made, (axes,) = _figure(11, 3.6)
-    rows = sorted((r for r in board.rows if r.get("before_mm") and r.get("after_mm")),
-                  key=lambda r: r["after_mm"] / r["before_mm"])  # fmt: skip
-    for key, words, colour in (("before_mm", "before", style.ORANGE), ("after_mm", "after", style.BLUE),
-                               ("noise_mm", "noise", style.GREY)):  # fmt: skip
+    rows = sorted(
+        (r for r in board.rows if r.get("before_mm") and r.get("after_mm")),
+        key=lambda r: r["after_mm"] / r["before_mm"],
+    )
+    for key, words, colour in (
+        ("before_mm", "before", style.ORANGE),
+        ("after_mm", "after", style.BLUE),
+        ("noise_mm", "noise", style.GREY),
+    ):
         values = [r.get(key) or np.nan for r in rows]
-        axes.semilogy(range(1, len(rows) + 1), values, "o", color=colour, ms=3, alpha=0.7, label=words)
+        axes.semilogy(
+            range(1, len(rows) + 1), values, "o", color=colour, ms=3, alpha=0.7, label=words
+        )
     axes.set(xlabel="cases, the largest fall first", ylabel="held-out RMS, mm")
     axes.legend(frameon=False, fontsize=9)
     return _quiet(made)
@@ -115,7 +172,9 @@ def _maps(maps):
         i, j = sorted(np.argsort(spread)[-2:])
         for row, (errors, words) in enumerate(((one.before, "before"), (one.after, "after"))):
             here = axes[row * len(maps) + k]
-            shown = here.scatter(one.points[i], one.points[j], c=errors, s=6, cmap="viridis", vmin=0, vmax=most)
+            shown = here.scatter(
+                one.points[i], one.points[j], c=errors, s=6, cmap="viridis", vmin=0, vmax=most
+            )
             rms = np.sqrt(np.nanmean(errors**2))
             title = f"{fill(one.title, 34)}\n" if row == 0 else ""
             here.set_title(f"{title}{words}: {rms:.3f} mm", size=7.5)

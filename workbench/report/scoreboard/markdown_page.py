@@ -4,9 +4,9 @@ import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from workbench.core.errors import InputError
 from workbench.files import runs
 from workbench.proving import protocol
-from workbench.core.errors import InputError
 from workbench.proving.board import Board
 from workbench.proving.maps import maps
 from workbench.proving.scoring import NAMED
@@ -32,7 +32,9 @@ def write_page(board: Board, exam: Path, path: Path) -> Path:
     exam: folder of the examination. Raises InputError where the page cannot be written.
     """
     if path.suffix != ".md":
-        raise InputError(f"--page {path}: a file that ends in .md is expected; name one, as in docs/scoreboard.md.")
+        raise InputError(
+            f"--page {path}: a file that ends in .md is expected; name one, as in docs/scoreboard.md."
+        )
     folder = path.with_suffix("")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -40,34 +42,59 @@ def write_page(board: Board, exam: Path, path: Path) -> Path:
         for name in _BESIDE:
             shutil.copyfile(exam / name, folder / name)
     except OSError as error:
-        raise InputError(f"--page {path}: cannot be written there ('{error.strerror}'); name another place.") from error
+        raise InputError(
+            f"--page {path}: cannot be written there ('{error.strerror}'); name another place."
+        ) from error
     runs.replace_file(path, "\n".join(_lines(board, folder.name, pictures)) + "\n")
     return path
 
 
 def _lines(board: Board, folder: str, pictures: Mapping[str, str]) -> Iterator[str]:
     yield from _head(board)
-    yield from ("", "## What is asked", "", *_asked(board), "", "## What else was counted", "", *_others(board), "")
+    yield from (
+        "",
+        "## What is asked",
+        "",
+        *_asked(board),
+        "",
+        "## What else was counted",
+        "",
+        *_others(board),
+        "",
+    )
     for name, words in pictures.items():
         yield from (f"![{words}]({folder}/{name})", "", f"*{words}*", "")
-    yield from ("## Every case that is not right, the worst first", "", _RULES, "", *_cases(board), "")
+    yield from (
+        "## Every case that is not right, the worst first",
+        "",
+        _RULES,
+        "",
+        *_cases(board),
+        "",
+    )
     right = sum(_fine(row) for row in board.rows)
-    yield (f"The other {right} cases are right. All {len(board.rows)}, the failed ones first, with held-out errors in "
-           f"mm before, after and of the oracle: [results.csv]({folder}/results.csv); the seals as they were published "
-           f"before the first diagnosis: [SHA256SUMS]({folder}/SHA256SUMS).")  # fmt: skip
+    yield (
+        f"The other {right} cases are right. All {len(board.rows)}, the failed ones first, with held-out errors in "
+        f"mm before, after and of the oracle: [results.csv]({folder}/results.csv); the seals as they were published "
+        f"before the first diagnosis: [SHA256SUMS]({folder}/SHA256SUMS)."
+    )
 
 
 def _head(board: Board) -> Iterator[str]:
     asked = [figure for figure in board.figures if figure.reached is not None]
     yield "# Scoreboard of the blind proof"
     yield ""
-    yield ("Made by `workbench prove`. Recordings were made in which an effect is concealed, by an engine that shares "
-           "no code with the model that looks for it; each truth was sealed, and its SHA-256 published, before the "
-           "diagnosis was given the recording and nothing else. Then the seals were opened and the answers scored by "
-           "fixed rules.")  # fmt: skip
+    yield (
+        "Made by `workbench prove`. Recordings were made in which an effect is concealed, by an engine that shares "
+        "no code with the model that looks for it; each truth was sealed, and its SHA-256 published, before the "
+        "diagnosis was given the recording and nothing else. Then the seals were opened and the answers scored by "
+        "fixed rules."
+    )
     yield ""
-    yield (f"**{sum(f.reached for f in asked)} of {len(asked)} figures asked for are reached**, on {len(board.rows)} "
-           f"cases of seed {board.seed}. Made again by")  # fmt: skip
+    yield (
+        f"**{sum(f.reached for f in asked)} of {len(asked)} figures asked for are reached**, on {len(board.rows)} "
+        f"cases of seed {board.seed}. Made again by"
+    )
     yield from ("", "```sh", " \\\n    --suite".join(board.command.split(" --suite")), "```", "")
     yield from _run(board)
 
@@ -83,11 +110,17 @@ def _run(board: Board) -> Iterator[str]:
         if board.planned and suite not in {**board.planned, **board.skipped}:
             yield f"| {suite} | 0 | not held |"
     if sum(board.planned.values()) > len(board.rows):
-        yield from ("", "Cases are diagnosed in an order by chance. Where fewer were diagnosed than sealed, the time "
-                        "was up; the same call goes on with the others.")  # fmt: skip
+        yield from (
+            "",
+            "Cases are diagnosed in an order by chance. Where fewer were diagnosed than sealed, the time "
+            "was up; the same call goes on with the others.",
+        )
     if len(board.programs) > 1:
-        yield from ("", f"The answers come from {len(board.programs)} states of the program "
-                        f"({', '.join(board.programs)}); the column `program` says which.")  # fmt: skip
+        yield from (
+            "",
+            f"The answers come from {len(board.programs)} states of the program "
+            f"({', '.join(board.programs)}); the column `program` says which.",
+        )
 
 
 _MARKS = {"reached": "✓ ", "short": "✗ "}
@@ -130,6 +163,12 @@ def _cells(row: Mapping) -> list[str]:
     outcome = row["outcome"] + (", **confidently wrong**" if row.get("confidently_wrong") else "")
     size = row.get("survives_sigma")
     lengths = [row.get(key) for key in ("before_mm", "after_mm", "oracle_after_mm", "noise_mm")]
-    return [f"`{row['case']}`", f"{row['suite']} {row['index']}", outcome, "; ".join(row["concealed"]) or "nothing",
-            "" if size is None else f"{size:.2f}", said.replace("|", "/"),
-            *("–" if v is None else f"{v:.4f}" for v in lengths)]  # fmt: skip
+    return [
+        f"`{row['case']}`",
+        f"{row['suite']} {row['index']}",
+        outcome,
+        "; ".join(row["concealed"]) or "nothing",
+        "" if size is None else f"{size:.2f}",
+        said.replace("|", "/"),
+        *("–" if v is None else f"{v:.4f}" for v in lengths),
+    ]

@@ -6,7 +6,17 @@ import plotly.graph_objects as go
 from workbench.jobs.camera import CameraRun
 from workbench.report import style
 from workbench.report.provenance import flat
-from workbench.report.sections import Page, Section, facts, figure, note, pair, table, thumbnails, words
+from workbench.report.sections import (
+    Page,
+    Section,
+    facts,
+    figure,
+    note,
+    pair,
+    table,
+    thumbnails,
+    words,
+)
 from workbench.report.sensor import field
 from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence
 
@@ -20,7 +30,11 @@ def page(made: CameraRun) -> Page:
     numbers = [
         ("RMS a coordinate", rounded(calibration.rms_coordinate_px), "px"),
         ("RMS as OpenCV counts", rounded(calibration.rms_px), "px"),
-        ("focal length", _with_sigma(calibration.camera.fx, calibration.std.get("camera.fx")), "px"),
+        (
+            "focal length",
+            _with_sigma(calibration.camera.fx, calibration.std.get("camera.fx")),
+            "px",
+        ),
     ]
     numbers += [("held out, as OpenCV counts", rounded(held.halved_rms_px), "px")] if held else []
     return Page(
@@ -39,7 +53,9 @@ def sections(made: CameraRun, prefix: str = "") -> tuple[Section, ...]:
     return (
         Section(prefix + "pictures", "Picture by picture", tuple(_pictures(made, prefix))),
         Section(prefix + "field", "Over the field", tuple(_field(calibration, prefix))),
-        Section(prefix + "known", "How far the camera is known", tuple(_known(calibration, prefix))),
+        Section(
+            prefix + "known", "How far the camera is known", tuple(_known(calibration, prefix))
+        ),
         Section(prefix + "board", "The board", tuple(_board(calibration, prefix))),
         Section(prefix + "camera", "Parameters", tuple(_parameters(calibration))),
     )
@@ -76,7 +92,10 @@ def _pictures(made: CameraRun, prefix: str):
         yield words("No picture was rejected.")
         return
     yield words(f"{counted(len(made.rejected), 'picture')} could not be used:")
-    shown = [(made.recording.folder / one.image, f"{one.image}: {one.why}") for one in made.rejected[:_THUMBNAILS]]
+    shown = [
+        (made.recording.folder / one.image, f"{one.image}: {one.why}")
+        for one in made.rejected[:_THUMBNAILS]
+    ]
     yield thumbnails(shown)
     if len(made.rejected) > _THUMBNAILS:
         yield words(f"The JSON names the other {len(made.rejected) - _THUMBNAILS}.", quiet=True)
@@ -110,10 +129,14 @@ def _field(calibration, prefix: str):
     )
     yield pair(
         figure(
-            prefix + "mapu", field.residual_map(pixels, residual[0], size, "mean along u"), "Mean residual along u."
+            prefix + "mapu",
+            field.residual_map(pixels, residual[0], size, "mean along u"),
+            "Mean residual along u.",
         ),
         figure(
-            prefix + "mapv", field.residual_map(pixels, residual[1], size, "mean along v"), "Mean residual along v."
+            prefix + "mapv",
+            field.residual_map(pixels, residual[1], size, "mean along v"),
+            "Mean residual along v.",
         ),
     )
 
@@ -142,7 +165,10 @@ def _known(calibration, prefix: str):
     if calibration.held_out:
         yield _beside_opencv(calibration)
     if calibration.undetermined:
-        yield note("What these pictures do not determine", [sentence(line) for line in calibration.undetermined])
+        yield note(
+            "What these pictures do not determine",
+            [sentence(line) for line in calibration.undetermined],
+        )
 
 
 def _map(known, size, called):
@@ -160,7 +186,11 @@ def _beside_opencv(calibration):
         ),
     ]
     return table(
-        [f"pictures left out, {counted(held.folds, 'fold')} (RMS distance, px)", "this camera", "cv2.calibrateCamera"],
+        [
+            f"pictures left out, {counted(held.folds, 'fold')} (RMS distance, px)",
+            "this camera",
+            "cv2.calibrateCamera",
+        ],
         rows,
     )
 
@@ -185,7 +215,8 @@ def _board(calibration, prefix: str):
         figure(prefix + "bowsigma", _surface(place, std, "1 σ (µm)"), "1 σ of that height."),
     )
     rows = [
-        (f"warp {name}", *_valued(1000 * value, 1000 * bow.std[name]), "µm") for name, value in bow.parameters.items()
+        (f"warp {name}", *_valued(1000 * value, 1000 * bow.std[name]), "µm")
+        for name, value in bow.parameters.items()
     ]
     yield table(["height at the corners of the board", "value", "σ", "unit"], rows)
 
@@ -195,11 +226,19 @@ def bow_surface(calibration, across: int = 25):
     board = calibration.board
     low, high = board.points.min(1), board.points.max(1)
     x, y = (np.linspace(low[k], high[k], across) for k in (0, 1))
-    u, v = ((grid.ravel() - middle) / board.half_diagonal for grid, middle in zip(np.meshgrid(x, y), board.middle))
-    basis = np.stack([{"xx": u * u, "yy": v * v, "xy": u * v}[name] for name in calibration.bow.parameters])
+    u, v = (
+        (grid.ravel() - middle) / board.half_diagonal
+        for grid, middle in zip(np.meshgrid(x, y), board.middle)
+    )
+    basis = np.stack(
+        [{"xx": u * u, "yy": v * v, "xy": u * v}[name] for name in calibration.bow.parameters]
+    )
     plane = np.stack([np.ones_like(u), u, v])
     basis = basis - basis @ np.linalg.pinv(plane) @ plane
-    index = [calibration.fit.table.index[f"artefact.board-bow.{name}"] for name in calibration.bow.parameters]
+    index = [
+        calibration.fit.table.index[f"artefact.board-bow.{name}"]
+        for name in calibration.bow.parameters
+    ]
     covariance = calibration.covariance[np.ix_(index, index)]
     height = np.array(list(calibration.bow.parameters.values())) @ basis
     std = np.sqrt(np.einsum("pn,pq,qn->n", basis, covariance, basis))
@@ -220,7 +259,9 @@ def _surface(place, values, called) -> go.Figure:
         hovertemplate="(%{x:.1f}, %{y:.1f}) mm: %{z:.2f} µm<extra></extra>",
     )
     made.update_xaxes(constrain="domain", zeroline=False)
-    return made.update_yaxes(autorange="reversed", scaleanchor="x", constrain="domain", zeroline=False)
+    return made.update_yaxes(
+        autorange="reversed", scaleanchor="x", constrain="domain", zeroline=False
+    )
 
 
 def _parameters(calibration):
@@ -231,7 +272,12 @@ def _parameters(calibration):
         if key.startswith("camera."):
             unit = words_of[key].unit
             rows.append(
-                (name, words_of[key].label, *_valued(value, calibration.std.get(key)), "" if unit == "1" else unit)
+                (
+                    name,
+                    words_of[key].label,
+                    *_valued(value, calibration.std.get(key)),
+                    "" if unit == "1" else unit,
+                )
             )
     yield words(
         "σ is one standard deviation from the full covariance of camera, board and poses, scaled to the residuals; "
@@ -256,7 +302,11 @@ def provenance(recording, made) -> Section:
     from workbench.files.provenance import provenance as of
 
     images = [row["role"] for row in recording.images]
-    roles = listed([f"{images.count(role)} {role}" for role in dict.fromkeys(images)]) if images else "–"
+    roles = (
+        listed([f"{images.count(role)} {role}" for role in dict.fromkeys(images)])
+        if images
+        else "–"
+    )
     lines = [
         ("recording", recording.name),
         ("measures", recording.measures),
@@ -265,7 +315,9 @@ def provenance(recording, made) -> Section:
     ]
     told = {name for name, _ in lines}
     return Section(
-        "provenance", "Provenance", (facts([*lines, *(x for x in flat(of(recording)) if x[0] not in told)]),)
+        "provenance",
+        "Provenance",
+        (facts([*lines, *(x for x in flat(of(recording)) if x[0] not in told)]),),
     )
 
 

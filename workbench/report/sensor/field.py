@@ -16,7 +16,9 @@ def field(size: tuple[int, int], width: int = 400) -> go.Figure:
     columns, rows = size
     made = style.figure(int(width * rows / columns) + 90, "u (px)", "v (px)")
     made.update_xaxes(range=[-0.5, columns - 0.5], constrain="domain", nticks=7, zeroline=False)
-    return made.update_yaxes(range=[rows - 0.5, -0.5], scaleanchor="x", constrain="domain", nticks=6, zeroline=False)
+    return made.update_yaxes(
+        range=[rows - 0.5, -0.5], scaleanchor="x", constrain="domain", nticks=6, zeroline=False
+    )
 
 
 def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.Figure:
@@ -35,7 +37,9 @@ def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.
     return made
 
 
-def arrows(pixels: np.ndarray, residual: np.ndarray, size: tuple[int, int]) -> tuple[go.Figure, float]:
+def arrows(
+    pixels: np.ndarray, residual: np.ndarray, size: tuple[int, int]
+) -> tuple[go.Figure, float]:
     """Residuals (2, n) px as enlarged strokes from their pixels (2, n), and how often enlarged."""
     made, scale = field(size), enlargement(residual, size)
     drawn = style.thinned(pixels.shape[1])
@@ -76,10 +80,16 @@ def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], across:
     count = np.bincount(place, minlength=cells)
     mean = np.bincount(place, values, cells) / np.maximum(count, 1)
     mean = np.where(count >= _LEAST_IN_CELL, mean, np.nan).reshape(down, across)
-    return (np.arange(across) + 0.5) * size[0] / across - 0.5, (np.arange(down) + 0.5) * size[1] / down - 0.5, mean
+    return (
+        (np.arange(across) + 0.5) * size[0] / across - 0.5,
+        (np.arange(down) + 0.5) * size[1] / down - 0.5,
+        mean,
+    )
 
 
-def residual_map(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], called: str, unit="px") -> go.Figure:
+def residual_map(
+    pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], called: str, unit="px"
+) -> go.Figure:
     """Mean residual (n,) by cell of the field, on a scale that is the same to both sides of 0."""
     u, v, mean = cells(pixels, values, size)
     known = np.abs(mean[np.isfinite(mean)])
@@ -98,7 +108,9 @@ def heat(u, v, values, size, called, scale="Viridis", limits=None, unit="px") ->
         zmin=None if limits is None else limits[0],
         zmax=None if limits is None else limits[1],
         hoverongaps=False,
-        colorbar=dict(title=dict(text=f"{called} ({unit})", side="right"), thickness=12, tickformat=".3~g"),
+        colorbar=dict(
+            title=dict(text=f"{called} ({unit})", side="right"), thickness=12, tickformat=".3~g"
+        ),
         hovertemplate="(%{x:.0f}, %{y:.0f}) px: %{z:.3g} " + unit + "<extra></extra>",
     )
     return made
@@ -131,4 +143,6 @@ def bars(
         line=dict(color=style.GREY, dash="dot", width=2),
         hoverinfo="skip",
     )
-    return made.update_layout(bargap=0.25).update_xaxes(range=[0.4, len(names) + 0.6], dtick=max(1, len(names) // 15))
+    return made.update_layout(bargap=0.25).update_xaxes(
+        range=[0.4, len(names) + 0.6], dtick=max(1, len(names) // 15)
+    )

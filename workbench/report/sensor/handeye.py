@@ -44,7 +44,15 @@ def page(run: HandEyeRun) -> Page:
         Section(
             "provenance",
             "Provenance",
-            (facts([("recording", run.recording.name), ("camera", run.source), *_provenance(run.recording)]),),
+            (
+                facts(
+                    [
+                        ("recording", run.recording.name),
+                        ("camera", run.source),
+                        *_provenance(run.recording),
+                    ]
+                ),
+            ),
         ),
     )
     return Page(
@@ -61,7 +69,9 @@ def page(run: HandEyeRun) -> Page:
 def _warning(made):
     """What must be read before any number."""
     doubts = (*made.suspicions, *made.undetermined)
-    return " ".join(sentence(line) for line in (*(() if made.converged else (made.outcome,)), *doubts))
+    return " ".join(
+        sentence(line) for line in (*(() if made.converged else (made.outcome,)), *doubts)
+    )
 
 
 def _numbers(made):
@@ -96,7 +106,10 @@ def lead(run: HandEyeRun) -> list[str]:
             f"{rounded(spread['radius_mm'])} mm from one to the next."
         )
     )
-    return [f"By how much {what}, over {poses}; held out, each pose is predicted from the others alone.", robot]
+    return [
+        f"By how much {what}, over {poses}; held out, each pose is predicted from the others alone.",
+        robot,
+    ]
 
 
 def _poses(run):
@@ -108,18 +121,36 @@ def _poses(run):
         "the other poses. Orange: left out as a blunder.",
     )
     rows = [
-        (name, rounded(row.residual), rounded(row.held_out), rounded(row.moved_mm), rounded(row.turned_deg))
+        (
+            name,
+            rounded(row.residual),
+            rounded(row.held_out),
+            rounded(row.moved_mm),
+            rounded(row.turned_deg),
+        )
         for name, row in zip(run.names, made.poses)
     ]
     yield table(
-        ["pose", f"residual ({made.unit})", f"held out ({made.unit})", "robot off by (mm)", "turned by (deg)"], rows
+        [
+            "pose",
+            f"residual ({made.unit})",
+            f"held out ({made.unit})",
+            "robot off by (mm)",
+            "turned by (deg)",
+        ],
+        rows,
     )
     outliers = [sentence(row.why) for row in made.poses if row.why]
     if outliers:
         yield note("Left out", outliers)
     if run.rejected:
         yield words(f"{counted(len(run.rejected), 'picture')} could not be used:")
-        yield thumbnails([(run.recording.folder / one.image, f"{one.image}: {one.why}") for one in run.rejected[:24]])
+        yield thumbnails(
+            [
+                (run.recording.folder / one.image, f"{one.image}: {one.why}")
+                for one in run.rejected[:24]
+            ]
+        )
 
 
 def _bars(run) -> go.Figure:
@@ -139,7 +170,9 @@ def _bars(run) -> go.Figure:
             marker_color=np.where(off, style.ORANGE, colour),
             hovertemplate="%{customdata}: %{y:.3f}<extra>" + name + "</extra>",
         )
-    return figure.update_layout(barmode="group", bargap=0.25).update_xaxes(dtick=max(1, len(rows) // 15))
+    return figure.update_layout(barmode="group", bargap=0.25).update_xaxes(
+        dtick=max(1, len(rows) // 15)
+    )
 
 
 def _errors(run):
@@ -160,7 +193,10 @@ def _gathered(notes) -> list[str]:
     if len(same) < 3:
         return list(notes)
     told = ", ".join(line.removeprefix("profile ").removesuffix(_RAGGED) for line in same)
-    return [f"left out, off the circle or at its ragged ends, by profile: {told}", *(n for n in notes if n not in same)]
+    return [
+        f"left out, off the circle or at its ragged ends, by profile: {told}",
+        *(n for n in notes if n not in same),
+    ]
 
 
 def _space(run):
@@ -190,7 +226,9 @@ def scene(run: HandEyeRun) -> go.Figure:
     else:
         space.points(figure, sensors[:, :3, 3].T, "profiler", size=4, color=style.BLUE)
         space.ball(figure, made.centre, made.radius, "ball")
-    stalks = np.stack([flange[:, :3, 3], (sensors if made.kind != TO_HAND else boards)[:, :3, 3]], axis=1)
+    stalks = np.stack(
+        [flange[:, :3, 3], (sensors if made.kind != TO_HAND else boards)[:, :3, 3]], axis=1
+    )
     name = "flange to board" if made.kind == TO_HAND else "flange to sensor"
     space.lines(figure, stalks, name, style.GREY, 3, ink=True)
     return figure
@@ -206,8 +244,13 @@ def _transform(run):
     from workbench.jobs.hand_eye import placed_json
 
     told = placed_json(made.sensor, made.covariance)
-    rows = [(axis, *_valued(v, s), "mm") for axis, v, s in zip("xyz", told["xyz_mm"], told["std_mm"])]
-    rows += [(f"r{axis}", *_valued(v, s), "deg") for axis, v, s in zip("xyz", told["rotvec_deg"], told["std_deg"])]
+    rows = [
+        (axis, *_valued(v, s), "mm") for axis, v, s in zip("xyz", told["xyz_mm"], told["std_mm"])
+    ]
+    rows += [
+        (f"r{axis}", *_valued(v, s), "deg")
+        for axis, v, s in zip("xyz", told["rotvec_deg"], told["std_deg"])
+    ]
     yield table(["", "value", "σ", "unit"], rows)
     if made.radius is not None:
         std = made.std.get("target.radius")
@@ -226,13 +269,27 @@ def _profiler(run):
     both = [run.made, run.free] if run.free else [run.made]
     for title, key, values, unit in (
         ("radius of the ball", "target.radius", [one.radius for one in both], "mm"),
-        ("scale of the profiler’s z, beyond 1", "sensor.range_scale", [100 * one.range_scale for one in both], "%"),
+        (
+            "scale of the profiler’s z, beyond 1",
+            "sensor.range_scale",
+            [100 * one.range_scale for one in both],
+            "%",
+        ),
     ):
         spread = [one.std.get(key) for one in both]
         spread = [std and (100 * std if unit == "%" else std) for std in spread]
-        rows.append((title, *(f"{' ± '.join(_valued(v, s)) if s else f'{rounded(v, 5)}, held'} {unit}" for v, s in
-                              zip(values, spread))))  # fmt: skip
-    rows.append(("points from the ball, RMS", *(f"{rounded(one.fit['rms_mm'])} mm" for one in both)))
+        rows.append(
+            (
+                title,
+                *(
+                    f"{' ± '.join(_valued(v, s)) if s else f'{rounded(v, 5)}, held'} {unit}"
+                    for v, s in zip(values, spread)
+                ),
+            )
+        )
+    rows.append(
+        ("points from the ball, RMS", *(f"{rounded(one.fit['rms_mm'])} mm" for one in both))
+    )
     rows.append(("noise of a profile", *(f"{rounded(one.noise)} mm" for one in both)))
     yield table(head[: 1 + len(both)] if run.free else ["", "found"], rows)
 

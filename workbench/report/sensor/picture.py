@@ -21,7 +21,9 @@ def write_summary(page: Page, panels: tuple[Panel, ...], folder: Path) -> bool:
     try:
         summary(page, panels).savefig(Path(folder) / PICTURE, dpi=150)
     except (ImportError, OSError, RuntimeError) as error:
-        _log.warning("%s was not drawn, because of: %s; the page is complete without it.", PICTURE, error)
+        _log.warning(
+            "%s was not drawn, because of: %s; the page is complete without it.", PICTURE, error
+        )
         return False
     return True
 
@@ -31,7 +33,9 @@ def summary(page: Page, panels: tuple[Panel, ...]):
     from matplotlib.figure import Figure
 
     made = Figure(figsize=(13, 4.9), facecolor="white")
-    grid = made.add_gridspec(1, len(panels), left=0.06, right=0.98, bottom=0.13, top=0.7, wspace=0.2)
+    grid = made.add_gridspec(
+        1, len(panels), left=0.06, right=0.98, bottom=0.13, top=0.7, wspace=0.2
+    )
     for k, panel in enumerate(panels):
         axes = made.add_subplot(grid[k])
         panel(axes)
@@ -40,7 +44,15 @@ def summary(page: Page, panels: tuple[Panel, ...]):
     made.text(0.015, 0.94, page.over, size=11, color=_INK, va="center")
     made.text(0.985, 0.94, page.title, size=11, color=_INK, ha="right", va="center")
     for k, (name, value, unit) in enumerate(page.numbers[:4]):
-        made.text(0.015 + 0.245 * k, 0.855, f"{value} {unit}", size=18, weight="bold", color=_INK, va="center")
+        made.text(
+            0.015 + 0.245 * k,
+            0.855,
+            f"{value} {unit}",
+            size=18,
+            weight="bold",
+            color=_INK,
+            va="center",
+        )
         made.text(0.015 + 0.245 * k, 0.795, name, size=9, color=_INK, va="center")
     return made
 
@@ -70,14 +82,18 @@ def scanner(run) -> tuple[Panel, ...]:
         steps = made.scanner.steps
         axes.plot(steps, made.rms_mm, ".-", color=style.BLUE, label="points from their plane, RMS")
         axes.plot(steps, made.sigma_told_mm, ".-", color=style.ORANGE, label="1 sigma of the plane")
-        axes.set(xlabel="mirror step", ylabel="mm", title="light plane by light plane", ylim=(0, None))
+        axes.set(
+            xlabel="mirror step", ylabel="mm", title="light plane by light plane", ylim=(0, None)
+        )
         axes.legend(frameon=False)
 
     def spread(axes):
         _ecdf(axes, np.abs(made.residual_mm[~made.wrong]), "fit", style.GREEN)
         if made.left_out is not None:
             _ecdf(axes, np.abs(made.left_out.residual_mm), "placement left out", style.BLUE)
-        axes.set(xlabel="distance from the plane (mm)", title="share of stripe points that err by less")
+        axes.set(
+            xlabel="distance from the plane (mm)", title="share of stripe points that err by less"
+        )
         axes.legend(frameon=False, loc="lower right")
 
     return steps, spread
@@ -86,20 +102,38 @@ def scanner(run) -> tuple[Panel, ...]:
 def scan(run) -> tuple[Panel, ...]:
     """Form of the balls, and how well their centres are known; of a long session those of some scans, evenly spread."""
     some = np.linspace(0, len(run.scans) - 1, min(len(run.scans), _SCANS)).astype(int)
-    balls = [(one.name, ball) for one in map(run.scans.__getitem__, some) for ball in one.balls if ball.fit]
-    of = f", {len(some)} of {len(run.scans):,} scans" if len(some) < len(run.scans) else ", scan by scan"
+    balls = [
+        (one.name, ball)
+        for one in map(run.scans.__getitem__, some)
+        for ball in one.balls
+        if ball.fit
+    ]
+    of = (
+        f", {len(some)} of {len(run.scans):,} scans"
+        if len(some) < len(run.scans)
+        else ", scan by scan"
+    )
 
     def form(axes):
         for name, ball in balls[:12]:
             _ecdf(axes, 1000 * np.abs(ball.fit.residual[ball.fit.inliers]), name, None)
-        axes.set(xlabel="distance from the ball (um)", title="share of points that err by less, ball by ball")
+        axes.set(
+            xlabel="distance from the ball (um)",
+            title="share of points that err by less, ball by ball",
+        )
         if 0 < len(balls) <= 12:
             axes.legend(frameon=False, loc="lower right", fontsize=7)
 
     def centres(axes):
         place = np.arange(1, len(balls) + 1)
         for k, (axis, colour) in enumerate(zip("xyz", (style.BLUE, style.ORANGE, style.GREEN))):
-            axes.bar(place + 0.27 * (k - 1), [1000 * b.fit.std[k] for _, b in balls], 0.26, color=colour, label=axis)
+            axes.bar(
+                place + 0.27 * (k - 1),
+                [1000 * b.fit.std[k] for _, b in balls],
+                0.26,
+                color=colour,
+                label=axis,
+            )
         axes.set(xlabel=f"ball{of}", ylabel="1 sigma (um)", title="how well the centres are known")
         axes.margins(y=0.18)  # room for the legend above the bars
         axes.legend(frameon=False, ncol=3, loc="upper center")
@@ -114,13 +148,19 @@ def handeye(run) -> tuple[Panel, ...]:
 
     def errors(axes):
         axes.bar(place - 0.2, [row.residual for row in rows], 0.38, color=style.GREEN, label="fit")
-        axes.bar(place + 0.2, [row.held_out for row in rows], 0.38, color=style.BLUE, label="held out")
-        axes.set(xlabel="pose", ylabel=f"RMS ({unit})", title="error pose by pose, robot held exact")
+        axes.bar(
+            place + 0.2, [row.held_out for row in rows], 0.38, color=style.BLUE, label="held out"
+        )
+        axes.set(
+            xlabel="pose", ylabel=f"RMS ({unit})", title="error pose by pose, robot held exact"
+        )
         axes.legend(frameon=False)
 
     def moved(axes):
         axes.bar(place, [row.moved_mm for row in rows], color=style.ORANGE)
-        axes.set(xlabel="pose", ylabel="mm", title="by how much the robot was off, as these data say")
+        axes.set(
+            xlabel="pose", ylabel="mm", title="by how much the robot was off, as these data say"
+        )
 
     return errors, moved
 

@@ -7,13 +7,13 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.jobs.ball_centres import camera_covariance, centres_of, characteristics
+from workbench.jobs.scan import Ball, Scan, Scans
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
 from workbench.report.sensor import camera as cameras
 from workbench.report.sensor import scanner as scanners
 from workbench.report.sensor import space
 from workbench.report.text import counted, rounded, sentence
-from workbench.jobs.scan import Ball, Scan, Scans
 
 _CLOUDS = 6
 _MAPS = 4
@@ -32,7 +32,9 @@ def page(made: Scans) -> Page:
         ("scans", str(len(made.scans)), ""),
         ("balls found", str(found), ""),
     ]
-    tail = [cameras.provenance(made.recording, made.calibration.camera if made.calibration else made)]
+    tail = [
+        cameras.provenance(made.recording, made.calibration.camera if made.calibration else made)
+    ]
     own = scanners.sections(made.calibration) if made.calibration else ()
     return Page(
         "Scans",
@@ -106,7 +108,10 @@ def _frames(made: Scans) -> list[str]:
     fits = (ball.fit for _, ball in every(made) if ball.fit)
     if made.scanner.frame is None:
         return []
-    most = max((float(np.sqrt(np.diag(camera_covariance(made.scanner, fit)).max())) for fit in fits), default=None)
+    most = max(
+        (float(np.sqrt(np.diag(camera_covariance(made.scanner, fit)).max())) for fit in fits),
+        default=None,
+    )
     if most is None:
         return []
     return [
@@ -128,7 +133,11 @@ def _acceptance(made: Scans):
         if not one.determined:
             missing.append(f"{name}: {one.why}")
             continue
-        value, unit = (100 * one.value, "%") if one.unit == "1" else (one.value, one.unit.replace("deg C", "°C"))
+        value, unit = (
+            (100 * one.value, "%")
+            if one.unit == "1"
+            else (one.value, one.unit.replace("deg C", "°C"))
+        )
         rows.append(
             (
                 name,
@@ -140,13 +149,26 @@ def _acceptance(made: Scans):
                 f"{one.n:,}",
             )
         )
-    yield table(["characteristic", "ISO 10360-13", "VDI/VDE 2634-2", "value", "σ", "unit", "from values"], rows, left=3)
+    yield table(
+        ["characteristic", "ISO 10360-13", "VDI/VDE 2634-2", "value", "σ", "unit", "from values"],
+        rows,
+        left=3,
+    )
     if missing:
         yield note("Not determined by these scans", [sentence(line) for line in missing])
 
 
 _HEAD = (
-    *("scan", "ball", "centre x, y, z (mm)", "σx (µm)", "σy (µm)", "σz (µm)", "RMS (µm)", "D95 (µm)"),
+    *(
+        "scan",
+        "ball",
+        "centre x, y, z (mm)",
+        "σx (µm)",
+        "σy (µm)",
+        "σz (µm)",
+        "RMS (µm)",
+        "D95 (µm)",
+    ),
     *("free radius − certified (µm)", "points used", "cap (deg)"),
 )
 
@@ -161,7 +183,9 @@ def _balls(made: Scans):
         yield words(f"The JSON names the other {others} balls.", quiet=True)
     doubts, untold = _doubts(made)
     if doubts:
-        yield note("To be known", doubts + [f"And {untold} more, which the JSON holds."] * (untold > 0))
+        yield note(
+            "To be known", doubts + [f"And {untold} more, which the JSON holds."] * (untold > 0)
+        )
     residual = 1000 * np.concatenate([ball.fit.residual[ball.fit.inliers] for _, ball in shown])
     of = ", of those in the table" if others > 0 else ""
     told = f"Distances of all points used from the surface of their ball{of}."
@@ -191,9 +215,13 @@ def _row(one: Scan, ball: Ball) -> tuple:
     """A line of the table of balls."""
     fit, free, size = ball.fit, ball.free, "–"
     if ball.radius:
-        size = f"{1000 * (free.radius - ball.radius):+.1f} ± {1000 * free.std[-1]:.1f}".replace("-", "−")
+        size = f"{1000 * (free.radius - ball.radius):+.1f} ± {1000 * free.std[-1]:.1f}".replace(
+            "-", "−"
+        )
     centre = ", ".join(f"{v:.4f}".replace("-", "−") for v in fit.centre)
-    micrometres = [rounded(1000 * v, 2) for v in fit.std[:3]] + [rounded(1000 * v) for v in (fit.rms, fit.d95)]
+    micrometres = [rounded(1000 * v, 2) for v in fit.std[:3]] + [
+        rounded(1000 * v) for v in (fit.rms, fit.d95)
+    ]
     return (
         one.name,
         ball.number or "–",
@@ -254,18 +282,24 @@ def ball_map(ball: Ball) -> go.Figure:
             cmin=-top,
             cmax=top,
             showscale=True,
-            colorbar=dict(title=dict(text="distance (µm)", side="right"), thickness=12, tickformat=".3~g"),
+            colorbar=dict(
+                title=dict(text="distance (µm)", side="right"), thickness=12, tickformat=".3~g"
+            ),
         ),
         hovertemplate="(%{x:.2f}, %{y:.2f}) mm: %{marker.color:.1f} µm<extra></extra>",
     )
     made.update_xaxes(constrain="domain", zeroline=False)
-    return made.update_yaxes(autorange="reversed", scaleanchor="x", constrain="domain", zeroline=False)
+    return made.update_yaxes(
+        autorange="reversed", scaleanchor="x", constrain="domain", zeroline=False
+    )
 
 
 def _clouds(made: Scans):
     shown = made.scans[:_CLOUDS]
     if len(made.scans) > len(shown):
-        yield words(f"The first {len(shown)} of {len(made.scans)} scans, thinned; the PLY files hold every point.")
+        yield words(
+            f"The first {len(shown)} of {len(made.scans)} scans, thinned; the PLY files hold every point."
+        )
     yield figure(
         "clouds3d",
         scene(shown),
@@ -289,6 +323,10 @@ def scene(scans) -> go.Figure:
             if ball.fit:
                 name = f"ball {ball.number}" if ball.number else "ball"
                 space.ball(
-                    made, ball.fit.centre, ball.fit.radius, f"{name} of scan {one.name}", colours[k % len(colours)]
+                    made,
+                    ball.fit.centre,
+                    ball.fit.radius,
+                    f"{name} of scan {one.name}",
+                    colours[k % len(colours)],
                 )
     return made

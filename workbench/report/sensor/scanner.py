@@ -3,12 +3,12 @@
 import numpy as np
 import plotly.graph_objects as go
 
+from workbench.jobs.scanner import ScannerRun
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
 from workbench.report.sensor import camera as cameras
 from workbench.report.sensor import field, space
 from workbench.report.text import counted, rounded, sentence
-from workbench.jobs.scanner import ScannerRun
 
 _MOST_ROWS = 24
 
@@ -73,11 +73,17 @@ def _rejected(made: ScannerRun):
     for one in made.rejected:
         by_reason.setdefault(one.why, []).append(one.image)
     if by_reason:
-        yield note("Pictures under the laser that were left out", [
-            f"{counted(len(names), 'picture')} ({', '.join(names[:6])}{' …' * (len(names) > 6)}): {why}."
-            for why, names in by_reason.items()
-        ])  # fmt: skip
-    yield note("What was left out, and what the sigmas hold", [sentence(line) for line in made.calibration.sentences])
+        yield note(
+            "Pictures under the laser that were left out",
+            [
+                f"{counted(len(names), 'picture')} ({', '.join(names[:6])}{' …' * (len(names) > 6)}): {why}."
+                for why, names in by_reason.items()
+            ],
+        )
+    yield note(
+        "What was left out, and what the sigmas hold",
+        [sentence(line) for line in made.calibration.sentences],
+    )
 
 
 def _rms(values) -> float:
@@ -93,10 +99,13 @@ def _planes(calibration):
         "farthest "
         "board; drag to turn, scroll to come closer.",
     )
-    chosen = np.unique(np.linspace(0, len(scanner.steps) - 1, min(len(scanner.steps), _MOST_ROWS)).astype(int))
+    chosen = np.unique(
+        np.linspace(0, len(scanner.steps) - 1, min(len(scanner.steps), _MOST_ROWS)).astype(int)
+    )
     if len(chosen) < len(scanner.steps):
         yield words(
-            f"{len(chosen)} of {len(scanner.steps)} planes; scanner.toml and the JSON hold all of them.", quiet=True
+            f"{len(chosen)} of {len(scanner.steps)} planes; scanner.toml and the JSON hold all of them.",
+            quiet=True,
         )
     head = ["step", "nx", "ny", "nz", "offset (mm)", "RMS (mm)", "RMS (px)", "1 σ (mm)"]
     sigma = calibration.sigma_told_mm
@@ -132,13 +141,17 @@ def scene(calibration) -> go.Figure:
     low, high = calibration.volume
     scene = made.layout.scene
     scene.camera.up = dict(x=0, y=-1, z=0)  # the camera's y points down
-    space.lines(made, space.pyramid(scanner.camera, high)[None], "camera and its field", style.BLUE, 2)
+    space.lines(
+        made, space.pyramid(scanner.camera, high)[None], "camera and its field", style.BLUE, 2
+    )
     board = calibration.start.board
     rim = board.points[:, [0, board.columns - 1, -1, -board.columns, 0]].T
     space.lines(made, space.moved(_poses(calibration.poses), rim), "boards", style.GREY, 2)
     space.sheets(made, space.patches(scanner.planes, scanner.camera, low, high), "light planes")
     if scanner.mirror is not None:
-        axis = scanner.mirror.point[:, None] + np.outer(scanner.mirror.axis, [-0.25 * high, 0.25 * high])
+        axis = scanner.mirror.point[:, None] + np.outer(
+            scanner.mirror.axis, [-0.25 * high, 0.25 * high]
+        )
         space.lines(made, axis.T[None], "axis of the mirror", style.VIOLET, 6)
     return made
 
@@ -179,7 +192,9 @@ def _stripes(calibration):
     steps = calibration.scanner.steps
     figures = [
         figure(
-            "stripemap", field.residual_map(pixels, residual, size, "mean residual"), "Mean residual over the picture."
+            "stripemap",
+            field.residual_map(pixels, residual, size, "mean residual"),
+            "Mean residual over the picture.",
         )
     ]
     if len(steps) > 1:
@@ -210,7 +225,10 @@ def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.F
     order = np.argsort(step, kind="stable")
     parts = np.split(residual[order], np.cumsum(np.bincount(step, minlength=len(steps)))[:-1])
     low, mean, high = np.array(
-        [[*np.percentile(p, [16]), p.mean(), *np.percentile(p, [84])] if p.size else [np.nan] * 3 for p in parts]
+        [
+            [*np.percentile(p, [16]), p.mean(), *np.percentile(p, [84])] if p.size else [np.nan] * 3
+            for p in parts
+        ]
     ).T
     made = style.figure(380, "mirror step", "residual (px)")
     made.add_scatter(
@@ -247,7 +265,12 @@ def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Fig
         showlegend=False,
         hovertemplate="%{x:.4f} " + unit + ": %{y}<extra></extra>",
     )
-    curve = np.exp(-((middle / sigma) ** 2) / 2) * residual.size * np.diff(edges) / (sigma * np.sqrt(2 * np.pi))
+    curve = (
+        np.exp(-((middle / sigma) ** 2) / 2)
+        * residual.size
+        * np.diff(edges)
+        / (sigma * np.sqrt(2 * np.pi))
+    )
     made.add_scatter(
         x=middle,
         y=curve,
@@ -262,7 +285,9 @@ def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Fig
 def _mirror(calibration):
     check = calibration.mirror
     if check is None:
-        yield words("Too few steps for a mirror, or none was asked for: every plane stands by itself.")
+        yield words(
+            "Too few steps for a mirror, or none was asked for: every plane stands by itself."
+        )
         return
     yield words(
         f"All planes come from one sheet of light and one turning mirror: {len(check.fitted)} numbers instead "
@@ -284,10 +309,15 @@ def _mirror(calibration):
         "normal of the face at angle 0": mirror.face,
         "sheet before the mirror, normal": mirror.beam[:3],
     }
-    rows = [(name, *(f"{v:.5f}".replace("-", "−") for v in vector)) for name, vector in vectors.items()]
+    rows = [
+        (name, *(f"{v:.5f}".replace("-", "−") for v in vector)) for name, vector in vectors.items()
+    ]
     yield table(["mirror, frame of the camera", "x", "y", "z"], rows)
     if check.sentences:
-        yield note("What the stripes do not determine of the mirror", [sentence(line) for line in check.sentences])
+        yield note(
+            "What the stripes do not determine of the mirror",
+            [sentence(line) for line in check.sentences],
+        )
 
 
 def against_free(calibration) -> go.Figure:
@@ -308,13 +338,19 @@ def _left_out(calibration):
     if left is None:
         yield words("There are too few placements to leave any out.")
         return
-    yield words(sentence(left.sentence) + " The pose of a placement that is left out comes from its corners alone.")
+    yield words(
+        sentence(left.sentence)
+        + " The pose of a placement that is left out comes from its corners alone."
+    )
     known = np.isfinite(left.placement_rms_mm)
     names = [f"placement {name}" for name, there in zip(calibration.placements, known) if there]
     yield figure(
         "leftoutbars",
         field.bars(
-            names, left.placement_rms_mm[known], "RMS of all its points (mm)", across="placement with laser pictures"
+            names,
+            left.placement_rms_mm[known],
+            "RMS of all its points (mm)",
+            across="placement with laser pictures",
         ),
         "Each placement’s stripes, from planes that were made without them.",
     )

@@ -24,7 +24,9 @@ def space(height: int = 600, eye: tuple[float, float, float] = (1.2, -1.4, 0.7))
     )
 
 
-def lines(made: go.Figure, paths: np.ndarray, name: str, colour: str, width: float = 2, ink: bool = False) -> None:
+def lines(
+    made: go.Figure, paths: np.ndarray, name: str, colour: str, width: float = 2, ink: bool = False
+) -> None:
     """Add paths (k, p, 3) mm as one trace with gaps between them."""
     paths = np.asarray(paths, float)
     gap = np.full((len(paths), 1, 3), np.nan)
@@ -42,10 +44,22 @@ def lines(made: go.Figure, paths: np.ndarray, name: str, colour: str, width: flo
     )
 
 
-def points(made: go.Figure, places: np.ndarray, name: str, values=None, unit: str = "", size: float = 2.0, **marker):
+def points(
+    made: go.Figure,
+    places: np.ndarray,
+    name: str,
+    values=None,
+    unit: str = "",
+    size: float = 2.0,
+    **marker,
+):
     """Add points (3, n) mm, coloured by values (n,) where they are given."""
     x, y, z = np.round(places, 3)
-    shown = {} if values is None else dict(color=values, colorscale="Viridis", showscale=True, colorbar=_bar(unit))
+    shown = (
+        {}
+        if values is None
+        else dict(color=values, colorscale="Viridis", showscale=True, colorbar=_bar(unit))
+    )
     text = "" if values is None else "%{customdata:.4g} " + unit + "<br>"
     made.add_scatter3d(
         x=x,
@@ -60,7 +74,14 @@ def points(made: go.Figure, places: np.ndarray, name: str, values=None, unit: st
 
 
 def _bar(unit: str) -> dict:
-    return dict(title=dict(text=unit, side="right"), thickness=12, len=0.6, x=1.0, xanchor="right", tickformat=".3~g")
+    return dict(
+        title=dict(text=unit, side="right"),
+        thickness=12,
+        len=0.6,
+        x=1.0,
+        xanchor="right",
+        tickformat=".3~g",
+    )
 
 
 def moved(poses: np.ndarray, shape: np.ndarray) -> np.ndarray:
@@ -72,10 +93,24 @@ def pyramid(camera, depth: float) -> np.ndarray:
     """(p, 3) mm: the path that draws a camera's field up to `depth` mm in front of it."""
     width, height = camera.size
     u, v = np.array([0, width, width, 0]) - 0.5, np.array([0, 0, height, height]) - 0.5
-    corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], 1) * depth
+    corners = (
+        np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], 1) * depth
+    )
     eye = np.zeros(3)
     return np.stack(
-        [eye, corners[0], corners[1], eye, corners[2], corners[3], eye, corners[0], corners[3], corners[2], corners[1]]
+        [
+            eye,
+            corners[0],
+            corners[1],
+            eye,
+            corners[2],
+            corners[3],
+            eye,
+            corners[0],
+            corners[3],
+            corners[2],
+            corners[1],
+        ]
     )
 
 
@@ -87,14 +122,18 @@ def outline(columns: int, rows: int, square: float) -> np.ndarray:
 
 def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
     """(k, 4, 3) mm: corners of light planes (4, k), cut to the camera's field from `near` to `far` mm."""
-    across = int(np.abs(planes[:2]).mean(1).argmax())  # the picture axis that the sheets stand across
+    across = int(
+        np.abs(planes[:2]).mean(1).argmax()
+    )  # the picture axis that the sheets stand across
     other, size = 1 - across, camera.size[1 - across]
     focal, middle = (camera.fx, camera.cx) if other == 0 else (camera.fy, camera.cy)
     corners = np.empty((planes.shape[1], 4, 3))
     for k, (depth, pixel) in enumerate([(near, 0), (near, size), (far, size), (far, 0)]):
         side = (pixel - middle) / focal * depth
         corners[:, k, 2], corners[:, k, other] = depth, side
-        corners[:, k, across] = -(planes[other] * side + planes[2] * depth + planes[3]) / planes[across]
+        corners[:, k, across] = (
+            -(planes[other] * side + planes[2] * depth + planes[3]) / planes[across]
+        )
     return corners
 
 
@@ -105,19 +144,34 @@ def sheets(made: go.Figure, corners: np.ndarray, name: str) -> None:
     corners = corners[shown]
     x, y, z = np.round(corners.reshape(-1, 3).T, 3)
     first = 4 * np.arange(len(corners))
-    triangles = np.concatenate([[first, first + 1, first + 2], [first, first + 2, first + 3]], axis=1)
+    triangles = np.concatenate(
+        [[first, first + 1, first + 2], [first, first + 2, first + 3]], axis=1
+    )
     i, j, k = triangles
     made.add_mesh3d(
-        x=x, y=y, z=z, i=i, j=j, k=k, color=style.ORANGE, opacity=0.18, name=told, showlegend=True, hoverinfo="skip"
+        x=x,
+        y=y,
+        z=z,
+        i=i,
+        j=j,
+        k=k,
+        color=style.ORANGE,
+        opacity=0.18,
+        name=told,
+        showlegend=True,
+        hoverinfo="skip",
     )
     lines(made, np.concatenate([corners, corners[:, :1]], axis=1), "their edges", style.ORANGE, 1.5)
 
 
-def ball(made: go.Figure, centre: np.ndarray, radius: float, name: str, colour: str = style.ORANGE) -> None:
+def ball(
+    made: go.Figure, centre: np.ndarray, radius: float, name: str, colour: str = style.ORANGE
+) -> None:
     """Add a ball (centre (3,), radius, mm) as a translucent surface."""
     across, down = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
     x, y, z = np.round(
-        np.stack([np.cos(across) * np.sin(down), np.sin(across) * np.sin(down), np.cos(down)]) * radius
+        np.stack([np.cos(across) * np.sin(down), np.sin(across) * np.sin(down), np.cos(down)])
+        * radius
         + np.reshape(centre, (3, 1, 1)),
         3,
     )

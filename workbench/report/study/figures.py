@@ -13,7 +13,9 @@ _COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY)
 _BINS, _EACH = 12, 12
 
 
-def over(axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.ndarray | None = None) -> go.Figure:
+def over(
+    axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.ndarray | None = None
+) -> go.Figure:
     """A dot a run, medians and the band of 90 % in bins of the parameter; apart for each of `groups`."""
     made = style.figure(340, axis.name, name)
     for k, group in enumerate([None] if groups is None else list(dict.fromkeys(groups.tolist()))):
@@ -22,10 +24,23 @@ def over(axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.n
         places, low, middle, high = _binned(axis, across[mine], up[mine])
         _band(made, places, low, high, colour)
         drawn = style.thinned(int(mine.sum()))
-        made.add_scatter(x=across[mine][drawn], y=up[mine][drawn], mode="markers", showlegend=False, hoverinfo="skip",
-                         marker=dict(size=4, color=colour, opacity=0.35))  # fmt: skip
-        made.add_scatter(x=places, y=middle, mode="lines+markers", line=dict(color=colour, width=3),
-                         marker=dict(size=6), name=str(group or "median"), showlegend=group is not None)  # fmt: skip
+        made.add_scatter(
+            x=across[mine][drawn],
+            y=up[mine][drawn],
+            mode="markers",
+            showlegend=False,
+            hoverinfo="skip",
+            marker=dict(size=4, color=colour, opacity=0.35),
+        )
+        made.add_scatter(
+            x=places,
+            y=middle,
+            mode="lines+markers",
+            line=dict(color=colour, width=3),
+            marker=dict(size=6),
+            name=str(group or "median"),
+            showlegend=group is not None,
+        )
     if axis.scale == "log" and axis.values is None:
         made.update_xaxes(style.log_axis(axis.low, axis.high))
     _upwards(made, up)
@@ -58,9 +73,17 @@ def _binned(axis, across, up):
 
 
 def _band(made, places, low, high, colour):
-    made.add_scatter(x=np.concatenate([places, places[::-1]]), y=np.concatenate([high, low[::-1]]), fill="toself",
-                     mode="lines", line=dict(width=0), fillcolor=colour, opacity=0.15, showlegend=False,
-                     hoverinfo="skip")  # fmt: skip
+    made.add_scatter(
+        x=np.concatenate([places, places[::-1]]),
+        y=np.concatenate([high, low[::-1]]),
+        fill="toself",
+        mode="lines",
+        line=dict(width=0),
+        fillcolor=colour,
+        opacity=0.15,
+        showlegend=False,
+        hoverinfo="skip",
+    )
 
 
 def spread(values: np.ndarray, name: str) -> go.Figure:
@@ -69,9 +92,13 @@ def spread(values: np.ndarray, name: str) -> go.Figure:
     bins = int(np.clip(len(np.histogram_bin_edges(there, "fd")) - 1, 10, 60))
     counts, edges = np.histogram(there, bins)
     made = style.figure(300, name, "runs")
-    made.add_bar(x=(edges[1:] + edges[:-1]) / 2, y=counts, width=np.diff(edges), marker=dict(color=style.BLUE,
-    line_width=0),
-                 showlegend=False)  # fmt: skip
+    made.add_bar(
+        x=(edges[1:] + edges[:-1]) / 2,
+        y=counts,
+        width=np.diff(edges),
+        marker=dict(color=style.BLUE, line_width=0),
+        showlegend=False,
+    )
     return made
 
 
@@ -79,12 +106,24 @@ def stiffen(rows: list[dict]) -> go.Figure:
     """Error left, in per cent, with one joint twice as stiff."""
     made = style.figure(60 + 46 * len(rows) + 60, "error left (%)")
     left = np.array([100 * row["error_left"] for row in rows])
-    low, high = (np.array([100 * row[f"error_left_{end}"] for row in rows]) for end in ("p5", "p95"))
+    low, high = (
+        np.array([100 * row[f"error_left_{end}"] for row in rows]) for end in ("p5", "p95")
+    )
     best = left.argmin()
-    made.add_bar(y=[row["joint"].replace("-", " ") for row in rows], x=left, orientation="h", showlegend=False,
-                 marker=dict(color=[style.ORANGE if k == best else style.GREY for k in range(len(rows))], line_width=0),
-                 error_x=dict(type="data", symmetric=False, array=high - left, arrayminus=left - low, thickness=1.5),
-                 hovertemplate="%{y}: %{x:.0f} %<extra></extra>")  # fmt: skip
+    made.add_bar(
+        y=[row["joint"].replace("-", " ") for row in rows],
+        x=left,
+        orientation="h",
+        showlegend=False,
+        marker=dict(
+            color=[style.ORANGE if k == best else style.GREY for k in range(len(rows))],
+            line_width=0,
+        ),
+        error_x=dict(
+            type="data", symmetric=False, array=high - left, arrayminus=left - low, thickness=1.5
+        ),
+        hovertemplate="%{y}: %{x:.0f} %<extra></extra>",
+    )
     made.update_layout(bargap=0.35, margin_l=80)
     return made.update_yaxes(autorange="reversed")
 
@@ -101,12 +140,22 @@ def by_load(columns: list[dict]) -> go.Figure | None:
     made, most = style.figure(400, "payload (kg)", "RMS error (mm, logarithmic)"), []
     for k, (model, rows) in enumerate(found.items()):
         loads = np.array([load for load, _ in rows])
-        low, middle, high = (np.array([row[key] for _, row in rows]) for key in ("p5", "median", "p95"))
+        low, middle, high = (
+            np.array([row[key] for _, row in rows]) for key in ("p5", "median", "p95")
+        )
         _band(made, loads, low, high, _COLOURS[k % len(_COLOURS)])
-        made.add_scatter(x=loads, y=middle, name=model, mode="lines+markers",
-                         line=dict(color=_COLOURS[k % len(_COLOURS)], width=3), marker=dict(size=7))  # fmt: skip
+        made.add_scatter(
+            x=loads,
+            y=middle,
+            name=model,
+            mode="lines+markers",
+            line=dict(color=_COLOURS[k % len(_COLOURS)], width=3),
+            marker=dict(size=7),
+        )
         most += [low.min(), high.max()]
-    return made.update_yaxes(style.log_axis(min(most) / 1.2, max(most) * 1.2)).update_layout(margin_t=70)
+    return made.update_yaxes(style.log_axis(min(most) / 1.2, max(most) * 1.2)).update_layout(
+        margin_t=70
+    )
 
 
 def by_incidence(columns: list[dict]) -> go.Figure | None:
@@ -115,12 +164,22 @@ def by_incidence(columns: list[dict]) -> go.Figure | None:
     bands = [(match, row) for match, row in bands if match]
     if not bands:
         return None
-    made = style.figure(340, "angle between surface and line of sight (deg)", "RMS distance from the ball (mm)")
+    made = style.figure(
+        340, "angle between surface and line of sight (deg)", "RMS distance from the ball (mm)"
+    )
     middle = np.array([(int(match[1]) + int(match[2])) / 2 for match, _ in bands])
-    low, median, high = (np.array([row[key] for _, row in bands]) for key in ("p5", "median", "p95"))
+    low, median, high = (
+        np.array([row[key] for _, row in bands]) for key in ("p5", "median", "p95")
+    )
     _band(made, middle, low, high, style.BLUE)
-    made.add_scatter(x=middle, y=median, mode="lines+markers", line=dict(color=style.BLUE, width=3),
-                     marker=dict(size=8), showlegend=False)  # fmt: skip
+    made.add_scatter(
+        x=middle,
+        y=median,
+        mode="lines+markers",
+        line=dict(color=style.BLUE, width=3),
+        marker=dict(size=8),
+        showlegend=False,
+    )
     return made.update_yaxes(rangemode="tozero").update_xaxes(range=[0, middle[-1] * 1.15])
 
 
@@ -129,12 +188,27 @@ def stated(sigma: np.ndarray, error: np.ndarray) -> go.Figure:
     fine = np.isfinite(sigma) & np.isfinite(error) & (sigma > 0) & (error > 0)
     made = style.figure(360, "stated σ (mm)", "error of the centre (mm)")
     if fine.any():
-        low, high = min(sigma[fine].min(), error[fine].min()), max(sigma[fine].max(), error[fine].max())
-        made.add_scatter(x=sigma[fine], y=error[fine], mode="markers", showlegend=False,
-                         marker=dict(size=5, color=style.BLUE, opacity=0.6))  # fmt: skip
-        made.add_scatter(x=[low, high], y=[low, high], mode="lines", line=dict(color=style.GREY, dash="dash"),
-                         name="error = σ")  # fmt: skip
-        made.update_xaxes(style.log_axis(low / 1.1, high * 1.1)).update_yaxes(style.log_axis(low / 1.1, high * 1.1))
+        low, high = (
+            min(sigma[fine].min(), error[fine].min()),
+            max(sigma[fine].max(), error[fine].max()),
+        )
+        made.add_scatter(
+            x=sigma[fine],
+            y=error[fine],
+            mode="markers",
+            showlegend=False,
+            marker=dict(size=5, color=style.BLUE, opacity=0.6),
+        )
+        made.add_scatter(
+            x=[low, high],
+            y=[low, high],
+            mode="lines",
+            line=dict(color=style.GREY, dash="dash"),
+            name="error = σ",
+        )
+        made.update_xaxes(style.log_axis(low / 1.1, high * 1.1)).update_yaxes(
+            style.log_axis(low / 1.1, high * 1.1)
+        )
     return made
 
 
@@ -144,8 +218,14 @@ def indices(rows: list[dict]) -> go.Figure:
     for key, colour, name in (("total", style.GREY, "total"), ("first", style.BLUE, "first")):
         if key in rows[0]:
             whiskers = dict(type="data", array=[row[f"{key}_95"] for row in rows], thickness=1.5)
-            made.add_bar(y=[row["parameter"] for row in rows], x=[row[key] for row in rows], orientation="h", name=name,
-                         marker=dict(color=colour, line_width=0), error_x=whiskers)  # fmt: skip
+            made.add_bar(
+                y=[row["parameter"] for row in rows],
+                x=[row[key] for row in rows],
+                orientation="h",
+                name=name,
+                marker=dict(color=colour, line_width=0),
+                error_x=whiskers,
+            )
     made.update_layout(barmode="group", bargap=0.3, margin_l=130, legend_traceorder="reversed")
     return made.update_yaxes(autorange="reversed")
 
@@ -154,14 +234,24 @@ def coverage(rows: list[dict]) -> go.Figure:
     """Coverage of 95 % intervals, or spread over sigma, a dot a parameter."""
     known = "within_2" in rows[0]
     names = [row["parameter"].partition(":")[2] for row in rows]
-    made = style.figure(120 + 17 * len(rows), "runs within 1.96 stated σ (%)" if known else "spread over stated σ")
+    made = style.figure(
+        120 + 17 * len(rows), "runs within 1.96 stated σ (%)" if known else "spread over stated σ"
+    )
     values = [100 * row["within_2"] if known else row["ratio"] for row in rows]
     if known:
         half = 100 * 1.96 * np.sqrt(0.95 * 0.05 / np.median([row["n"] for row in rows]))
-        made.add_vrect(x0=95 - half, x1=min(95 + half, 100), fillcolor=style.GREEN, opacity=0.2, line_width=0)
+        made.add_vrect(
+            x0=95 - half, x1=min(95 + half, 100), fillcolor=style.GREEN, opacity=0.2, line_width=0
+        )
     made.add_vline(x=95 if known else 1, line=dict(color=style.GREY, dash="dash"))
-    made.add_scatter(x=values, y=names, mode="markers", marker=dict(size=9, color=style.BLUE), showlegend=False,
-                     hovertemplate="%{y}: %{x:.3g}<extra></extra>")  # fmt: skip
+    made.add_scatter(
+        x=values,
+        y=names,
+        mode="markers",
+        marker=dict(size=9, color=style.BLUE),
+        showlegend=False,
+        hovertemplate="%{y}: %{x:.3g}<extra></extra>",
+    )
     made.update_yaxes(autorange="reversed", tickfont_size=10, dtick=1)
     if known:
         made.update_xaxes(range=[min(min(values), 95 - half) - 5, 100.5])
@@ -173,10 +263,21 @@ def coverage(rows: list[dict]) -> go.Figure:
 def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
     """Medians over a grid of two parameters, with their numbers."""
     first, second = (np.unique(columns[axis.name]) for axis in axes)
-    cells = [[np.nanmedian(columns[name][(columns[axes[0].name] == a) & (columns[axes[1].name] == b)]) for a in first]
-             for b in second]  # fmt: skip
+    cells = [
+        [
+            np.nanmedian(columns[name][(columns[axes[0].name] == a) & (columns[axes[1].name] == b)])
+            for a in first
+        ]
+        for b in second
+    ]
     made = style.figure(400, axes[0].name, axes[1].name)
-    made.add_heatmap(x=[f"{a:g}" for a in first], y=[f"{b:g}" for b in second], z=cells, colorscale="Viridis",
-                     text=[[rounded(v, 2) for v in row] for row in cells], texttemplate="%{text}",
-                     colorbar=dict(title=dict(text=name, side="right"), thickness=12))  # fmt: skip
+    made.add_heatmap(
+        x=[f"{a:g}" for a in first],
+        y=[f"{b:g}" for b in second],
+        z=cells,
+        colorscale="Viridis",
+        text=[[rounded(v, 2) for v in row] for row in cells],
+        texttemplate="%{text}",
+        colorbar=dict(title=dict(text=name, side="right"), thickness=12),
+    )
     return made.update_xaxes(type="category").update_yaxes(type="category")

@@ -8,8 +8,8 @@ import plotly.graph_objects as go
 from robot_model.chain import forward
 from workbench.core.errors import InputError
 from workbench.report.calibration.scene import axes
-from workbench.report.sections import figure, pair, picture, words
 from workbench.report.calibration.volume import write_volume
+from workbench.report.sections import figure, pair, picture, words
 from workbench.study import robots
 from workbench.study.runs import seed_of
 from workbench.study.spec import Study
@@ -26,7 +26,9 @@ def blocks(study: Study, folder: Path, run: int = 1):
     own = with_values(study, values_of(study, run))
     more = own.test.model_copy(update={"samples": _POSES})
     try:
-        world = robots.world(own.model_copy(update={"test": more, "tasks": None}), seed_of(study, run))
+        world = robots.world(
+            own.model_copy(update={"test": more, "tasks": None}), seed_of(study, run)
+        )
         made = robots.calibrations(own, world.measured) if "calibrate" in own.do else {}
     except InputError:
         return
@@ -35,16 +37,25 @@ def blocks(study: Study, folder: Path, run: int = 1):
     robot = world.truth.model.chain.robot
     places = _places(robot, test)
     load = name.removeprefix("test").strip("_").replace("_", ", ") or "the scene's loads"
-    yield words(f"Run {run} again, at {_POSES:,} further poses under {load}: the flange of each pose in the robot's "
-                "root frame, coloured by the error there. Every map has a scale of its own.")  # fmt: skip
+    yield words(
+        f"Run {run} again, at {_POSES:,} further poses under {load}: the flange of each pose in the robot's "
+        "root frame, coloured by the error there. Every map has a scale of its own."
+    )
     first, error = errors[min(1, len(errors) - 1)]
     drawn = write_volume(places, np.linalg.norm(error, axis=0), _arm(robot), folder, "workspace")
     if drawn:
-        yield picture(drawn, f"{first}: the error through the workspace, cut open around the arm with all joints at "
-                             "zero. workspace.vti beside it opens in ParaView.")  # fmt: skip
+        yield picture(
+            drawn,
+            f"{first}: the error through the workspace, cut open around the arm with all joints at "
+            "zero. workspace.vti beside it opens in ParaView.",
+        )
     distances = [(title, np.linalg.norm(error, axis=0)) for title, error in errors]
-    shown = [figure(f"map{k}", error_map(places, away), f"{title}: RMS {np.sqrt((away**2).mean()):.3f} mm.")
-             for k, (title, away) in enumerate(distances)]  # fmt: skip
+    shown = [
+        figure(
+            f"map{k}", error_map(places, away), f"{title}: RMS {np.sqrt((away**2).mean()):.3f} mm."
+        )
+        for k, (title, away) in enumerate(distances)
+    ]
     for k in range(0, len(shown), 2):
         yield pair(*shown[k : k + 2]) if len(shown[k : k + 2]) == 2 else shown[k]
 
@@ -66,18 +77,36 @@ def _places(robot, test) -> np.ndarray:
 def _arm(robot) -> np.ndarray:
     """(3, k) base, joint origins and flange of the nominal arm with its joints at zero, mm."""
     frames = forward(robot, np.zeros((robot.joints, 1)), links=True)
-    return np.vstack([frames.pivot[:1, :, 0], frames.origin[:, :, 0], frames.end_origin[None, :, 0]]).T
+    return np.vstack(
+        [frames.pivot[:1, :, 0], frames.origin[:, :, 0], frames.end_origin[None, :, 0]]
+    ).T
 
 
 def error_map(places: np.ndarray, distance: np.ndarray) -> go.Figure:
     """Points in space coloured by their error."""
-    made = go.Figure(layout=dict(template="none", height=460, margin=dict(l=0, r=0, t=8, b=0), scene=axes()))
+    made = go.Figure(
+        layout=dict(template="none", height=460, margin=dict(l=0, r=0, t=8, b=0), scene=axes())
+    )
     x, y, z = np.round(places, 2)
-    bar = dict(title=dict(text="error (mm)", side="right"), thickness=12, len=0.7, x=1.0, xanchor="right")
-    made.add_scatter3d(x=x, y=y, z=z, mode="markers", showlegend=False, customdata=np.round(distance, 5),
-                       marker=dict(size=3, color=np.round(distance, 5), colorscale="Viridis", cmin=0,
-                                   cmax=float(np.percentile(distance, 98)), colorbar=bar),
-                       hovertemplate="%{customdata:.4f} mm<br>(%{x:.0f}, %{y:.0f}, %{z:.0f}) "
-                                     "mm<extra></extra>")  # fmt: skip
+    bar = dict(
+        title=dict(text="error (mm)", side="right"), thickness=12, len=0.7, x=1.0, xanchor="right"
+    )
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers",
+        showlegend=False,
+        customdata=np.round(distance, 5),
+        marker=dict(
+            size=3,
+            color=np.round(distance, 5),
+            colorscale="Viridis",
+            cmin=0,
+            cmax=float(np.percentile(distance, 98)),
+            colorbar=bar,
+        ),
+        hovertemplate="%{customdata:.4f} mm<br>(%{x:.0f}, %{y:.0f}, %{z:.0f}) mm<extra></extra>",
+    )
     made.update_layout(scene_aspectmode="data")
     return made

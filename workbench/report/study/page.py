@@ -1,8 +1,8 @@
 """The page of a study: its outcome over what was varied, what matters most, and a table of every figure."""
 
+from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.study import figures as figures
 from workbench.report.study import maps as maps
-from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.text import counted, rounded, sentence
 from workbench.study import tables
 from workbench.study.summary import numeric
@@ -18,24 +18,39 @@ def page(made, found: dict) -> Page:
     if outcome is not None:
         unit = outcome["column"].rpartition("_")[2]
         unit = unit if unit in ("mm", "px", "deg") else ""
-        numbers += [(f"{outcome['column']}, median", rounded(outcome["median"]), unit),
-                    ("95 % of the runs are below", rounded(outcome["p95"]), unit)]  # fmt: skip
+        numbers += [
+            (f"{outcome['column']}, median", rounded(outcome["median"]), unit),
+            ("95 % of the runs are below", rounded(outcome["p95"]), unit),
+        ]
     lead = [_lead(made, found), *found["sentences"]]
-    return Page("Study", found["title"], tuple(numbers), tuple(lead), tuple(_sections(made, found)),
-                files=(tables.TABLE, tables.CSV))  # fmt: skip
+    return Page(
+        "Study",
+        found["title"],
+        tuple(numbers),
+        tuple(lead),
+        tuple(_sections(made, found)),
+        files=(tables.TABLE, tables.CSV),
+    )
 
 
 def _lead(made, found) -> str:
     what = " and ".join(found["do"]) + ("" if made.study.scene else f" of {made.study.recording}")
     count = len(found["varied"])
-    varied = f", with {counted(count, 'parameter')} varied ({made.study.vary.method})" if count else ""
+    varied = (
+        f", with {counted(count, 'parameter')} varied ({made.study.vary.method})" if count else ""
+    )
     article = "an" if found["kind"][0] in "aeiou" else "a"
     return f"{counted(found['done'], 'run')} of {article} {found['kind']} study: {what}{varied}."
 
 
 def _sections(made, found):
     yield Section("outcome", "The outcome", tuple(_outcome(made, found)))
-    own = {"compliance": _compliance, "sensor": _sensor, "uncertainty": _uncertainty, "design": _design}[found["kind"]]
+    own = {
+        "compliance": _compliance,
+        "sensor": _sensor,
+        "uncertainty": _uncertainty,
+        "design": _design,
+    }[found["kind"]]
     blocks = tuple(own(made, found))
     if blocks:
         yield Section(found["kind"], _TITLES[found["kind"]], blocks)
@@ -45,8 +60,12 @@ def _sections(made, found):
     yield Section("made", "How it was made", tuple(_made(made, found)))
 
 
-_TITLES = {"compliance": "Compliance error", "sensor": "Form and incidence", "uncertainty": "Do stated sigmas hold?",
-           "design": "What is bought"}  # fmt: skip
+_TITLES = {
+    "compliance": "Compliance error",
+    "sensor": "Form and incidence",
+    "uncertainty": "Do stated sigmas hold?",
+    "design": "What is bought",
+}
 
 
 def _outcome(made, found):
@@ -59,24 +78,40 @@ def _outcome(made, found):
         yield note("Not every run could be done", lines)
     drawn = [axis for axis in axes if numeric(axis)][:_MOST_FIGURES]
     groups = next((columns[axis.name] for axis in axes if not numeric(axis)), None)
-    shown = [figure(f"over{k}", figures.over(axis, columns[axis.name], values, name, groups),
-                    f"{name} over {axis.name}: a dot a run, the line through medians, the band holds 90 %.")
-             for k, axis in enumerate(drawn)]  # fmt: skip
+    shown = [
+        figure(
+            f"over{k}",
+            figures.over(axis, columns[axis.name], values, name, groups),
+            f"{name} over {axis.name}: a dot a run, the line through medians, the band holds 90 %.",
+        )
+        for k, axis in enumerate(drawn)
+    ]
     for k in range(0, len(shown), 2):
         yield pair(*shown[k : k + 2]) if len(shown[k : k + 2]) == 2 else shown[k]
-    yield figure("spread", figures.spread(values, name), f"How {name} is spread over {counted(len(values), 'run')}.")
+    yield figure(
+        "spread",
+        figures.spread(values, name),
+        f"How {name} is spread over {counted(len(values), 'run')}.",
+    )
 
 
 def _compliance(made, found):
     if found["stiffen"]:
-        yield figure("stiffen", figures.stiffen(found["stiffen"]),
-                     "The uncalibrated error with one joint twice as stiff, as a share of what it is; bars are "
-                     "means over "
-                     "the runs, whiskers hold 90 % of them. The shortest bar is the joint to stiffen.")  # fmt: skip
+        yield figure(
+            "stiffen",
+            figures.stiffen(found["stiffen"]),
+            "The uncalibrated error with one joint twice as stiff, as a share of what it is; bars are "
+            "means over "
+            "the runs, whiskers hold 90 % of them. The shortest bar is the joint to stiffen.",
+        )
     loads = figures.by_load(found["columns"])
     if loads is not None:
-        yield figure("loads", loads, "RMS error at further poses of the workspace, by payload: medians over the "
-                                     "runs and the band that holds 90 % of them.")  # fmt: skip
+        yield figure(
+            "loads",
+            loads,
+            "RMS error at further poses of the workspace, by payload: medians over the "
+            "runs and the band that holds 90 % of them.",
+        )
     if made.study.scene is not None:
         yield from maps.blocks(made.study, made.path)
 
@@ -84,15 +119,22 @@ def _compliance(made, found):
 def _sensor(made, found):
     bands = figures.by_incidence(found["columns"])
     if bands is not None:
-        yield figure("incidence", bands, "Distance of points from their ball by the angle between its surface and "
-                                         "the line of sight: medians over the runs and the band that holds 90 % of "
-                                         "them.")  # fmt: skip
+        yield figure(
+            "incidence",
+            bands,
+            "Distance of points from their ball by the angle between its surface and "
+            "the line of sight: medians over the runs and the band that holds 90 % of "
+            "them.",
+        )
     names = [row["column"] for row in found["columns"]]
     if {"centre_rms_mm", "sigma_mm"} <= set(names):
         columns = tables.columns(made.path, ["centre_rms_mm", "sigma_mm"])
-        yield figure("stated", figures.stated(columns["sigma_mm"], columns["centre_rms_mm"]),
-                     "The error of centres over what was stated for them, a dot a run; about six in ten should lie "
-                     "below the line.")  # fmt: skip
+        yield figure(
+            "stated",
+            figures.stated(columns["sigma_mm"], columns["centre_rms_mm"]),
+            "The error of centres over what was stated for them, a dot a run; about six in ten should lie "
+            "below the line.",
+        )
 
 
 def _uncertainty(made, found):
@@ -100,13 +142,22 @@ def _uncertainty(made, found):
     if not rows:
         return
     known = "within_2" in rows[0]
-    told = ("Share of runs whose 95 % interval holds the value that the noise was added to. The band is what chance "
-            "alone allows beside 95 %." if known else
-            "Spread of the values over resampled poses, in units of the sigma that the whole recording "
-            "states.")  # fmt: skip
+    told = (
+        "Share of runs whose 95 % interval holds the value that the noise was added to. The band is what chance "
+        "alone allows beside 95 %."
+        if known
+        else "Spread of the values over resampled poses, in units of the sigma that the whole recording "
+        "states."
+    )
     yield figure("coverage", figures.coverage(rows), told)
-    head = ["parameter", "value", "stated σ", "spread", "spread / σ", *(("in 1 σ (%)", "in 1.96 σ "
-                                                                                       "(%)") if known else ())]
+    head = [
+        "parameter",
+        "value",
+        "stated σ",
+        "spread",
+        "spread / σ",
+        *(("in 1 σ (%)", "in 1.96 σ (%)") if known else ()),
+    ]
     yield table(head, [_covered(row, known) for row in rows])
 
 
@@ -121,15 +172,20 @@ def _design(made, found):
     axes = [axis for axis in made.study.vary.parameter if numeric(axis)]
     if len(axes) == 2 and made.study.vary.method == "grid":
         columns = tables.columns(made.path, [*(axis.name for axis in axes), found["outcome"]])
-        yield figure("map", figures.grid_map(axes, columns, found["outcome"]),
-                     f"Median {found['outcome']} over the repeats of each point of the grid.")  # fmt: skip
+        yield figure(
+            "map",
+            figures.grid_map(axes, columns, found["outcome"]),
+            f"Median {found['outcome']} over the repeats of each point of the grid.",
+        )
 
 
 def _sensitivity(found):
     made = found["sensitivity"]
-    yield words(f"Share of the variance of {made['outcome']} that each parameter makes ({made['method']}, SALib). "
-                "First: "
-                "alone. Total: also together with others; where it is larger, effects do not simply add.")  # fmt: skip
+    yield words(
+        f"Share of the variance of {made['outcome']} that each parameter makes ({made['method']}, SALib). "
+        "First: "
+        "alone. Total: also together with others; where it is larger, effects do not simply add."
+    )
     yield figure("indices", figures.indices(made["indices"]), "Whiskers are 95 % intervals.")
 
 
@@ -137,21 +193,38 @@ def _table(found):
     head = ["column", "runs", "mean", "std", "5 %", "median", "95 %", "max"]
     keys = ["mean", "std", "p5", "median", "p95", "max"]
     own = [row for row in found["columns"] if ":" not in row["column"]][:_ROWS]
-    yield table(head, [[row["column"], f"{row['n']:,}", *(rounded(row[key]) for key in keys)] for row in own])
+    yield table(
+        head,
+        [[row["column"], f"{row['n']:,}", *(rounded(row[key]) for key in keys)] for row in own],
+    )
     if len(found["columns"]) > len(own):
-        yield words(f"answer.json holds the other {len(found['columns']) - len(own)} columns, such as each parameter.",
-                    quiet=True)  # fmt: skip
+        yield words(
+            f"answer.json holds the other {len(found['columns']) - len(own)} columns, such as each parameter.",
+            quiet=True,
+        )
 
 
 def _made(made, found):
     study, work = made.study, found["work"]
     took = f"{work['seconds_of_runs']:.1f} s of runs in {work['seconds']:.1f} s"
     spent = f"{took} on {counted(work['workers'], 'worker')}"
-    axes = [(axis.name, f"{', '.join(axis.paths)}: {_range(axis)}") for axis in study.vary.parameter]
-    yield facts([("Seed", study.seed), ("Made now", f"{work['runs_made_now']:,} runs, {spent}"),
-                 ("Overhead", "" if work["overhead"] is None else
-                  f"{100 * work['overhead']:.1f} % over the runs themselves, with the start of the workers"),
-                 ("Any run again", f"workbench study {made.name} --run NUMBER"), *axes])  # fmt: skip
+    axes = [
+        (axis.name, f"{', '.join(axis.paths)}: {_range(axis)}") for axis in study.vary.parameter
+    ]
+    yield facts(
+        [
+            ("Seed", study.seed),
+            ("Made now", f"{work['runs_made_now']:,} runs, {spent}"),
+            (
+                "Overhead",
+                ""
+                if work["overhead"] is None
+                else f"{100 * work['overhead']:.1f} % over the runs themselves, with the start of the workers",
+            ),
+            ("Any run again", f"workbench study {made.name} --run NUMBER"),
+            *axes,
+        ]
+    )
 
 
 def _range(axis) -> str:
