@@ -70,7 +70,7 @@ def test_a_case_is_concealed_once_and_whole(tmp_path):
 CHILD = """
 import sys
 from pathlib import Path
-from workbench import concealed
+from workbench.proving import protocol
 folder, act = Path(sys.argv[1]), sys.argv[2]
 def diagnose(recording):
     (recording / "recording.toml").read_text()
@@ -86,9 +86,9 @@ def diagnose(recording):
         import subprocess
         subprocess.run(["true"])
     if act == "maker":
-        (concealed.PROJECT / "datasets" / "makers" / "concealed" / "case.py").read_text()
+        (protocol.PROJECT / "datasets" / "makers" / "concealed" / "case.py").read_text()
     return {}
-print(concealed.run(folder, "a", diagnose)["opened"])
+print(protocol.run(folder, "a", diagnose)["opened"])
 """
 
 

@@ -12,8 +12,8 @@ import check_style  # noqa: E402
 
 FAULTS = {
     "no docstring": ("x = 1\n", "no docstring"),
-    "long function": ('"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 41, "f has 41 lines"),
-    "long file": ('"""Doc."""\n' + "# why\n" * 399, "400 lines"),
+    "long function": ('"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 51, "f has 51 lines"),
+    "long file": ('"""Doc."""\n' + "# why\n" * 500, "501 lines"),
     "deep class": (
         '"""Doc."""\n\n\nclass A: pass\nclass B(A): pass\nclass C(B): pass\n',
         "class C stands 2",
@@ -22,7 +22,7 @@ FAULTS = {
     "home path": ('"""Doc."""\n\nPLACE = "' + "/" + 'home/me"\n', "path of one machine"),
 }
 FINE = {
-    "forty lines": '"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 40,
+    "fifty lines": '"""Doc."""\n\n\ndef f():\n' + "    x = 1\n" * 50,
     "one step": '"""Doc."""\n\n\nclass A(ValueError): pass\nclass B(A): pass\n',
     "address": '"""See https://example.org/home/page."""\n',
     "relative": '"""Doc."""\n\nPLACE = "..' + "/" + 'tmp/x"\n',
