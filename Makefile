@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
 
-.PHONY: help demo prove test test-slow test-all test-long check bench system clean
+.PHONY: help demo prove test test-slow test-all test-long check docs bench system clean
 
 help:
 	@echo "make demo       calibrate a recording and write a report page"
@@ -16,6 +16,7 @@ help:
 	@echo "make test-all   both, in one run"
 	@echo "make test-long  the statistical studies on hundreds of recordings (about an hour)"
 	@echo "make check      lint, format, import rules, house style"
+	@echo "make docs       the documentation site, in site/"
 	@echo "make prove      the blind proof: concealed cases of every suite, and a scoreboard (hours)"
 	@echo "make bench      speed against other libraries, in an environment of its own"
 
@@ -44,6 +45,11 @@ check: $(VENV)/.test
 	$(BIN)/python tools/check_style.py
 	$(BIN)/python tools/effects_page.py --check
 
+docs: $(VENV)/.docs
+	$(BIN)/typer workbench.cli utils docs --name workbench --output docs/reference/commands.md
+	$(BIN)/mkdocs build --strict --quiet
+	@echo site/index.html
+
 bench: $(BENCH_VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BENCH_VENV)/bin/python -m benchmarks
 
@@ -63,6 +69,10 @@ $(VENV)/.test: pyproject.toml | $(VENV)/bin/python system
 	$(BIN)/python -m pip install --quiet --editable ".[test]"
 	@touch $@ $(VENV)/.demo
 
+$(VENV)/.docs: pyproject.toml | $(VENV)/bin/python system
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	@touch $@
+
 # pybotics pins numpy<2, yet runs with numpy 2: it is installed without its pins.
 $(BENCH_VENV)/.bench: pyproject.toml
 	$(PYTHON) -m venv $(BENCH_VENV)
@@ -71,4 +81,4 @@ $(BENCH_VENV)/.bench: pyproject.toml
 	@touch $@
 
 clean:
-	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist site *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -20,7 +20,7 @@ LONGEST_FILE = 500
 LONGEST_TEST_FILE = 800
 DEEPEST_CLASS = 1
 TEXTS = {".py", ".toml", ".md", ".csv", ".j2", ".sh", ".yml", ".yaml", ".cfg", ""}
-SKIPPED = {".git", "runs", "build", "dist", "shared", "node_modules", "__pycache__"}
+SKIPPED = {".git", "runs", "build", "dist", "site", "shared", "node_modules", "__pycache__"}
 # A folder of some machine at the start of a path, and not inside an address or a longer path.
 MACHINE_PATH = re.compile(r"(?<![\w.~/-])/(?:work|tmp|root|home|Users)(?:/|\b(?=[\"'\s]|$))")
 

@@ -15,7 +15,7 @@ Liu, Shi & Ding, IEEE CYBER 2014, 365. A laser on the flange shines at a positio
 until the spot is in its middle, from several sides. The detector is then turned about a fixed centre and the same is
 done again: beams of one place meet in a point, and the points lie on a sphere. Nobody measures point, sphere or beam.
 This page is written by `python tools/gallery.py laser-spot`; its recordings are made by plain matrix products that
-share no code with the calibration ([datasets/makers/liu.py](../../datasets/makers/liu.py), which also says how the
+share no code with the calibration (datasets/makers/liu.py (`datasets/makers/liu.py`), which also says how the
 run-together columns of table 3 were read).
 
 ```sh

@@ -40,7 +40,7 @@ surface f has a second derivative along the scan line and the cosine a slope: th
 
     c = a² (l − (f2/f1) (3 − q a²/w²)),    a = s/f1
 
-([sensors/stripe/bend.py](../../sensors/stripe/bend.py) says what the letters mean). Almost without noise it agrees
+(sensors/stripe/bend.py (`sensors/stripe/bend.py`) says what the letters mean). Almost without noise it agrees
 with rendered lines to 5 % (2 % with the true s) and leaves 0.0012 px of 0.0105 px RMS (tests/test_sensor_twin.py).
 It is a physical effect and not one of the renderer: its size is s²/R times a function of both angles, 0.03 px where
 the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A sheet of 0.15
@@ -183,7 +183,7 @@ def _verdict(seeds) -> str:
     return textwrap.fill(
         f"Ball centres are {_rms(laid):.2f} µm RMS off (mean {mean}), planes {planes:.2f} µm. {told} By z² stated "
         f"sigmas are up to {most:.0f} % too small. Stripes on tilted boards are pulled as those on balls are "
-        "([sensors/light/straight.py](../../sensors/light/straight.py)): nearer parts are seen larger and lit more. "
+        "(sensors/light/straight.py (`sensors/light/straight.py`)): nearer parts are seen larger and lit more. "
         "Against true boards and planes that makes means of up to 0.005 px of a placement, in proportion to the "
         "board's tilt about the stripe (correlation 0.43 over 400 placements); taken off, the correlation is 0.00. "
         "What stripes of a placement share beyond that is found to 0.009 px only, so that this much of it is counted "

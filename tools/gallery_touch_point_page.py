@@ -13,7 +13,7 @@ _TEXT = """# Calibration by touching points, with no instrument
 Gubankov & Yukhimets, Sensors 2022, 22, 3376. A sharp tip on the flange is driven to a few fixed points with many
 orientations. Nobody measures where the points are: the joint readings are all there is. This page is written by
 `python tools/gallery.py touch-point`; its recordings are made from the paper's tables by plain matrix products that
-share no code with the calibration ([datasets/makers/gubankov.py](../../datasets/makers/gubankov.py), which also says
+share no code with the calibration (datasets/makers/gubankov.py (`datasets/makers/gubankov.py`), which also says
 which minus signs the copy had lost and how they were restored).
 
 ```sh
