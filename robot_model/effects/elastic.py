@@ -41,6 +41,7 @@ class LinkSelfWeight(Effect):
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 25, with the full torque of the links"
     nonnegative = 1
     mass_dependent = True
+    compliance_prior = (0.02, 1.0)
 
     @property
     def reads(self):
@@ -81,6 +82,7 @@ class JointCompliance(Effect):
     )
     nonnegative = 1
     mass_dependent = True
+    compliance_prior = (0.5, 1.0)
     # with its first mass moments estimated it includes a load of zero
     subsumes = (LinkSelfWeight.effect,)
     unrecorded = "payload"
@@ -211,6 +213,7 @@ class LinkCompliance(Effect):
     source = "beam bending as a flexure at mid-link (virtual joint): Klimchik et al., Mech. Mach. Theory (2017)"
     nonnegative = 1
     mass_dependent = True
+    compliance_prior = (0.15, 0.1)
 
     @classmethod
     def candidates(cls, chain):
@@ -250,6 +253,7 @@ class BearingCompliance(Effect):
     source = "bearing tilt as a virtual joint: Klimchik et al., Mech. Mach. Theory (2017)"
     nonnegative = 1
     mass_dependent = True
+    compliance_prior = (0.05, 0.1)
     stage = "bending"
 
     @classmethod
@@ -290,6 +294,7 @@ class PedestalCompliance(Effect):
     source = "flexure at the foot"
     nonnegative = 2
     mass_dependent = True
+    compliance_prior = (0.15, 0.1)
 
     @classmethod
     def candidates(cls, chain):

@@ -37,6 +37,7 @@ class Loose(Effect):
         self.inner, self.mixtures, self.shares = inner, mixtures, shares
         self.effect, self.port, self.components = inner.effect, inner.port, inner.components
         self.nonnegative, self.reads = inner.nonnegative, inner.reads
+        self.subsumes, self.family = inner.subsumes, inner.family
         self.places, self.equation = (
             inner.places,
             f"{inner.equation}, first moments of the links found",
