@@ -143,10 +143,11 @@ def plant(recording, rng: np.random.Generator, times: float):
 
 @dataclass(frozen=True)
 class Readings:
-    """What an effect sees of a recording that it is planted into: `angles` (J, n) rad and `poses` (n,)."""
+    """What an effect sees of a recording that it is planted into: `angles` (J, n) rad, `poses` (n,), its `columns`."""
 
     angles: np.ndarray
     poses: np.ndarray
+    columns: Mapping[str, np.ndarray]
 
 
 def _drawn(recording, rng) -> tuple[dict, np.ndarray, str]:
@@ -157,7 +158,8 @@ def _drawn(recording, rng) -> tuple[dict, np.ndarray, str]:
     kinds = [kind for kind in CATALOGUE.values() if kind.plant_weight]
     weights = np.array([kind.plant_weight for kind in kinds])
     kind = kinds[int(rng.choice(len(kinds), p=weights / weights.sum()))]
-    detail, wave = kind.planted(Readings(_angles(recording), recording.poses), joint, rng)
+    readings = Readings(_angles(recording), recording.poses, recording.columns)
+    detail, wave = kind.planted(readings, joint, rng)
     return {"effect": kind.effect, "where": f"joint-{joint}", "detail": detail}, wave, "rad"
 
 
