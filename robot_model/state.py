@@ -41,6 +41,11 @@ class State:
     def n(self) -> int:
         return self.variables.shape[1]
 
+    @property
+    def has_masses(self) -> bool:
+        """Whether a mass of the arm or of its load is known, so that gravity torques are."""
+        return bool(self.robot.mass.any() or self.payload.any())
+
     @cached_property
     def frames(self) -> Frames:
         """Nominal frames in the root frame."""

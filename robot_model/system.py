@@ -11,6 +11,7 @@ from robot_model.measurements import looks_of, measurement_of
 from robot_model.poses import pose_parameters
 from robot_model.robot import Robot
 from robot_model.state import State, moved
+from workbench.core.effect import NUMBERED
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
@@ -111,6 +112,21 @@ class RobotChain:
     def slides(self, joint: int) -> bool:
         """Whether joint K (from 1) is prismatic."""
         return bool(self.robot.prismatic[joint - 1])
+
+    def places(self, kind: str) -> tuple[str, ...]:
+        """What `where` of an effect may be here: joint-1 to joint-J, or base; () where there is no such place."""
+        if kind in ("sensor", "artefact", "ball") and self.measurement.place != "sensor":
+            return ()
+        if kind == "instrument" and (self.measurement.place != "tool" or self.measurement.grounded):
+            return ()
+        if kind in NUMBERED:
+            return tuple(f"{kind}-{number}" for number in self.numbers(kind))
+        return (kind,)
+
+    def varies(self, covariate: str) -> bool:
+        """Whether a covariate is known for the samples and is not constant."""
+        values = self.state.covariates.get(covariate)
+        return values is not None and bool(np.ptp(values) > 0)
 
     def slots(self, port: str, where: str, components: tuple[int, ...] = ()) -> tuple[int, ...]:
         """Row numbers of a port at a place of the vocabulary; all components where none are named."""

@@ -8,11 +8,11 @@ import tomli_w
 
 from conftest import ROOT
 from robot_model.effects import CATALOGUE
+from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.diagnosis import against, folds, heldout, proof, replicates, visible, words
 from workbench.diagnosis.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
 from workbench.diagnosis.experiment import Doubt, compared, missing_of, next_experiment, told
-from workbench.diagnosis.places import _orders
 from workbench.diagnosis.problem import Alternative, Finding
 from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.diagnosis.robot import bench_of
@@ -187,7 +187,7 @@ def test_where_few_poses_show_most_luck_proves_no_more_often():
     ],
 )
 def test_a_wave_of_the_last_order_is_refused_unless_it_is_a_motors(ratio, order, kept):
-    options, mass = _orders(ratio)
+    options, mass = high_orders(ratio)
     scan = SimpleNamespace(
         effect="transmission-harmonic", where="joint-2", options=options, mass=mass
     )

@@ -7,7 +7,7 @@ import datasets
 from datasets.makers import elastic_arms
 from robot_model.effects import CATALOGUE
 from workbench.diagnosis.elastic_sets import ElasticSets
-from workbench.diagnosis.library import options
+from workbench.diagnosis.library import variants
 from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.select import find
 
@@ -97,7 +97,7 @@ def test_a_joint_is_preferred_to_a_link_that_would_be_as_soft(elastic_arm):
 
 
 def test_a_link_without_a_length_does_not_bend(elastic_arm):
-    names = {(o.effect.effect, o.effect.where) for o in options(elastic_arm.chain, False)}
+    names = {(o.effect.effect, o.effect.where) for o in variants(CATALOGUE, elastic_arm.chain)}
     assert ("link-compliance", "link-5") not in names and ("link-compliance", "link-4") in names
 
 

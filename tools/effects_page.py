@@ -42,8 +42,8 @@ SENSOR_HEAD = """
 Used by the renderer, the calibration and the diagnosis alike.
 
 """
-COLUMNS = """| name | effect | sits at | port | law | source | what it is |
-|---|---|---|---|---|---|---|
+COLUMNS = """| name | effect | sits at | port | law | source | what it is | tested by the diagnosis |
+|---|---|---|---|---|---|---|---|
 """
 
 
@@ -66,8 +66,28 @@ def _row(name, kind) -> str:
         f"`{kind.equation}`",
         kind.source,
         what,
+        _tested(kind),
     )
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+
+
+def _tested(kind) -> str:
+    """Which variants the diagnosis tests, as the effect's own methods say it."""
+    told = [_own_text(kind, name) for name in ("candidates", "grids")]
+    if told[1] and told[0].startswith("None"):
+        told[0] = ""
+    if not any(told):
+        needs = kind.needs if isinstance(kind.needs, tuple) else ()
+        told = [f"Where {' and '.join(needs)} varies." if needs else "At every place."]
+    if kind.needs_compliance:
+        told.append("Only where the model holds a compliance.")
+    return " ".join(filter(None, told))
+
+
+def _own_text(kind, method: str) -> str:
+    """The docstring of an effect's own method; "" where it has none of its own."""
+    own = vars(kind).get(method)
+    return " ".join(own.__doc__.split()) if own else ""
 
 
 def main() -> int:

@@ -6,9 +6,14 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.chain import THETA, A, D
-from workbench.core.covariates import clock, warmth, warmth_sizes
-from workbench.core.effect import Effect
+from robot_model.effects.transmission import turning_joints
+from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
+from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
+
+# by the order of the polynomial: fewer parameters show smaller drifts
+_SHAPES = {1: "evenly", 2: "with one bend", 3: "with two bends"}
+_MOVES_RAD = 0.2  # range of a joint below which no cycle is distinguishable
 
 
 class LinkThermalGrowth(Effect):
@@ -20,6 +25,15 @@ class LinkThermalGrowth(Effect):
     components = (D, A)
     equation = "(d, a) grow by c (T - T0) (d, a)"
     source = "linear expansion"
+    reads = ("temperature",)
+    unrecorded = "temperature"
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every link that has a length, with time where no temperature is recorded."""
+        for made in map(cls, chain.places("link")):
+            if chain.robot.geometry[made.number - 1, [D, A]].any():
+                yield Variant(made, missing=missing_temperature(chain.state, made.column))
 
     def table(self, chain):
         unit, size, prior = warmth_sizes(chain.state, 1e-5, self.column)
@@ -48,6 +62,9 @@ class BaseDrift(Effect):
     places = ("base",)
     equation = "twist = sum_k c_k P_k(t)"
     source = "Legendre polynomials on the span of the recording, constant left to the base pose"
+    reads = ("time",)
+    of_session = True
+    stage = "drift"
 
     def __init__(
         self, where: str, start: float, end: float, order: Annotated[int, Field(ge=1, le=20)] = 3
@@ -59,6 +76,22 @@ class BaseDrift(Effect):
                 f"found {start:g} and {end:g}; correct them"
             )
         self.start, self.end, self.order = start, end, order
+
+    @classmethod
+    def candidates(cls, chain):
+        """Polynomials of degree 1 to 3 over the recording."""
+        time = clock(chain.state)
+        start, end = float(time.min()), float(time.max())
+        if end > start:
+            for order, shape in _SHAPES.items():
+                yield Variant(cls("base", start, end, order), shape)
+
+    @classmethod
+    def planned(cls, chain):
+        """Over the recording, of the default degree."""
+        time = clock(chain.state)
+        span = {"start": float(time.min()), "end": float(time.max())}
+        return [("base", span)] if span["end"] > span["start"] else []
 
     def table(self, chain):
         names = [
@@ -91,6 +124,15 @@ class AxisRunOut(Effect):
     turning = True
     equation = "dx = A cos q + B sin q, dy = C cos q + D sin q"
     source = "radial error motion of an axis of rotation: ISO 230-7"
+
+    @property
+    def reads(self):
+        return (f"q{self.number}",)
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every joint that turns far enough."""
+        return [Variant(cls(where)) for where in turning_joints(chain, _MOVES_RAD)]
 
     def slots(self, chain):
         """x and y of a frame whose z is joint K's axis: distal, the one before it; Craig, the one after it."""

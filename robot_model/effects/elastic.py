@@ -2,12 +2,71 @@
 
 import numpy as np
 
-from workbench.core.effect import Effect
+from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
 
 SHIFTS, TURNS = (0, 1, 2), (3, 4, 5)
 """Components of a frame's small twist: mm, then rad."""
+_LOADED_NM = 0.02
+"""Variation of a load (N m) below which no deflection is measurable."""
+_SHORTEST_MM = 1.0
+"""Length below which a link has nothing that bends; what its neighbours do is theirs."""
+
+
+def _loaded_variants(kind, chain):
+    """A variant at each of its places at which the load of its law varies; none where no mass is known."""
+    if not chain.state.has_masses:
+        return
+    for place in kind.places:
+        for made in map(kind, chain.places(place)):
+            if np.ptp(made.load(chain.state), axis=1).max() > _LOADED_NM:
+                yield Variant(made)
+
+
+def loaded_joints(chain) -> list[int]:
+    """Numbers of the revolute joints whose gravity torque varies over the poses."""
+    ranges = np.ptp(chain.state.torque, axis=1)
+    return [k for k, load in enumerate(ranges, 1) if load > _LOADED_NM and not chain.slides(k)]
+
+
+class LinkSelfWeight(Effect):
+    """Joint K deflects under the gravity torque of the links alone, without tool and load."""
+
+    effect = "link-self-weight"
+    port = "joint"
+    places = ("joint",)
+    elastic = True
+    equation = "dq = lambda tau_links(q)"
+    source = "Ye et al., Sensors 24, 2559 (2024), eq. 25, with the full torque of the links"
+    nonnegative = 1
+    mass_dependent = True
+    compliance_prior = (0.02, 1.0)
+
+    @property
+    def reads(self):
+        return (f"tau{self.number}",)
+
+    @classmethod
+    def candidates(cls, chain):
+        """Where the torque of the links varies, and a load makes it distinguishable from the whole torque."""
+        if not chain.state.payload.any():
+            return ()
+        whole = {one.effect.where for one in JointCompliance.candidates(chain)}
+        return [one for one in _loaded_variants(cls, chain) if one.effect.where in whole]
+
+    def load(self, state):
+        """(1, n) N m, the torque that it deflects under."""
+        return state.self_torque[self.number - 1][None]
+
+    def table(self, chain):
+        label = f"joint {self.number}'s compliance to its links"
+        return (
+            self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),
+        )
+
+    def basis(self, state):
+        return self.load(state)[None]
 
 
 class JointCompliance(Effect):
@@ -21,6 +80,31 @@ class JointCompliance(Effect):
     source = (
         "linear torsion spring: Ye et al., Sensors 24, 2559 (2024), eq. 22, with the full torque"
     )
+    nonnegative = 1
+    mass_dependent = True
+    compliance_prior = (0.5, 1.0)
+    # with its first mass moments estimated it includes a load of zero
+    subsumes = (LinkSelfWeight.effect,)
+    unrecorded = "payload"
+    stage = "compliance"
+
+    @property
+    def reads(self):
+        return (f"tau{self.number}",)
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every joint whose torque varies."""
+        return _loaded_variants(cls, chain)
+
+    @classmethod
+    def planned(cls, chain):
+        """The same, of revolute joints."""
+        return [(f"joint-{k}", {}) for k in loaded_joints(chain)]
+
+    def load(self, state):
+        """(1, n) N m, the torque that it deflects under."""
+        return state.torque[self.number - 1][None]
 
     def table(self, chain):
         label = f"joint {self.number}'s compliance"
@@ -29,27 +113,7 @@ class JointCompliance(Effect):
         )
 
     def basis(self, state):
-        return state.torque[self.number - 1][None, None]
-
-
-class LinkSelfWeight(Effect):
-    """Joint K deflects under the gravity torque of the links alone, without tool and load."""
-
-    effect = "link-self-weight"
-    port = "joint"
-    places = ("joint",)
-    elastic = True
-    equation = "dq = lambda tau_links(q)"
-    source = "Ye et al., Sensors 24, 2559 (2024), eq. 25, with the full torque of the links"
-
-    def table(self, chain):
-        label = f"joint {self.number}'s compliance to its links"
-        return (
-            self.parameter("compliance", joint_unit(chain, self.number), 3e-4, label, prior=3e-3),
-        )
-
-    def basis(self, state):
-        return state.self_torque[self.number - 1][None, None]
+        return self.load(state)[None]
 
 
 class YeCompliance(Effect):
@@ -70,6 +134,12 @@ class YeCompliance(Effect):
     elastic = True
     equation = "dq = lambda (J^T H e3 + N23 [s1, s2])"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1, with the sign of joint 3 from statics"
+    nonnegative = 6
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: the joints' own compliances are tested one by one, with the full torque."""
+        return ()
 
     def table(self, chain):
         if chain.robot.joints != 6:
@@ -80,7 +150,7 @@ class YeCompliance(Effect):
         # a gear of 20 kN m/rad under ten newtons; links of ten times that load, at a quarter of a metre
         loads = [
             Parameter(
-                f"joint-{k}.joint-compliance.load",
+                f"joint-{k}.{self.effect}.load",
                 "rad/m",
                 0.0,
                 5e-4,
@@ -91,7 +161,7 @@ class YeCompliance(Effect):
         ]
         weights = [
             Parameter(
-                f"joint-{k}.link-self-weight.s{k - 1}",
+                f"joint-{k}.{LinkSelfWeight.effect}.s{k - 1}",
                 "mm",
                 0.0,
                 1e3,
@@ -141,13 +211,28 @@ class LinkCompliance(Effect):
     elastic = True
     equation = "w = c M_transverse(q, payload)"
     source = "beam bending as a flexure at mid-link (virtual joint): Klimchik et al., Mech. Mach. Theory (2017)"
+    nonnegative = 1
+    mass_dependent = True
+    compliance_prior = (0.15, 0.1)
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every link that has a length and whose bending moment varies."""
+        lengths = np.hypot(*chain.robot.geometry[:, 1:3].T)
+        for one in _loaded_variants(cls, chain):
+            if lengths[one.effect.number - 1] > _SHORTEST_MM:
+                yield one
+
+    def load(self, state):
+        """(3, n) N m, the gravity moment beyond the link about its pivot."""
+        return state.moment[self.number]
 
     def table(self, chain):
         label = f"link {self.number}'s bending compliance"
         return (self.parameter("bending", "rad/(N m)", 3e-5, label, prior=3e-4),)
 
     def basis(self, state):
-        moment = state.moment[self.number]
+        moment = self.load(state)
         along = _long_axis(state.robot, self.number - 1)
         return (moment - along[:, None] * (along @ moment))[None]
 
@@ -166,13 +251,32 @@ class BearingCompliance(Effect):
     elastic = True
     equation = "w = c M_across(q, payload)"
     source = "bearing tilt as a virtual joint: Klimchik et al., Mech. Mach. Theory (2017)"
+    nonnegative = 1
+    mass_dependent = True
+    compliance_prior = (0.05, 0.1)
+    stage = "bending"
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every joint whose moment across the axis varies."""
+        return _loaded_variants(cls, chain)
+
+    @classmethod
+    def planned(cls, chain):
+        """At the revolute joints up to the last one that gravity loads."""
+        last = max(loaded_joints(chain), default=0)
+        return [(f"joint-{k}", {}) for k in range(1, last + 1) if not chain.slides(k)]
+
+    def load(self, state):
+        """(3, n) N m, the gravity moment across the axis."""
+        return state.bearing_moment[self.number - 1]
 
     def table(self, chain):
         label = f"the tilting compliance of joint {self.number}'s bearing"
         return (self.parameter("tilt", "rad/(N m)", 1e-4, label, prior=1e-3),)
 
     def basis(self, state):
-        return state.bearing_moment[self.number - 1][None]
+        return self.load(state)[None]
 
 
 class PedestalCompliance(Effect):
@@ -188,6 +292,18 @@ class PedestalCompliance(Effect):
     elastic = True
     equation = "w = c M_overturning(q, payload)"
     source = "flexure at the foot"
+    nonnegative = 2
+    mass_dependent = True
+    compliance_prior = (0.15, 0.1)
+
+    @classmethod
+    def candidates(cls, chain):
+        """Where the overturning moment varies."""
+        return _loaded_variants(cls, chain)
+
+    def load(self, state):
+        """(3, n) N m, the gravity moment of arm and load about the origin of the base."""
+        return state.moment[0]
 
     def table(self, chain):
         return tuple(
@@ -198,7 +314,7 @@ class PedestalCompliance(Effect):
         )
 
     def basis(self, state):
-        return one_each(state.moment[0][:2])
+        return one_each(self.load(state)[:2])
 
 
 class ToolDeflection(Effect):
@@ -230,6 +346,7 @@ class MountTilt(Effect):
     places = ("base",)
     equation = "dg = tilt across the nominal gravity"
     source = "two direction cosines of gravity in the base frame"
+    needs_compliance = True
 
     def table(self, chain):
         return tuple(
@@ -252,8 +369,15 @@ class MountTorsion(Effect):
     port = "joint"
     places = ("base",)
     elastic = True
+    needs_compliance = True
     equation = "dq_1 = lambda (t_1 tau_1 + t_2 tau_2), tau_i the torque of gravity across its nominal direction"
     source = "the torsion spring of joint-compliance under the two direction cosines of mount-tilt"
+
+    @classmethod
+    def candidates(cls, chain):
+        """Where masses are known and the axis of joint 1 is so upright that nominal gravity does not load it."""
+        if np.ptp(chain.state.torque[0]) <= _LOADED_NM and chain.state.has_masses:
+            yield Variant(cls("base"), "where an upright joint 1 yields to it")
 
     def slots(self, chain):
         return chain.slots("joint", "joint-1")
@@ -304,6 +428,20 @@ class FirstMoment(Effect):
     port = "mass"
     places = ("link", "tool")
     equation = "m c -> m c + d"
+    stage = "compliance"
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: the elastic effects are tested with their first moments estimated jointly."""
+        return ()
+
+    @classmethod
+    def planned(cls, chain):
+        """Of the loaded links between the first and the last two, and of the tool."""
+        loaded = loaded_joints(chain)
+        links = [f"link-{k}" for k in loaded if 1 < k < chain.robot.joints - 1]
+        return [(where, {}) for where in (*links, *(["tool"] if loaded else []))]
+
     source = "first moments as in rigid-body identification: Atkeson, An & Hollerbach, Int. J. Robot. Res. 5 (1986)"
 
     def table(self, chain):

@@ -5,8 +5,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from workbench.core.covariates import warmth, warmth_sizes
-from workbench.core.effect import Effect
+from workbench.core.covariates import missing_temperature, warmth, warmth_sizes
+from workbench.core.effect import Effect, Variant
 
 
 class RangeScale(Effect):
@@ -22,6 +22,12 @@ class RangeScale(Effect):
     def __init__(self, where: str, z0: float = 0.0):
         super().__init__(where)
         self.z0 = z0
+
+    @classmethod
+    def candidates(cls, chain):
+        """About the mean range of the recording."""
+        for where in chain.places("sensor"):
+            yield Variant(cls(where, float(np.round(chain.state.measured[2].mean()))))
 
     def table(self, chain):
         return (self.parameter("scale", "mm/mm", 1e-3, "the range scale"),)
@@ -60,6 +66,12 @@ class BallPosition(Effect):
     equation = "ball K -> ball K + d"
     source = "one free vector a ball"
 
+    @classmethod
+    def candidates(cls, chain):
+        """Of every ball where there are several: the position of a single one is that of the artefact."""
+        balls = chain.places("ball")
+        return [Variant(cls(where)) for where in balls] if len(balls) > 1 else []
+
     def table(self, chain):
         return tuple(
             self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}")
@@ -79,6 +91,14 @@ class ArtefactExpansion(Effect):
     places = ("artefact",)
     equation = "ball -> ball (1 + c (T - T0))"
     source = "linear expansion about the artefact's origin"
+    reads = ("temperature",)
+    unrecorded = "temperature"
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, with time where no temperature is recorded."""
+        for made in map(cls, chain.places("artefact")):
+            yield Variant(made, missing=missing_temperature(chain.state, "temperature_artefact_c"))
 
     def table(self, chain):
         unit, size, prior = warmth_sizes(chain.state, 1e-5, "temperature_artefact_c")
@@ -96,6 +116,11 @@ class NoiseHeteroscedastic(Effect):
     places = ("noise",)
     equation = "log sigma -> log sigma + c (s - mean s) / spread of s"
     source = "log-linear variance model: Harvey, Econometrica 44 (1976)"
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: the diagnosis tests the variance apart from the mean."""
+        return ()
 
     def __init__(
         self,

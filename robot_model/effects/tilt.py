@@ -1,12 +1,13 @@
 """Tilts that an accelerometer on the machine has measured: of the ground under it, or of a part that bends."""
 
+import re
 from typing import Annotated
 
 import numpy as np
 from pydantic import StringConstraints
 
 from robot_model.statics import STANDARD_GRAVITY
-from workbench.core.effect import Effect
+from workbench.core.effect import Effect, Variant
 
 
 class MeasuredTilt(Effect):
@@ -22,6 +23,7 @@ class MeasuredTilt(Effect):
     places = ("base", "link")
     equation = "twist = C (a1, a2) / g, a1 and a2 the level components of the acceleration"
     source = "an accelerometer at rest is an inclinometer: first order in the angle"
+    coexists = True
 
     def __init__(
         self,
@@ -36,6 +38,23 @@ class MeasuredTilt(Effect):
     def needs(self) -> tuple[str, ...]:
         """The two columns."""
         return tuple(f"accel_{self.sensor}_{axis}_m_s2" for axis in self.axes)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return self.needs
+
+    @classmethod
+    def candidates(cls, chain):
+        """Of the base and every link, by every accelerometer: it measures the tilt of what it is mounted on."""
+        names = [re.fullmatch(r"accel_(\w+)_[xyz]_m_s2", name) for name in chain.state.covariates]
+        sensors = dict.fromkeys(found[1] for found in names if found)
+        for sensor in sensors:
+            axes = level_axes(chain.state.covariates, sensor)
+            if axes is None:
+                continue
+            for where in (*chain.places("base"), *chain.places("link")):
+                label = f"by the accelerometer of the {sensor}"
+                yield Variant(cls(where, sensor, axes), label, 1 / len(sensors))
 
     def table(self, chain):
         # ground that gives way sinks as it tilts: as if about a point many metres off

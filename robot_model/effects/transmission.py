@@ -6,9 +6,20 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.state import sliding
-from workbench.core.covariates import clock, warmth, warmth_sizes
-from workbench.core.effect import Effect
+from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
+from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.errors import InputError
+
+# prior weight of the low orders: eccentric gears and encoders make one and two cycles a revolution; more are rarer
+_LOW_ORDERS = {1: 0.3, 2: 0.3, 3: 0.1, 4: 0.1}
+_HIGH_ORDERS = 0.2  # of all orders beyond these together
+_HIGHEST_ORDER, _HIGHEST_HALF, _HALF_WEIGHT = 200.0, 40.0, 0.2
+_MOVES_RAD = 0.2  # range of a joint below which no order is distinguishable
+_PLANNED_RAD = 0.35  # and below which the default plan fits none
+_TYPICAL = {"rad": 3e-4, "mm": 0.05}  # of a step or amplitude that is searched for
+_LOADED_NM = 0.02  # variation of a load below which nothing deflects measurably
+# shares of the largest torque over which a gap closes, and the prior weight of each relative to a sharp change
+_CLOSING, _CLOSING_WEIGHT = (0.05, 0.1, 0.2), 0.3
 
 
 class TransmissionHarmonic(Effect):
@@ -22,10 +33,55 @@ class TransmissionHarmonic(Effect):
     turning = True
     equation = "dq = A cos(n q) + B sin(n q)"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 16-17, there n = 1, 2"
+    coexists = True
+    stage = "transmission"
+    plant_weight = 0.5
 
     def __init__(self, where: str, order: Annotated[float, Field(gt=0)] = 1):
         super().__init__(where)
         self.order = order
+
+    @property
+    def reads(self):
+        return (f"q{self.number}",)
+
+    @classmethod
+    def candidates(cls, chain):
+        """The orders 1 to 4 at every joint that turns far enough."""
+        for where in turning_joints(chain, _MOVES_RAD):
+            for order, weight in _LOW_ORDERS.items():
+                yield Variant(cls(where, float(order)), f"order {order}", weight)
+
+    @classmethod
+    def grids(cls, chain):
+        """The orders from 4.5 to 200 at the same joints, and those of the motor where the gear ratio is stated."""
+        for where in turning_joints(chain, _MOVES_RAD):
+            number = int(where.rpartition("-")[2])
+            orders, weights = high_orders(chain.robot.gear_ratio[number - 1])
+            yield Grid(
+                cls,
+                where,
+                "order",
+                "wave",
+                f"q{number}",
+                orders,
+                _HIGH_ORDERS * weights,
+                _TYPICAL["rad"],
+                "order {:g}",
+            )
+
+    @classmethod
+    def planned(cls, chain):
+        """Once and twice a revolution, at every joint that turns far enough."""
+        for where in turning_joints(chain, _PLANNED_RAD):
+            yield from ((where, {"order": order}) for order in (1, 2))
+
+    @classmethod
+    def planted(cls, readings, joint, rng):
+        """Of order 2, 3 or 4, with a random phase."""
+        order = int(rng.choice([2, 3, 4]))
+        phase = rng.uniform(-np.pi, np.pi)
+        return {"order": order}, np.cos(order * readings.angles[joint - 1] + phase)
 
     def table(self, chain):
         times = f"{self.order:g} times a turn"
@@ -55,6 +111,11 @@ class ConstantTerm(Effect):
     equation = "dq = k0"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 16"
 
+    @classmethod
+    def candidates(cls, chain):
+        """None: the geometry of every baseline holds it."""
+        return ()
+
     def table(self, chain):
         return (
             self.parameter(
@@ -79,6 +140,8 @@ class Backlash(Effect):
     places = ("joint",)
     equation = "dq = g * approach, or g * tanh(tau / width)"
     source = "half-gap model, e.g. Slamani, Nubiola & Bonev, Robotica 30 (2012)"
+    unrecorded = "approach"
+    stage = "transmission"
 
     def __init__(
         self,
@@ -92,6 +155,41 @@ class Backlash(Effect):
     @property
     def needs(self):
         return (f"approach{self.number}",) if self.seat == "approach" else ()
+
+    @property
+    def reads(self):
+        if self.seat == "gravity":
+            return (f"tau{self.number}",)
+        return f"approach{self.number}", f"move{self.number}"
+
+    @classmethod
+    def candidates(cls, chain):
+        """By the recorded side of approach, and by the side of gravity where the torque changes its sign."""
+        for where in chain.places("joint"):
+            made = cls(where)
+            if all(chain.varies(name) for name in made.needs):
+                yield Variant(made, "by the side of approach")
+            yield from cls._by_gravity(chain, where, chain.state.torque[made.number - 1])
+
+    @classmethod
+    def _by_gravity(cls, chain, where, torque):
+        """A sharp change of side, and softer ones of several widths."""
+        if np.ptp(torque) <= _LOADED_NM or not torque.min() < 0 < torque.max():
+            return
+        if not chain.state.has_masses:
+            return
+        yield Variant(cls(where, "gravity"), "seated by gravity")
+        for share in _CLOSING:
+            width = float(f"{share * np.abs(torque).max():.3g}")
+            label = f"seated by gravity, softly within {width:g} N m"
+            yield Variant(cls(where, "gravity", width), label, _CLOSING_WEIGHT)
+
+    @classmethod
+    def planned(cls, chain):
+        """By the recorded side of approach, at every joint that turns far enough."""
+        for where in turning_joints(chain, _PLANNED_RAD):
+            if all(chain.varies(name) for name in cls(where).needs):
+                yield where, {}
 
     def table(self, chain):
         return (
@@ -121,10 +219,35 @@ class ZeroShift(Effect):
     places = ("joint",)
     equation = "dq = a after an instant"
     source = "step change of a joint offset"
+    reads = ("time",)
+    plant_weight = 0.3
 
     def __init__(self, where: str, after: float):
         super().__init__(where)
         self.after = after
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: `grids` has all instants."""
+        return ()
+
+    @classmethod
+    def grids(cls, chain):
+        """Any instant between two samples, but for the first and the last two."""
+        instants = np.unique(clock(chain.state))
+        between = ((instants[1:] + instants[:-1]) / 2)[2:-2]
+        if not len(between):
+            return
+        for where in chain.places("joint"):
+            size = _TYPICAL["mm" if chain.slides(cls(where, 0.0).number) else "rad"]
+            even = np.ones(len(between))
+            yield Grid(cls, where, "after", "step", "time", between, even, size, "after {:g}")
+
+    @classmethod
+    def planted(cls, readings, joint, rng):
+        """At a random pose in the middle 40 % of the recording."""
+        first = int(len(readings.poses) * rng.uniform(0.3, 0.7))
+        return {"row": first}, (readings.poses >= readings.poses[first]).astype(float)
 
     def table(self, chain):
         label = f"joint {self.number}'s shift after {self.after:g}"
@@ -142,10 +265,33 @@ class JointCoupling(Effect):
     places = ("joint",)
     equation = "dq_K = c * q_J"
     source = "wrist gear coupling, e.g. Stone, Kinematic Modeling (1987), ch. 3"
+    coexists = True
+    plant_weight = 0.2
 
     def __init__(self, where: str, joint: int):
         super().__init__(where)
         self.joint = joint
+
+    @property
+    def reads(self):
+        return (f"q{self.joint}",)
+
+    @classmethod
+    def candidates(cls, chain):
+        """From every other joint that moves."""
+        moving = [k for k, q in enumerate(chain.variables, 1) if np.ptp(q) > 0]
+        for where in chain.places("joint"):
+            for made in (cls(where, joint) for joint in moving):
+                if made.joint != made.number:
+                    yield Variant(made, f"from joint {made.joint}")
+
+    @classmethod
+    def planted(cls, readings, joint, rng):
+        """From a random other joint."""
+        joints = range(len(readings.angles))
+        other = int(rng.choice([j for j in joints if j != joint - 1]))
+        angle = readings.angles[other]
+        return {"joint": other + 1}, angle - angle.mean()
 
     def table(self, chain):
         if not 1 <= self.joint <= chain.robot.joints:
@@ -170,6 +316,14 @@ class JointThermalDrift(Effect):
     places = ("joint",)
     equation = "dq = c (T - T0)"
     source = "linear thermal drift of a joint offset"
+    reads = ("temperature",)
+    unrecorded = "temperature"
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every joint, with time where no temperature is recorded."""
+        for made in map(cls, chain.places("joint")):
+            yield Variant(made, missing=missing_temperature(chain.state, made.column))
 
     def table(self, chain):
         angle, kelvin = _size(chain, self.number, 1e-4)
@@ -201,6 +355,19 @@ class TimeOffset(Effect):
     needs = ("qdot1_deg_s",)  # and those of all other readings
     equation = "dq = t qdot"
     source = "first-order clock offset"
+    reads = ("speed",)
+    unrecorded = "speed"
+    of_session = True
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, where the speeds of all joints are recorded."""
+        names = (
+            f"qdot{k}_mm_s" if chain.slides(k) else f"qdot{k}_deg_s"
+            for k in range(1, chain.robot.joints + 1)
+        )
+        if all(name in chain.state.covariates for name in names):
+            yield Variant(cls("time"))
 
     def table(self, chain):
         return (self.parameter("offset", "s", 1e-2, "the time offset"),)
@@ -230,6 +397,16 @@ class ReadingLag(Effect):
     by_moves = True
     equation = "dq_K = e move_K / max_J |move_J|, or s move_K"
     source = "uniform braking: the way that is left at a fixed moment before the end is a t^2 / 2, of all moves alike"
+    reads = ("move",)
+    of_session = True
+
+    @classmethod
+    def candidates(cls, chain):
+        """Both laws, where the order of the rows gives the last moves."""
+        joints = range(1, chain.robot.joints + 1)
+        if all(f"move{k}" in chain.state.covariates for k in joints):
+            yield Variant(cls("time", "braking"), "read while braking")
+            yield Variant(cls("time", "share"), "by a share of the move")
 
     def __init__(self, where: str, law: Literal["braking", "share"] = "braking"):
         super().__init__(where)
@@ -254,6 +431,34 @@ class ReadingLag(Effect):
             :, None
         ]  # a slide's metre counts as a radian
         return (moves / np.maximum(np.abs(moves * metres).max(0), 1e-9))[None]
+
+
+def high_orders(ratio: float) -> tuple[np.ndarray, np.ndarray]:
+    """Orders (V,) from 4.5 on that a gear may have, and the prior weight of each; the weights add up to 1.
+
+    ratio: motor revolutions per joint revolution, nan where it is unknown. Integer orders, half-integer ones up to 40,
+    and one and two cycles a motor revolution, which get half of the weight each where the ratio is known.
+    """
+    halves = np.arange(4.5, _HIGHEST_HALF, 1.0)
+    orders = np.concatenate([np.arange(5.0, _HIGHEST_ORDER + 1), halves])
+    weights = np.concatenate(
+        [np.ones(len(orders) - len(halves)), np.full(len(halves), _HALF_WEIGHT)]
+    )
+    if np.isfinite(ratio):
+        motor = np.abs(ratio) * np.array([1.0, 2.0])
+        kept = ~np.isin(orders, motor)
+        orders = np.concatenate([orders[kept], motor])
+        weights = np.concatenate([weights[kept] / weights[kept].sum(), [0.5, 0.5]])
+    order = np.argsort(orders)
+    return orders[order], weights[order] / weights.sum()
+
+
+def turning_joints(chain, least: float) -> list[str]:
+    """`joint-K` of the revolute joints whose angle varies by more than `least` rad."""
+    ranges = np.ptp(chain.variables, axis=1)
+    return [
+        f"joint-{k}" for k, moved in enumerate(ranges, 1) if moved > least and not chain.slides(k)
+    ]
 
 
 def _size(chain, number: int, turn: float) -> tuple[str, float]:

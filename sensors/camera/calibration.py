@@ -24,7 +24,7 @@ from sensors.camera.doubts import FAR
 from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, placement_groups
-from sensors.effects import CATALOGUE
+from sensors.effects.artefact import BoardBow
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.least_squares.bundle import BundleFit
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from sensors.boards.board import Board
     from sensors.boards.detection import Rejected, View
 
-_BOW = "artefact.board-bow."
+_BOW = f"artefact.{BoardBow.effect}."
 _COVERED = 0.6
 
 
@@ -197,7 +197,7 @@ def calibrate_camera(
         raise InputError(
             f"camera model: expected {' or '.join(MODELS)}, found {model!r}; choose one of them"
         )
-    effects = (*((CATALOGUE["board-bow"]("artefact"),) if bow else ()), *effects)
+    effects = (*((BoardBow("artefact"),) if bow else ()), *effects)
     progress(f"camera, poses and bow from {len(views)} pictures")
     part = adjusted(views, board, size, model, effects, loss)
     made = CameraCalibration(

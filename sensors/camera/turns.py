@@ -9,6 +9,7 @@ import numpy as np
 from sensors.boards.detection import relabelled
 from sensors.camera.corners import Corners
 from sensors.camera.start import corner_chain, placement_groups
+from sensors.effects.artefact import BoardBow
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from sensors.boards.board import Board
     from sensors.boards.detection import View
 
-_BOW = tuple(f"artefact.board-bow.{name}" for name in ("xx", "yy", "xy"))
+_BOW = tuple(f"artefact.{BoardBow.effect}.{name}" for name in ("xx", "yy", "xy"))
 _TOLD = (
     9.0  # chi-square between the two ways round that half of the placements must exceed: 3 sigmas
 )
@@ -28,7 +29,7 @@ _ROUNDS = 20
 
 def tell_apart(board: "Board", effects: Sequence[Effect]) -> bool:
     """Whether the bow tells turns of this board apart: a half turn leaves a quadratic bow as it is."""
-    return board.turns == 4 and any(effect.effect == "board-bow" for effect in effects)
+    return board.turns == 4 and any(isinstance(effect, BoardBow) for effect in effects)
 
 
 def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sensors.effects.covariates import heat, heat_sizes, known
+from sensors.effects.covariates import heat, heat_sizes, known, warming
 from workbench.core.effect import Effect
 
 
@@ -40,6 +40,11 @@ class BallPosition(Effect):
     equation = "ball K -> ball K + d"
     source = "one free vector a ball"
 
+    @classmethod
+    def candidates(cls, chain):
+        """None: the measured centre of every ball is estimated with the baseline."""
+        return ()
+
     def table(self, chain):
         return tuple(
             self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}")
@@ -74,6 +79,13 @@ class ArtefactExpansion(Effect):
     places = ("artefact",)
     equation = "X -> X (1 + c (T - T0))"
     source = "linear expansion about the artefact's origin"
+    reads = ("temperature",)
+    unrecorded = "temperature"
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, with time where no temperature is recorded."""
+        return warming(cls, chain)
 
     def table(self, chain):
         unit, size, prior = heat_sizes(chain.state, 1e-5, self.column)

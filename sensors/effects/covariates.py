@@ -3,6 +3,7 @@
 import numpy as np
 
 from workbench.core.covariates import warmth, warmth_sizes
+from workbench.core.effect import Variant
 
 
 def known(values: np.ndarray) -> np.ndarray:
@@ -18,3 +19,13 @@ def heat(state, *names: str) -> np.ndarray:
 
 
 heat_sizes = warmth_sizes
+CLOCKS = ("temperature_c", "time_s")
+
+
+def warming(kind, chain):
+    """The effect `kind` at its places, where temperature or else time varies; with what it has to do without."""
+    if any(chain.varies(name) for name in CLOCKS):
+        known = any(name.startswith("temperature") for name in chain.varying)
+        for place in kind.places:
+            for where in chain.places(place):
+                yield Variant(kind(where), missing="" if known else "temperature")

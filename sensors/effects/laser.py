@@ -7,7 +7,9 @@ from pydantic import Field
 
 from sensors.effects.covariates import known
 from sensors.state import stripe_direction
-from workbench.core.effect import Effect
+from workbench.core.effect import Effect, Grid, Variant
+
+_LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400
 
 
 class PlaneBow(Effect):
@@ -33,6 +35,14 @@ class PlaneBow(Effect):
         super().__init__(where)
         self.apex_mm = apex_mm
         self.apex = None if apex_mm is None else np.array(apex_mm, float)[:, None]
+
+    @classmethod
+    def candidates(cls, chain):
+        """Of one curvature, and of a cone where the origin of the light is known."""
+        for where in chain.places("laser"):
+            yield Variant(cls(where), "the same all along", 0.5)
+            if chain.light is not None:
+                yield Variant(cls(where, list(chain.light)), "fanning out from the mirror", 0.5)
 
     def table(self, chain):
         if self.apex is None:
@@ -92,6 +102,28 @@ class MirrorEncoderHarmonic(Effect):
         super().__init__(where)
         self.order = order
 
+    @property
+    def reads(self):
+        return ("mirror",)
+
+    @classmethod
+    def candidates(cls, chain):
+        """The orders 1 to 8."""
+        for where in chain.places("mirror"):
+            for order in _LOW_ORDERS:
+                yield Variant(cls(where, order), f"order {order}", 1 / len(_LOW_ORDERS))
+
+    @classmethod
+    def grids(cls, chain):
+        """The orders above, up to the highest that the steps of the mirror sample."""
+        if len(chain.mirror_angles) < 2:
+            return
+        step = np.median(np.diff(chain.mirror_angles))
+        orders = np.arange(_LOW_ORDERS.stop, min(_HIGHEST_ORDER, int(np.pi / step)) + 1)
+        even = np.full(len(orders), 1 / max(len(orders), 1))
+        for where in chain.places("mirror") if len(orders) else ():
+            yield Grid(cls, where, "order", "wave", "mirror", orders, even, 1e-4, "order {:g}")
+
     def table(self, chain):
         return tuple(
             self.parameter(
@@ -117,6 +149,7 @@ class MirrorHysteresis(Effect):
     needs = ("sweep",)
     equation = "dphi = h * sweep direction"
     source = "half-gap model of a reversal error: ISO 230-2"
+    reads = needs
 
     def table(self, chain):
         return (self.parameter("half_gap", "rad", 1e-4, "the mirror's hysteresis"),)
@@ -134,6 +167,8 @@ class FrameSync(Effect):
     needs = ("mirror_speed_deg_s",)
     equation = "dphi = omega * dt"
     source = "first-order clock offset"
+    reads = needs
+    of_session = True
 
     def table(self, chain):
         return (self.parameter("delay", "s", 1e-3, "the delay of the pictures"),)

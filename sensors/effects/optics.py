@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sensors.effects.covariates import heat, heat_sizes, known
-from workbench.core.effect import Effect
+from sensors.effects.covariates import heat, heat_sizes, known, warming
+from workbench.core.effect import Effect, Variant
 
 
 class LensResidual(Effect):
@@ -32,6 +32,13 @@ class LensResidual(Effect):
     def __init__(self, where: str, degree: Annotated[int, Field(ge=1, le=4)] = 3):
         super().__init__(where)
         self.degree = degree
+
+    @classmethod
+    def candidates(cls, chain):
+        """Of the third and of the fourth degree."""
+        for where in chain.places("camera"):
+            yield Variant(cls(where), "third degree", 0.5)
+            yield Variant(cls(where, 4), "fourth degree", 0.5)
 
     @cached_property
     def terms(self) -> tuple[tuple[int, int, bool], ...]:
@@ -95,6 +102,13 @@ class CameraThermalDrift(Effect):
     places = ("camera",)
     equation = "du = (c (u - cx) + d) (T - T0), dv likewise"
     source = "first-order warm-up drift of the intrinsics: Handel, ACCV (2007)"
+    reads = ("temperature",)
+    unrecorded = "temperature"
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, with time where no temperature is recorded."""
+        return warming(cls, chain)
 
     def table(self, chain):
         unit, size, prior = heat_sizes(chain.state, 1e-5, self.column)

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from sensors.effects.covariates import known
-from workbench.core.effect import Effect
+from workbench.core.effect import Effect, Variant
 
 
 class RangeScale(Effect):
@@ -22,6 +22,11 @@ class RangeScale(Effect):
     def __init__(self, where: str, z0: float = 0.0):
         super().__init__(where)
         self.z0 = z0
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, where balls of known size show it."""
+        return [Variant(cls(where)) for where in chain.places("sensor") if chain.balls]
 
     def table(self, chain):
         return (self.parameter("scale", "mm/mm", 1e-3, "the range scale"),)
@@ -39,6 +44,11 @@ class FieldBias(Effect):
     components = (2,)
     equation = "dz = c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2, x and y in units of half the picture's diagonal"
     source = "second-order expansion of what a camera or light-plane model leaves"
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: lens and light plane, whose errors it sums up, are tested by themselves."""
+        return ()
 
     def table(self, chain):
         return tuple(
@@ -88,6 +98,11 @@ class SubsurfaceScatter(Effect):
         super().__init__(where)
         self.everywhere = everywhere
 
+    @classmethod
+    def candidates(cls, chain):
+        """One, where there are balls."""
+        return [Variant(cls(where)) for where in chain.places("sensor") if chain.balls]
+
     @property
     def surface(self):
         return ("normals",) if self.everywhere else ("normals", "ball")
@@ -113,6 +128,11 @@ class NoiseHeteroscedastic(Effect):
     places = ("noise",)
     equation = "log sigma -> log sigma + c (s - mean s) / spread of s"
     source = "log-linear variance model: Harvey, Econometrica 44 (1976)"
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: the diagnosis tests the variance apart from the mean."""
+        return ()
 
     def __init__(
         self,

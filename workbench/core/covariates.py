@@ -41,6 +41,12 @@ def warmth(state, *names: str) -> np.ndarray:
     return clock(state) / 3600
 
 
+def missing_temperature(state, *names: str) -> str:
+    """ "temperature" where `warmth` has to use time instead; else ""."""
+    known = any(name in state.covariates for name in (*names, "temperature_c"))
+    return "" if known else "temperature"
+
+
 def warmth_sizes(state, kelvin: float, *names: str) -> tuple[str, float, float | None]:
     """Unit of `warmth`, and typical size and prior of what grows with it by about `kelvin` a kelvin.
 

@@ -2,12 +2,71 @@
 
 import inspect
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
+
+
+class Recorded(Protocol):
+    """What candidates are chosen for: a machine with a recording, of which only covariates are looked at."""
+
+    def places(self, kind: str) -> tuple[str, ...]: ...  # what `where` may be: "joint-1", ...
+    def varies(self, covariate: str) -> bool: ...  # whether it is known and not constant
+    def slides(self, joint: int) -> bool: ...  # whether joint K is prismatic
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One explanation that a diagnosis weighs: an effect with given options at one place.
+
+    `label`: what distinguishes it from other variants at that place ("order 2"). `mass`: its share
+    of the prior probability of its family, relative to the other members. `missing`: the kind of
+    covariate that the law needs and the recording does not hold ("temperature"), for which another
+    one (time) is used instead; "" where nothing is missing.
+    """
+
+    effect: "Effect"
+    label: str = ""
+    mass: float = 1.0
+    missing: str = ""
+
+    @property
+    def family(self) -> str:
+        """Variants at one place that share one prior probability: those of one effect, or of several that say so."""
+        return f"{self.effect.family or self.effect.effect} {self.effect.where}"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Variants of an effect at one place that differ in one `option`, over a fine grid of its values.
+
+    `shape` "step": 0 up to `value` of the `covariate` and 1 beyond it; "wave": cosine and sine of
+    `value` times the covariate. Each of the k slots of the effect has its own amplitude. `values`
+    (V,) ascending; `masses` (V,) prior weight of each, relative to the others; `typical`: prior
+    size of the amplitudes, one or (k,), in the units of the slots; `label`: format string of a
+    variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a slot is multiplied by
+    at each sample, where it is not 1 (a lever arm).
+    """
+
+    effect: type["Effect"]
+    where: str
+    option: str
+    shape: str
+    covariate: str
+    values: np.ndarray
+    masses: np.ndarray
+    typical: float | tuple[float, ...]
+    label: str
+    factor: np.ndarray | None = None
+
+    def make(self, value: float) -> "Effect":
+        """The effect for one value, which gets the type of the grid's values."""
+        return self.effect(self.where, **{self.option: self.values.dtype.type(value).item()})
 
 
 class Effect:
@@ -22,6 +81,26 @@ class Effect:
     Class attributes: `effect` and `port` (words of the vocabulary), `needs` (covariates that must
     be recorded), `surface` (what it must be told of the surface: "normals", "ball"), `equation`,
     `source`, `places` (what `where` may be: "joint", "link", "base", ...).
+
+    For the diagnosis, which holds no list of effects of its own:
+
+    - `candidates`, `grids`: the variants that are worth testing on a recording.
+    - `nonnegative`: how many of its first parameters cannot be negative (a compliance).
+    - `family`: name of the family of variants that it belongs to; its own name where empty.
+    - `coexists`: whether several variants may act at one place (orders of a harmonic).
+    - `exclusive_with`: names of other effects that cannot act at the same place.
+    - `subsumes`: names of effects that are special cases of this one.
+    - `mass_dependent`: whether its signature depends on masses, which may be uncertain.
+    - `compliance_prior`: of a compliance, the prior probability that it is of a size worth
+      modelling, and its typical size relative to the compliance of a joint.
+    - `needs_compliance`: whether it is observable only where the model holds a compliance.
+    - `of_session`: whether it belongs to the measuring session and not to the machine, so that a
+      correction of the machine leaves it out.
+    - `reads`: names or kinds of the covariates that its law is a function of, recorded or derived.
+    - `unrecorded`: the kind of covariate without which it may look like random scatter at its place.
+
+    `stage`, `planned`: the stage of the default plan that fits it, and where. `plant_weight`,
+    `planted`: how often the blind benchmark plants it into real recordings, and how.
     """
 
     effect = ""
@@ -39,9 +118,55 @@ class Effect:
     )
     equation = ""
     source = ""
+    nonnegative = 0
+    family = ""
+    coexists = False
+    exclusive_with: tuple[str, ...] = ()
+    subsumes: tuple[str, ...] = ()
+    mass_dependent = False
+    compliance_prior: tuple[float, float] | None = None
+    needs_compliance = False
+    of_session = False
+    reads: tuple[str, ...] = ()
+    unrecorded = ""
+    stage = ""
+    plant_weight = 0.0
 
     def __init__(self, where: str):
         self.where = where
+
+    @classmethod
+    def candidates(cls, chain: Recorded) -> Iterable[Variant]:
+        """Variants worth testing on a recording, judged by its covariates and never by a residual.
+
+        By default one variant at every place of this machine, if all covariates of `needs` vary.
+        """
+        for place in cls.places:
+            for where in chain.places(place):
+                made = cls(where)
+                if cls.turning and chain.slides(made.number):
+                    continue
+                if all(chain.varies(name) for name in made.needs):
+                    yield Variant(made)
+
+    @classmethod
+    def grids(cls, chain: Recorded) -> Iterable[Grid]:
+        """Families of variants over a fine grid of one option; none by default."""
+        return ()
+
+    @classmethod
+    def planned(cls, chain: Recorded) -> Iterable[tuple[str, dict]]:
+        """(where, options) of the terms that the default plan fits on a recording; none by default."""
+        return ()
+
+    @classmethod
+    def planted(cls, readings, joint: int, rng: np.random.Generator) -> tuple[dict, np.ndarray]:
+        """A random instance for the blind benchmark: its details, and the change of a joint's angle (n,) per unit size.
+
+        readings: `angles` (J, n) rad, `poses` (n,) and `columns` of the recording; joint: its number, from 1. An effect with a `plant_weight`
+        implements it, independently of `basis`.
+        """
+        raise NotImplementedError
 
     @property
     def number(self) -> int:
@@ -135,6 +260,13 @@ def make_effects(
     sit, or an option that it does not have.
     """
     return tuple(_make(catalogue, *row) for row in rows)
+
+
+def option_types(kind: type[Effect]) -> dict[str, object]:
+    """Name -> type of each option of an effect's constructor, without bounds (float of Annotated[float, ...])."""
+    signature = inspect.signature(kind)
+    options = list(signature.parameters.values())[1:]
+    return {one.name: getattr(one.annotation, "__origin__", one.annotation) for one in options}
 
 
 NUMBERED = ("joint", "link", "ball")

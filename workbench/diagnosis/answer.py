@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model.effects.sensed import NoiseHeteroscedastic
 from workbench.core.errors import InputError
 from workbench.diagnosis import against, proof, replicates, stated_noise, words
 from workbench.diagnosis.experiment import missing_of, next_experiment
@@ -34,7 +35,7 @@ NO_MASSES = (
     "for: write mass_kg and com_mm of every joint."
 )
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
-_UNEVEN = "noise-heteroscedastic"
+_UNEVEN = NoiseHeteroscedastic.effect
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
 _LONG_S = 1.0  # a search beyond which processes are worth their start
 Say = Callable[[str], None]

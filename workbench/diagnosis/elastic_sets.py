@@ -19,6 +19,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
+from robot_model.effects import CATALOGUE
+from robot_model.effects.elastic import JointCompliance
+from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import (
     pseudo_inverse,
     solve_positive,
@@ -32,14 +35,10 @@ _SCALES = np.geomspace(1e-7, 1e-2, 16)
 _SIZE_BY_LOAD = -0.5
 """Exponent of the load (N m) that compliances scale with: stronger gears are stiffer, yet deflect more."""
 _PRIORS = {
-    # effect: prior probability that it is of a size worth modelling, and its size relative to a joint's compliance
-    "joint-compliance": (0.5, 1.0),
-    "link-compliance": (0.15, 0.1),
-    "bearing-compliance": (0.05, 0.1),
-    "pedestal-compliance": (0.15, 0.1),
-    "link-self-weight": (0.02, 1.0),
+    kind.effect: kind.compliance_prior for kind in CATALOGUE.values() if kind.compliance_prior
 }
-_HARMONIC = "transmission-harmonic"
+"""Effect -> prior probability that it is of a size worth modelling, and its size relative to a joint's compliance."""
+_HARMONIC = TransmissionHarmonic.effect
 _HARMONIC_PRIOR = 0.05  # of the first order at one joint; its size is not tied to the compliances
 _HARMONIC_SIZE = 1e-4  # rad, amplitude
 _ANCHOR = 4.0  # degrees of freedom that the stated sigma is worth, as in `evidence`
@@ -196,7 +195,7 @@ class ElasticSets:
 
     def best(self, start: Sequence[int]) -> tuple[int, ...]:
         """The likeliest set that is climbed to from a set, from all joints, and from the terms not tied to these."""
-        joints = [i for i, term in enumerate(self.terms) if term.key[0] == "joint-compliance"]
+        joints = [i for i, term in enumerate(self.terms) if term.key[0] == JointCompliance.effect]
         free = [i for i in start if not self.terms[i].tied]
         return max((self._climb(s) for s in (start, [*joints, *free], joints)), key=self.weight)
 
@@ -273,7 +272,7 @@ def _given_response(problem: Problem, responses) -> np.ndarray:
 
 def _explained(terms: Sequence[Term], gram: np.ndarray, score: np.ndarray) -> float:
     """Fall of the sum of squares by all joints' compliances together."""
-    columns = [term.columns for term in terms if term.key[0] == "joint-compliance"]
+    columns = [term.columns for term in terms if term.key[0] == JointCompliance.effect]
     if not columns:
         return 0.0
     own = np.concatenate(columns)

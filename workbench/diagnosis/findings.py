@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
+from robot_model.effects import CATALOGUE
 from workbench.diagnosis.elastic_choice import Name
 from workbench.diagnosis.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
+from workbench.diagnosis.library import compliances, names
 from workbench.diagnosis.loose import LABEL
 from workbench.diagnosis.problem import Alternative, Finding
 from workbench.diagnosis.scatter import hidden, movement
 from workbench.diagnosis.search import Search
 from workbench.diagnosis.sets import LAW, SECOND, same_place
 
-YIELDS = ("link-compliance", "bearing-compliance", "pedestal-compliance")
-ELASTIC = ("joint-compliance", *YIELDS)
+ELASTIC = frozenset(names(compliances(CATALOGUE)))
 _CREDIBLE = 0.95
 _NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
 _SHOWN = 12  # alternatives that are no likelier than others are not told beyond so many
@@ -88,10 +89,8 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
             and other.gain > own.gain - left
             and other.rank <= own.rank
         )
-        within = own.label == LABEL and (other.effect, other.where) == (
-            "link-self-weight",
-            own.where,
-        )
+        special = own.effects[0].subsumes if own.label == LABEL else ()
+        within = other.effect in special and other.where == own.where
         near = twin or within or near and len(out) < _SHOWN
         if key != own.key and (covered < _CREDIBLE or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
@@ -170,4 +169,4 @@ def _beside(search: Search, own: Hypothesis) -> tuple[float, bool]:
     return max(left, default=0.0), tells(search, own)
 
 
-__all__ = ["ELASTIC", "YIELDS", "finding", "tells", "with_hidden"]
+__all__ = ["ELASTIC", "finding", "tells", "with_hidden"]

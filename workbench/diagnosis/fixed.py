@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robot_model.effects import CATALOGUE
 from workbench.core.covariates import clock
 from workbench.core.least_squares.linear_algebra import inverse_positive
 from workbench.core.least_squares.solver import pose_scores
 from workbench.core.rigid import rotation_matrix
-from workbench.diagnosis.library import options
+from workbench.diagnosis.library import variants
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.words import length, listed
 
@@ -22,7 +23,6 @@ _PART, _LEAST = (
     10,
 )  # first and last part of the recording that are compared, and rows that each must have
 _SIGMAS = 3.0
-_WARM = "link-thermal-growth", "joint-thermal-drift"
 
 
 @dataclass(frozen=True)
@@ -134,11 +134,12 @@ def _predicted(bench, terms, points, time, ends):
     The arm's links and joints are free to warm in that time, too: otherwise the base is given what they do.
     """
     effects = [e for term in terms for e in term.finding.effects]
-    drift = next((e for e in effects if e.effect == "base-drift"), None)
+    drift = next((e for e in effects if _is_drift(e)), None)
     if drift is None:
         return None, None
     held = {(e.effect, e.where) for e in effects}
-    warm = [o.effect for o in options(bench.chain, False) if o.effect.effect in _WARM]
+    known = (one.effect for one in variants(CATALOGUE, bench.chain))
+    warm = [e for e in known if "temperature" in e.reads]
     effects += [e for e in warm if (e.effect, e.where) not in held]
     model, fit, _ = bench.solve(effects)
     span = model.spans[len(bench.baseline) + effects.index(drift)]
@@ -154,6 +155,11 @@ def _predicted(bench, terms, points, time, ends):
     own = np.searchsorted(free, np.arange(span.start, span.stop))
     covariance = by.T @ every[np.ix_(own, own)] @ by
     return fit.parameters.values[span] @ by, np.sqrt(np.maximum(np.diag(covariance), 0))
+
+
+def _is_drift(effect) -> bool:
+    """Whether an effect moves the base in the course of time."""
+    return effect.where == "base" and effect.port == "frame" and "time" in effect.reads
 
 
 def _covariance(bench, model, fit) -> np.ndarray:

@@ -36,6 +36,8 @@ class Loose(Effect):
         super().__init__(where)
         self.inner, self.mixtures, self.shares = inner, mixtures, shares
         self.effect, self.port, self.components = inner.effect, inner.port, inner.components
+        self.nonnegative, self.reads = inner.nonnegative, inner.reads
+        self.subsumes, self.family = inner.subsumes, inner.family
         self.places, self.equation = (
             inner.places,
             f"{inner.equation}, first moments of the links found",
@@ -82,6 +84,7 @@ class MassResponse(Effect):
         super().__init__(where)
         self.inner = inner
         self.effect, self.port, self.components = inner.effect, inner.port, inner.components
+        self.nonnegative, self.reads = inner.nonnegative, inner.reads
         self.places, self.equation = inner.places, inner.equation
 
     def table(self, chain):

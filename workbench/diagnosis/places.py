@@ -6,98 +6,34 @@ import numpy as np
 
 from robot_model.effects import CATALOGUE
 from workbench.core.covariates import clock
-from workbench.core.effect import Effect
-from workbench.diagnosis.library import GEAR_MASS
+from workbench.core.effect import Grid
+from workbench.diagnosis.library import grids, scan_of
 from workbench.diagnosis.problem import Scan, Site
 from workbench.diagnosis.rivals import Wave
 
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}
 _FRAME = np.array([0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4])
 _GROWTH = 1e-4  # of a link's length, ten kelvin
-_LONGEST_GEAR, _HALVES, _HALF_MASS = 200.0, 40.0, 0.2
 # covariates that belong to one place, or stand here under another name
 _PARTICULAR = ("approach", "q", "tau", "move", "seen", "down", "moment", "time_s", "payload_kg")
 
 
 def scans(chain, rows) -> tuple[Scan, ...]:
-    """Slips at any instant and waves of any order at each joint, and the floor going to and fro.
+    """Effects with one option on a fine grid (any instant, any order), and the floor going to and fro.
 
     rows: (port, slots) -> (k, m, n) whitened derivatives of the residual.
     """
-    time = clock(chain.state)
-    instants = np.unique(time)
-    between = (instants[1:] + instants[:-1]) / 2
-    between = between[2:-2]
-    made = [
-        scan
-        for k in range(1, chain.robot.joints + 1)
-        for scan in _joint_scans(chain, rows, k, time, between)
-    ]
+    made = [_scan(grid, chain, rows) for grid in grids(CATALOGUE, chain)]
     return (*made, *_floor(chain, rows, _FRAME))
 
 
-def _joint_scans(chain, rows, k: int, time, between):
-    """A slip at any instant, and waves of any order that gears have, at joint k."""
-    where, slides = f"joint-{k}", chain.slides(k)
-    row, size = (
-        rows("joint", [k - 1]).reshape(1, -1),
-        np.array([_TYPICAL["mm" if slides else "rad"]]),
-    )
-    if len(between):
-        yield Scan(
-            "zero-shift",
-            where,
-            "step",
-            row,
-            time,
-            between,
-            np.ones(len(between)),
-            size,
-            f"zero-shift {where}",
-            _maker("zero-shift", where, "after"),
-            "after {:g}",
-        )
-    span = np.ptp(chain.variables[k - 1])
-    orders, mass = _orders(chain.robot.gear_ratio[k - 1])
-    if span > 0.2 and not slides:
-        yield Scan(
-            "transmission-harmonic",
-            where,
-            "wave",
-            row,
-            chain.variables[k - 1],
-            orders,
-            GEAR_MASS * mass,
-            size,
-            f"transmission-harmonic {where}",
-            _maker("transmission-harmonic", where, "order"),
-            "order {:g}",
-            together=True,
-        )
-
-
-def _orders(ratio: float) -> tuple[np.ndarray, np.ndarray]:
-    """Orders (V,) that a gear may have and the prior of each: whole ones, halves of the low ones, the motor's turns.
-
-    Half of the prior stands on the motor's turn and half turn where the robot's file states the ratio.
-    """
-    halves = np.arange(4.5, _HALVES, 1.0)
-    orders = np.concatenate([np.arange(5.0, _LONGEST_GEAR + 1), halves])
-    mass = np.concatenate([np.ones(len(orders) - len(halves)), np.full(len(halves), _HALF_MASS)])
-    if np.isfinite(ratio):
-        motor = np.abs(ratio) * np.array([1.0, 2.0])
-        kept = ~np.isin(orders, motor)
-        orders = np.concatenate([orders[kept], motor])
-        mass = np.concatenate([mass[kept] / mass[kept].sum(), [0.5, 0.5]])
-    order = np.argsort(orders)
-    return orders[order], mass[order] / mass.sum()
-
-
-def _maker(effect, where, option):
-    def make(value: float) -> tuple[Effect, ...]:
-        return (CATALOGUE[effect](where, **{option: float(value)}),)
-
-    return make
+def _scan(grid: Grid, chain, rows) -> Scan:
+    """The grid with the derivatives of its slot and its covariate."""
+    effect = grid.make(grid.values[0])
+    own = rows(effect.port, effect.slots(chain))
+    if grid.factor is not None:
+        own = own * grid.factor[:, None]
+    return scan_of(grid, _flat(own), chain.state.covariates[grid.covariate])
 
 
 def sites(chain, rows) -> tuple[Site, ...]:

@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.controls import controls
@@ -33,7 +34,7 @@ from workbench.diagnosis.parallel import searches
 from workbench.diagnosis.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.result import Proof, Term
 
-_WAVE = "transmission-harmonic"
+_WAVE = TransmissionHarmonic.effect
 _LIKELY, _ALIKE = (
     0.1,
     0.9,

@@ -6,17 +6,19 @@ from functools import cached_property
 
 import numpy as np
 
+from robot_model.effects import CATALOGUE
+from robot_model.effects.elastic import JointCompliance
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
-from workbench.core.effect import Effect
+from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import covariance_of, root_between, thin_svd
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis import loose
-from workbench.diagnosis.library import Option, options
+from workbench.diagnosis.library import compliances, names, variants
 from workbench.diagnosis.outliers import robust_weights
 from workbench.diagnosis.places import lengths, scans, sites
 from workbench.diagnosis.problem import Candidate, Problem, Site
@@ -26,21 +28,14 @@ from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.plans import geometry, stage_mask
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
-BASELINES = ("geometry", "joint-compliance")
+BASELINES = ("geometry", JointCompliance.effect)
 # a direction that moves all measurements together by less than this many sigmas for one typical size of
 # the geometry can neither hide nor imitate anything
 _SEEN = 1e-2
 _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be off together
-# how many of the first parameters of what yields to a load cannot be negative
-_POSITIVE = dict.fromkeys(
-    ("joint-compliance", "link-self-weight", "link-compliance", "bearing-compliance"), 1
-)
-_POSITIVE["pedestal-compliance"] = 2
-_LOOSE = ("joint-compliance", "link-compliance", "bearing-compliance", "pedestal-compliance")
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
 _KEPT = 4  # parts of the samples whose bases are kept
-_TOGETHER = ("transmission-harmonic", "joint-coupling", "measured-tilt")
 
 
 def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) -> "RobotBench":
@@ -60,10 +55,8 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
         chain, state=replace(chain.state, covariates=covariates_of(chain, moving.poses))
     )
     effects = ()
-    if baseline == "joint-compliance":
-        effects = tuple(
-            o.effect for o in options(chain, False) if o.effect.effect == "joint-compliance"
-        )
+    if baseline == JointCompliance.effect:
+        effects = tuple(one.effect for one in JointCompliance.candidates(chain))
     return RobotBench(chain, moving.poses, effects, moving, checked.warnings)
 
 
@@ -124,11 +117,10 @@ class _Part:
         self.chain, self.baseline, self.bases = chain, baseline, {}
         self.known, self.made = {}, {}
 
-    def library(self, elastic: bool) -> list[Option]:
+    def library(self, elastic: bool) -> list[Variant]:
         if elastic not in self.known:
-            self.known[elastic] = [
-                o for o in options(self.chain, elastic) if not _held(o, self.baseline)
-            ]
+            every = variants(CATALOGUE, self.chain, elastic)
+            self.known[elastic] = [one for one in every if not _held(one, self.baseline)]
         return self.known[elastic]
 
     def model(self, effects) -> Model:
@@ -187,12 +179,13 @@ class RobotBench:
         return made
 
     @cached_property
-    def loose(self) -> tuple[Option, ...]:
+    def loose(self) -> tuple[Variant, ...]:
         """Elastic laws that the baseline does not hold, with the masses of links as further unknowns."""
+        wanted = names(compliances(CATALOGUE))
         known = [
-            o
-            for o in options(self.chain, False)
-            if o.effect.effect in _LOOSE and not _held(o, self.baseline)
+            one
+            for one in variants(CATALOGUE, self.chain)
+            if one.effect.effect in wanted and not _held(one, self.baseline)
         ]
         laws = [(o, loose.loosened(o.effect, self.chain.state)) for o in known]
         return tuple(
@@ -200,13 +193,9 @@ class RobotBench:
         )
 
     @cached_property
-    def mass_laws(self) -> tuple[Option, ...]:
+    def mass_laws(self) -> tuple[Variant, ...]:
         """What first moments that are only nearly known change in each elastic law; none without masses."""
-        known = [
-            o
-            for o in options(self.chain, False)
-            if o.effect.effect in (*_LOOSE, "link-self-weight")
-        ]
+        known = [one for one in variants(CATALOGUE, self.chain) if one.effect.mass_dependent]
         return tuple(replace(o, effect=loose.MassResponse(o.effect.where, o.effect)) for o in known)
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
@@ -300,7 +289,7 @@ class RobotBench:
         )
 
 
-def _held(option: Option, baseline) -> bool:
+def _held(option: Variant, baseline) -> bool:
     """Whether the baseline holds an option's law at its place."""
     return any((e.effect, e.where) == (option.effect.effect, option.effect.where) for e in baseline)
 
@@ -446,8 +435,8 @@ def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Ca
         effect = option.effect
         columns = _columns(model, fit, rows, white, effect)
         typical = np.array([p.typical for p in effect.parameters(model.chain)])
-        kind = effect.effect in _TOGETHER, _POSITIVE.get(effect.effect, 0)
-        load = _load(model, effect) if effect.elastic and effect.effect in _POSITIVE else 0.0
+        kind = effect.coexists, effect.nonnegative
+        load = _load(model, effect) if effect.elastic and effect.nonnegative else 0.0
         made.append(
             Candidate(
                 effect.effect,

@@ -11,6 +11,9 @@ import numpy as np
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
+from robot_model.effects.drift import LinkThermalGrowth
+from robot_model.effects.elastic import JointCompliance
+from robot_model.effects.transmission import Backlash, JointThermalDrift, TimeOffset
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.problem import Alternative, Finding, Located, Problem, Site
 
@@ -360,14 +363,14 @@ def hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:
     )  # two values: a coin's kurtosis
     warm = _warm(site)
     if site.port == "joint" and site.where != "time":
-        rows = [("backlash", site.where, "by the side of approach", "approach"), *warm][
+        rows = [(Backlash.effect, site.where, "by the side of approach", "approach"), *warm][
             :: 1 if two else -1
         ]
         rows.append(_loaded(site))
     else:
         rows = warm
     if site.port != "geometry":
-        rows.append(("time-offset", "time", "", "speed"))
+        rows.append((TimeOffset.effect, "time", "", "speed"))
     return _lacking(rows, held)
 
 
@@ -387,7 +390,7 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
 
 
 def _warm(place) -> list[tuple]:
-    effect = "joint-thermal-drift" if place.port == "joint" else "link-thermal-growth"
+    effect = JointThermalDrift.effect if place.port == "joint" else LinkThermalGrowth.effect
     return (
         [(effect, place.where, "", "temperature")]
         if place.where.startswith(("joint", "link"))
@@ -396,7 +399,7 @@ def _warm(place) -> list[tuple]:
 
 
 def _loaded(place) -> tuple:
-    return "joint-compliance", place.where, "", "payload"
+    return JointCompliance.effect, place.where, "", "payload"
 
 
 def _lacking(rows, held) -> tuple[Alternative, ...]:

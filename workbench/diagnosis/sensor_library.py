@@ -8,23 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.effects import CATALOGUE
-from workbench.core.effect import Effect
-
-CLOCK = ("temperature_c", "time_s")
-_ORDERS = tuple(range(1, 9))
-
-
-@dataclass(frozen=True)
-class Option:
-    """An effect, how it is told from its variants, its family and share of it, and what is missing."""
-
-    effect: Effect
-    label: str
-    family: str
-    mass: float = 1.0
-    missing: str = ""
-
 
 @dataclass(frozen=True)
 class Place:
@@ -41,74 +24,45 @@ class Place:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a recording holds: `stripes`, a `mirror` whose angles are known, numbers of `balls`, columns that vary."""
+    """What a recording of a scanner holds; implements `workbench.core.effect.Recorded`.
+
+    `stripes`: whether it has any; `mirror`: whether the angles of a mirror are known, and `mirror_angles` (S,) rad
+    those of the steps; `balls`: numbers of the balls, 0 for one without a number; `varying`: recorded columns that are
+    not constant; `light` (3,) mm: origin of the light in the camera frame, where a mirror says it.
+    """
 
     stripes: bool
     mirror: bool
     balls: tuple[int, ...]
-    varies: frozenset[str]
+    varying: frozenset[str]
     light: tuple[float, float, float] | None = None
+    mirror_angles: tuple[float, ...] = ()
 
+    def places(self, kind: str) -> tuple[str, ...]:
+        """What `where` of an effect may be here; () where there is no such place."""
+        if kind == "ball":
+            return tuple(f"ball-{number}" for number in self.balls if number)
+        there = {
+            "laser": self.stripes,
+            "sensor": self.stripes,
+            "mirror": self.mirror,
+            "time": self.mirror,
+        }
+        return (kind,) if there.get(kind, True) else ()
 
-def options(kind: Kind) -> list[Option]:
-    """All named candidates."""
-    made = [*_camera(kind), _option("board-bow", "artefact")]
-    if kind.varies & set(CLOCK):
-        made.append(_option("artefact-expansion", "artefact", missing=_missing(kind)))
-    if kind.stripes:
-        made += _light(kind)
-    return made
+    def varies(self, covariate: str) -> bool:
+        """Whether a column is recorded and is not constant."""
+        return covariate in self.varying
 
-
-def _option(name, where, label="", mass=1.0, missing="", **given) -> Option:
-    return Option(CATALOGUE[name](where, **given), label, f"{name} {where}", mass, missing)
-
-
-def _missing(kind):
-    return "" if any(name.startswith("temperature") for name in kind.varies) else "temperature"
-
-
-def _camera(kind):
-    yield _option("lens-residual", "camera", "third degree", 0.5)
-    yield _option("lens-residual", "camera", "fourth degree", 0.5, degree=4)
-    yield _option("window-refraction", "camera")
-    if kind.varies & set(CLOCK):
-        yield _option("camera-thermal-drift", "camera", missing=_missing(kind))
-
-
-def _light(kind):
-    yield _option("plane-bow", "laser", "the same all along", 0.5)
-    if kind.light is not None:
-        yield _option(
-            "plane-bow", "laser", "fanning out from the mirror", 0.5, apex_mm=list(kind.light)
-        )
-    yield _option("incidence-bias", "sensor")
-    if kind.balls:
-        yield _option("range-scale", "sensor")
-        yield _option("subsurface-scatter", "sensor")
-        for number in kind.balls:
-            if number:
-                yield _option("ball-radius", f"ball-{number}")
-    if kind.mirror:
-        yield from _mirror(kind)
-
-
-def _mirror(kind):
-    yield _option("mirror-wobble", "mirror")
-    for order in _ORDERS:
-        yield _option(
-            "mirror-encoder-harmonic", "mirror", f"order {order}", 1 / len(_ORDERS), order=order
-        )
-    if "sweep" in kind.varies:
-        yield _option("mirror-hysteresis", "mirror")
-    if "mirror_speed_deg_s" in kind.varies:
-        yield _option("frame-sync", "time")
+    def slides(self, joint: int) -> bool:
+        """A scanner has no prismatic joints."""
+        return False
 
 
 def places(kind: Kind) -> list[Place]:
     """Where something unnamed may act; a column nobody modelled may matter anywhere."""
-    more = tuple(sorted(kind.varies - {"sweep", "mirror_speed_deg_s"}))
-    turning = tuple(sorted(kind.varies & {"sweep", "mirror_speed_deg_s"}))
+    more = tuple(sorted(kind.varying - {"sweep", "mirror_speed_deg_s"}))
+    turning = tuple(sorted(kind.varying & {"sweep", "mirror_speed_deg_s"}))
     made = [
         Place("camera", "pixel", (0, 1), "px", 0.05, ("u", "v", *more), (("u", "v"),)),
         Place(

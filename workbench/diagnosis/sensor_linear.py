@@ -15,11 +15,12 @@ from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues, thin_svd
 from workbench.core.model import Model
 from workbench.diagnosis import sensor_data
+from workbench.diagnosis.library import grids, scan_of, variants
 from workbench.diagnosis.outliers import robust_weights
 from workbench.diagnosis.problem import Candidate, Problem, Scan, Site
 from workbench.diagnosis.sensor_balls import centres_family
 from workbench.diagnosis.sensor_data import Chains
-from workbench.diagnosis.sensor_library import options, places
+from workbench.diagnosis.sensor_library import places
 
 # sigmas for a typical size, below which a direction of the baseline neither hides nor imitates anything
 _SEEN = 1e-2
@@ -27,7 +28,6 @@ _VISIBLE, WIDEST = (
     5.0,
     300.0,
 )  # sigmas that are just visible; times a typical size beyond which nothing is asked for
-_FIRST_ORDER, _HIGHEST = 9, 400
 _BOARD_ONLY = "artefact"
 
 
@@ -188,7 +188,7 @@ class Linear:
 
     def candidates(self) -> tuple[Candidate, ...]:
         made = []
-        for option in options(self.bench.kind):
+        for option in variants(CATALOGUE, self.bench.kind):
             effect = option.effect
             if not self.present(effect):
                 continue
@@ -205,6 +205,8 @@ class Linear:
                     option.family,
                     option.mass,
                     option.missing,
+                    effect.coexists,
+                    effect.nonnegative,
                 )
             )
         return tuple(made)
@@ -248,31 +250,18 @@ class Linear:
         return self.flat(parts).T, np.array([p.typical for p in effect.parameters(chain)])
 
     def scans(self) -> tuple[Scan, ...]:
-        """Orders of the mirror's encoder from the lowest that is no candidate to what the steps can show."""
+        """Effects with one option on a fine grid, as far as the steps of the mirror can show it."""
         if not self.bench.kind.mirror or self.chains.sheets is None:
             return ()
-        angles = np.unique(self.chains.sheets.angles)
-        highest = min(_HIGHEST, int(np.pi / np.median(np.diff(angles))))
-        orders = np.arange(_FIRST_ORDER, highest + 1, dtype=float)
-        if not len(orders):
-            return ()
+        angles = tuple(np.unique(self.chains.sheets.angles).tolist())
         every = slice(None) if self.samples is None else self.samples
-        row = self.flat(self.port("mirror", (0,), "mirror"))
-        return (
-            Scan(
-                "mirror-encoder-harmonic",
-                "mirror",
-                "wave",
-                row,
-                self.bench.covariates["mirror"][every],
-                orders,
-                np.full(len(orders), 1 / len(orders)),
-                np.array([1e-4]),
-                "mirror-encoder-harmonic mirror",
-                _harmonic,
-                "order {:g}",
-            ),
-        )
+        made = []
+        for grid in grids(CATALOGUE, replace(self.bench.kind, mirror_angles=angles)):
+            effect = grid.make(grid.values[0])
+            slots = effect.slots(self.chains.sheets)
+            rows = self.flat(self.port(effect.port, slots, effect.where))
+            made.append(scan_of(grid, rows, self.bench.covariates[grid.covariate][every]))
+        return tuple(made)
 
     def sites(self) -> tuple[Site, ...]:
         made = []
@@ -292,10 +281,6 @@ class Linear:
                     )
                 )
         return tuple(made)
-
-
-def _harmonic(order: float) -> tuple[Effect, ...]:
-    return (CATALOGUE["mirror-encoder-harmonic"]("mirror", order=int(order)),)
 
 
 class _At:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from robot_model.effects.transmission import JointCoupling, TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import (
     inverse_positive,
     solve_positive,
@@ -23,6 +24,7 @@ from workbench.diagnosis.problem import Problem
 from workbench.diagnosis.rivals import SHARP_DEGREE
 from workbench.diagnosis.schur import Beside, Left, Table
 
+_WAVE = TransmissionHarmonic.effect
 SECOND = float(np.log(0.2))
 """Log prior odds of one more effect."""
 LAW = 0.95
@@ -87,7 +89,7 @@ class Sets:
     @cached_property
     def series(self) -> dict[str, np.ndarray]:
         """Place -> (K,) bool: waves there, of which only a few may be laws of their own."""
-        waves = np.array([h.effect == "transmission-harmonic" for h in self.short])
+        waves = np.array([h.effect == _WAVE for h in self.short])
         places = np.array([h.where for h in self.short])
         return {place: waves & (places == place) for place in set(places[waves].tolist())}
 
@@ -187,9 +189,7 @@ class Sets:
 
     def _free(self, base: Members) -> np.ndarray:
         free = np.ones(len(self.short), bool) if not base else self.rooms[list(base)].all(0)
-        waves = Counter(
-            self.short[i].where for i in base if self.short[i].effect == "transmission-harmonic"
-        )
+        waves = Counter(self.short[i].where for i in base if self.short[i].effect == _WAVE)
         for place in (where for where, count in waves.items() if count >= _SERIES):
             free &= ~self.series[place]
         kinds = {self.kinds[i] for i in base if self.short[i].unnamed}
@@ -244,14 +244,12 @@ class Sets:
     def _series(self, lawful: Members, chosen: Members) -> bool:
         """Whether laws only make a series of waves of what is one function of an angle at the same joint."""
         places = {self.short[i].where for i in chosen if self.short[i].unnamed}
-        waves = [
-            i for i in lawful if i not in chosen and self.short[i].effect == "transmission-harmonic"
-        ]
+        waves = [i for i in lawful if i not in chosen and self.short[i].effect == _WAVE]
         return any(sum(self.short[i].where == place for i in waves) > 1 for place in places)
 
     def _patched(self, lawful: Members) -> Members:
         """One function of its angle instead of a long series of waves at a joint, where that is the likelier."""
-        waves = [i for i in lawful if self.short[i].effect == "transmission-harmonic"]
+        waves = [i for i in lawful if self.short[i].effect == _WAVE]
         for place in {self.short[i].where for i in waves}:
             mine = [i for i in waves if self.short[i].where == place]
             own = (place.replace("joint-", "q"),)
@@ -382,8 +380,8 @@ def _covers(function: Hypothesis, law: Hypothesis) -> bool:
     if _fast(function, law):
         return False
     angles = all(name[0] == "q" for name in function.unnamed)
-    slow = law.effect == "transmission-harmonic" and law.effects and law.effects[0].order <= _SLOW
-    if angles and function.where == law.where and (slow or law.effect == "joint-coupling"):
+    slow = law.effect == _WAVE and law.effects and law.effects[0].order <= _SLOW
+    if angles and function.where == law.where and (slow or law.effect == JointCoupling.effect):
         return True
     return bool(_reads(law) & set(function.unnamed))
 
@@ -398,21 +396,12 @@ def same_place(law: Hypothesis) -> tuple[str, ...]:
 
 def _reads(law: Hypothesis) -> set[str]:
     """Covariates of which a law of one joint is a function."""
-    k = law.where.rpartition("-")[2]
-    if law.effect in ("transmission-harmonic", "axis-run-out"):
-        return {f"q{k}"}
-    if law.effect == "joint-coupling":
-        return {f"q{law.effects[0].joint}"}
-    if law.effect == "zero-shift":
-        return {"time"}
-    if law.effect == "backlash":
-        return {f"tau{k}"} if law.effects[0].seat == "gravity" else {f"approach{k}", f"move{k}"}
-    return {f"tau{k}"} if law.effect in ("joint-compliance", "link-self-weight") else set()
+    return set(law.effects[0].reads) if law.effects and law.where.startswith("joint-") else set()
 
 
 def _fast(function: Hypothesis, law: Hypothesis) -> bool:
     """Whether a wave has more turns in these poses than a function can follow that may change sharply."""
-    if law.effect != "transmission-harmonic" or not isinstance(law.source, tuple):
+    if law.effect != _WAVE or not isinstance(law.source, tuple):
         return False
     scan, order = law.source
     return order * np.ptp(scan.x) / 2 > SHARP_DEGREE

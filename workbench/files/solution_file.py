@@ -49,11 +49,7 @@ class CalibratedArm:
     def acting_effects(self) -> tuple[Effect, ...]:
         """Those of the effects that move the flange."""
         return tuple(
-            effect
-            for effect in self.effects
-            if effect.port in _ARM_PORTS
-            and effect.effect != "base-drift"
-            and effect.where != "time"
+            effect for effect in self.effects if effect.port in _ARM_PORTS and not effect.of_session
         )
 
 

@@ -82,7 +82,7 @@ def _coupling_changes(columns, second, third):
     for sign, word in ((1, "plus"), (-1, "less")):
         seems = f"the angle of joint 3 looks like {third} {word} {second}"
         changed = {third: columns[third] + sign * columns[second]}
-        yield "joint-coupling", seems, "write coupled under joint 3 of the robot", changed
+        yield "coupled-joints", seems, "write coupled under joint 3 of the robot", changed
 
 
 def _unit_changes(columns, turning):

@@ -18,20 +18,19 @@ from workbench.core.solution import Stage
 
 FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
 PLAN_FILES = Path(__file__).parent / "plan_files"
-# a joint that hardly moves shows no wave of its gear, and one that hardly is loaded no torsion
-_MOVES_RAD, _LOADED_NM = 0.35, 0.02
+STAGES = {
+    "transmission": "gears and encoders err once and twice a turn, and have play",
+    "compliance": "joints yield to the weight of links and load, whose centres are not sure",
+    "bending": "bearings of joints tilt, and with them links bend, under the moment across them",
+    "drift": "base or instrument wander in the course of the recording",
+}
+"""The stages of the default plan after the geometry, and why each is there; `Effect.stage` names one of them."""
 
 
 def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
     """Geometry, transmission, compliance, bending and drift, as far as this recording can show them."""
-    stages = (
-        geometry(chain.robot),
-        _transmission(chain),
-        _compliance(chain),
-        _bending(chain),
-        _drift(chain),
-    )
-    return tuple(stage for stage in stages if stage.effects or stage.name == "geometry")
+    planned = (_stage_of(name, chain) for name in STAGES)
+    return geometry(chain.robot), *(stage for stage in planned if stage.effects)
 
 
 def frames_of(parameters) -> tuple[str, ...]:
@@ -70,74 +69,15 @@ def geometry(robot: Robot) -> Stage:
     return Stage("geometry", why, free=(*FRAMES, *geometry_free(robot)), earn=False)
 
 
-def _transmission(chain):
-    spread = np.ptp(chain.variables, axis=1)
-    moving = [
-        k + 1
-        for k in range(chain.robot.joints)
-        if spread[k] > _MOVES_RAD and not chain.robot.prismatic[k]
+def _stage_of(name: str, chain: RobotChain) -> Stage:
+    """The stage of the default plan with the terms that the effects of the catalogue plan for it."""
+    rows = [
+        (key, where, options)
+        for key, kind in CATALOGUE.items()
+        if kind.stage == name
+        for where, options in kind.planned(chain)
     ]
-    waves = [("transmission-harmonic", f"joint-{k}", {"order": n}) for k in moving for n in (1, 2)]
-    gaps = [("backlash", f"joint-{k}", {}) for k in moving if _varies(chain, f"approach{k}")]
-    return Stage(
-        "transmission",
-        "gears and encoders err once and twice a turn, and have play",
-        (*waves, *gaps),
-    )
-
-
-def _varies(chain, covariate):
-    return np.ptp(chain.state.covariates.get(covariate, np.zeros(1))) > 0
-
-
-def _compliance(chain):
-    loaded = _loaded(chain)
-    joints = [("joint-compliance", f"joint-{k}", {}) for k in loaded]
-    masses = [("first-moment", f"link-{k}", {}) for k in loaded if 1 < k < chain.robot.joints - 1]
-    tool = [("first-moment", "tool", {})] if loaded else []
-    return Stage(
-        "compliance",
-        "joints yield to the weight of links and load, whose centres are not sure",
-        (*joints, *masses, *tool),
-    )
-
-
-def _loaded(chain):
-    """Joints whose gravity torque varies over the poses."""
-    torque = chain.state.torque
-    return [
-        k + 1
-        for k in range(chain.robot.joints)
-        if np.ptp(torque[k]) > _LOADED_NM and not chain.robot.prismatic[k]
-    ]
-
-
-def _bending(chain):
-    if not _loaded(chain):
-        return Stage("bending", "")
-    last = max(_loaded(chain))
-    bearings = [
-        ("bearing-compliance", f"joint-{k}", {})
-        for k in range(1, last + 1)
-        if not chain.robot.prismatic[k - 1]
-    ]
-    return Stage(
-        "bending",
-        "bearings of joints tilt, and with them links bend, under the moment across them",
-        tuple(bearings),
-    )
-
-
-def _drift(chain):
-    time = chain.state.covariates.get("time_s", chain.state.covariates["row"])
-    span = {"start": float(time.min()), "end": float(time.max())}
-    if span["end"] <= span["start"]:
-        return Stage("drift", "")
-    return Stage(
-        "drift",
-        "base or instrument wander in the course of the recording",
-        (("base-drift", "base", span),),
-    )
+    return Stage(name, STAGES[name], tuple(rows))
 
 
 def plan_names() -> list[str]:

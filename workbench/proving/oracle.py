@@ -10,17 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.core.effect import option_types
 from workbench.files.runs import replace_file
 from workbench.proving import protocol
 
 _FOLDS = 5
-_UNMODELLED = {
-    "unknown",
-    "outliers",
-    "noise-heteroscedastic",
-    "unit-or-frame",
-    "encoder-quantisation",
-}
 
 
 def weigh(folder: Path, name: str) -> None:
@@ -64,16 +58,14 @@ class Bench:
 
     def __init__(self, recording, baseline: str):
         from robot_model import load_robot
+        from robot_model.effects.elastic import JointCompliance
         from robot_model.system import bind
 
         self.recording = recording.select(recording.moving)
         self.robot = load_robot(self.recording.robot, "robot")
         self.chain = bind(self.robot, self.recording)
-        torque = self.chain.state.torque
-        yields = [k + 1 for k in range(self.robot.joints) if np.ptp(torque[k]) > 0.02]
-        self.baseline = tuple(("joint-compliance", f"joint-{k}", {}) for k in yields) * (
-            baseline != "geometry"
-        )
+        known = () if baseline == "geometry" else JointCompliance.candidates(self.chain)
+        self.baseline = tuple((one.effect.effect, one.effect.where, {}) for one in known)
 
     def model(self, rows: Sequence[tuple]):
         """Model and start, with base, geometry, tool and all of the effects free; effects start near their null."""
@@ -109,50 +101,45 @@ class Bench:
 
 def rows_of(effects: Sequence[Mapping]) -> tuple[tuple, ...] | None:
     """Rows of the catalogue for what is true; None where it has none for one of them. What only scatters needs none."""
-    if any(one["effect"] in _UNMODELLED for one in effects) or not effects:
+    if any(not _is_modelled(one["effect"]) for one in effects) or not effects:
         return None
-    options = {"order", "seat", "width", "joint", "after", "start", "end"}
     return tuple(
-        (
-            one["effect"],
-            one["where"],
-            _typed(one["effect"], {k: v for k, v in one["detail"].items() if k in options}),
-        )
-        for one in effects
+        (one["effect"], one["where"], _typed(one["effect"], one["detail"])) for one in effects
     )
 
 
-def _typed(effect: str, options: dict) -> dict:
-    numbers = {"order", "width", "after", "start", "end"} - (
-        {"order"} if effect == "base-drift" else set()
-    )
-    return {k: float(v) if k in numbers else v for k, v in options.items()}
+def _is_modelled(effect: str) -> bool:
+    """Whether the catalogue has an effect of this name, and it changes more than the noise."""
+    from robot_model.effects import CATALOGUE
+    from workbench.core.model import NOISE
+
+    return effect in CATALOGUE and CATALOGUE[effect].port != NOISE
+
+
+def _typed(effect: str, stated: Mapping) -> dict:
+    """Those of the stated values that are options of the effect, as its constructor takes them."""
+    from robot_model.effects import CATALOGUE
+
+    taken = option_types(CATALOGUE[effect])
+    return {
+        name: float(value) if taken[name] is float else value
+        for name, value in stated.items()
+        if name in taken
+    }
 
 
 def claimed_rows(answer: Mapping | None) -> tuple[tuple, ...]:
     """Rows of the catalogue for what was claimed. A claim that the answer does not tell wholly predicts nothing."""
     claims = answer["effects"] if answer else ()
-    rows = (
-        (c["effect"], c["where"], _options(c)) for c in claims if c["effect"] not in _UNMODELLED
-    )
+    rows = ((c["effect"], c["where"], _options(c)) for c in claims if _is_modelled(c["effect"]))
     return tuple((effect, where, options) for effect, where, options in rows if options is not None)
 
 
 def _options(claim: Mapping) -> dict | None:
-    """Options of a claim's effect, from its own words where it states none; None where they do not tell them."""
-    words, stated = (claim.get("variant") or "").split(), claim.get("options")
+    """Options of a claim's effect; None where the answer states none and the effect has some."""
+    from robot_model.effects import CATALOGUE
+
+    stated = claim.get("options")
     if stated:
-        return _typed(claim["effect"], dict(stated))
-    number = float(words[1]) if len(words) > 1 and words[1].replace(".", "", 1).isdigit() else None
-    told = {"order": {"order": number}, "after": {"after": number}}.get(
-        words[0] if words else "", {}
-    )
-    if words[:1] == ["from"]:
-        told = {"joint": int(words[-1])}
-    elif "gravity" in words:
-        told = {"seat": "gravity"}
-    untold = (
-        claim["effect"] in ("zero-shift", "base-drift", "transmission-harmonic", "joint-coupling")
-        and not told
-    )
-    return None if untold or None in told.values() else told
+        return _typed(claim["effect"], stated)
+    return None if option_types(CATALOGUE[claim["effect"]]) else {}

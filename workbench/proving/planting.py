@@ -6,14 +6,17 @@ from functools import lru_cache
 
 import numpy as np
 
+from robot_model.effects.transmission import TransmissionHarmonic, turning_joints
+from workbench.core.effect import NUMBERED, Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
+from workbench.diagnosis.library import compliances, names
 from workbench.proving.oracle import Bench
 
 _SUPPORT = 0.9
 """A term is supported where it lowers the held-out RMS of all terms before it to this share, and not by luck."""
 _MOST_TERMS = 3
 _SMALL = 1e-4
-_YIELDS = ("joint-compliance", "link-compliance", "bearing-compliance")
+_CYCLES = 2.0  # a revolution, of the transmission error that is fitted
 _kept: dict[str, tuple] = {}
 _LOADED_NM, _TURNS_RAD = 0.5, 1.0
 
@@ -53,30 +56,33 @@ def supported(recording, name: str) -> tuple[Term, ...]:
 
 def _twins(terms, tried, k: int) -> tuple[tuple[str, str], ...]:
     """Of what yields, what the k-th does not predict better than."""
-    if terms[k].effect not in _YIELDS:
+    yielding = names(_compliances())
+    if terms[k].effect not in yielding:
         return ()
     return tuple(
         (one.effect, one.where)
         for one, made in zip(terms, tried)
-        if one is not terms[k] and one.effect in _YIELDS and not tried[k].beats(made)
+        if one is not terms[k] and one.effect in yielding and not tried[k].beats(made)
     )
+
+
+def _compliances() -> list[type[Effect]]:
+    """Effects of joints and links that deflect under gravity."""
+    from robot_model.effects import CATALOGUE
+
+    return [kind for kind in compliances(CATALOGUE) if kind.places[0] in NUMBERED]
 
 
 def _possible(bench: Bench) -> list[Term]:
     """All that yields to a load where masses are known, and waves twice a turn of the joints that turn far."""
-    state, angle = bench.chain.state, np.ptp(bench.chain.variables, axis=1)
-    torque = np.ptp(state.torque, axis=1)
-    bends = [np.ptp(rows, axis=-1).max(-1) for rows in (state.moment[1:-1], state.bearing_moment)]
-    places = zip(_YIELDS, ("joint", "link", "joint"), (torque, *bends))
-    yields = [
-        Term(effect, f"{kind}-{k + 1}")
-        for effect, kind, loads in places
-        for k in np.flatnonzero(loads > _LOADED_NM)
-    ]
-    turns = np.flatnonzero((angle > _TURNS_RAD) & ~bench.robot.prismatic)
-    return yields + [
-        Term("transmission-harmonic", f"joint-{k + 1}", (("order", 2.0),)) for k in turns
-    ]
+    chain, terms = bench.chain, []
+    for kind in _compliances():
+        for made in map(kind, chain.places(kind.places[0])):
+            if np.ptp(made.load(chain.state), axis=1).max() > _LOADED_NM:
+                terms.append(Term(made.effect, made.where))
+    order = (("order", _CYCLES),)
+    turning = turning_joints(chain, _TURNS_RAD)
+    return terms + [Term(TransmissionHarmonic.effect, where, order) for where in turning]
 
 
 def without(recording, name: str, terms):
@@ -135,25 +141,26 @@ def plant(recording, rng: np.random.Generator, times: float):
     raise ValueError("no effect of a size that a drive could have can be planted here")
 
 
+@dataclass(frozen=True)
+class Readings:
+    """What an effect sees of a recording that it is planted into: `angles` (J, n) rad, `poses` (n,), its `columns`."""
+
+    angles: np.ndarray
+    poses: np.ndarray
+    columns: Mapping[str, np.ndarray]
+
+
 def _drawn(recording, rng) -> tuple[dict, np.ndarray, str]:
     """Effect, what it does to its joint's angle (n,) for a size of 1, and the unit of its size."""
-    joints = recording.joints.shape[1]
-    k = int(rng.integers(joints))
-    kind = str(
-        rng.choice(["transmission-harmonic", "joint-coupling", "zero-shift"], p=[0.5, 0.2, 0.3])
-    )
-    angle = _angles(recording)
-    if kind == "transmission-harmonic":
-        order = int(rng.choice([2, 3, 4]))
-        detail, wave = {"order": order}, np.cos(order * angle[k] + rng.uniform(-np.pi, np.pi))
-    elif kind == "joint-coupling":
-        other = int(rng.choice([j for j in range(joints) if j != k]))
-        detail, wave = {"joint": other + 1}, angle[other] - angle[other].mean()
-    else:
-        first = int(recording.n * rng.uniform(0.3, 0.7))
-        detail = {"row": first}
-        wave = (recording.poses >= recording.poses[first]).astype(float)
-    return {"effect": kind, "where": f"joint-{k + 1}", "detail": detail}, wave, "rad"
+    from robot_model.effects import CATALOGUE
+
+    joint = int(rng.integers(recording.joints.shape[1])) + 1
+    kinds = [kind for kind in CATALOGUE.values() if kind.plant_weight]
+    weights = np.array([kind.plant_weight for kind in kinds])
+    kind = kinds[int(rng.choice(len(kinds), p=weights / weights.sum()))]
+    readings = Readings(_angles(recording), recording.poses, recording.columns)
+    detail, wave = kind.planted(readings, joint, rng)
+    return {"effect": kind.effect, "where": f"joint-{joint}", "detail": detail}, wave, "rad"
 
 
 def _angles(recording) -> np.ndarray:

@@ -186,15 +186,6 @@ def _withheld(index: int, seed: int):
 # --------------------------------------------------------------------- scoring
 
 
-_ELASTIC = {
-    "joint-compliance",
-    "link-self-weight",
-    "link-compliance",
-    "bearing-compliance",
-    "pedestal-compliance",
-    "tool-deflection",
-}
-_OF_TIME = {"base-drift", "zero-shift", "reading-lag"}
 _CLOCKED = ("time", "approach", "step", "last")
 
 
@@ -264,18 +255,23 @@ def _unplanted(truth, answer, twin) -> dict:
 
 def _elastic_first(truth, answer, twin) -> dict:
     first = answer["effects"][0]["effect"] if answer["effects"] else "none"
-    return {"outcome": "exact" if first in _ELASTIC else "wrong", "located": None}
+    return {"outcome": "exact" if first in _deflecting() else "wrong", "located": None}
+
+
+def _deflecting() -> set[str]:
+    """Names of effects that are deflections under gravity, in every variant."""
+    from robot_model.effects import CATALOGUE
+
+    others = {kind.effect for kind in CATALOGUE.values() if kind.elastic is not True}
+    return {kind.effect for kind in CATALOGUE.values()} - others
 
 
 def _moves(truth, answer, twin) -> dict:
     from workbench.proving import scoring
 
     said = {scoring.plain(n) for c in answer["effects"] for n in c.get("depends_on") or ()}
-    found = any(name.startswith(("approach", "step", "last")) for name in said) or any(
-        c["effect"] == "reading-lag"
-        or (c["effect"] == "backlash" and c.get("variant") != "seated by gravity")
-        for c in answer["effects"]
-    )
+    said |= {name for c in answer["effects"] for name in _read_by(c)}
+    found = any(name.startswith(("approach", "step", "last", "move")) for name in said)
     return {"outcome": "exact" if found else "missed", "located": found}
 
 
@@ -283,9 +279,23 @@ def _no_time(truth, answer, twin) -> dict:
     of_time = [
         c
         for c in answer["effects"]
-        if c["effect"] in _OF_TIME or any(n.startswith(_CLOCKED) for n in c.get("depends_on") or ())
+        if any(name in ("time", "move") for name in _read_by(c))
+        or any(n.startswith(_CLOCKED) for n in c.get("depends_on") or ())
     ]
     return {"outcome": "false alarm" if of_time else "right", "located": None}
+
+
+def _read_by(claim) -> tuple[str, ...]:
+    """Names or kinds of the covariates that a claimed effect is a function of; () where that is not known."""
+    from robot_model.effects import CATALOGUE
+    from workbench.core.effect import make_effects
+    from workbench.proving.oracle import claimed_rows
+
+    made = make_effects(CATALOGUE, claimed_rows({"effects": [claim]}))
+    if made:
+        return made[0].reads
+    reads = getattr(CATALOGUE.get(claim["effect"]), "reads", ())
+    return reads if isinstance(reads, tuple) else ()
 
 
 _RULES = {

@@ -7,6 +7,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from robot_model.effects import CATALOGUE
+from robot_model.effects.elastic import JointCompliance
 from robot_model.state import sliding
 from robot_model.system import RobotChain, bind
 from workbench.core.effect import make_effects
@@ -16,13 +17,13 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
 from workbench.files.solution_file import CalibratedArm
-from workbench.fitting.plans import PLAN_FILES, default_plan, frames_of, geometry, plan_names
+from workbench.fitting.plans import PLAN_FILES, frames_of, geometry, plan_names
 from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.jobs.compensate import compensate
 from workbench.jobs.simulate import Truth, truth_from
 from workbench.study.spec import Study, Tasks, validated
 
-MODELS = ("geometry", "joint-compliance", "default")
+MODELS = ("geometry", JointCompliance.effect, "default")
 """Those that need no plan file."""
 Row = dict[str, float | int | str | None]
 
@@ -143,7 +144,10 @@ def stiffened(world: World) -> Row:
     truth, row = world.truth, {}
     name = list(world.tests)[-1]  # the tasks, or the test under the last load
     for effect in truth.model.effects:
-        if effect.effect != "joint-compliance" or len(effect.parameters(truth.model.chain)) != 1:
+        if (
+            effect.effect != JointCompliance.effect
+            or len(effect.parameters(truth.model.chain)) != 1
+        ):
             continue
         key = effect.parameters(truth.model.chain)[0].key
         stiff = replace(truth, parameters=truth.parameters.update({key: truth.parameters[key] / 2}))
@@ -177,9 +181,9 @@ def plan_of(name: str, recording: Recording) -> Path | tuple[Stage, ...] | None:
 
     robot = load_robot(recording.robot, "robot of the study")
     stages = (geometry(robot),)
-    if name == "joint-compliance":
-        loaded = next(s for s in default_plan(bind(robot, recording)) if s.name == "compliance")
-        torsion = tuple(row for row in loaded.effects if row[0] == "joint-compliance")
+    if name == JointCompliance.effect:
+        planned = JointCompliance.planned(bind(robot, recording))
+        torsion = tuple((name, where, options) for where, options in planned)
         stages += (
             Stage(
                 "compliance", "joints yield to the weight of links and load", torsion, earn=False

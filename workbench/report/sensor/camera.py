@@ -3,6 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
+from sensors.effects.artefact import BoardBow
 from workbench.jobs.camera import CameraRun
 from workbench.report import style
 from workbench.report.provenance import flat
@@ -236,7 +237,7 @@ def bow_surface(calibration, across: int = 25):
     plane = np.stack([np.ones_like(u), u, v])
     basis = basis - basis @ np.linalg.pinv(plane) @ plane
     index = [
-        calibration.fit.table.index[f"artefact.board-bow.{name}"]
+        calibration.fit.table.index[f"artefact.{BoardBow.effect}.{name}"]
         for name in calibration.bow.parameters
     ]
     covariance = calibration.covariance[np.ix_(index, index)]
