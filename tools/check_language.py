@@ -40,7 +40,9 @@ WORDS = {
 
 def faults(root: Path):
     """(path, line number, word, replacement) of every occurrence."""
-    pattern = re.compile("|".join(f"(?P<w{i}>{word})" for i, word in enumerate(WORDS)), re.IGNORECASE)
+    pattern = re.compile(
+        "|".join(f"(?P<w{i}>{word})" for i, word in enumerate(WORDS)), re.IGNORECASE
+    )
     terms = list(WORDS.values())
     for path in texts(root):
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):

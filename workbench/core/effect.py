@@ -163,8 +163,8 @@ class Effect:
     def planted(cls, readings, joint: int, rng: np.random.Generator) -> tuple[dict, np.ndarray]:
         """A random instance for the blind benchmark: its details, and the change of a joint's angle (n,) per unit size.
 
-        readings: `angles` (J, n) rad, `poses` (n,) and `columns` of the recording; joint: its number, from 1. An effect with a `plant_weight`
-        implements it, independently of `basis`.
+        readings: `angles` (J, n) rad, `poses` (n,) and `columns` of the recording; joint: its number, from 1.
+        An effect with a `plant_weight` implements it, independently of `basis`.
         """
         raise NotImplementedError
 
