@@ -1,0 +1,103 @@
+"""Which units and rotation conventions the columns may have, as far as headers and format leave them open."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.importers.mapping.model import Group
+from datasets.importers.mapping.rotations import (
+    EULER,
+    MATRIX,
+    QUATERNIONS,
+    SEQUENCES,
+    TAIT_BRYAN,
+    VECTOR,
+    has_unit,
+    rotation_matrices,
+)
+from datasets.importers.mapping.sets import AXES_OF_SET, find_sets
+from datasets.importers.source import RawTable
+from datasets.importers.units import ANGLES, LENGTHS
+
+LENGTH_UNITS = ("mm", "m", "in", "cm")
+ANGLE_UNITS = ("deg", "rad", "gon")
+_WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
+_SAME_RAD = 1e-9
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One reading of rotation columns: their order, convention, unit of angles, and whether they are transposed."""
+
+    group: Group
+
+    @property
+    def title(self) -> str:
+        """In words: "intrinsic XYZ in degrees"."""
+        unit = f" in {_WORDS[self.group.unit]}" if has_unit(self.group.convention) else ""
+        return f"{self.group.convention}{unit}{', inverse rotation' if self.group.inverse else ''}"
+
+    def matrices(self, table: RawTable) -> np.ndarray:
+        """(n, 3, 3) rotations. Raises ValueError where the numbers cannot be this."""
+        values = np.stack([table.numbers(name) for name in self.group.columns], axis=1)
+        return rotation_matrices(values, self.group.convention, self.group.unit, self.group.inverse)
+
+
+def length_units(group: Group, stated_only: bool = True) -> tuple[str, ...]:
+    """Units that a point may have: the stated one, or all."""
+    return (group.unit,) if group.unit in LENGTHS and stated_only else LENGTH_UNITS
+
+
+def angle_units(group: Group, stated_only: bool = True) -> tuple[str, ...]:
+    """Units that angles may have: the stated one, or all."""
+    return (group.unit,) if group.unit in ANGLES and stated_only else ANGLE_UNITS
+
+
+def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True) -> list[Turn]:
+    """All readings of rotation columns that differ in some row, the stated or usual ones first.
+
+    stated_only: keep to the convention and unit that the group states, as far as it does.
+    """
+    conventions = [(group.columns, group.convention)] if group.convention and stated_only else _conventions(group, table)
+    found: list[tuple[Turn, np.ndarray]] = []
+    for columns, convention in conventions:
+        units = angle_units(group, stated_only) if has_unit(convention) else (None,)
+        for unit in units:
+            for inverse in (group.inverse,) if group.convention and stated_only else (False, True):
+                turn = Turn(Group(tuple(columns), unit, convention, inverse))
+                try:
+                    matrices = turn.matrices(table)
+                except ValueError:
+                    continue
+                if not any(np.abs(matrices - other).max() < _SAME_RAD for _, other in found):
+                    found.append((turn, matrices))
+    return [turn for turn, _ in found]
+
+
+def _conventions(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], str]]:
+    """Orders of the columns with a convention each; those that the headers suggest first."""
+    if len(group.columns) == 9:
+        yield group.columns, MATRIX
+    elif len(group.columns) == 4:
+        for convention in QUATERNIONS:
+            yield group.columns, convention
+    else:
+        yield from _labelled(group, table)
+        yield group.columns, VECTOR
+        for convention in EULER:
+            yield group.columns, convention
+
+
+def _labelled(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], str]]:
+    """Each angle about the axis that its header names, in every order of the three rotations."""
+    same = [one for one in find_sets(table) if set(one.names) == set(group.columns)]
+    axes = AXES_OF_SET.get(same[0].labels) if same else None
+    if axes is None:
+        return
+    by_axis = dict(zip(axes, same[0].names))
+    for sequence in TAIT_BRYAN:
+        yield [by_axis[axis] for axis in sequence], f"intrinsic {sequence}"
+
+
+__all__ = ["SEQUENCES", "Turn", "angle_units", "length_units", "rotation_candidates"]

@@ -1,0 +1,102 @@
+"""Columns of a recording (mm, deg, unit quaternions) from a table and a complete mapping."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from datasets.columns import AXES
+from datasets.errors import complaint
+from datasets.importers.mapping.candidates import Turn
+from datasets.importers.mapping.joining import seconds_of
+from datasets.importers.mapping.model import Group, Mapping
+from datasets.importers.mapping.rotations import quaternion_columns
+from datasets.importers.source import RawTable
+from datasets.importers.units import ANGLES, LENGTHS
+
+
+def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[str, ...]]:
+    """The rows without an empty cell in a mapped column, and a sentence on those that were left out.
+
+    Raises InputError where a mapped column is missing or no row is complete.
+    """
+    kept = np.ones(table.n, bool)
+    for quantity in ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation"):
+        group = getattr(mapping, quantity)
+        for name in () if group is None else group.columns:
+            check_column(table, name, quantity)
+            kept &= np.isfinite(table.numbers(name))
+    if kept.all():
+        return table, ()
+    if not kept.any():
+        raise complaint(table.file, "rows with a number in every mapped column", "none", "map other columns")
+    lost = np.flatnonzero(~kept)
+    named = ", ".join(str(table.lines[row]) for row in lost[:5])
+    more = ", ..." if len(lost) > 5 else ""
+    sentence = f"{table.file}: {len(lost)} rows with an empty cell are left out (rows {named}{more})."
+    return table.take(np.flatnonzero(kept)), (sentence,)
+
+
+def check_column(table: RawTable, name: str, quantity: str) -> None:
+    """Raise InputError where a mapping names a column that the table does not have."""
+    if name not in table.columns:
+        raise complaint(
+            f"{table.file}, column {name} of [{quantity}]",
+            f"one of {', '.join(list(table.columns)[:30])}",
+            "no such column",
+            "correct the mapping",
+        )
+
+
+def joint_columns(table: RawTable, group: Group, prismatic: Sequence[bool], length_unit: str) -> dict[str, np.ndarray]:
+    """q1_deg ... (qK_mm of a prismatic joint) in the units of a recording."""
+    columns = {}
+    for number, (name, slides) in enumerate(zip(group.columns, prismatic), 1):
+        factor = LENGTHS[length_unit] if slides else ANGLES[group.unit]
+        columns[f"q{number}_{'mm' if slides else 'deg'}"] = factor * table.numbers(name)
+    return columns
+
+
+def point_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, np.ndarray]:
+    """x_mm, y_mm, z_mm, a prefix in front of their names."""
+    return {
+        f"{prefix}{axis}_mm": LENGTHS[group.unit] * table.numbers(name)
+        for axis, name in zip("xyz", group.columns)
+    }
+
+
+def rotation_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, np.ndarray]:
+    """qw, qx, qy, qz, a prefix in front. Raises InputError where the numbers are no rotations."""
+    try:
+        return quaternion_columns(Turn(group).matrices(table), prefix)
+    except ValueError as problem:
+        raise complaint(
+            f"{table.file}, columns {', '.join(group.columns)}", str(problem), "it", "correct the mapping"
+        ) from None
+
+
+def axis_columns(table: RawTable, group: Group) -> dict[str, np.ndarray]:
+    """nx, ny, nz or ox, oy, oz, of length 1."""
+    values = np.stack([table.numbers(name) for name in group.columns], axis=1)
+    lengths = np.linalg.norm(values, axis=1)
+    if np.abs(lengths - 1).max() > 0.02:
+        row = int(np.argmax(np.abs(lengths - 1)))
+        raise complaint(
+            f"{table.file}, row {table.lines[row]}, columns {', '.join(group.columns)}",
+            "an axis of length 1",
+            f"{lengths[row]:.4g}",
+            "correct the row or the mapping",
+        )
+    names = AXES[1] if group.columns[0].lower().lstrip("_").startswith("o") else AXES[0]
+    return dict(zip(names, (values / lengths[:, None]).T))
+
+
+def other_columns(table: RawTable, mapping: Mapping) -> dict[str, np.ndarray]:
+    """Columns that are taken over, and time_s from the first column with times."""
+    columns = {}
+    for name, target in mapping.columns.items():
+        check_column(table, name, "columns")
+        columns[target] = table.columns[name]
+    seconds = seconds_of(table)
+    if seconds is not None and "time_s" not in columns and np.isfinite(seconds).all():
+        columns["time_s"] = seconds - seconds.min()
+    return columns

@@ -1,0 +1,168 @@
+"""What the header of a column says: which quantity, which of its components, of which object, in which unit.
+
+English and German words, and the names that ROS, RTDE and the makers of robots and trackers use.
+"""
+
+import re
+import unicodedata
+from dataclasses import dataclass
+
+from datasets.importers.units import unit_named
+
+FLANGE_WORDS = frozenset(
+    "flange flansch robot roboter tcp tool tool0 ee eef effector hand gripper werkzeug arm kuka abb fanuc "
+    "yaskawa motoman staubli ur robotbase".split()
+)
+MEASURED_WORDS = frozenset(
+    "tracker laser lasertracker smr tmac mess messung messpunkt measured measurement gemessen leica faro api "
+    "hexagon reflector reflektor prism prisma target marker ball kugel sphere sensor scanner point punkt probe cmm "
+    "kmg vicon camera kamera optitrack".split()
+)
+ACTUAL_WORDS = frozenset("actual act ist istwert istposition feedback state real".split())
+NOMINAL_WORDS = frozenset(
+    "soll sollwert nominal nom cmd commanded command setpoint ref reference desired theo programmed".split()
+)
+DEVIATION_WORDS = frozenset(
+    "dev deviation abweichung delta diff difference error fehler residual std stdev sigma rms min max speed velocity "
+    "vel qd qdd acceleration current strom moment torque force effort geschwindigkeit".split()
+)
+
+_SUFFIX_UNITS = frozenset(
+    "mm cm um m in inch inches zoll deg degree degrees grad rad radian radians gon mrad s ms us ns kg".split()
+)
+_BRACKETS = re.compile(r"^(.*?)[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
+_UR_JOINTS = {
+    "shoulderpan": 1, "shoulderlift": 2, "elbow": 3, "wrist1": 4, "wrist2": 5, "wrist3": 6,
+}  # fmt: skip
+_PATTERNS = (
+    ("rotvec", r"(?:rv|rvec|rotvec|rotationvector|rotationsvektor|rodrigues)([xyz123])"),
+    ("matrix", r"(?:r|m|rot|t|a|rotation|matrix)([0-3])([0-3])"),
+    ("qindex", r"(?:q|quat|quaternion)([0-4])"),
+    ("turn", r"(?:q|quat|quaternion|orientation|orientierung)([wxyz])"),
+    (
+        "turn",
+        r"(?:r|rot|rotation|rotate|drehung|drehungum|rotationum|rotationabout|winkel|winkelum|angle|ang|euler|ori)"
+        r"([wxyz])",
+    ),
+    (
+        "joint",
+        r"(?:q|j|jt|joint|joints|gelenk|achse|axis|axe|ax|a|theta|th|gelenkwinkel|achswinkel|achsenwinkel|jointangle|"
+        r"jointposition|jointpos|jointvalue|axisangle|axispos|axisposition|winkel|winkelachse|angle|jointa|position|"
+        r"positions|pos)(\d{1,2})[a-z]?",
+    ),
+    (
+        "xyz",
+        r"(?:p|pos|position|punkt|point|coord|coordinate|koordinate|trans|translation|t|loc|location|center|centre|"
+        r"mittelpunkt)?([xyz])",
+    ),
+    ("euler", r"(?:euler|eulerangle|eulerwinkel|e|rpy)([123])"),
+    ("posecomponent", r"(?:pose|frame|vec|vector)([0-6])"),
+    ("axis", r"([noa])([xyz])"),
+)
+_WORDS = {
+    "roll": ("rpy", "x"), "rollen": ("rpy", "x"), "pitch": ("rpy", "y"), "nicken": ("rpy", "y"),
+    "yaw": ("rpy", "z"), "gieren": ("rpy", "z"), "alpha": ("greek", "1"), "beta": ("greek", "2"),
+    "gamma": ("greek", "3"), "phi": ("phi", "1"), "theta": ("phi", "2"), "psi": ("phi", "3"),
+    "omega": ("omega", "1"), "kappa": ("omega", "3"), "a": ("abc", "1"), "b": ("abc", "2"), "c": ("abc", "3"),
+    "w": ("wpr", "1"), "p": ("wpr", "2"), "r": ("wpr", "3"),
+    "s": ("slurbt", "1"), "l": ("slurbt", "2"), "u": ("slurbt", "3"),
+}  # fmt: skip
+_SINGLE = (
+    ("time", r"time|timestamp|zeit|zeitstempel|t|uhrzeit|datetime|stamp|messzeit|clock|times|timestamps"),
+    ("date", r"date|datum"),
+    ("sample", r"sample|nr|no|num|number|nummer|id|index|idx|lfdnr|messung|meas|measurement|row|zeile|n|posenr"),
+    ("name", r"name|point|punkt|pointname|punktname|label|bezeichnung|pointid|positionname|positionsname|posname"),
+    ("pose", r"pose|poseid|posenumber|station"),
+    ("repeat", r"repeat|wiederholung"),
+    ("reflector", r"reflector|reflektor|smr|marker|target|reflectorid|targetid"),
+    ("ball", r"ball|kugel|sphere|ballid|kugelnr"),
+    ("image", r"image|bild|file|filename|datei|dateiname|img|picture|foto|imagename|imagefile|bilddatei"),
+    ("cloud", r"cloud|scan|punktwolke|scanfile|pointcloud"),
+    ("temperature_c", r"temp|temperature|temperatur|ambient|umgebungstemperatur|raumtemperatur|ambienttemperature"),
+    ("payload_kg", r"payload|load|last|nutzlast|traglast"),
+    ("length_mm", r"length|distance|laenge|abstand|dist"),
+    ("pair", r"pair|paar"),
+)
+
+
+@dataclass(frozen=True)
+class Header:
+    """A header in parts: `kind` of quantity ("" where unknown), `label` of the component, words before it, unit."""
+
+    name: str
+    kind: str
+    label: str
+    words: tuple[str, ...]
+    unit: str | None
+    core: str
+
+    @property
+    def is_nominal(self) -> bool:
+        """Whether the value was commanded, not measured."""
+        return bool(NOMINAL_WORDS & set(self.words))
+
+    @property
+    def is_deviation(self) -> bool:
+        """Whether the value is a difference, a spread, a speed or a load."""
+        return bool(DEVIATION_WORDS & {*self.words, self.core})
+
+
+def read_header(name: str, unit: str | None = None) -> Header:
+    """The parts of a header; unit: what a row of units or the format states for the column."""
+    text, found = _split_unit(_plain(name))
+    words = _words(text)
+    if found is None and len(words) > 1 and words[-1] in _SUFFIX_UNITS:
+        found = unit_named(words[-1])
+        words = words[:-1]
+        if len(words) > 1 and words[-1] == "in":
+            words = words[:-1]
+    stated = unit_named(unit) if unit else None
+    for count in range(min(4, len(words)), 0, -1):
+        core = "".join(words[-count:])
+        kind, label = _kind(core)
+        if kind:
+            return Header(name, kind, label, tuple(words[:-count]), found or stated, core)
+    return Header(name, "", "", tuple(words), found or stated, "".join(words))
+
+
+def _plain(name: str) -> str:
+    """The name without umlauts and accents."""
+    text = name.replace("ä", "ae").replace("ö", "oe").replace("ü", "ue").replace("ß", "ss").replace("°", "deg")
+    text = text.replace("Ä", "Ae").replace("Ö", "Oe").replace("Ü", "Ue").replace("µ", "u")
+    for letter, word in (("α", "alpha"), ("β", "beta"), ("γ", "gamma"), ("θ", "theta"), ("φ", "phi"), ("ψ", "psi")):
+        text = text.replace(letter, word)
+    decomposed = unicodedata.normalize("NFKD", text)
+    return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
+
+
+def _split_unit(text: str) -> tuple[str, str | None]:
+    match = _BRACKETS.match(text)
+    if match and match[1].strip():
+        unit = unit_named(match[2])
+        return (match[1], unit) if unit else (f"{match[1]} {match[2]}", None)
+    return text, None
+
+
+def _words(text: str) -> list[str]:
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
+    return [word for word in re.split(r"[^A-Za-z0-9]+", spaced.lower().replace("A-Z", "")) if word]
+
+
+def _kind(core: str) -> tuple[str, str]:
+    """(kind, label) of the last words of a header, run together; ("", "") where they mean nothing."""
+    plain = core.removesuffix("joint")
+    if plain in _UR_JOINTS:
+        return "joint", str(_UR_JOINTS[plain])
+    for kind, pattern in _PATTERNS:
+        match = re.fullmatch(pattern, core)
+        if match:
+            return kind, "".join(match.groups())
+    match = re.fullmatch(r"[a-z0-9]*?(?:joint|achse|gelenk)a?(\d{1,2})[a-z]?", core)
+    if match:
+        return "joint", match[1]
+    if core in _WORDS:
+        return "word", core
+    for kind, pattern in _SINGLE:
+        if re.fullmatch(pattern, core):
+            return kind, ""
+    return "", ""

@@ -1,0 +1,241 @@
+"""Tables of several files as one: by row number, by a column that both have, or by time.
+
+The table with the fewest rows stays as it is (usually that of the tracker); numbers of a denser log are interpolated
+linearly at its times, because a log samples a continuous motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+
+import numpy as np
+
+from datasets.errors import complaint
+from datasets.importers.mapping.model import Join
+from datasets.importers.mapping.sets import headers_of
+from datasets.importers.source import RawTable
+from datasets.importers.units import TIMES
+
+_KEYS = ("sample", "name", "pose")
+_OVERLAP = 0.9
+_FORMATS = (
+    "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p",
+    "%Y/%m/%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S",
+)  # fmt: skip
+_EPOCH_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+_GAP = 5.0
+_LEAST_GAP_S = 0.5
+
+
+def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join, tuple[str, ...]]:
+    """One table of several, how they were joined, and sentences on rows that were left out.
+
+    Raises InputError where nothing says which rows belong together.
+    """
+    joined, used, warnings = tables[0], join, []
+    for table in tables[1:]:
+        few, many = (joined, table) if joined.n <= table.n else (table, joined)
+        few, many = _with_own_names(few, many)
+        used = join if join.by else _choose(few, many, join)
+        if used.by == "index":
+            joined = _by_index(few, many)
+        elif used.by == "key":
+            joined, said = _by_key(few, many, used)
+            warnings += said
+        else:
+            joined, said = _by_time(few, many, used)
+            warnings += said
+    return joined, used, tuple(warnings)
+
+
+def _with_own_names(first: RawTable, second: RawTable) -> tuple[RawTable, RawTable]:
+    """The tables with the stem of the file in front of columns that both have."""
+    shared = set(first.columns) & set(second.columns)
+    return _prefixed(first, shared, "1"), _prefixed(second, shared, "2")
+
+
+def _prefixed(table: RawTable, shared: set[str], number: str) -> RawTable:
+    stem = table.stem or number
+    names = {name: f"{stem}: {name}" if name in shared else name for name in table.columns}
+    return replace(
+        table,
+        columns={names[name]: cells for name, cells in table.columns.items()},
+        units={names[name]: unit for name, unit in table.units.items()},
+        conventions={names[name]: word for name, word in table.conventions.items()},
+    )
+
+
+def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
+    """The way of joining that the tables themselves offer."""
+    for mine, its in _shared_keys(few, many):
+        if _match_share(few.columns[mine], many.columns[its]) >= _OVERLAP:
+            return replace(join, by="key")
+    if few.n == many.n:
+        return replace(join, by="index")
+    if seconds_of(few) is not None and seconds_of(many) is not None:
+        return replace(join, by="time")
+    raise complaint(
+        f"{few.file} and {many.file}",
+        "equally many rows, a column with the same numbers or names in both, or times in both",
+        f"{few.n} and {many.n} rows and neither",
+        'add the column, or write [join] by = "key" with key = "<column>" into a mapping file for --map',
+    )
+
+
+def _shared_keys(few: RawTable, many: RawTable):
+    """Pairs of columns of both tables that may name the same rows."""
+    mine = [(h.kind, h.core, name) for name, h in headers_of(few).items() if h.kind in _KEYS]
+    its = [(h.kind, h.core, name) for name, h in headers_of(many).items() if h.kind in (*_KEYS,)]
+    for kind, _, name in mine:
+        for other_kind, _, other in its:
+            if kind == other_kind:
+                yield name, other
+
+
+def _match_share(first: np.ndarray, second: np.ndarray) -> float:
+    """Share of the rows of the first column that the second holds; 0 where values repeat."""
+    mine, its = _as_text(first), _as_text(second)
+    if len(set(mine)) < len(mine) or len(set(its)) < len(its):
+        return 0.0
+    return len(set(mine) & set(its)) / len(mine)
+
+
+def _as_text(cells: np.ndarray) -> list[str]:
+    if cells.dtype.kind == "f":
+        return [f"{value:.12g}" for value in cells]
+    return [str(cell).strip().lower() for cell in cells]
+
+
+def _by_index(few: RawTable, many: RawTable) -> RawTable:
+    if few.n != many.n:
+        raise complaint(
+            f"{few.file} and {many.file}",
+            "equally many rows to join them by index",
+            f"{few.n} and {many.n}",
+            "remove the surplus rows or join by key or time",
+        )
+    return _side_by_side(few, many)
+
+
+def _side_by_side(few: RawTable, many: RawTable) -> RawTable:
+    return replace(
+        few,
+        file=f"{few.file} + {many.file}",
+        columns={**few.columns, **many.columns},
+        units={**few.units, **many.units},
+        conventions={**few.conventions, **many.conventions},
+        default_units={**few.default_units, **many.default_units},
+        warnings=(*few.warnings, *many.warnings),
+    )
+
+
+def _by_key(few: RawTable, many: RawTable, join: Join):
+    pairs = list(_shared_keys(few, many))
+    if join.key is not None:
+        named = [[n for n in table.columns if n.rpartition(": ")[2] == join.key] for table in (few, many)]
+        pairs = [(named[0][0], named[1][0])] if all(named) else []
+    if not pairs:
+        raise complaint(f"{few.file} and {many.file}", "a column that names the same rows in both", "none", "add it")
+    mine, its = max(pairs, key=lambda pair: _match_share(few.columns[pair[0]], many.columns[pair[1]]))
+    place = {value: row for row, value in enumerate(_as_text(many.columns[its]))}
+    keys = _as_text(few.columns[mine])
+    if len(set(keys)) < len(keys) or len(place) < many.n:
+        raise complaint(
+            f"{few.file} and {many.file}, columns {mine} and {its}", "every value once", "values that repeat",
+            "number the rows or join by index or time",
+        )  # fmt: skip
+    rows = [row for row, value in enumerate(keys) if value in place]
+    if not rows:
+        raise complaint(f"{few.file} and {many.file}, columns {mine} and {its}", "common values", "none", "correct it")
+    other = many.take(np.array([place[keys[row]] for row in rows]))
+    lost = few.n - len(rows)
+    said = [f"{few.file}: {lost} of {few.n} rows have no row in {many.file} and are left out."] if lost else []
+    return _side_by_side(few.take(np.array(rows)), other), said
+
+
+def _by_time(few: RawTable, many: RawTable, join: Join):
+    mine, its = seconds_of(few), seconds_of(many)
+    for table, seconds in ((few, mine), (many, its)):
+        if seconds is None:
+            raise complaint(table.file, "a column with times to join by", "none", "name it time or join by index")
+    wanted = mine + join.time_offset_s
+    order = np.argsort(its, kind="stable")
+    times = its[order]
+    inside = (wanted >= times[0]) & (wanted <= times[-1])
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    gap = times[after] - times[after - 1]
+    inside &= gap <= max(_GAP * float(np.median(np.diff(times))), _LEAST_GAP_S)
+    if inside.mean() < 0.5:
+        raise complaint(
+            f"{few.file} and {many.file}",
+            "clocks that agree",
+            f"times {mine.min():.3f} to {mine.max():.3f} s and {times[0]:.3f} to {times[-1]:.3f} s",
+            "add time_offset_s = <seconds to add to the first> under [join] to a mapping file for --map",
+        )
+    rows = np.flatnonzero(inside)
+    other = _interpolated(many, order, times, wanted[rows])
+    lost = few.n - len(rows)
+    said = [f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."]
+    return _side_by_side(few.take(rows), other), said if lost else []
+
+
+def _interpolated(table: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray) -> RawTable:
+    """Rows of a log at other times: numbers linearly, text and rotations from the nearest row."""
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    nearest = order[np.where(wanted - times[after - 1] < times[after] - wanted, after - 1, after)]
+    taken = table.take(nearest)
+    columns = dict(taken.columns)
+    for name, header in headers_of(table).items():
+        if table.columns[name].dtype.kind == "f" and header.kind in ("joint", "xyz", "qindex", "temperature_c"):
+            is_joint_set = header.kind != "qindex" or header.words
+            if is_joint_set:
+                columns[name] = np.interp(wanted, times, table.columns[name][order])
+    return replace(taken, columns=columns)
+
+
+def seconds_of(table: RawTable) -> np.ndarray | None:
+    """(n,) times of the rows in s; None where the table has no times, or some that cannot be read."""
+    headers = headers_of(table)
+    names = [name for name, header in headers.items() if header.kind == "time"]
+    dates = [name for name, header in headers.items() if header.kind == "date"]
+    for name in names:
+        cells = table.columns[name]
+        if cells.dtype.kind == "f" and np.isfinite(cells).all():
+            return cells * _time_factor(headers[name].unit, cells)
+    if dates and names:
+        joined = [f"{d} {t}" for d, t in zip(table.columns[dates[0]], table.columns[names[0]])]
+        return _parsed(joined)
+    for name in (*names, *dates):
+        if table.columns[name].dtype.kind != "f":
+            return _parsed([str(cell) for cell in table.columns[name]])
+    return None
+
+
+def _time_factor(unit: str | None, cells: np.ndarray) -> float:
+    if unit in TIMES:
+        return TIMES[unit]
+    for least, factor in _EPOCH_UNITS:
+        if np.abs(cells).min() > least:
+            return factor
+    return 1.0
+
+
+def _parsed(texts: Sequence[str]) -> np.ndarray | None:
+    try:
+        return np.array([_seconds(text.strip().replace(",", ".")) for text in texts])
+    except ValueError:
+        return None
+
+
+def _seconds(text: str) -> float:
+    """Seconds of a time stamp in ISO 8601, German or English writing. Raises ValueError for others."""
+    try:
+        return datetime.fromisoformat(text).replace(tzinfo=None).timestamp()
+    except ValueError:
+        pass
+    for form in _FORMATS:
+        try:
+            return datetime.strptime(text, form).timestamp()
+        except ValueError:
+            continue
+    raise ValueError(text)

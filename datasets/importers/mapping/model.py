@@ -1,0 +1,203 @@
+"""The mapping of an import: which columns are which quantity, in which unit and convention; read and written as TOML.
+
+    format = "import/1"
+    measures = "external-pose"
+    robot = "ur10"
+    [join]
+    by = "index"
+    [joints]
+    columns = ["A1", "A2", "A3", "A4", "A5", "A6"]
+    unit = "deg"
+    [point]
+    columns = ["X", "Y", "Z"]
+    unit = "mm"
+    [rotation]
+    columns = ["Rx", "Ry", "Rz"]
+    unit = "deg"
+    convention = "intrinsic XYZ"
+    [flange_point]
+    ...
+    [flange_rotation]
+    ...
+    [columns]
+    "Temp" = "temperature_c"
+"""
+
+import tomllib
+from collections.abc import Mapping as Keys
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+from datasets.columns import KINDS
+from datasets.errors import complaint
+from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
+from datasets.importers.units import ANGLES, LENGTHS
+
+FORMAT = "import/1"
+QUANTITIES = ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation", "time")
+JOINS = ("index", "key", "time")
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one quantity. `unit`, `convention`: None where neither header, format nor user states them."""
+
+    columns: tuple[str, ...]
+    unit: str | None = None
+    convention: str | None = None
+    inverse: bool = False
+
+
+@dataclass(frozen=True)
+class Join:
+    """How two tables become one: by row number, by a column that both have, or by time."""
+
+    by: str | None = None
+    key: str | None = None
+    time_offset_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """The complete mapping; quantities that a source does not hold are None."""
+
+    measures: str | None = None
+    robot: str | None = None
+    join: Join = Join()
+    joints: Group | None = None
+    point: Group | None = None
+    rotation: Group | None = None
+    axis: Group | None = None
+    flange_point: Group | None = None
+    flange_rotation: Group | None = None
+    time: Group | None = None
+    columns: Keys[str, str] = field(default_factory=dict)
+    board: Keys | None = None
+
+    def updated(self, quantity: str, **changes) -> "Mapping":
+        """The mapping with other fields of one quantity."""
+        return replace(self, **{quantity: replace(getattr(self, quantity), **changes)})
+
+    def merged(self, other: "Mapping") -> "Mapping":
+        """This mapping, completed where it says nothing by another one (a proposal)."""
+        made = {}
+        for one in fields(self):
+            mine, its = getattr(self, one.name), getattr(other, one.name)
+            made[one.name] = _completed(mine, its)
+        return Mapping(**made)
+
+    def as_keys(self) -> dict:
+        """Plain keys for TOML and JSON."""
+        keys: dict = {"format": FORMAT}
+        for name in ("measures", "robot"):
+            if getattr(self, name) is not None:
+                keys[name] = getattr(self, name)
+        if self.join.by is not None:
+            keys["join"] = {k: v for k, v in vars(self.join).items() if v is not None}
+        for name in QUANTITIES:
+            group = getattr(self, name)
+            if group is not None:
+                keys[name] = _group_keys(group)
+        if self.columns:
+            keys["columns"] = dict(self.columns)
+        if self.board:
+            keys["board"] = dict(self.board)
+        return keys
+
+
+def _completed(mine, its):
+    if mine is None or mine == {}:
+        return its
+    if isinstance(mine, Join):
+        return its if mine == Join() else mine
+    if isinstance(mine, Group) and isinstance(its, Group) and mine.columns == its.columns:
+        return replace(mine, unit=mine.unit or its.unit, convention=mine.convention or its.convention)
+    return mine
+
+
+def _group_keys(group: Group) -> dict:
+    keys: dict = {"columns": list(group.columns)}
+    if group.unit is not None:
+        keys["unit"] = group.unit
+    if group.convention is not None:
+        keys["convention"] = group.convention
+    if group.inverse:
+        keys["inverse"] = True
+    return keys
+
+
+def write_mapping(mapping: Mapping, path: Path, comment: str = "") -> None:
+    """Write a mapping as TOML, comment lines first."""
+    import tomli_w
+
+    path.write_text(comment + tomli_w.dumps(mapping.as_keys()), encoding="utf-8", newline="\n")
+
+
+def read_mapping(path: Path) -> Mapping:
+    """The mapping of a TOML file. Raises InputError with file and key where it cannot be right."""
+    try:
+        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise complaint(f"--map {path}", "a readable file", str(problem.strerror), "correct the name") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise complaint(f"--map {path}", "TOML", f"a mistake ({problem})", "correct it there") from None
+    return mapping_from_keys(keys, path.name)
+
+
+def mapping_from_keys(keys: Keys, called: str) -> Mapping:
+    """The mapping of the keys of a file that errors name `called`. Raises InputError."""
+    known = {"format", "measures", "robot", "join", "columns", "board", *QUANTITIES}
+    for name in keys:
+        if name not in known:
+            raise complaint(f"{called}, key {name}", f"one of {', '.join(sorted(known))}", "this key", "correct it")
+    if keys.get("format", FORMAT) != FORMAT:
+        raise complaint(f"{called}, key format", f'"{FORMAT}"', repr(keys["format"]), "correct it")
+    measures = keys.get("measures")
+    if measures is not None and measures not in KINDS:
+        raise complaint(f"{called}, key measures", f"one of {', '.join(KINDS)}", repr(measures), "correct it")
+    groups = {name: _group(keys[name], name, called) for name in QUANTITIES if name in keys}
+    columns = keys.get("columns", {})
+    if not isinstance(columns, Keys) or not all(isinstance(v, str) for v in columns.values()):
+        raise complaint(f"{called}, [columns]", 'pairs like "Temp" = "temperature_c"', repr(columns)[:60], "correct it")
+    return Mapping(
+        measures=measures,
+        robot=keys.get("robot"),
+        join=_join(keys.get("join", {}), called),
+        columns=dict(columns),
+        board=keys.get("board"),
+        **groups,
+    )
+
+
+def _join(keys: Keys, called: str) -> Join:
+    where = f"{called}, [join]"
+    if not isinstance(keys, Keys) or set(keys) - {"by", "key", "time_offset_s"}:
+        raise complaint(where, "the keys by, key and time_offset_s", repr(keys)[:60], "remove the others")
+    if keys.get("by") not in (None, *JOINS):
+        raise complaint(f"{where}, key by", f"one of {', '.join(JOINS)}", repr(keys["by"]), "correct it")
+    offset = keys.get("time_offset_s", 0.0)
+    if isinstance(offset, bool) or not isinstance(offset, int | float):
+        raise complaint(f"{where}, key time_offset_s", "a number of seconds", repr(offset), "correct it")
+    return Join(keys.get("by"), keys.get("key"), float(offset))
+
+
+def _group(keys, name: str, called: str) -> Group:
+    where = f"{called}, [{name}]"
+    columns = keys.get("columns") if isinstance(keys, Keys) else None
+    if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
+        raise complaint(f"{where}, key columns", "a list of column names", repr(columns)[:60], "write the names")
+    if unknown := set(keys) - {"columns", "unit", "convention", "inverse"}:
+        raise complaint(f"{where}, key {sorted(unknown)[0]}", "columns, unit, convention or inverse", "it", "remove it")
+    unit, convention = keys.get("unit"), keys.get("convention")
+    units = LENGTHS if name in ("point", "flange_point") else ANGLES
+    if name != "time" and unit is not None and unit not in units:
+        raise complaint(f"{where}, key unit", f"one of {', '.join(units)}", repr(unit), "correct it")
+    if convention is not None and convention not in CONVENTIONS:
+        words = "quaternion wxyz, quaternion xyzw, rotation vector, matrix, intrinsic XYZ, extrinsic ZYX, ..."
+        raise complaint(f"{where}, key convention", f"one of {words}", repr(convention), "correct it")
+    wanted = SIZES.get(convention) if convention else 3 if name in ("point", "flange_point", "axis") else None
+    if wanted is not None and len(columns) != wanted:
+        raise complaint(f"{where}, key columns", f"{wanted} columns", f"{len(columns)}", "correct the list")
+    if not isinstance(keys.get("inverse", False), bool):
+        raise complaint(f"{where}, key inverse", "true or false", repr(keys["inverse"]), "correct it")
+    return Group(tuple(columns), unit, convention, keys.get("inverse", False))

@@ -1,0 +1,186 @@
+"""A mapping proposed from the headers of one table; what the headers leave open stays None for the test on the robot."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.errors import complaint
+from datasets.importers.mapping.headers import Header
+from datasets.importers.mapping.model import Group, Mapping
+from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
+from datasets.importers.source import RawTable
+
+_TURNS = ("angles", "quaternion", "vector", "matrix")
+_COPIED = ("pose", "repeat", "reflector", "ball", "temperature_c", "payload_kg", "length_mm", "pair")
+_SENSOR_WORDS = frozenset("sensor scanner camera kamera ball kugel sphere".split())
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """`mapping` from the headers; `unused` columns that it leaves out."""
+
+    mapping: Mapping
+    unused: tuple[str, ...]
+
+
+def propose(table: RawTable, has_images: bool = False, has_clouds: bool = False) -> Proposal:
+    """The mapping that the headers of a table suggest.
+
+    has_images, has_clouds: the source also holds images of a board, or clouds of a ball, which then are what was
+    measured. Raises InputError where two sets of columns may be the same quantity.
+    """
+    sets = [_usable(one, table) for one in find_sets(table)]
+    sets = [one for one in sets if one is not None]
+    joints = _best([one for one in sets if one.kind == "joints"], table, "joints")
+    measured_elsewhere = has_images or has_clouds
+    points = _classified([one for one in sets if one.kind == "point"], joints, measured_elsewhere, table)
+    turns = [one for one in sets if one.kind in _TURNS]
+    point, flange_point = points
+    rotation = _turn_of(point, [one for one in turns if not _is_of(one, flange_point)], table, "rotation")
+    flange_rotation = _turn_of(flange_point, [one for one in turns if one is not rotation], table, "flange_rotation")
+    axis = _best([one for one in sets if one.kind == "axis"], table, "axis") if rotation is None else None
+    mapping = Mapping(
+        joints=_group(joints, table, "angle"),
+        point=_group(point, table, "length"),
+        rotation=_group(rotation, table, "angle"),
+        axis=None if axis is None else Group(axis.names, None, None),
+        flange_point=_group(flange_point, table, "length"),
+        flange_rotation=_group(flange_rotation, table, "angle"),
+        columns=_copied(table),
+    )
+    mapping = replace(mapping, measures=_measures(mapping, point, has_images, has_clouds))
+    return Proposal(mapping, _unused(table, mapping))
+
+
+def _usable(one: ColumnSet, table: RawTable) -> ColumnSet | None:
+    """The set; None for columns with text, and for rotations that are zero in every row (not measured)."""
+    for name in one.names:
+        if table.columns[name].dtype.kind != "f":
+            return None
+    if one.kind in ("angles", "vector"):
+        cells = np.stack([table.columns[name] for name in one.names])
+        if not np.nan_to_num(cells).any():
+            return None
+    return one
+
+
+def _best(sets: list[ColumnSet], table: RawTable, quantity: str) -> ColumnSet | None:
+    """The only set; of several the actual values, not the commanded ones. Raises InputError for two alike."""
+    if not sets:
+        return None
+    for rule in (lambda s: s.is_actual, lambda s: not s.is_nominal):
+        chosen = [one for one in sets if rule(one)]
+        if chosen and len(chosen) < len(sets):
+            sets = chosen
+    longest = max(len(one.names) for one in sets)
+    sets = [one for one in sets if len(one.names) == longest]
+    if len(sets) > 1:
+        found = " and ".join(f"{one.names[0]} ... {one.names[-1]}" for one in sets)
+        columns = ", ".join(f'"{name}"' for name in sets[0].names)
+        raise complaint(
+            table.file,
+            f"one set of columns for the {quantity.replace('_', ' ')}",
+            found,
+            f"add [{quantity}] columns = [{columns}], or the others, to a mapping file for --map",
+        )
+    return sets[0]
+
+
+def _classified(points, joints, measured_elsewhere: bool, table: RawTable):
+    """The measured point and the flange's point, each None where it is not there."""
+    flange = [one for one in points if one.is_flange and not one.is_measured]
+    others = [one for one in points if one not in flange]
+    stated = [one for one in others if one.is_measured]
+    plain = [one for one in others if not one.is_measured]
+    if measured_elsewhere:
+        return None, _best(flange or others, table, "flange_point")
+    if stated and plain and not flange and joints is None:
+        return _best(stated, table, "point"), _best(plain, table, "flange_point")
+    measured = _best(stated or plain, table, "point")
+    if measured is None and joints is not None and len(flange) == 2:
+        return _best(flange, table, "point"), None
+    return measured, _best(flange, table, "flange_point")
+
+
+def _is_of(turn: ColumnSet, flange_point: ColumnSet | None) -> bool:
+    """Whether a rotation belongs to the flange's point: by the same words in front."""
+    if turn.is_flange and not turn.is_measured:
+        return True
+    return flange_point is not None and turn.words == flange_point.words
+
+
+def _turn_of(point: ColumnSet | None, turns: list[ColumnSet], table: RawTable, quantity: str) -> ColumnSet | None:
+    """The rotation that belongs to a point: the one with the same words, else the only one."""
+    if point is None:
+        return None
+    same = [one for one in turns if one.words == point.words]
+    same = same or [one for one in turns if one.words & point.words] or turns
+    if len(same) > 1:  # the same rotation in two forms: the one that is no convention is preferred
+        for kind in ("matrix", "quaternion", "vector"):
+            chosen = [one for one in same if one.kind == kind and not one.is_nominal]
+            if len(chosen) == 1:
+                return chosen[0]
+    return _best(same, table, quantity)
+
+
+def _group(one: ColumnSet | None, table: RawTable, quantity: str) -> Group | None:
+    """Columns of a set with what headers and format state about them."""
+    if one is None:
+        return None
+    unit = one.unit or table.default_units.get(quantity)
+    if one.kind in ("joints", "point"):
+        return Group(one.names, unit)
+    stated = table.conventions.get(one.names[0])
+    if stated is not None:
+        return Group(one.names, unit if one.kind == "angles" else None, stated)
+    if one.kind == "vector":
+        return Group(one.names, unit, "rotation vector")
+    if one.kind == "matrix":
+        return Group(one.names, None, None)
+    if one.kind == "quaternion" and one.labels == "wxyz":
+        return Group(one.names, None, "quaternion wxyz")
+    return Group(one.names, unit if one.kind == "angles" else None, None)
+
+
+def _copied(table: RawTable) -> dict[str, str]:
+    """Columns that are taken over under the name of the recording format."""
+    headers = headers_of(table)
+    kept: dict[str, str] = {}
+    for name, header in headers.items():
+        if header.kind in _COPIED and not header.is_deviation and header.kind not in kept.values():
+            if _fits(table, name, header):
+                kept[name] = header.kind
+    return kept
+
+
+def _fits(table: RawTable, name: str, header: Header) -> bool:
+    """Whether the cells can be what the header says: groups may have names, all else is numbers without gaps."""
+    cells = table.columns[name]
+    if header.kind in ("pose", "repeat", "reflector", "pair") and cells.dtype.kind != "f":
+        return all(map(bool, cells))
+    return cells.dtype.kind == "f" and bool(np.isfinite(cells).all())
+
+
+def _measures(mapping: Mapping, point: ColumnSet | None, has_images: bool, has_clouds: bool) -> str | None:
+    """The kind of recording that the quantities make; None where they make none."""
+    if has_images:
+        return "board-images"
+    if has_clouds:
+        return "ball-surface"
+    if point is None:
+        return "distance" if {"length_mm", "pair"} <= set(mapping.columns.values()) else None
+    if mapping.rotation is not None:
+        return "external-pose"
+    if mapping.axis is not None:
+        return "partial-pose"
+    if "ball" in mapping.columns.values() or point.words & _SENSOR_WORDS:
+        return "ball-centre"
+    return "external-point"
+
+
+def _unused(table: RawTable, mapping: Mapping) -> tuple[str, ...]:
+    used = set(mapping.columns)
+    for name in ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation"):
+        group = getattr(mapping, name)
+        used |= set(group.columns) if group is not None else set()
+    return tuple(name for name in table.columns if name not in used)

@@ -1,0 +1,189 @@
+"""Sets of columns that belong together: joint readings, points, rotations; found from the headers of a table."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.importers.mapping.headers import (
+    ACTUAL_WORDS,
+    FLANGE_WORDS,
+    MEASURED_WORDS,
+    Header,
+    read_header,
+)
+from datasets.importers.source import RawTable
+
+_MATRIX_NAMES = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+_MATRIX_FROM_0 = tuple(f"{row}{column}" for row in (0, 1, 2) for column in (0, 1, 2))
+_NOA = ("nx", "ox", "ax", "ny", "oy", "ay", "nz", "oz", "az")
+_SLURBT = ("s", "l", "u", "r", "b", "t")
+_WORD_SETS = {
+    "rpy": ("roll", "pitch", "yaw"),
+    "rpy german": ("rollen", "nicken", "gieren"),
+    "greek": ("alpha", "beta", "gamma"),
+    "phi": ("phi", "theta", "psi"),
+    "omega": ("omega", "phi", "kappa"),
+    "abc": ("a", "b", "c"),
+    "wpr": ("w", "p", "r"),
+}
+AXES_OF_SET = {
+    "turn": "XYZ", "rpy": "XYZ", "rpy german": "XYZ", "abc": "ZYX", "wpr": "XYZ", "omega": "XYZ",
+}  # fmt: skip
+"""Set of three angles -> the axis that each angle most likely belongs to."""
+
+
+@dataclass(frozen=True)
+class ColumnSet:
+    """Columns of one quantity in their order: `kind` joints, point, angles, quaternion, vector, matrix or axis."""
+
+    kind: str
+    names: tuple[str, ...]
+    words: frozenset[str]
+    unit: str | None
+    labels: str
+    is_nominal: bool = False
+
+    @property
+    def is_flange(self) -> bool:
+        """Whether words say that it belongs to the robot's flange or tool."""
+        return bool(self.words & FLANGE_WORDS)
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether words say that an instrument measured it."""
+        return bool(self.words & MEASURED_WORDS)
+
+    @property
+    def is_actual(self) -> bool:
+        """Whether words say that it is the actual value and not the commanded one."""
+        return bool(self.words & ACTUAL_WORDS)
+
+
+def headers_of(table: RawTable) -> dict[str, Header]:
+    """The parts of every header of a table."""
+    return {name: read_header(name, table.units.get(name)) for name in table.columns}
+
+
+def find_sets(table: RawTable) -> list[ColumnSet]:
+    """All complete sets of a table, in the order in which their first columns stand."""
+    headers = [h for h in headers_of(table).values() if not h.is_deviation]
+    by_words: dict[tuple[str, ...], list[Header]] = {}
+    for header in headers:
+        by_words.setdefault(header.words, []).append(header)
+    found: list[ColumnSet] = []
+    for same in by_words.values():
+        found += _sets_of(same, table)
+    order = {name: k for k, name in enumerate(table.columns)}
+    return sorted(found, key=lambda one: order[one.names[0]])
+
+
+def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
+    """Sets among headers with the same words in front."""
+    kinds: dict[str, dict[str, Header]] = {}
+    for header in headers:
+        kinds.setdefault(header.kind, {}).setdefault(header.label, header)
+    words = kinds.get("word", {}) | {core: h for h in headers if (core := h.core) in _SLURBT}
+    sets = [*_numbered(kinds, table), *_points(kinds), *_rotations(kinds)]
+    for name, wanted in _WORD_SETS.items():
+        if all(word in words for word in wanted) and not _is_slurbt(words):
+            sets.append(_set("angles", [words[word] for word in wanted], name))
+    if _is_slurbt(words):
+        sets.append(_set("joints", [words[word] for word in _SLURBT], "slurbt"))
+    return sets
+
+
+def _is_slurbt(words: Mapping) -> bool:
+    return all(word in words for word in _SLURBT)
+
+
+def _set(kind: str, headers: list[Header], labels: str = "") -> ColumnSet:
+    units = {header.unit for header in headers}
+    return ColumnSet(
+        kind,
+        tuple(header.name for header in headers),
+        frozenset(headers[0].words),
+        units.pop() if len(units) == 1 else None,
+        labels,
+        any(header.is_nominal for header in headers),
+    )
+
+
+def _points(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
+    xyz = kinds.get("xyz", {})
+    return [_set("point", [xyz[axis] for axis in "xyz"])] if all(axis in xyz for axis in "xyz") else []
+
+
+def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
+    """Quaternions, angles about axes, rotation vectors, matrices and axes of one object."""
+    sets = []
+    turn = kinds.get("turn", {})
+    if all(axis in turn for axis in "wxyz"):
+        sets.append(_set("quaternion", [turn[axis] for axis in "wxyz"], "wxyz"))
+    elif all(axis in turn for axis in "xyz"):
+        sets.append(_set("angles", [turn[axis] for axis in "xyz"], "turn"))
+    vector = kinds.get("rotvec", {})
+    for labels in ("xyz", "123"):
+        if all(axis in vector for axis in labels):
+            sets.append(_set("vector", [vector[axis] for axis in labels], labels))
+    euler = kinds.get("euler", {})
+    if all(number in euler for number in "123"):
+        sets.append(_set("angles", [euler[number] for number in "123"], "euler"))
+    matrix = kinds.get("matrix", {})
+    for names in (_MATRIX_NAMES, _MATRIX_FROM_0):
+        if all(name in matrix for name in names):
+            sets.append(_set("matrix", [matrix[name] for name in names]))
+            break
+    axis = kinds.get("axis", {})
+    if all(name in axis for name in _NOA):
+        sets.append(_set("matrix", [axis[name] for name in _NOA], "noa"))
+    else:
+        for letter in "no":
+            if all(letter + c in axis for c in "xyz"):
+                sets.append(_set("axis", [axis[letter + c] for c in "xyz"], letter))
+    return sets
+
+
+def _numbered(kinds: Mapping[str, Mapping[str, Header]], table: RawTable) -> list[ColumnSet]:
+    """Joint readings, quaternions q0 ... q3 and poses pose_0 ... pose_5."""
+    sets = []
+    joints = dict(kinds.get("joint", {}))
+    quaternion = kinds.get("qindex", {})
+    if len(quaternion) == 4 and _has_length_1(quaternion, table):
+        ordered = [quaternion[number] for number in sorted(quaternion)]
+        sets.append(_set("quaternion", ordered, "numbered"))
+    else:
+        joints = dict(quaternion) | joints
+    numbers = sorted(int(number) for number in joints)
+    if len(numbers) >= 2 and numbers[0] in (0, 1) and numbers == list(range(numbers[0], numbers[0] + len(numbers))):
+        by_number = {int(label): header for label, header in joints.items()}
+        sets.append(_set("joints", [by_number[number] for number in numbers]))
+    return sets + _poses(kinds.get("posecomponent", {}))
+
+
+def _has_length_1(columns: Mapping[str, Header], table: RawTable) -> bool:
+    cells = [table.columns[header.name] for header in columns.values()]
+    if any(cell.dtype.kind != "f" for cell in cells):
+        return False
+    lengths = np.sqrt(np.sum(np.square(cells), axis=0))
+    return bool(np.nanmax(np.abs(lengths - 1)) < 0.02)
+
+
+def _poses(components: Mapping[str, Header]) -> list[ColumnSet]:
+    """A point and a rotation of poses with six or seven numbered components (RTDE, arrays of MATLAB)."""
+    numbers = sorted(int(number) for number in components)
+    if len(numbers) not in (6, 7) or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
+        return []
+    ordered = [components[str(number)] for number in numbers]
+    point = _set("point", ordered[:3])
+    if len(ordered) == 7:
+        return [point, _set("quaternion", ordered[3:], "numbered")]
+    is_rtde = "tcp" in point.words and numbers[0] == 0
+    if not is_rtde:
+        return [point, _set("angles", ordered[3:], "pose")]
+    # Universal Robots: actual_TCP_pose is in m and a rotation vector in rad
+    turn = _set("vector", ordered[3:], "rtde")
+    return [
+        ColumnSet("point", point.names, point.words, "m", "rtde", point.is_nominal),
+        ColumnSet("vector", turn.names, turn.words, "rad", "rtde", turn.is_nominal),
+    ]

@@ -1,0 +1,145 @@
+"""YAML, XML and JSON files of cameras and targets: OpenCV FileStorage and Kalibr's target YAML."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from datasets.errors import complaint
+from datasets.importers.source import Source
+from datasets.importers.sources.arrays import pose_columns, tables_of_arrays
+
+_HEAD_BYTES = 4096
+
+
+def read_storage(path: Path) -> Source:
+    """A board from Kalibr's YAML, or tables and a camera from OpenCV's FileStorage. Raises InputError for others."""
+    head = path.read_bytes()[:_HEAD_BYTES].decode("utf-8", errors="replace")
+    if "target_type" in head:
+        return read_kalibr_target(path)
+    if re.search(r"%YAML:1\.0|opencv_storage|opencv-matrix", head) or path.suffix.lower() == ".json":
+        return read_opencv(path)
+    raise complaint(
+        path.name,
+        "an OpenCV FileStorage or a Kalibr target",
+        "neither %YAML:1.0 nor target_type",
+        "name the file that holds the poses or the target",
+    )
+
+
+def read_kalibr_target(path: Path) -> Source:
+    """[board] of a Kalibr target (checkerboard, circlegrid). Lengths of Kalibr are metres.
+
+    Raises InputError for AprilGrids, which no command detects, and for missing keys.
+    """
+    try:
+        keys = yaml.safe_load(path.read_text(encoding="utf-8"))
+        kind = keys["target_type"]
+        if kind == "aprilgrid":
+            raise complaint(
+                f"{path.name}, key target_type",
+                "checkerboard or circlegrid",
+                "aprilgrid, whose tags no command detects",
+                "use a chessboard, a ChArUco board or a circle grid",
+            )
+        spacing = keys["rowSpacingMeters"] if kind == "checkerboard" else keys["spacingMeters"]
+        board = {
+            "kind": "chessboard" if kind == "checkerboard" else "circles",
+            "columns": int(keys["targetCols"]),
+            "rows": int(keys["targetRows"]),
+            "square_mm": round(1000 * float(spacing), 9),
+        }
+    except KeyError as missing:
+        raise complaint(f"{path.name}, key {missing}", "this key of a Kalibr target", "none", "add it") from None
+    except (yaml.YAMLError, TypeError, ValueError) as problem:
+        raise complaint(path.name, "a Kalibr target in YAML", f"{problem}", "correct the file") from None
+    if keys.get("asymmetricGrid"):
+        board["asymmetric"] = True
+    return Source(board=board)
+
+
+def read_opencv(path: Path) -> Source:
+    """Tables of the matrices, and a camera where camera_matrix is there. Raises InputError where it cannot be read."""
+    import cv2
+
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        opened = storage.isOpened()
+    except cv2.error:
+        opened = False
+    if not opened:
+        raise complaint(path.name, "an OpenCV FileStorage", "a file that OpenCV cannot read", "write it again")
+    arrays = dict(_matrices(storage.root()))
+    storage.release()
+    camera = _camera(arrays)
+    poses = _poses(arrays)
+    arrays = {name: value for name, value in arrays.items() if value.ndim == 2 and len(value) >= 3}
+    arrays = {name: value for name, value in arrays.items() if value.shape not in {(3, 3), (4, 4)}}
+    if poses:
+        arrays |= poses
+    if camera is not None and not arrays:
+        return Source(camera=camera)
+    return Source(tables=tuple(tables_of_arrays(path, arrays)), camera=camera)
+
+
+def _matrices(node, prefix: str = ""):
+    """Names and arrays of all matrices below a node; sequences of numbers count as one row each."""
+    for name in node.keys():
+        child = node.getNode(name)
+        called = f"{prefix}{name}"
+        matrix = child.mat() if child.isMap() else None
+        if matrix is not None:
+            yield called, np.asarray(matrix, float)
+        elif child.isMap():
+            yield from _matrices(child, f"{called} ")
+        elif child.isSeq():
+            yield from _sequence(child, called)
+
+
+def _sequence(node, called: str):
+    items = [node.at(k) for k in range(node.size())]
+    if items and all(item.isReal() or item.isInt() for item in items):
+        yield called, np.array([item.real() for item in items])[:, None]
+        return
+    for number, item in enumerate(items):
+        matrix = item.mat() if item.isMap() else None
+        if matrix is not None:
+            yield f"{called}_{number}", np.asarray(matrix, float)
+
+
+def _poses(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of numbered 4 x 4 matrices (pose_0, pose_1, ...), by the name in front of the number."""
+    numbered: dict[str, list[tuple[int, np.ndarray]]] = {}
+    for name, value in arrays.items():
+        found = re.fullmatch(r"(.*?)[_ ]?(\d+)", name)
+        if found and value.shape == (4, 4):
+            numbered.setdefault(found[1], []).append((int(found[2]), value))
+    columns: dict[str, np.ndarray] = {}
+    for name, poses in numbered.items():
+        stacked = np.stack([pose for _, pose in sorted(poses, key=lambda item: item[0])])
+        for called, cells in pose_columns(name, stacked).items():
+            columns[called] = cells[:, None]
+    return columns
+
+
+def _camera(arrays: dict[str, np.ndarray]) -> dict | None:
+    """Keys of guess.camera from camera_matrix and distortion_coefficients."""
+    named = {name.lower().split()[-1]: value for name, value in arrays.items()}
+    matrix = next((named[k] for k in ("camera_matrix", "cameramatrix", "k", "m1") if k in named), None)
+    if matrix is None or matrix.shape != (3, 3):
+        return None
+    distortion = next(
+        (named[k] for k in ("distortion_coefficients", "dist_coeffs", "distcoeffs", "d", "d1") if k in named), None
+    )
+    camera = {
+        "fx_px": float(matrix[0, 0]),
+        "fy_px": float(matrix[1, 1]),
+        "cx_px": float(matrix[0, 2]),
+        "cy_px": float(matrix[1, 2]),
+    }
+    if distortion is not None:
+        values = [float(v) for v in distortion.ravel()]
+        size = 5 if len(values) <= 5 else 8
+        camera["distortion"] = (values + [0.0] * size)[:size]
+    return camera

@@ -1,0 +1,314 @@
+"""Delimited text of any laboratory: separator, decimal sign, header and comments are found from the lines themselves.
+
+Understood: comma, semicolon, tab, bar or spaces between cells; decimal point or decimal comma, column by column;
+lines of comments (`#`, `//`, `%`, `!`); title lines before the header; a row of units below the header; text after the
+last row. The file is read line by line, so that a log of many hours takes the memory of its numbers alone.
+"""
+
+import csv
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from datasets.errors import complaint
+from datasets.importers.source import RawTable
+from datasets.importers.units import is_unit, length_unit_in_text
+
+_SAMPLE_LINES = 400
+_COMMENT = re.compile(r"\s*(#|//|%|!)")
+_SEPARATORS = ("\t", ";", "|", ",", " ")
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
+_GROUPED_POINT = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d+")
+_GROUPED_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
+_EMPTY = {"", "-", "--", "nan", "na", "n/a", "null", "none"}
+_FEWEST_COLUMNS = 2
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a text file is divided: separator, number of cells of a row, index of the first line with data."""
+
+    separator: str
+    width: int
+    first: int
+
+
+def read_text_table(path: Path) -> RawTable:
+    """The table of a text file.
+
+    Raises InputError where no table is found, a row is cut off, or a column mixes decimal signs.
+    """
+    encoding = encoding_of(path)
+    with path.open(encoding=encoding, errors="replace", newline=None) as file:
+        sample = list(islice(file, _SAMPLE_LINES))
+    layout = find_layout(sample, path)
+    names, units = find_header(sample[: layout.first], layout)
+    columns, lines, warnings = _read_rows(path, encoding, layout)
+    names = names or [f"column {k + 1}" for k in range(layout.width)]
+    used = _used_columns(columns)
+    table = {names[k]: _typed(columns[k], f"{path.name}, column {names[k]}", lines) for k in used}
+    comment = " ".join(sample[: layout.first])
+    unit = length_unit_in_text(comment)
+    return RawTable(
+        path.name,
+        table,
+        np.array(lines),
+        units={names[k]: units[k] for k in used if units[k]},
+        default_units={"length": unit} if unit else {},
+        warnings=tuple(warnings),
+    )
+
+
+def encoding_of(path: Path) -> str:
+    """Name of the text encoding: UTF-16 and UTF-8 by their marks, else UTF-8 where it decodes, else Windows-1252."""
+    with path.open("rb") as file:
+        head = file.read(1 << 20)
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if head.startswith(b"\xef\xbb\xbf"):
+        return "utf-8-sig"
+    try:
+        head[: len(head) - 4].decode("utf-8") if len(head) > 8 else head.decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def find_layout(lines: Sequence[str], path: Path) -> Layout:
+    """The separator by which most cells of most lines are numbers in equally many columns.
+
+    Raises InputError where no separator gives a table.
+    """
+    best, most = None, 0.0
+    for separator in _SEPARATORS:
+        found = _layout_with(lines, separator)
+        if found is None:
+            continue
+        layout, score = found
+        if score > most:
+            best, most = layout, score
+    if best is None:
+        raise complaint(
+            path.name,
+            "a table of numbers with a separator between the cells",
+            "no two lines that are divided alike",
+            "export the table as CSV with one row per measurement",
+        )
+    return best
+
+
+def _layout_with(lines: Sequence[str], separator: str) -> tuple[Layout, float] | None:
+    """The layout with a separator, and the number of cells with numbers per line that it explains."""
+    widths: Counter = Counter()
+    numeric: dict[int, int] = {}
+    first: dict[int, int] = {}
+    total = 0
+    for number, line in enumerate(lines):
+        if not line.strip() or _COMMENT.match(line):
+            continue
+        total += 1
+        cells = split_cells(line, separator)
+        numbers = sum(map(is_number_text, cells))
+        if len(cells) >= _FEWEST_COLUMNS and numbers >= max(2, len(cells) / 3):
+            widths[len(cells)] += 1
+            numeric[len(cells)] = numeric.get(len(cells), 0) + numbers
+            first.setdefault(len(cells), number)
+    if not widths:
+        return None
+    width = max(widths, key=lambda w: numeric[w])
+    share = widths[width] / total
+    return Layout(separator, width, first[width]), numeric[width] / widths[width] * share
+
+
+def split_cells(line: str, separator: str) -> list[str]:
+    """Cells of a line, stripped; double quotes enclose cells with separators in them."""
+    text = line.strip("\r\n")
+    if separator == " ":
+        return _spaced(text)
+    if '"' in text:
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
+    return [cell.strip() for cell in text.split(separator)]
+
+
+def _spaced(text: str) -> list[str]:
+    """Cells between runs of spaces or tabs; a quoted cell may hold spaces."""
+    if '"' not in text:
+        return text.split()
+    return [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|(\S+)', text)]
+
+
+def is_number_text(cell: str) -> bool:
+    """Whether a cell is a number with decimal point or decimal comma."""
+    return any(pattern.fullmatch(cell) for pattern in (_POINT, _COMMA, _GROUPED_POINT, _GROUPED_COMMA))
+
+
+def find_header(lines: Sequence[str], layout: Layout) -> tuple[list[str] | None, list[str]]:
+    """Names of the columns, None without a header, and the unit of each ("" where none is stated).
+
+    The header is the last line before the data that has as many cells; a line of units may stand below it.
+    """
+    units = [""] * layout.width
+    for line in reversed(lines):
+        cells = _header_cells(line, layout)
+        if cells is None:
+            continue
+        if _is_unit_row(cells) and not any(units):
+            units = [cell.strip("[]() ") for cell in cells]
+            continue
+        if all(is_number_text(cell) for cell in cells if cell):
+            continue
+        return _unique(cells), units
+    return None, units
+
+
+def _header_cells(line: str, layout: Layout) -> list[str] | None:
+    """The cells of a line that may be a header, a comment sign removed; None where their number is another."""
+    text = _COMMENT.sub("", line, count=1) if _COMMENT.match(line) else line
+    for separator in dict.fromkeys((layout.separator, *_SEPARATORS)):
+        cells = split_cells(text.strip(), separator)
+        while len(cells) > layout.width and not cells[-1]:
+            cells.pop()
+        if len(cells) == layout.width - 1 and separator != " ":
+            cells.append("")  # a separator at the end of the rows, but not of the header
+        if len(cells) == layout.width and sum(map(bool, cells)) >= max(1, layout.width - 1):
+            return cells
+    return None
+
+
+def _is_unit_row(cells: Sequence[str]) -> bool:
+    filled = [cell for cell in cells if cell.strip("[]() -")]
+    return bool(filled) and all(is_unit(cell.strip("[]() ")) for cell in filled)
+
+
+def _unique(cells: Sequence[str]) -> list[str]:
+    """Names of columns: what is empty or stands twice gets its number."""
+    counts = Counter(cells)
+    seen: Counter = Counter()
+    names = []
+    for number, cell in enumerate(cells, 1):
+        seen[cell] += 1
+        plain = cell or f"column {number}"
+        names.append(f"{plain} ({seen[cell]})" if cell and counts[cell] > 1 and seen[cell] > 1 else plain)
+    return names
+
+
+def _read_rows(path: Path, encoding: str, layout: Layout):
+    """Columns of cells, line numbers, and sentences on lines that are no rows of the table."""
+    columns = [_Column() for _ in range(layout.width)]
+    lines: list[int] = []
+    foreign: list[int] = []
+    for number, cells in _data_lines(path, encoding, layout):
+        if len(cells) != layout.width or not any(map(is_number_text, cells)):
+            foreign.append(number)
+            continue
+        lines.append(number)
+        for column, cell in zip(columns, cells):
+            column.append(cell)
+    inside = [number for number in foreign if lines and number < lines[-1]]
+    if inside:
+        raise complaint(
+            f"{path.name}, row {inside[0]}",
+            f"{layout.width} cells as in the other rows",
+            "a row that is divided otherwise",
+            "correct or remove the row",
+        )
+    warnings = []
+    if foreign:
+        warnings.append(f"{path.name}: rows {foreign[0]} to {foreign[-1]} after the table are not read.")
+    return columns, lines, warnings
+
+
+def _data_lines(path: Path, encoding: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    with path.open(encoding=encoding, errors="replace", newline=None) as file:
+        for number, line in enumerate(file, 1):
+            if number <= layout.first or not line.strip() or _COMMENT.match(line):
+                continue
+            cells = split_cells(line, layout.separator)
+            while len(cells) > layout.width and not cells[-1]:
+                cells.pop()
+            yield number, cells
+
+
+class _Column:
+    """Cells of one column: numbers as long as they have one decimal sign, else the text of all."""
+
+    def __init__(self):
+        self.numbers = array("d")
+        self.sign = ""
+        self.texts: list[str] | None = None
+
+    def append(self, cell: str) -> None:
+        if self.texts is None and self._appended(cell):
+            return
+        if self.texts is None:
+            self.texts = [self._text(value) for value in self.numbers]
+        self.texts.append(cell)
+
+    def _appended(self, cell: str) -> bool:
+        if cell.lower() in _EMPTY:
+            self.numbers.append(np.nan)
+            return True
+        sign = "." if _POINT.fullmatch(cell) else "," if _COMMA.fullmatch(cell) else None
+        if sign is None:
+            return False
+        if sign in cell:
+            self.sign = self.sign or sign
+            if self.sign != sign:
+                return False
+        self.numbers.append(float(cell.replace(",", ".")))
+        return True
+
+    def _text(self, value: float) -> str:
+        return "" if value != value else _shortest(value).replace(".", self.sign or ".")
+
+
+def _shortest(value: float) -> str:
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
+
+
+def _used_columns(columns: Sequence[_Column]) -> list[int]:
+    """Indices of the columns with at least one cell that is filled."""
+    used = []
+    for k, column in enumerate(columns):
+        filled = any(column.texts) if column.texts is not None else any(v == v for v in column.numbers)
+        if filled:
+            used.append(k)
+    return used
+
+
+def _typed(column: _Column, where: str, lines: Sequence[int]) -> np.ndarray:
+    """Numbers where all cells are numbers with one decimal sign, else text."""
+    if column.texts is None:
+        return np.array(column.numbers)
+    return numbers_from_text(column.texts, where, lines)
+
+
+def numbers_from_text(texts: Sequence[str], where: str, lines: Sequence[int]) -> np.ndarray:
+    """(n,) numbers with a decimal comma, or with thousands separators; text where not all cells are numbers.
+
+    Raises InputError where some cells have a decimal point and others a decimal comma.
+    """
+    filled = [cell for cell in texts if cell.lower() not in _EMPTY]
+    if not all(map(is_number_text, filled)):
+        return np.array(texts)
+    commas = [k for k, cell in enumerate(texts) if "," in cell and not _GROUPED_POINT.fullmatch(cell)]
+    points = [k for k, cell in enumerate(texts) if "." in cell and not _GROUPED_COMMA.fullmatch(cell)]
+    if commas and points:
+        raise complaint(
+            where,
+            "one decimal sign in the whole column",
+            f"{texts[commas[0]]!r} in row {lines[commas[0]]} and {texts[points[0]]!r} in row {lines[points[0]]}",
+            "export the table again with one decimal sign",
+        )
+    if commas:
+        plain = [cell.replace(".", "").replace(",", ".") for cell in texts]
+    else:
+        plain = [cell.replace(",", "") for cell in texts]
+    return np.array([np.nan if cell.lower() in _EMPTY else float(cell) for cell in plain])
