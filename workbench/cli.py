@@ -17,7 +17,16 @@ from typing import Annotated
 import typer
 
 from workbench._version import VERSION
-from workbench.commands.data import datasets, demo, doctor, prove, study
+from workbench.commands.data import (
+    check,
+    datasets,
+    demo,
+    doctor,
+    import_data,
+    new,
+    prove,
+    study,
+)
 from workbench.commands.robot import (
     calibrate,
     calibrate_large,
@@ -48,6 +57,11 @@ app = typer.Typer(
     rich_markup_mode="rich" if sys.stdout.isatty() else None,
     pretty_exceptions_enable=False,
 )
+app.command("new", short_help="A commented recording to fill in with your own data.")(new.command)
+app.command("import", short_help="Tables, logs, bags, images or clouds in, a recording out.")(
+    import_data.command
+)
+app.command("check", short_help="Is a recording good enough, before any fit?")(check.command)
 app.command("calibrate", short_help="A recording in, held-out errors in mm out.")(calibrate.command)
 app.command("calibrate-large", short_help="The same of millions of samples.")(
     calibrate_large.command

@@ -1,0 +1,128 @@
+"""Import of 60 variants of one recording: units, orders, Euler conventions, separators; right, or a question."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from datasets.importers.mapping.rotations import EULER
+from workbench.core.errors import InputError
+from workbench.jobs.simulate import simulate
+from workbench.recordings.importing import ImportOptions, import_recording
+
+ROBOT = "abb_irb120"
+SCENE = """
+robot = "abb_irb120"
+measures = "external-pose"
+samples = 40
+seed = 3
+sigma_mm = 0.02
+[base]
+xyz_mm = [2300.0, -700.0, 400.0]
+rpy_deg = [1.0, -2.0, 70.0]
+[tool]
+xyz_mm = [10.0, 40.0, 130.0]
+rpy_deg = [20.0, 30.0, -60.0]
+[errors]
+length_mm = 0.2
+angle_deg = 0.05
+"""
+JOINT_UNITS = {"deg": 1.0, "rad": np.pi / 180, "gon": 1 / 0.9}
+LENGTH_UNITS = {"mm": 1.0, "m": 0.001, "in": 1 / 25.4}
+SEPARATORS = [(",", "."), (";", ","), ("\t", "."), (" ", "."), ("\t", ","), ("|", "."), (";", ".")]
+JOINTS = ["J{}", "Achse {}", "q{}", "A{}", "axis_{}", "joint_{}", "Gelenk {}"]
+POINTS = ["{}", "Tracker {}", "pos_{}", "SMR {}", "Messpunkt {}"]
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory):
+    scene = tmp_path_factory.mktemp("scene") / "scene.toml"
+    scene.write_text(SCENE)
+    return simulate(scene)
+
+
+def rotation_of(recording) -> Rotation:
+    return Rotation.from_quat(np.stack([recording.columns[f"q{c}"] for c in "xyzw"], axis=1))
+
+
+def rotation_columns(rotation: Rotation, form: str, unit: str) -> dict[str, np.ndarray]:
+    """Columns of the rotations in a form whose header does not say which convention it is."""
+    factor = JOINT_UNITS[unit]
+    if form == "matrix":
+        cells = rotation.as_matrix().reshape(-1, 9)
+        return {f"R{i}{j}": cells[:, 3 * i + j - 4] for i in (1, 2, 3) for j in (1, 2, 3)}
+    if form == "wxyz":
+        return dict(zip(("q0", "q1", "q2", "q3"), np.roll(rotation.as_quat(), 1, axis=1).T))
+    if form == "xyzw":
+        return dict(zip(("quat0", "quat1", "quat2", "quat3"), rotation.as_quat().T))
+    if form == "named":
+        return dict(zip(("qz", "qw", "qx", "qy"), np.roll(rotation.as_quat(), 2, axis=1).T[[0, 1, 2, 3]]))
+    if form == "vector":
+        return dict(zip(("Rx", "Ry", "Rz"), factor * np.rad2deg(rotation.as_rotvec()).T))
+    frame, sequence = form.split()
+    letters = sequence if frame == "intrinsic" else sequence.lower()
+    return dict(zip(("Rx", "Ry", "Rz"), factor * rotation.as_euler(letters, degrees=True).T))
+
+
+def variants():
+    """60 cases: every Euler convention, other forms, and units, names and separators that change from case to case."""
+    forms = [*EULER, *EULER, "matrix", "wxyz", "xyzw", "named", "vector", "vector"]
+    forms += ["matrix", "wxyz", "xyzw", "named", "vector", "vector"]
+    units = list(product(JOINT_UNITS, LENGTH_UNITS, ("deg", "rad")))
+    for k, form in enumerate(forms):
+        joint, length, angle = units[(7 * k) % len(units)]
+        separator = SEPARATORS[k % len(SEPARATORS)]
+        yield pytest.param(k, form, joint, length, angle, separator, id=f"{k}-{form}")
+
+
+def write_table(path, columns, separator, decimal, comment=""):
+    lines = [comment] if comment else []
+    quoted = [f'"{name}"' if separator == " " else name for name in columns]
+    lines.append(separator.join(quoted))
+    for row in zip(*columns.values()):
+        cells = [f"{value:.10g}".replace(".", decimal) for value in row]
+        lines.append(separator.join(cells))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def is_same(made, truth) -> bool:
+    turned = (rotation_of(made).inv() * rotation_of(truth)).magnitude().max()
+    moved = np.abs(made.points - truth.points).max()
+    joined = np.abs(made.joints - truth.joints).max()
+    return turned < 1e-6 and moved < 1e-4 and joined < 1e-6
+
+
+QUESTIONS = []
+
+
+def test_there_are_60_variants():
+    assert len(list(variants())) == 60
+
+
+@pytest.mark.parametrize(("k", "form", "joint", "length", "angle", "separator"), variants())
+def test_variant_is_right_or_asked(k, form, joint, length, angle, separator, truth, tmp_path):
+    joints = {
+        JOINTS[k % len(JOINTS)].format(number + 1): np.rad2deg(row) * JOINT_UNITS[joint]
+        for number, row in enumerate(truth.joints.T)
+    }
+    points = {
+        POINTS[k % len(POINTS)].format("XYZ"[axis]): row * LENGTH_UNITS[length]
+        for axis, row in enumerate(truth.points.T)
+    }
+    turns = rotation_columns(rotation_of(truth), form, angle)
+    columns = {**joints, **points, **turns} if k % 2 else {**points, **turns, **joints}
+    path = tmp_path / "table.txt"
+    write_table(path, columns, *separator, comment="# exported" if k % 3 == 0 else "")
+    try:
+        made = import_recording([path], tmp_path / "out", ImportOptions(robot=ROBOT))
+    except InputError as question:
+        assert "--map" in str(question)
+        QUESTIONS.append((form, str(question)))
+        return
+    assert made.recording.measures == "external-pose"
+    assert is_same(made.recording, truth)
+
+
+def test_most_variants_need_no_question():
+    assert len(QUESTIONS) <= 3, QUESTIONS

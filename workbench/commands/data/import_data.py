@@ -1,0 +1,144 @@
+"""`workbench import`: from files of other programs to a recording."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer
+from workbench.core.errors import InputError
+
+Sources = Annotated[
+    list[Path],
+    typer.Argument(help="Tables, robot programs, ROS bags, images, clouds, or folders of them."),
+]
+Robot = Annotated[
+    str | None,
+    typer.Option("--robot", metavar="NAME|FILE", help="Built-in robot, robot.toml or URDF."),
+]
+Map = Annotated[
+    Path | None, typer.Option("--map", metavar="FILE", help="Mapping of columns (TOML).")
+]
+Propose = Annotated[
+    Path | None,
+    typer.Option("--propose", metavar="FILE", help="Write the proposed mapping and stop."),
+]
+Board = Annotated[
+    str | None,
+    typer.Option(
+        "--board",
+        metavar="TEXT",
+        help='Board in the images: "chessboard 11x8 5mm", "circles 7x6 10mm" or '
+        '"charuco 7x5 30mm 22mm DICT_5X5_250"; "on tool" at the end where the robot holds it.',
+    ),
+]
+OutFolder = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording.")
+]
+Artefact = Annotated[
+    Path | None, typer.Option("--artefact", metavar="FILE", help="artefact.csv of the balls.")
+]
+BallRadius = Annotated[
+    float | None,
+    typer.Option("--ball-radius", metavar="MM", min=0.1, help="Of the ball in point clouds."),
+]
+Sigma = Annotated[
+    float | None,
+    typer.Option("--sigma", metavar="MM", help="Standard deviation of a measured coordinate."),
+]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask whether the preview is right.")]
+
+
+def command(
+    sources: Sources,
+    out: OutFolder = None,
+    robot: Robot = None,
+    map: Map = None,
+    propose: Propose = None,
+    board: Board = None,
+    artefact: Artefact = None,
+    ball_radius: BallRadius = None,
+    sigma: Sigma = None,
+    title: Annotated[str, typer.Option("--title", help="Title of the recording.")] = "",
+    json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
+    yes: Yes = False,
+) -> None:
+    """Make a recording from tables, logs, bags, images or clouds; units and conventions are tested on the robot.
+
+    What the data leave open is asked at a terminal, and refused with the missing line of the mapping otherwise.
+    """
+    answer.check_target(json)
+    if sigma is not None and sigma <= 0:
+        raise InputError(f"--sigma {sigma:g}: expected a standard deviation above 0 mm; correct it.")
+    from datasets.importers.mapping.model import Mapping, read_mapping
+    from workbench.commands.data import import_dialogue
+    from workbench.recordings.importing import ImportOptions
+
+    options = ImportOptions(
+        robot=robot,
+        mapping=Mapping() if map is None else read_mapping(map),
+        board=None if board is None else import_dialogue.board_keys(board),
+        artefact=artefact,
+        ball_radius_mm=ball_radius,
+        sigma_mm=sigma,
+        title=title,
+        ask=import_dialogue.asker(),
+        trust_data=trust_data,
+    )
+    if propose is not None:
+        _propose(sources, propose, options, json)
+        return
+    _check_out(out)
+    _import(sources, out, options, json, yes)
+
+
+def _check_out(out: Path | None) -> None:
+    if out is None:
+        raise InputError("workbench import: expected --out with a new folder for the recording; add it.")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"--out {out}: expected a new or empty folder, found files; name another.")
+
+
+def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> None:
+    """Write the mapping that headers and formats suggest, without any test."""
+    from tempfile import TemporaryDirectory
+
+    from datasets.importers.mapping.model import write_mapping
+    from workbench.recordings.importing.chain import find_mapping
+
+    answer.check_target(str(file), "--propose")
+    with answer.progress("reading the files"), TemporaryDirectory() as scratch:
+        found = find_mapping(sources, options, Path(scratch))
+    unused = ", ".join(found.unused) or "none"
+    comment = f"# Proposed from the headers. Columns that are not used: {unused}\n"
+    write_mapping(found.mapping, file, comment)
+    result = {"command": "import", "mapping": found.mapping.as_keys(), "file": file}
+    answer.deliver({**result, "unused_columns": list(found.unused)}, json)
+    answer.console(json).print(str(file), markup=False, soft_wrap=True)
+
+
+def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: bool) -> None:
+    from workbench.commands.data import import_dialogue
+    from workbench.recordings.importing import import_recording
+
+    console = answer.console(json)
+    asks = options.ask is not None and not yes
+    if asks:
+        result = import_recording(sources, out, options)
+    else:
+        with answer.progress("importing") as say:
+            result = import_recording(sources, out, options, say)
+    told = {"command": "import", "sources": list(sources), **result.as_json(), "folder": out}
+    import_dialogue.show(console, told, result)
+    if asks and not import_dialogue.is_confirmed(console):
+        import shutil
+
+        shutil.rmtree(out)
+        raise InputError(
+            "The import was rejected and nothing is kept; write the mapping with --propose FILE, correct it, and name "
+            "it with --map."
+        )
+    answer.deliver(told, json)
+    console.print(str(out), markup=False, soft_wrap=True)

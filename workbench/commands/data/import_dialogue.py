@@ -1,0 +1,115 @@
+"""What `workbench import` shows and asks at a terminal, and the short notation of a board."""
+
+import re
+import sys
+from collections.abc import Callable, Mapping
+
+from workbench.commands.shared import tables
+from workbench.core.errors import InputError
+
+_BOARD = re.compile(
+    r"(chessboard|checkerboard|circles|charuco)\s+(\d+)\s*[x×]\s*(\d+)\s+([\d.]+)\s*mm"
+    r"(?:\s+([\d.]+)\s*mm\s+(\w+))?(\s+asymmetric)?(\s+on\s+tool)?",
+    re.IGNORECASE,
+)
+_PREVIEWED = 4
+
+
+def board_keys(text: str) -> dict:
+    """[board] of a notation such as "chessboard 11x8 5mm on tool". Raises InputError for another one."""
+    match = _BOARD.fullmatch(text.strip())
+    if match is None:
+        raise InputError(
+            f'--board "{text}": expected kind, inner corners and distance such as "chessboard 11x8 5mm", "circles 7x6 '
+            '10mm asymmetric" or "charuco 7x5 30mm 22mm DICT_5X5_250", with "on tool" where the robot holds it; '
+            "correct it."
+        )
+    kind = match[1].lower().replace("checkerboard", "chessboard")
+    keys: dict = {
+        "kind": kind,
+        "columns": int(match[2]),
+        "rows": int(match[3]),
+        "square_mm": float(match[4]),
+    }
+    if match[5]:
+        keys |= {"marker_mm": float(match[5]), "dictionary": match[6]}
+    if match[7]:
+        keys["asymmetric"] = True
+    if match[8]:
+        keys["fixed_to"] = "tool"
+    return keys
+
+
+def asker() -> Callable | None:
+    """Asks a person where standard input and standard error are a terminal; None elsewhere."""
+    if not (sys.stdin and sys.stdin.isatty() and sys.stderr.isatty()):
+        return None
+    return _ask
+
+
+def _ask(question) -> int:
+    import typer
+
+    typer.echo(question.sentence + ".", err=True)
+    for number, option in enumerate(question.options, 1):
+        typer.echo(f"  {number}  {option}", err=True)
+    count = len(question.options)
+    chosen = typer.prompt(f"Which one is right (1 to {count})", type=int, err=True)
+    if not 1 <= chosen <= count:
+        raise InputError(f"The answer {chosen} is none of the options 1 to {count}; nothing was written.")
+    return chosen - 1
+
+
+def is_confirmed(console) -> bool:
+    """Whether the person accepts the preview."""
+    import typer
+
+    return typer.confirm("Is this right?", default=True, err=True)
+
+
+def show(console, answer: Mapping, result) -> None:
+    """Warnings, mapping, fit of each candidate and the first rows."""
+    for sentence in answer["warnings"]:
+        console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
+    images = f", {answer['images']} images" if answer["images"] else ""
+    head = f"{answer['measures']}, {answer['samples']} samples{images}"
+    rows = [list(row) for row in _mapping_rows(answer["mapping"])]
+    tables.grid(console, head, ["quantity", "columns", "read as"], rows, left=3)
+    if answer["conventions"]:
+        fits = [[fit["name"], fit["rms_mm"], fit["rms_deg"]] for fit in answer["conventions"]]
+        tables.grid(console, "Fit to the robot", ["reading", "RMS mm", "RMS deg"], fits)
+    _preview(console, result.recording)
+    if answer["unused_columns"]:
+        console.print(f"Not used: {', '.join(answer['unused_columns'])}", markup=False)
+
+
+def _mapping_rows(mapping: Mapping):
+    for name, value in mapping.items():
+        if not isinstance(value, Mapping):
+            continue
+        if isinstance(value.get("columns"), list):
+            read = [value.get("convention"), value.get("unit")]
+            read.append("inverse rotation" if value.get("inverse") else None)
+            yield name, ", ".join(value["columns"]), ", ".join(filter(None, read))
+        elif name == "columns":
+            for column, target in value.items():
+                yield target, column, ""
+        elif name == "join":
+            yield "join", "", str(value.get("by"))
+
+
+def _preview(console, recording) -> None:
+    """The first samples as the recording holds them."""
+    if not recording.columns:
+        return
+    names = list(recording.columns)
+    rows = []
+    for name in names:
+        cells = recording.columns[name][:_PREVIEWED]
+        rows.append([name, *(_short(cell) for cell in cells)])
+    head = ["first samples", *(str(k + 1) for k in range(len(rows[0]) - 1))]
+    tables.grid(console, "", head, rows)
+
+
+def _short(cell) -> str:
+    return cell if isinstance(cell, str) else f"{float(cell):.6g}"

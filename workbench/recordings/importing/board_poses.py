@@ -1,0 +1,322 @@
+"""Import of images of a board with flange poses (hand-eye): units and rotation convention tested on the board.
+
+The board is found in some of the images, a camera is calibrated from them, and each reading of the flange poses is
+judged by how well one transform from flange to camera explains all board poses (robust linear start on SO(3) from many
+rotations; `robot_model.measurements.multistart`).
+"""
+
+from collections.abc import Mapping as Keys, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from datasets.importers.mapping.candidates import angle_units, length_units, rotation_candidates
+from datasets.importers.mapping.conversion import (
+    complete_rows,
+    joint_columns,
+    other_columns,
+    point_columns,
+    rotation_columns,
+)
+from datasets.importers.mapping.joining import seconds_of
+from datasets.importers.mapping.model import Mapping
+from datasets.importers.source import ImageFile, RawTable
+from datasets.importers.sources.choice import natural_order
+from datasets.recording import Recording
+from robot_model import load_robot
+from robot_model.chain import Frames, forward
+from robot_model.measurements.external_pose import ExternalPose
+from robot_model.measurements.multistart import MODEL_ERROR_MM, lever_arm
+from workbench.core.errors import InputError
+from workbench.core.rigid import inverse, transform
+from workbench.recordings.importing.decisions import choose_reading, screened_turns
+from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.robots import robot_keys
+
+_IMAGES_TESTED = 16
+_FEWEST = 4
+_KEPT = 0.9
+_GOOD_SHARE, _LEAST_GOOD_MM, _GOOD_DEG = 0.05, 3.0, 3.0
+_IMAGE_GAP_S = 0.2
+
+
+@dataclass(frozen=True)
+class BoardViews:
+    """Board poses `seen` (k, 4, 4) T_camera_board of the rows `rows` (k,) of the table."""
+
+    seen: np.ndarray
+    rows: np.ndarray
+
+
+def import_images(found, options, folder: Path, progress):
+    """Recording, complete mapping, fits and warnings of a folder of images with or without poses.
+
+    folder: an empty place for the images until they are written. Raises InputError where the board is not described,
+    images and rows do not correspond, or the poses fit under no reading.
+    """
+    mapping = replace(found.mapping, measures="board-images")
+    board = _board(found, options)
+    mapping = replace(mapping, board=board)
+    if found.table is None:
+        images = _linked_images(found.source.images, folder)
+        return _recording({}, images, board, folder, {}), mapping, (), ()
+    table, said = _matched_rows(found, mapping)
+    images = _linked_images([image for image, _ in table], folder)
+    rows = found.table.take(np.array([row for _, row in table]))
+    rows, dropped = complete_rows(rows, mapping)
+    if dropped:
+        raise InputError(f"{dropped[0]} Remove their images or complete the rows.")
+    keys, mapping, readings = _readings(rows, mapping, options)
+    progress("finding the board in the images")
+    views = _board_views(_recording({}, images, board, folder, {}), options, progress)
+    kind = "to-hand" if board.get("fixed_to") == "tool" else "in-hand"
+    mapping, fits = _decide(readings, views, kind, rows.file, options)
+    columns = {"sample": np.arange(1, rows.n + 1, dtype=float), **_pose_columns(rows, mapping, keys)}
+    others = other_columns(rows, mapping)
+    columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
+    recording = _recording(columns, images, board, folder, keys)
+    return recording, mapping, fits, said
+
+
+def _board(found, options) -> dict:
+    board = options.board or found.mapping.board or found.source.board
+    if board is None:
+        raise InputError(
+            "The board in the images is not described, so that no image can be used; add --board "
+            '"chessboard 11x8 5mm" (kind, inner corners or circles, distance in mm), or name a Kalibr target file.'
+        )
+    return dict(board)
+
+
+def _linked_images(images: Sequence[ImageFile], folder: Path) -> list[dict]:
+    """Rows of images.csv; the files are linked into folder/images under unique names."""
+    target = folder / "images"
+    target.mkdir(parents=True, exist_ok=True)
+    rows, used = [], set()
+    for number, image in enumerate(images, 1):
+        name = image.name if image.name not in used else f"{number}-{image.name}"
+        used.add(name)
+        (target / name).symlink_to(Path(image.path).resolve())
+        rows.append({"image": f"images/{name}", "role": "board", "sample": number})
+    return rows
+
+
+def _recording(columns, images, board, folder, keys) -> Recording:
+    if not columns:
+        images = [{"image": row["image"], "role": "board"} for row in images]
+    return Recording(
+        measures="board-images",
+        columns=columns,
+        robot=keys,
+        images=tuple(images),
+        board=board,
+        name="import",
+        folder=folder,
+    )
+
+
+def _matched_rows(found, mapping) -> tuple[list[tuple[ImageFile, int]], tuple[str, ...]]:
+    """Image and row of the table that belong together: by file name, by time, or by order.
+
+    Raises InputError where neither file names nor times nor equal numbers connect them.
+    """
+    images = sorted(found.source.images, key=lambda image: natural_order(image.name))
+    table = found.table
+    named = _by_name(images, table)
+    if named:
+        return named, _left_out(len(images), table.n, len(named))
+    timed = _by_time(images, table)
+    if timed:
+        return timed, _left_out(len(images), table.n, len(timed))
+    if len(images) != table.n:
+        raise InputError(
+            f"{table.file}: expected as many rows as images or a column with the names of the image files, found "
+            f"{table.n} rows and {len(images)} images; add a column image to the table."
+        )
+    return [(image, row) for row, image in enumerate(images)], ()
+
+
+def _by_name(images, table: RawTable) -> list[tuple[ImageFile, int]]:
+    """Pairs by a text column with file names, or by a number that the file names end with."""
+    places = {Path(image.name).name.lower(): image for image in images}
+    stems = {Path(image.name).stem.lower(): image for image in images}
+    for cells in table.columns.values():
+        if cells.dtype.kind == "f":
+            continue
+        names = [Path(str(cell).replace("\\", "/")).name.lower() for cell in cells]
+        pairs = [(places.get(name) or stems.get(Path(name).stem), row) for row, name in enumerate(names)]
+        kept = [(image, row) for image, row in pairs if image is not None]
+        if len(kept) >= max(_FEWEST, table.n // 2):
+            return kept
+    return []
+
+
+def _by_time(images, table: RawTable) -> list[tuple[ImageFile, int]]:
+    seconds = seconds_of(table)
+    if seconds is None or any(image.time_s is None for image in images) or len(images) == table.n:
+        return []
+    pairs = []
+    for image in images:
+        row = int(np.argmin(np.abs(seconds - image.time_s)))
+        if abs(seconds[row] - image.time_s) <= _IMAGE_GAP_S:
+            pairs.append((image, row))
+    return pairs if len(pairs) >= _FEWEST else []
+
+
+def _left_out(images: int, rows: int, used: int) -> tuple[str, ...]:
+    if used == images == rows:
+        return ()
+    return (f"{used} of {images} images have a pose among {rows} rows; the others are left out.",)
+
+
+def _readings(rows: RawTable, mapping: Mapping, options):
+    """Robot keys, mapping, and (title, mapping, poses (n, 4, 4)) of every reading of poses or joint readings."""
+    if mapping.flange_point is not None and mapping.flange_rotation is not None:
+        return {}, replace(mapping, joints=None), _flange_readings(rows, mapping)
+    if mapping.joints is None:
+        shown = ", ".join(list(rows.columns)[:16])
+        raise InputError(
+            f"{rows.file}: expected flange poses (X, Y, Z and a rotation) or joint readings for the images, found "
+            f"{shown}; add [flange_point] and [flange_rotation] with their columns to a mapping file and name it "
+            "with --map."
+        )
+    named = options.robot or mapping.robot
+    keys = robot_keys(named, rows.file)
+    robot = load_robot(keys, f"--robot {named}")
+    readings = []
+    for unit in angle_units(mapping.joints):
+        made = replace(mapping.updated("joints", unit=unit), robot=named, flange_point=None, flange_rotation=None)
+        columns = joint_columns(rows, made.joints, robot.prismatic, "mm")
+        recorded = Recording("board-images", columns, keys)
+        frames = forward(robot, robot.mixing @ recorded.joints.T)
+        poses = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
+        readings.append((f"joints in {unit}", made, poses))
+    return keys, mapping, readings
+
+
+def _flange_readings(rows: RawTable, mapping: Mapping):
+    readings = []
+    for turn in rotation_candidates(mapping.flange_rotation, rows):
+        turned = turn.matrices(rows)
+        for unit in length_units(mapping.flange_point):
+            made = replace(mapping, flange_rotation=turn.group).updated("flange_point", unit=unit)
+            places = np.stack(list(point_columns(rows, made.flange_point).values()), axis=1)
+            readings.append((f"{turn.title}, flange in {unit}", made, transform(turned, places)))
+    if not readings:
+        raise InputError(
+            f"{rows.file}, columns {', '.join(mapping.flange_rotation.columns)}: expected rotations, found numbers that "
+            "are none (quaternions of length 1, orthogonal matrices); correct the columns or the mapping."
+        )
+    return readings
+
+
+def _board_views(recording: Recording, options, progress) -> BoardViews:
+    """Board poses of some of the images, evenly chosen. Raises InputError where the board is not found."""
+    from sensors.boards.detection import detect_all
+    from sensors.camera.calibration import calibrate_camera
+    from sensors.hand_eye.start import board_poses
+
+    count = len(recording.images)
+    rows = np.unique(np.linspace(0, count - 1, min(count, _IMAGES_TESTED)).astype(int))
+    some = replace(recording, images=tuple(recording.images[row] for row in rows))
+    found = detect_all(some)
+    numbers = {image["image"]: row for row, image in zip(rows, some.images)}
+    progress("calibrating a camera to test the poses")
+    camera = calibrate_camera(found.views, found.board, found.size, folds=0).camera
+    seen = []
+    for view in found.views:
+        corners = found.board.points[:, view.index]
+        seen.append(board_poses(corners, view.pixels, np.zeros(len(view.index), int), camera)[0])
+    return BoardViews(np.array(seen), np.array([numbers[view.image] for view in found.views]))
+
+
+def _decide(readings, views: BoardViews, kind: str, file: str, options):
+    """The reading that explains the board poses, and the fits. Raises InputError where none or several do."""
+    if len(views.rows) < _FEWEST:
+        raise InputError(
+            f"{file}: expected the board in {_FEWEST} images or more to test the poses, found it in "
+            f"{len(views.rows)}; correct --board or take more images."
+        )
+    fits = _compared(readings, views, kind)
+    if not (fits and fits[0][1].is_good):
+        _refuse_other_kind(readings, views, kind, fits, file)
+    lines = [_line(mapping) for _, mapping, _ in readings]
+    chosen = choose_reading(lines, fits, f"{file}, flange poses", options.ask)
+    best = dict(fits)[chosen]
+    if not best.is_good and not options.trust_data:
+        raise InputError(
+            f"{file}: expected flange poses that explain the board in the images, found none under any reading "
+            f"(best {best.words}); check that rows and images belong together, the size of the board and the mapping, "
+            "or repeat with --trust-data."
+        )
+    return readings[chosen][1], tuple(fit for _, fit in fits)
+
+
+def _refuse_other_kind(readings, views: BoardViews, kind: str, fits, file: str) -> None:
+    """Raise InputError where a board on the other side of the chain explains the poses."""
+    other = _compared(readings, views, "to-hand" if kind == "in-hand" else "in-hand")
+    if not (other and other[0][1].is_good):
+        return
+    best = f" ({fits[0][1].words})" if fits else ""
+    stated, fixed = ("base", "tool") if kind == "in-hand" else ("tool", "base")
+    raise InputError(
+        f"{file}: expected poses that agree with a board fixed to the {stated}{best}, found that they agree with a "
+        f"board fixed to the {fixed} or with inverse poses ({other[0][1].words}); add fixed_to = \"{fixed}\" to "
+        "[board] of a mapping file (--map), or invert the poses."
+    )
+
+
+def _line(mapping: Mapping) -> str:
+    if mapping.flange_rotation is None:
+        return f'unit = "{mapping.joints.unit}" under [joints]'
+    group = mapping.flange_rotation
+    columns = ", ".join(f'"{name}"' for name in group.columns)
+    unit = f', unit = "{group.unit}"' if group.unit else ""
+    turned = ", inverse = true" if group.inverse else ""
+    return (
+        f'[flange_rotation] columns = [{columns}], convention = "{group.convention}"{unit}{turned} and unit = '
+        f'"{mapping.flange_point.unit}" under [flange_point]'
+    )
+
+
+def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, CandidateFit]]:
+    """Index and fit of the readings, the most probable first."""
+    measured = inverse(views.seen) if kind == "in-hand" else views.seen
+    turns = [poses[views.rows][:, :3, :3] for _, _, poses in readings]
+    kept = screened_turns(measured[:, :3, :3], turns, len(turns))
+    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], measured)) for k in kept]
+    return sorted(fits, key=lambda item: item[1].improbability)
+
+
+def _fit(title: str, poses: np.ndarray, measured: np.ndarray) -> CandidateFit:
+    """One transform from flange to target, and one from base to camera or board, for all poses (k, 4, 4)."""
+    axes = tuple(np.ascontiguousarray(poses[:, :3, c].T) for c in range(3))
+    frames = Frames((), (), None, None, None, axes, np.ascontiguousarray(poses[:, :3, 3].T))
+    pose = ExternalPose(np.ascontiguousarray(measured[:, :3, 3].T), measured[:, :3, :3])
+    system = pose.system(frames)
+    start = system.starts()[0]
+    gap = system.rotation_rows @ start.rotations.ravel()
+    gap = gap + system.translation_rows @ start.translations - system.right
+    place = np.linalg.norm(gap[:, :3], axis=1) * MODEL_ERROR_MM
+    turn = np.linalg.norm(gap[:, 3:], axis=1) * MODEL_ERROR_MM
+    both = np.hypot(place, turn)
+    best = np.argsort(both)[: int(np.ceil(_KEPT * len(both)))]
+    degrees = max(6 * len(both) - 12, 6)
+    scale = float(np.sqrt((both[best] ** 2).mean()))
+    rms_mm = float(np.sqrt((place[best] ** 2).mean()))
+    rms_deg = float(np.rad2deg(np.sqrt((turn[best] ** 2).mean()) / lever_arm(frames.end_origin)))
+    spread = float(np.sqrt(np.ptp(measured[:, :3, 3], axis=0) @ np.ptp(measured[:, :3, 3], axis=0)))
+    good_mm = max(_LEAST_GOOD_MM, _GOOD_SHARE * spread)
+    is_good = rms_mm <= good_mm and rms_deg <= _GOOD_DEG
+    return CandidateFit(title, rms_mm, rms_deg, scale, degrees * np.log(max(scale, 1e-3)), is_good)
+
+
+def _pose_columns(rows: RawTable, mapping: Mapping, keys) -> dict[str, np.ndarray]:
+    if mapping.flange_rotation is None:
+        robot = load_robot(keys, "robot")
+        return joint_columns(rows, mapping.joints, robot.prismatic, "mm")
+    return {
+        **point_columns(rows, mapping.flange_point, "flange_"),
+        **rotation_columns(rows, mapping.flange_rotation, "flange_"),
+    }

@@ -1,0 +1,211 @@
+"""Units and rotation convention of an import, decided by the fit to the robot, or asked for."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.importers.mapping.candidates import (
+    Turn,
+    angle_units,
+    length_units,
+    rotation_candidates,
+)
+from datasets.importers.mapping.model import Mapping
+from datasets.importers.source import RawTable
+from datasets.recording import Recording
+from robot_model.chain import forward
+from robot_model.robot import Robot
+from workbench.core.errors import InputError
+from workbench.recordings.importing.fits import CandidateFit, compare_readings
+from workbench.recordings.importing.questions import Ask, Question, choose
+
+_SHOWN = 5
+_SCREENED = 40
+_PAIRS = 400
+_SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
+_UNIT_WORDS = {"mm": "millimetres", "m": "metres", "in": "inches", "cm": "centimetres", "um": "micrometres"}
+_ANGLE_WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
+
+Build = Callable[[Mapping], Recording]
+"""The recording of a mapping whose units and conventions are complete."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The completed mapping, and the fits that it was chosen by, best first."""
+
+    mapping: Mapping
+    fits: tuple[CandidateFit, ...]
+
+
+def decide_units(robot: Robot, mapping: Mapping, build: Build, called: str, ask: Ask | None) -> Decision:
+    """Units of joint readings and points by the fit of the positions.
+
+    build: makes the recording of positions. called: file, for sentences. Raises InputError where the data do not
+    decide and nobody can be asked, or where no unit fits.
+    """
+    readings = list(_unit_readings(mapping, stated_only=True))
+    fits = _compared(robot, readings, build)
+    is_stated = len(readings) == 1
+    if is_stated and not (fits and fits[0][1].is_good):
+        return _contradicted_units(robot, mapping, build, called, fits)
+    return _decided(readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines)
+
+
+def _unit_readings(mapping: Mapping, stated_only: bool):
+    """(title, mapping) for every combination of units."""
+    lengths = length_units(mapping.point, stated_only) if mapping.point is not None else (None,)
+    for angle in angle_units(mapping.joints, stated_only):
+        for length in lengths:
+            made = mapping.updated("joints", unit=angle)
+            title = f"joints in {_ANGLE_WORDS[angle]}"
+            if length is not None:
+                made = made.updated("point", unit=length)
+                title += f", point in {_UNIT_WORDS[length]}"
+            yield title, made
+
+
+def _unit_lines(mapping: Mapping) -> str:
+    point = f' and unit = "{mapping.point.unit}" under [point]' if mapping.point is not None else ""
+    return f'unit = "{mapping.joints.unit}" under [joints]{point}'
+
+
+def _compared(robot, readings, build: Build) -> list[tuple[int, CandidateFit]]:
+    """Fits of the readings whose numbers can be what they say."""
+    recordings, places = [], []
+    for place, (title, mapping) in enumerate(readings):
+        try:
+            recordings.append((title, build(mapping)))
+            places.append(place)
+        except InputError:
+            continue  # such as a quaternion that has no length 1
+    return [(places[k], fit) for k, fit in compare_readings(robot, recordings)]
+
+
+def _contradicted_units(robot, mapping, build, called, fits) -> Decision:
+    """Units that the headers state and that do not fit: another unit may, and is named; else the misfit is kept."""
+    others = list(_unit_readings(mapping, stated_only=False))
+    better = _compared(robot, others, build)
+    stated = next(iter(_unit_readings(mapping, stated_only=True)))
+    if better and better[0][1].is_good and others[better[0][0]][0] != stated[0]:
+        found = f"{fits[0][1].words}, but {better[0][1].words}" if fits else better[0][1].words
+        raise InputError(
+            f"{called}: expected the units that the headers or the mapping state to fit the robot, found {found}; "
+            f"add {_unit_lines(others[better[0][0]][1])} to a mapping file and name it with --map, or correct the "
+            "headers."
+        )
+    return Decision(stated[1], tuple(fit for _, fit in fits))
+
+
+def _decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
+    """The best reading where the data decide, else the answer to a question."""
+    chosen = choose_reading([line(mapping) for _, mapping in readings], fits, where, ask)
+    return Decision(readings[chosen][1], tuple(fit for _, fit in fits))
+
+
+def choose_reading(
+    lines: Sequence[str], fits: Sequence[tuple[int, CandidateFit]], where: str, ask: Ask | None
+) -> int:
+    """Index of the reading that fits clearly best; where several fit about equally well, the answer to a question.
+
+    lines: of the mapping file, for every reading. fits: index and fit, the most probable first. Raises InputError
+    where no reading can be fitted or nobody can be asked.
+    """
+    if not fits:
+        raise InputError(
+            f"{where}: expected enough rows to test them on the robot, found none that can be fitted; "
+            f"add {lines[0]} to a mapping file and name it with --map."
+        )
+    best = fits[0][1]
+    rivals = [item for item in fits[1:] if not best.clearly_beats(item[1])]
+    if len(lines) == 1 or not rivals:
+        return fits[0][0]
+    # the usual readings first: where the data decide nothing, the order of the fits is chance
+    close = sorted([fits[0], *rivals], key=lambda item: item[0])[:_SHOWN]
+    words = "; ".join(fit.words for _, fit in close)
+    more = "; ..." if len(rivals) + 1 > len(close) else ""
+    question = Question(
+        f"{where}: expected one reading that fits clearly best, found {len(rivals) + 1} that fit about equally well "
+        f"({words}{more})",
+        tuple(fit.words for _, fit in close),
+        tuple(lines[place] for place, _ in close),
+    )
+    return choose(question, ask, [place for place, _ in close])
+
+
+def decide_rotation(
+    robot: Robot, mapping: Mapping, table: RawTable, build: Build, ask: Ask | None
+) -> Decision:
+    """Convention and unit of the measured rotation by the fit of positions and orientations together.
+
+    build: makes the recording of a complete mapping. Raises InputError as `decide_units`.
+    """
+    where = f"{table.file}, columns {', '.join(mapping.rotation.columns)}"
+    turns = rotation_candidates(mapping.rotation, table)
+    if not turns:
+        raise InputError(
+            f"{where}: expected rotations, found numbers that are none (quaternions of length 1, orthogonal "
+            "matrices); correct the columns or the mapping."
+        )
+    fits, readings = _rotation_fits(robot, mapping, table, turns, build)
+    if len(turns) == 1 and not (fits and fits[0][1].is_good):
+        wider = rotation_candidates(mapping.rotation, table, stated_only=False)
+        better, others = _rotation_fits(robot, mapping, table, wider, build)
+        is_other = better and others[better[0][0]][0] != turns[0].title
+        if is_other and better[0][1].is_good:
+            stated = fits[0][1].words if fits else turns[0].title
+            line = _rotation_lines(others[better[0][0]][1])
+            raise InputError(
+                f"{where}: expected the rotation convention that headers, format or mapping state to fit the robot, "
+                f"found {stated}, but {better[0][1].words}; add {line} to a mapping file and name it with --map."
+            )
+    return _decided(readings, fits, where, ask, _rotation_lines)
+
+
+def _rotation_lines(mapping: Mapping) -> str:
+    group = mapping.rotation
+    columns = ", ".join(f'"{name}"' for name in group.columns)
+    unit = f', unit = "{group.unit}"' if group.unit else ""
+    inverse = ", inverse = true" if group.inverse else ""
+    return f'[rotation] columns = [{columns}], convention = "{group.convention}"{unit}{inverse}'
+
+
+def _rotation_fits(robot, mapping, table, turns: Sequence[Turn], build: Build):
+    readings = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
+    kept = screened_turns(_flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns])
+    chosen = [readings[k] for k in kept]
+    return _compared(robot, chosen, build), chosen
+
+
+def _flange_rotations(robot: Robot, recording: Recording) -> np.ndarray:
+    """(n, 3, 3) rotations of the nominal flange."""
+    frames = forward(robot, robot.mixing @ recording.joints.T)
+    return np.stack(frames.end, -1).transpose(1, 0, 2)
+
+
+def screened_turns(
+    flange: np.ndarray, candidates: Sequence[np.ndarray], most: int = _SCREENED
+) -> list[int]:
+    """Indices of the candidates whose angles between pairs of rows agree with those of the flange.
+
+    flange (n, 3, 3); candidates (n, 3, 3) each. The angle of R_i^T R_j depends neither on the base nor on the tool,
+    so that no fit is needed.
+    """
+    count = len(flange)
+    rng = np.random.default_rng(0)
+    first = rng.integers(0, count, _PAIRS)
+    second = rng.integers(0, count, _PAIRS)
+    wanted = _angles(flange[first], flange[second])
+    misfits = np.array(
+        [np.sqrt(np.mean((_angles(c[first], c[second]) - wanted) ** 2)) for c in candidates]
+    )
+    limit = _SCREEN_FACTOR * misfits.min() + _SCREEN_RAD
+    order = np.argsort(misfits, kind="stable")
+    return [int(k) for k in order[:most] if misfits[k] <= limit]
+
+
+def _angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(m,) rad between rotations (m, 3, 3)."""
+    chord = np.linalg.norm(first - second, axis=(1, 2)) / np.sqrt(8)
+    return 2 * np.arcsin(np.minimum(chord, 1))

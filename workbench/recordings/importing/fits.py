@@ -1,0 +1,106 @@
+"""How well a robot fits a recording under each of several readings of its columns (units, rotation convention).
+
+All readings are fitted with base and tool alone; the best ones with plausible geometry errors too, by the robust fit
+of the plausibility check. Two readings are compared by the log posterior of that fit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.recording import Recording
+from robot_model.robot import Robot
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility.check import good_scale
+from workbench.fitting.plausibility.fitting import fit_recording, nominal_scale
+from workbench.fitting.plausibility.sampling import even_rows
+
+_ROWS = 100
+_REFINED, _USUAL = 8, 6
+_WINDOW = 20.0
+_DECISIVE_LOG = 20.0
+_DECISIVE_RATIO = 1.25
+_MANY_STEPS = 40
+_LEAST_SCALE = 0.005  # mm: differences below are rounding
+
+
+@dataclass(frozen=True)
+class CandidateFit:
+    """The fit of one reading: RMS of the best 90 % of rows, `scale` mm of both together, and how improbable it is."""
+
+    title: str
+    rms_mm: float
+    rms_deg: float
+    scale: float
+    improbability: float
+    is_good: bool
+
+    @property
+    def words(self) -> str:
+        """In words: "intrinsic XYZ in degrees: 0.77 mm, 0.10 deg"."""
+        turn = "" if np.isnan(self.rms_deg) else f", {self.rms_deg:.2g} deg"
+        return f"{self.title}: {self.rms_mm:.3g} mm{turn}"
+
+    def as_json(self) -> dict:
+        """The entry under `conventions` of the answer."""
+        degrees = None if np.isnan(self.rms_deg) else self.rms_deg
+        return {"name": self.title, "rms_mm": self.rms_mm, "rms_deg": degrees}
+
+    def clearly_beats(self, other: "CandidateFit") -> bool:
+        """Whether the data decide against another reading: it is far less probable, and fits visibly worse."""
+        mine, its = max(self.scale, _LEAST_SCALE), max(other.scale, _LEAST_SCALE)
+        is_worse = its > _DECISIVE_RATIO * mine
+        return is_worse and other.improbability - self.improbability > _DECISIVE_LOG
+
+
+def compare_readings(
+    robot: Robot, readings: Sequence[tuple[str, Recording]], refined: int = _REFINED
+) -> list[tuple[int, CandidateFit]]:
+    """Index and fit of the readings worth comparing, the most probable first.
+
+    readings: title and recording of each, all of the same rows, the usual ones first. Readings whose misfit with the nominal geometry is
+    `_WINDOW` times the least one are left out. Empty where no reading can be fitted.
+    """
+    thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
+    quick = [_quick_scale(robot, reading) for _, reading in thinned]
+    order = [k for k in np.argsort(quick, kind="stable") if np.isfinite(quick[k])]
+    if not order:
+        return []
+    usual = [k for k in range(_USUAL) if k in order[refined:]]
+    limit = _WINDOW * max(quick[order[0]], 1.0)
+    kept = [k for k in (*order[:refined], *usual) if quick[k] <= limit]
+    fitted = []
+    for k in kept:
+        fit = _refined(robot, *thinned[k])
+        if fit is not None:
+            fitted.append((int(k), fit))
+    return sorted(fitted, key=lambda item: item[1].improbability)
+
+
+def _quick_scale(robot: Robot, reading: Recording) -> float:
+    """mm of misfit with the nominal geometry; inf where it cannot be computed."""
+    try:
+        return nominal_scale(robot, reading)
+    except (np.linalg.LinAlgError, InputError):
+        return np.inf
+
+
+def _refined(robot: Robot, title: str, reading: Recording) -> CandidateFit | None:
+    try:
+        fit = fit_recording(robot, reading)
+        good = good_scale(robot, reading)
+        if good < fit.core < 20 * good:
+            fit = fit_recording(robot, reading, fit.parameters.values, steps=_MANY_STEPS)
+    except (np.linalg.LinAlgError, InputError):
+        return None
+    if not np.isfinite(fit.scale):
+        return None
+    return CandidateFit(
+        title,
+        fit.position_mm,
+        fit.rotation_deg,
+        fit.scale,
+        fit.improbability,
+        bool(fit.core <= good),
+    )

@@ -1,0 +1,55 @@
+"""The robot and the artefact that an import names: what the recording will say of them."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from datasets.arms import check_robot
+from datasets.errors import complaint
+from datasets.importers.sources.text_tables import read_text_table
+from robot_model import builtin_robots
+from workbench.core.errors import InputError
+
+
+def robot_keys(name: str | None, file: str) -> Mapping:
+    """What `Recording.robot` holds, for a built-in name, a robot.toml or a URDF.
+
+    Raises InputError where nothing is named or the file cannot be right.
+    """
+    known = ", ".join(builtin_robots())
+    if name is None:
+        raise InputError(
+            f"{file}: expected the robot whose joints were read, found none named; add --robot with a built-in name "
+            f"({known}), a robot.toml or a URDF."
+        )
+    path = Path(name)
+    if path.suffix.lower() == ".urdf":
+        _check_there(path)
+        return {"urdf": str(path)}
+    if path.suffix.lower() == ".toml":
+        _check_there(path)
+        try:
+            keys = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+            raise complaint(f"--robot {name}", "TOML", f"a mistake ({problem})", "correct it there") from None
+        check_robot(keys, path.name)
+        return keys
+    if name not in builtin_robots():
+        raise complaint(f"--robot {name}", f"a robot.toml, a URDF or one of {known}", "another name", "correct it")
+    return {"builtin": name}
+
+
+def _check_there(path: Path) -> None:
+    if not path.is_file():
+        raise complaint(f"--robot {path}", "a file", "no such file", "correct the name")
+
+
+def read_artefact(path: Path) -> dict[int, tuple[float, float, float, float]]:
+    """Balls by number from a table with the columns of artefact.csv. Raises InputError for missing columns."""
+    table = read_text_table(path)
+    names = ("ball", "x_mm", "y_mm", "z_mm", "radius_mm")
+    for name in names:
+        if name not in table.columns:
+            raise complaint(f"{path.name}, column {name}", "this column", "no such column", "add it")
+    rows = zip(*(table.numbers(name) for name in names))
+    return {int(ball): (float(x), float(y), float(z), float(r)) for ball, x, y, z, r in rows}
