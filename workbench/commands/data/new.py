@@ -1,3 +1,44 @@
-"""x"""
-def command():
-    """x"""
+"""`workbench new`: a commented recording with example rows, to fill in with one's own data."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer
+
+Kind = Annotated[
+    str,
+    typer.Argument(help="What is measured: external-point, external-pose, ball-centre, board-images, ..."),
+]
+Robot = Annotated[
+    str | None,
+    typer.Option("--robot", metavar="NAME|FILE", help="Built-in robot, robot.toml or URDF."),
+]
+
+
+def command(
+    kind: Kind,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder.")],
+    robot: Robot = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Write a template of a recording: every key with a comment, and simulated rows that calibrate as they are."""
+    answer.check_target(json)
+    with answer.progress(f"writing {folder}") as say:
+        from workbench.recordings.templates import write_template
+
+        made = write_template(kind, folder, robot, say)
+    result = {
+        "command": "new",
+        "measures": made.measures,
+        "samples": made.samples,
+        "images": made.images,
+        "files": list(made.files),
+        "folder": made.folder,
+    }
+    answer.deliver(result, json)
+    console = answer.console(json)
+    images = f", {made.images} images" if made.images else ""
+    console.print(f"{made.measures}: {made.samples} example rows{images}; see recording.toml", markup=False)
+    console.print(str(made.folder), markup=False, soft_wrap=True)

@@ -1,0 +1,114 @@
+"""Writing a template: rows of the example, robot.toml from the named robot, and recording.toml with comments."""
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from datasets.columns import KINDS as ALL_KINDS
+from datasets.errors import complaint
+from datasets.formats.recording1_writer import write_csv
+from datasets.recording import Recording
+from robot_model import builtin_robots
+from workbench.recordings.importing.robots import robot_keys
+from workbench.recordings.templates.comments import recording_toml
+from workbench.recordings.templates.examples import EXAMPLES
+from workbench.recordings.templates.images import board_images, scan_images
+
+KINDS = tuple(ALL_KINDS)
+DEFAULT_ROBOT = "ur10"
+DEFAULT_SCANNER_ROBOT = "abb_irb120"
+_ROBOT_COMMENT = """# Nominal robot: one [[joint]] per joint, from the base outward. Replace it by your own data sheet.
+#   theta_deg, d_mm, a_mm, alpha_deg: Denavit-Hartenberg row, Rz(q+theta) Tz(d) Tx(a) Rx(alpha)
+#   hayati = true: the next axis is parallel (beta is estimated instead of d)
+#   sign = -1: the controller counts the other way; limits_deg: [lowest, highest] reading
+#   mass_kg, com_mm: body that moves with the joint, needed for compliance only
+"""
+
+
+@dataclass(frozen=True)
+class Template:
+    """What was written: folder, kind, number of rows and images, and the names of the files."""
+
+    folder: Path
+    measures: str
+    samples: int
+    images: int
+    files: tuple[str, ...]
+
+
+def write_template(
+    kind: str,
+    folder: Path,
+    robot: str | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Template:
+    """Write a recording of a kind into a new folder, with comments and simulated example rows.
+
+    robot: built-in name, robot.toml or URDF of the nominal robot. Raises InputError for an unknown kind, a robot that
+    the example cannot use, or a folder that holds files.
+    """
+    if kind not in KINDS:
+        raise complaint(f"workbench new {kind}", f"one of {', '.join(KINDS)}", "another kind", "correct it")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise complaint(str(folder), "a new or empty folder", "files in it", "name another folder")
+    default = DEFAULT_SCANNER_ROBOT if kind == "scan-images" else DEFAULT_ROBOT
+    name = robot or default
+    keys = robot_keys(name, f"workbench new {kind}")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
+        made = Path(parent) / "recording"
+        recording = _example(kind, made, keys, progress)
+        _write_files(recording, made, name)
+        files = tuple(sorted(str(path.relative_to(made)) for path in made.rglob("*.*") if path.is_file()))
+        if folder.exists():
+            folder.rmdir()
+        made.replace(folder)
+    return Template(folder, kind, recording.n, len(recording.images), files)
+
+
+def _example(kind: str, folder: Path, keys: Mapping, progress) -> Recording:
+    """The recording; images are rendered into `folder`."""
+    if kind == "board-images":
+        progress("rendering images")
+        return board_images(folder, progress)
+    if kind == "scan-images":
+        progress("rendering images")
+        return scan_images(folder, _full_keys(keys), progress)
+    folder.mkdir()
+    progress("simulating rows")
+    return EXAMPLES[kind](keys)
+
+
+def _full_keys(keys: Mapping) -> dict:
+    """Keys of robot.toml, of a built-in robot too."""
+    import tomllib
+
+    if "builtin" not in keys:
+        return dict(keys)
+    return tomllib.loads(_builtin_text(keys["builtin"]))
+
+
+def _builtin_text(name: str) -> str:
+    file = resources.files("robot_model").joinpath("robots", f"{name}.toml")
+    return file.read_text(encoding="utf-8")
+
+
+def _write_files(recording: Recording, folder: Path, robot: str) -> None:
+    """Tables, robot and the commented recording.toml, over what rendering has written."""
+    if recording.columns:
+        write_csv(folder / "samples.csv", recording.columns)
+    if recording.balls and not (folder / "artefact.csv").exists():
+        rows = zip(*((ball, *xyzr) for ball, xyzr in recording.balls.items()))
+        write_csv(folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows)))
+    text = recording_toml(recording, bool(recording.columns))
+    if recording.robot:
+        if Path(robot).suffix.lower() == ".urdf":
+            shutil.copyfile(robot, folder / "robot.urdf")
+            text = text.replace('"robot.toml"', '"robot.urdf"')
+        else:
+            source = _builtin_text(robot) if robot in builtin_robots() else Path(robot).read_text("utf-8")
+            (folder / "robot.toml").write_text(_ROBOT_COMMENT + source, encoding="utf-8")
+    (folder / "recording.toml").write_text(text, encoding="utf-8", newline="\n")
