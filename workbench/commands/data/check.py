@@ -1,3 +1,80 @@
-"""x"""
-def command():
-    """x"""
+"""`workbench check`: is a recording good enough, and what would improve it, before anything is fitted?"""
+
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer, flow, tables
+
+
+def command(
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    trust_data: answer.TrustData = False,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Judge a recording before any fit: coverage of the joints, repeats, noise from repeats, and what is missing.
+
+    Exit status 1 where the command that the recording is meant for lacks something that it cannot do without.
+    """
+
+    def work(run, say) -> dict:
+        import datasets
+        from workbench.recordings.inspection import inspect_recording
+
+        made = inspect_recording(datasets.read(recording, trust_data), say)
+        if not no_report:
+            from workbench.report import inspection
+            from workbench.report.page import write_sheet
+
+            say("writing the report")
+            write_sheet(inspection.page(made), run.partial)
+        return {"recording": recording, **made.as_json()}
+
+    flow.run("check", recording, out, json, work, _show)
+
+
+def _show(console, result) -> None:
+    title = f"{result['recording']}: {result['measures']}, {result['samples']} samples, {result['poses']} poses"
+    joints = result["coverage"]["joints"]
+    rows = []
+    for joint in joints:
+        unit = joint["joint"].rpartition("_")[2]
+        share = joint["share_of_limits"]
+        cells = [float(joint[f"{what}_{unit}"]) for what in ("min", "max", "range")]
+        rows.append([joint["joint"], *cells, "–" if share is None else f"{100 * share:.0f} %"])
+    if rows:
+        tables.grid(console, title, ["joint", "min", "max", "range", "of limits"], rows)
+    else:
+        console.print(title, style="bold", markup=False)
+    _show_images(console, result["images"])
+    _show_noise(console, result)
+    for need in result["missing"]:
+        mark = "Required" if need["required"] else "Useful"
+        style = "bold red" if need["required"] else None
+        line = f"{mark} for {need['command']}: {need['what']}; {need['action']}."
+        console.print(line, style=style, markup=False, soft_wrap=True)
+
+
+def _show_images(console, images) -> None:
+    if images is None:
+        return
+    roles = ", ".join(f"{count} {role}" for role, count in images["roles"].items())
+    console.print(
+        f"Images: {roles}; board found in {images['boards_found']}, corners cover "
+        f"{100 * images['share_of_field']:.0f} % of the field.",
+        markup=False,
+    )
+
+
+def _show_noise(console, result) -> None:
+    repeats, noise = result["repeats"], result["noise_from_repeats_mm"]
+    spread = result["coverage"]["orientation_spread_deg"]
+    if spread == spread:
+        console.print(f"Orientation spread of the flange: {spread:.3g} deg RMS.", markup=False)
+    if repeats["groups"]:
+        shown = "" if noise != noise else f"; noise {noise:.3g} mm (1 sigma of a coordinate)"
+        console.print(
+            f"Repeats: {repeats['rows']} rows of {repeats['groups']} poses{shown}.", markup=False
+        )

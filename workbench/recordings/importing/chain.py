@@ -1,5 +1,6 @@
 """The whole import: sources, proposal, joined table, decisions, recording, and its check."""
 
+import shutil
 from collections.abc import Callable, Mapping as Keys, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -117,13 +118,23 @@ def import_recording(
         recording, mapping, fits, said = made
         recording = replace(recording, title=options.title or _title(paths))
         write(recording, folder)
-        if recording.images:  # images that were unpacked lie in the temporary folder
-            recording = replace(recording, folder=folder)
-    comment = f"# Mapping of this import. Repeat it with\n#   workbench import {_names(paths)} --map {MAPPING_FILE} --out DIR\n"
+    read = _read_back(folder, options.trust_data)
+    comment = (
+        "# Mapping of this import. Repeat it with\n"
+        f"#   workbench import {_names(paths)} --map {MAPPING_FILE} --out DIR\n"
+    )
     write_mapping(mapping, folder / MAPPING_FILE, comment)
-    read = read_recording(folder, options.trust_data)
     warnings = (*found.warnings, *said, *read.warnings)
     return ImportResult(read, mapping, fits, found.unused, tuple(dict.fromkeys(warnings)))
+
+
+def _read_back(folder: Path, trust_data: bool) -> Recording:
+    """The recording as every command will read it; the folder is removed where it is refused. Raises InputError."""
+    try:
+        return read_recording(folder, trust_data)
+    except InputError:
+        shutil.rmtree(folder)
+        raise
 
 
 def find_mapping(

@@ -1,0 +1,574 @@
+"""Import of every kind of source, each read from a file that the test writes; and the refusals of the import."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.model import read_mapping
+from datasets.importers.sources import read_sources
+from datasets.importers.sources.text_tables import read_text_table
+from workbench.cli import run
+from workbench.core.errors import InputError
+from workbench.jobs.simulate import simulate
+from workbench.recordings.importing import ImportOptions, import_recording
+
+SCENE = """
+robot = "ur10"
+measures = "external-pose"
+samples = 36
+seed = 8
+sigma_mm = 0.02
+share_of_limits = 0.4
+[base]
+xyz_mm = [2300.0, -700.0, 400.0]
+rpy_deg = [1.0, -2.0, 70.0]
+[tool]
+xyz_mm = [10.0, 40.0, 130.0]
+rpy_deg = [20.0, 30.0, -60.0]
+[errors]
+length_mm = 0.2
+angle_deg = 0.05
+"""
+UR10 = ImportOptions(robot="ur10")
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory):
+    scene = tmp_path_factory.mktemp("scene") / "scene.toml"
+    scene.write_text(SCENE)
+    return simulate(scene)
+
+
+def degrees(truth) -> np.ndarray:
+    return np.rad2deg(truth.joints)
+
+
+def write_rows(path, header, rows, separator=","):
+    lines = [separator.join(header)]
+    lines += [separator.join(f"{v:.10g}" if not isinstance(v, str) else v for v in row) for row in rows]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def tracker(path, truth, unit=1.0, names=("X [mm]", "Y [mm]", "Z [mm]")):
+    return write_rows(path, names, truth.points * unit)
+
+
+def check(made, truth, joints=1e-5, points=1e-3):
+    assert np.abs(np.rad2deg(made.joints - truth.joints)).max() < joints
+    assert np.abs(made.points - truth.points).max() < points
+
+
+# ---- tables ----
+
+
+def test_excel_with_titles_german_headers_and_inches(truth, tmp_path):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.append(["Messprotokoll", "Halle 3"])
+    sheet.append([])
+    header = [f"Achse {k} [°]" for k in range(1, 7)]
+    sheet.append(["Nr", *header, "Messpunkt X (Zoll)", "Messpunkt Y (Zoll)", "Messpunkt Z (Zoll)"])
+    for k, (q, p) in enumerate(zip(degrees(truth), truth.points / 25.4)):
+        sheet.append([k + 1, *q.tolist(), *p.tolist()])
+    book.save(tmp_path / "messung.xlsx")
+    made = import_recording([tmp_path / "messung.xlsx"], tmp_path / "out", UR10)
+    assert made.recording.measures == "external-point"
+    check(made.recording, truth)
+
+
+def test_spatial_analyzer_export_with_comments_and_stated_units(truth, tmp_path):
+    lines = ["// SpatialAnalyzer export", "// Units: Inches", "// Collection, Group, Point, X, Y, Z"]
+    for k, p in enumerate(truth.points / 25.4):
+        lines.append(f"A, robot points, p{k}, {p[0]:.9f}, {p[1]:.9f}, {p[2]:.9f}")
+    (tmp_path / "sa.txt").write_text("\n".join(lines))
+    joints = write_rows(tmp_path / "joints.csv", [f"J{k}" for k in range(1, 7)], degrees(truth))
+    made = import_recording([joints, tmp_path / "sa.txt"], tmp_path / "out", UR10)
+    assert made.mapping.point.unit == "in"
+    check(made.recording, truth)
+
+
+def test_decimal_comma_unit_row_and_footer(truth, tmp_path):
+    lines = ["J1;J2;J3;J4;J5;J6;X;Y;Z", "rad;rad;rad;rad;rad;rad;m;m;m"]
+    for q, p in zip(truth.joints, truth.points / 1000):
+        lines.append(";".join(f"{v:.10f}".replace(".", ",") for v in (*q, *p)))
+    lines.append("Ende der Messung")
+    (tmp_path / "t.csv").write_text("\n".join(lines), encoding="cp1252")
+    made = import_recording([tmp_path / "t.csv"], tmp_path / "out", UR10)
+    check(made.recording, truth)
+    assert made.mapping.joints.unit == "rad"
+    assert any("after the table" in sentence for sentence in made.warnings)
+
+
+def test_rows_with_empty_cells_are_left_out_and_named(truth, tmp_path):
+    rows = [[f"{v:.9g}" for v in (*q, *p)] for q, p in zip(degrees(truth), truth.points)]
+    rows[4][7] = ""
+    header = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"]
+    path = write_rows(tmp_path / "t.csv", header, rows)
+    made = import_recording([path], tmp_path / "out", UR10)
+    assert made.recording.n == truth.n - 1
+    assert any("rows 6" in sentence for sentence in made.warnings)
+
+
+def test_tables_are_joined_by_the_names_of_the_points(truth, tmp_path):
+    order = np.random.default_rng(1).permutation(truth.n)
+    names = [f"P{k}" for k in range(truth.n)]
+    joints = [(names[k], *degrees(truth)[k]) for k in range(truth.n)]
+    points = [(names[k], *truth.points[k]) for k in order[:30]]
+    a = write_rows(tmp_path / "robot.csv", ["Name", *(f"J{k}" for k in range(1, 7))], joints)
+    b = write_rows(tmp_path / "tracker.csv", ["Point", "X", "Y", "Z"], points)
+    made = import_recording([a, b], tmp_path / "out", UR10)
+    assert made.mapping.join.by == "key"
+    check(made.recording, truth.select(order[:30]))
+
+
+def test_rtde_log_is_interpolated_at_the_times_of_the_tracker(truth, tmp_path):
+    times = np.arange(truth.n) * 2.0 + 5.0
+    log_times = np.arange(0.0, times[-1] + 5, 0.02)
+    q = truth.joints
+    # the arm stands still for one second around each measurement
+    knots = np.ravel([times - 0.5, times + 0.5], order="F")
+    stands = np.repeat(q, 2, axis=0)
+    log = np.stack([np.interp(log_times, knots, stands[:, j]) for j in range(6)], axis=1)
+    header = ["timestamp", *(f"actual_q_{k}" for k in range(6)), *(f"target_q_{k}" for k in range(6))]
+    rows = np.column_stack([log_times, log, log + 0.3])
+    a = write_rows(tmp_path / "rtde.csv", header, rows, " ")
+    b = write_rows(tmp_path / "t.csv", ["Time [s]", "X", "Y", "Z"], np.column_stack([times, truth.points]))
+    made = import_recording([a, b], tmp_path / "out", UR10)
+    assert made.mapping.join.by == "time"
+    check(made.recording, truth, joints=1e-4)
+
+
+# ---- robot programs ----
+
+
+def kuka(q):
+    body = "\n".join(
+        f"DECL E6AXIS XP{k}={{A1 {a[0]:.6f},A2 {a[1]:.6f},A3 {a[2]:.6f},A4 {a[3]:.6f},A5 {a[4]:.6f},A6 {a[5]:.6f},E1 0.0}}"
+        for k, a in enumerate(q, 1)
+    )
+    return "points.dat", f"&ACCESS RVP\nDEFDAT points\n{body}\nENDDAT\n"
+
+
+def abb(q):
+    body = "\n".join(
+        f"  CONST jointtarget j{k}:=[[{','.join(f'{v:.6f}' for v in a)}],[9E9,9E9,9E9,9E9,9E9,9E9]];"
+        for k, a in enumerate(q, 1)
+    )
+    return "points.mod", f"MODULE points\n{body}\nENDMODULE\n"
+
+
+def fanuc(q):
+    body = "\n".join(
+        f"P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\tJ1= {a[0]:.6f} deg,\tJ2= {a[1]:.6f} deg,\tJ3= {a[2]:.6f} deg,\n"
+        f"\tJ4= {a[3]:.6f} deg,\tJ5= {a[4]:.6f} deg,\tJ6= {a[5]:.6f} deg\n}};"
+        for k, a in enumerate(q, 1)
+    )
+    return "points.ls", f"/PROG POINTS\n/POS\n{body}\n/END\n"
+
+
+@pytest.mark.parametrize("maker", [kuka, abb, fanuc])
+def test_joint_positions_of_a_robot_program(maker, truth, tmp_path):
+    name, text = maker(degrees(truth))
+    (tmp_path / name).write_text(text)
+    points = tracker(tmp_path / "tracker.csv", truth)
+    made = import_recording([tmp_path / name, points], tmp_path / "out", UR10)
+    check(made.recording, truth)
+
+
+def test_poses_of_robot_programs_have_the_conventions_of_their_makers(tmp_path):
+    turn = Rotation.from_euler("ZYX", [30, 20, 10], degrees=True)
+    w, p, r = turn.as_euler("xyz", degrees=True)
+    x, y, z, s = turn.as_quat()
+    (tmp_path / "k.dat").write_text("DECL E6POS XP1={X 100.0,Y 2.0,Z 3.0,A 30.0,B 20.0,C 10.0,S 2,T 1}\n")
+    (tmp_path / "a.mod").write_text(
+        f"CONST robtarget p1:=[[100,2,3],[{s},{x},{y},{z}],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];"
+    )
+    (tmp_path / "f.ls").write_text(
+        f"P[1]{{\n GP1:\n UF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n X = 100.0 mm, Y = 2.0 mm, Z = 3.0 mm,\n"
+        f" W = {w} deg, P = {p} deg, R = {r} deg\n}};"
+    )
+    from datasets.importers.mapping.candidates import rotation_candidates
+    from datasets.importers.mapping.proposal import propose
+
+    for name in ("k.dat", "a.mod", "f.ls"):
+        table = read_sources([tmp_path / name], tmp_path).tables[0]
+        mapping = propose(table, has_images=True).mapping
+        (reading,) = rotation_candidates(mapping.flange_rotation, table)
+        assert np.allclose(reading.matrices(table)[0], turn.as_matrix(), atol=1e-9), name
+        assert mapping.flange_point.unit == "mm"
+
+
+# ---- arrays ----
+
+
+def poses_of(truth) -> np.ndarray:
+    poses = np.tile(np.eye(4), (truth.n, 1, 1))
+    quaternions = np.stack([truth.columns[f"q{c}"] for c in "xyzw"], axis=1)
+    poses[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()
+    poses[:, :3, 3] = truth.points
+    return poses
+
+
+def test_matlab_file_with_joints_in_rad_and_poses_in_m(truth, tmp_path):
+    from scipy.io import savemat
+
+    poses = poses_of(truth)
+    poses[:, :3, 3] /= 1000
+    savemat(tmp_path / "d.mat", {"q": truth.joints, "T_tracker": poses.transpose(1, 2, 0)})
+    made = import_recording([tmp_path / "d.mat"], tmp_path / "out", UR10)
+    assert made.recording.measures == "external-pose"
+    check(made.recording, truth)
+
+
+def test_opencv_storage_with_joints_and_points(truth, tmp_path):
+    import cv2
+
+    storage = cv2.FileStorage(str(tmp_path / "d.yml"), cv2.FILE_STORAGE_WRITE)
+    storage.write("joints", degrees(truth))
+    poses = poses_of(truth)
+    for k, pose in enumerate(poses):
+        storage.write(f"tracker_{k}", pose)
+    storage.release()
+    made = import_recording([tmp_path / "d.yml"], tmp_path / "out", UR10)
+    check(made.recording, truth)
+
+
+def test_numpy_archive(truth, tmp_path):
+    np.savez(tmp_path / "d.npz", joint=truth.joints, pose=poses_of(truth))
+    made = import_recording([tmp_path / "d.npz"], tmp_path / "out", UR10)
+    check(made.recording, truth)
+
+
+def test_kalibr_target_becomes_a_board(tmp_path):
+    path = tmp_path / "target.yaml"
+    path.write_text(
+        "target_type: 'checkerboard'\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.06\ncolSpacingMeters: 0.06\n"
+    )
+    (tmp_path / "a.csv").write_text("x,y\n1,2\n3,4\n")
+    board = read_sources([path, tmp_path / "a.csv"], tmp_path).board
+    assert board == {"kind": "chessboard", "columns": 6, "rows": 7, "square_mm": 60.0}
+
+
+def test_april_grid_is_refused_with_a_sentence(tmp_path):
+    (tmp_path / "target.yaml").write_text("target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\n")
+    with pytest.raises(InputError, match="aprilgrid"):
+        read_sources([tmp_path / "target.yaml"], tmp_path)
+
+
+# ---- ROS bags ----
+
+
+def write_bag(writer, store, header, truth):
+    """Joint states at 50 Hz while the arm stands at each pose, and one point per pose."""
+    types = store.types
+    state, point = types["sensor_msgs/msg/JointState"], types["geometry_msgs/msg/PointStamped"]
+    joints = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+    points = writer.add_connection("/tracker/point", point.__msgtype__, typestore=store)
+    names = ["elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+    order = [2, 1, 0, 3, 4, 5]  # ROS sorts the names of the joints
+    none = np.array([], float)
+    for k, (q, p) in enumerate(zip(truth.joints, truth.points / 1000)):
+        for step in range(50):
+            stamp = int((100 + 2 * k + 0.02 * step) * 1e9)
+            message = state(header(stamp, ""), names, q[order], none, none)
+            yield joints, stamp, message
+        stamp = int((100 + 2 * k + 0.5) * 1e9)
+        yield points, stamp, point(header(stamp, "tracker"), types["geometry_msgs/msg/Point"](*p))
+
+
+def test_ros2_bag_with_joint_states_and_points(truth, tmp_path):
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    time = store.types["builtin_interfaces/msg/Time"]
+
+    def header(stamp, frame):
+        return store.types["std_msgs/msg/Header"](time(stamp // 10**9, stamp % 10**9), frame)
+
+    with Writer(tmp_path / "bag", version=9) as writer:
+        for connection, stamp, message in write_bag(writer, store, header, truth):
+            writer.write(connection, stamp, store.serialize_cdr(message, connection.msgtype))
+    made = import_recording([tmp_path / "bag"], tmp_path / "out", UR10)
+    assert made.mapping.join.by == "time"
+    assert made.recording.n == truth.n
+    check(made.recording, truth, joints=1e-4)
+
+
+def test_ros1_bag_with_joint_states_and_points(truth, tmp_path):
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    time = store.types["builtin_interfaces/msg/Time"]
+
+    def header(stamp, frame):
+        return store.types["std_msgs/msg/Header"](0, time(stamp // 10**9, stamp % 10**9), frame)
+
+    with Writer(tmp_path / "run.bag") as writer:
+        for connection, stamp, message in write_bag(writer, store, header, truth):
+            writer.write(connection, stamp, store.serialize_ros1(message, connection.msgtype))
+    made = import_recording([tmp_path / "run.bag"], tmp_path / "out", UR10)
+    check(made.recording, truth, joints=1e-4)
+
+
+# ---- images and clouds ----
+
+
+@pytest.fixture(scope="module")
+def hand_eye(tmp_path_factory):
+    """The template of images of a board with flange poses, and its recording."""
+    import datasets
+    from workbench.recordings.templates import write_template
+
+    folder = tmp_path_factory.mktemp("template") / "board"
+    write_template("board-images", folder)
+    return folder, datasets.read(folder)
+
+
+def test_folder_of_images_with_a_pose_table_in_inches(hand_eye, tmp_path):
+    folder, truth = hand_eye
+    data = tmp_path / "data"
+    data.mkdir()
+    for path in (folder / "images").iterdir():
+        (data / path.name).write_bytes(path.read_bytes())
+    flange = truth.flange
+    angles = Rotation.from_matrix(flange[:, :3, :3]).as_euler("YZX", degrees=True)
+    rows = zip(flange[:, :3, 3] / 25.4, angles, truth.images)
+    table = [(*p, *a, row["image"].rpartition("/")[2]) for p, a, row in rows]
+    write_rows(data / "poses.csv", ["X", "Y", "Z", "A", "B", "C", "image"], table)
+    (data / "target.yaml").write_text(
+        "target_type: 'checkerboard'\ntargetCols: 9\ntargetRows: 6\nrowSpacingMeters: 0.012\ncolSpacingMeters: 0.012\n"
+    )
+    made = import_recording([data], tmp_path / "out", ImportOptions())
+    assert made.mapping.flange_point.unit == "in"
+    assert made.mapping.flange_rotation.convention == "intrinsic YZX"
+    assert made.recording.measures == "board-images"
+    assert len(made.recording.images) == len(truth.images)
+    assert np.abs(made.recording.flange - flange).max() < 1e-5
+
+
+def test_inverse_poses_are_not_taken_silently(hand_eye, tmp_path):
+    folder, truth = hand_eye
+    flange = np.linalg.inv(truth.flange)
+    turns = Rotation.from_matrix(flange[:, :3, :3]).as_quat()
+    rows = [(*p, *q) for p, q in zip(flange[:, :3, 3], turns)]
+    path = write_rows(tmp_path / "p.csv", ["x", "y", "z", "qx", "qy", "qz", "qw"], rows)
+    with pytest.raises(InputError, match="inverse poses"):
+        import_recording(
+            [folder / "images", path], tmp_path / "out", ImportOptions(board=dict(truth.board))
+        )
+
+
+@pytest.mark.parametrize("kind", ["ply", "xyz", "pcd"])
+def test_clouds_of_a_ball_with_joint_readings(kind, tmp_path):
+    import open3d
+
+    from workbench.recordings.templates.examples import ball_centre
+
+    truth = ball_centre({"builtin": "ur10"})
+    truth = truth.select(truth.ball == 1)
+    rng = np.random.default_rng(2)
+    files = []
+    for k, centre in enumerate(truth.points):
+        directions = rng.normal(size=(600, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        toward = directions @ (-centre / np.linalg.norm(centre)) > 0.3
+        points = (centre + 15.0 * directions[toward] + 0.01 * rng.normal(size=(toward.sum(), 3))) / 1000
+        path = tmp_path / f"scan-{k}.{kind}"
+        if kind == "xyz":
+            np.savetxt(path, points)
+        else:
+            cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+            open3d.io.write_point_cloud(str(path), cloud)
+        files.append(path)
+    rows = [(*q, path.name) for q, path in zip(np.rad2deg(truth.joints), files)]
+    table = write_rows(tmp_path / "poses.csv", [*(f"J{k}" for k in range(1, 7)), "scan"], rows)
+    options = ImportOptions(robot="ur10", ball_radius_mm=15.0)
+    made = import_recording([*files, table], tmp_path / "out", options)
+    assert made.recording.measures == "ball-centre"
+    assert np.abs(made.recording.points - truth.points).max() < 0.02
+
+
+# ---- questions and refusals ----
+
+
+def nearly_one_orientation() -> tuple[np.ndarray, np.ndarray, Rotation]:
+    """Readings (n, 6) in deg, points (n, 3) mm and rotations of a target that hardly turns."""
+    from robot_model import load_robot
+    from workbench.recordings.templates.contact import TrueArm
+
+    rng = np.random.default_rng(5)
+    arm = TrueArm.of(load_robot("ur10"), rng)
+    fixed = Rotation.from_euler("xyz", [170, 20, 40], degrees=True).as_matrix()
+
+    def gap(turn, origin):
+        return 300 * Rotation.from_matrix(turn @ fixed.T).as_rotvec().T
+
+    readings = arm.poses_with(30, rng, gap, sigma_mm=0.5)
+    turn, origin = arm.flange(readings)
+    base = Rotation.from_euler("xyz", [3, -4, 60], degrees=True)
+    points = base.apply(origin + turn @ np.array([20.0, 10.0, 120.0])) + [2000.0, 300.0, 100.0]
+    tool = Rotation.from_euler("xyz", [20, 40, 70], degrees=True)
+    return np.rad2deg(readings), points, base * Rotation.from_matrix(turn) * tool
+
+
+def test_orientations_that_hardly_change_lead_to_a_question(tmp_path):
+    joints, points, turns = nearly_one_orientation()
+    angles = turns.as_euler("ZXZ", degrees=True)
+    header = [*(f"J{k} [deg]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]", "E1", "E2", "E3"]
+    path = write_rows(tmp_path / "t.csv", header, np.column_stack([joints, points, angles]))
+    with pytest.raises(InputError, match="fit about equally well.*--map"):
+        import_recording([path], tmp_path / "out", UR10)
+    assert not (tmp_path / "out").exists()
+    asked = []
+
+    def ask(question):
+        asked.append(question)
+        return len(question.options) - 1
+
+    made = import_recording([path], tmp_path / "out", ImportOptions(robot="ur10", ask=ask))
+    (question,) = asked
+    assert made.mapping.rotation.convention in question.options[-1]
+
+
+def test_too_few_rows_for_a_test_are_refused(truth, tmp_path):
+    few = truth.select(np.arange(3))
+    header = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"]
+    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(few), few.points]))
+    with pytest.raises(InputError, match="--map"):
+        import_recording([path], tmp_path / "out", UR10)
+
+
+def test_a_stated_unit_that_is_wrong_is_refused(truth, tmp_path):
+    header = [*(f"J{k} [deg]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]"]
+    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points / 1000]))
+    with pytest.raises(InputError, match="point in metres"):
+        import_recording([path], tmp_path / "out", UR10)
+
+
+def test_a_stated_quaternion_order_that_is_wrong_is_refused(truth, tmp_path):
+    quaternions = np.stack([truth.columns[f"q{c}"] for c in "xyzw"], axis=1)
+    header = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z", "qw", "qx", "qy", "qz"]
+    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points, quaternions]))
+    with pytest.raises(InputError, match="quaternion xyzw"):
+        import_recording([path], tmp_path / "out", UR10)
+
+
+def test_another_robot_is_refused(truth, tmp_path):
+    header = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"]
+    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points]))
+    with pytest.raises(InputError):
+        import_recording([path], tmp_path / "out", ImportOptions(robot="staubli_tx60"))
+
+
+def test_clocks_without_common_times_are_refused(truth, tmp_path):
+    times = np.arange(truth.n) * 1.0
+    a = write_rows(
+        tmp_path / "a.csv", ["time", *(f"J{k}" for k in range(1, 7))], np.column_stack([times, degrees(truth)])
+    )
+    rows = np.column_stack([times + 1e6, truth.points])[:-2]
+    b = write_rows(tmp_path / "b.csv", ["time", "X", "Y", "Z"], rows)
+    with pytest.raises(InputError, match="time_offset_s"):
+        import_recording([a, b], tmp_path / "out", UR10)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a;b\n1,5;2.5\n1.5;2\n", "one decimal sign"),
+        ("a,b\n1,2\n3,4,5\n6,7\n", "row 3"),
+        ("only text\nno table\n", "a table of numbers"),
+    ],
+)
+def test_broken_tables_are_refused_with_a_place(text, words, tmp_path):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_text_table(tmp_path / "t.csv")
+
+
+def test_a_table_without_joints_or_header_says_which_line_to_add(truth, tmp_path):
+    with pytest.raises(InputError, match=r"\[joints\]"):
+        import_recording([tracker(tmp_path / "t.csv", truth)], tmp_path / "out", UR10)
+    np.savetxt(tmp_path / "plain.csv", np.column_stack([degrees(truth), truth.points]), delimiter=",")
+    with pytest.raises(InputError, match=r"\[joints\]"):
+        import_recording([tmp_path / "plain.csv"], tmp_path / "out", UR10)
+
+
+# ---- command line ----
+
+
+def test_propose_edit_and_repeat_with_a_mapping(truth, tmp_path, capsys):
+    np.savetxt(tmp_path / "plain.csv", np.column_stack([degrees(truth), truth.points]), delimiter=",")
+    mapping = tmp_path / "map.toml"
+    joints = ", ".join(f'"column {k}"' for k in range(1, 7))
+    mapping.write_text(
+        f'measures = "external-point"\nrobot = "ur10"\n[joints]\ncolumns = [{joints}]\n'
+        '[point]\ncolumns = ["column 7", "column 8", "column 9"]\n'
+    )
+    out = tmp_path / "out"
+    answer = tmp_path / "a.json"
+    command = ["import", str(tmp_path / "plain.csv"), "--map", str(mapping), "--out", str(out)]
+    assert run([*command, "--json", str(answer)]) == 0
+    told = json.loads(answer.read_text())
+    assert told["mapping"]["joints"]["unit"] == "deg" and told["mapping"]["point"]["unit"] == "mm"
+    assert told["conventions"][0]["rms_mm"] < 0.1 and told["questions"] == []
+    again = read_mapping(out / "import.toml")
+    assert again.joints.unit == "deg"
+    repeat = ["import", str(tmp_path / "plain.csv"), "--map", str(out / "import.toml")]
+    assert run([*repeat, "--out", str(tmp_path / "out2")]) == 0
+    assert (tmp_path / "out2" / "samples.csv").read_text() == (out / "samples.csv").read_text()
+    assert run([*repeat, "--propose", str(tmp_path / "p.toml")]) == 0
+    assert read_mapping(tmp_path / "p.toml").point.columns[0] == "column 7"
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["import", "nothing.csv", "--out", "o"],
+        ["import", "t.csv"],
+        ["import", "t.csv", "--out", "o"],
+        ["import", "t.csv", "--out", "o", "--robot", "r2d2"],
+        ["import", "t.csv", "--out", "o", "--map", "t.csv"],
+        ["import", "t.csv", "--out", "o", "--board", "big"],
+        ["import", "t.csv", "--out", "o", "--sigma", "-1"],
+        ["new", "nonsense", "o"],
+        ["check", "nothing"],
+    ],
+)
+def test_wrong_calls_end_with_one_sentence_and_status_2(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "t.csv").write_text("J1,J2,X,Y,Z\n1,2,3,4,5\n2,3,4,5,6\n")
+    assert run(arguments) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said and said.endswith(".")
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("header", "kind", "label", "unit"),
+    [
+        ("Achse 3 [°]", "joint", "3", "deg"),
+        ("actual_q_0", "qindex", "0", None),
+        ("shoulder_lift_joint [rad]", "joint", "2", "rad"),
+        ("panda_joint7", "joint", "7", None),
+        ("Tracker X (Zoll)", "xyz", "x", "in"),
+        ("pos_z_mm", "xyz", "z", "mm"),
+        ("Drehung um Y [gon]", "turn", "y", "gon"),
+        ("pose.orientation.w", "turn", "w", None),
+        ("R12", "matrix", "12", None),
+        ("Temperatur [°C]", "temperature_c", "", "c"),
+        ("Zeitstempel", "time", "", None),
+        ("humidity", "", "", None),
+    ],
+)
+def test_headers_are_understood(header, kind, label, unit):
+    found = read_header(header)
+    assert (found.kind, found.label, found.unit) == (kind, label, unit)

@@ -1,0 +1,161 @@
+"""What a recording lacks for which command, with what to do about it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.columns import KINDS, joint_columns
+from datasets.recording import Recording
+from robot_model import load_robot
+from workbench.recordings.inspection.coverage import Coverage, ImageCoverage
+from workbench.recordings.inspection.repeats import Repeats
+
+_COMPONENTS = {
+    "ball-centre": 3, "external-point": 3, "external-pose": 6, "partial-pose": 5, "touch-point": 3, "laser-spot": 2,
+    "distance": 0.5, "plane-touch": 1, "ball-surface": 3,
+}  # fmt: skip
+_SMALL_SHARE, _SMALL_DEG, _SMALL_MM, _STILL = 0.3, 40.0, 100.0, 1e-3
+_MODERATE = 120.0  # deg or mm: a range this large determines the joint, however wide its limits are
+_SMALL_SPREAD_DEG = 20.0
+_FEW_IMAGES, _LEAST_IMAGES, _FIELD = 10, 4, 0.6
+_HAND_EYE = 3
+_NOISE_RATIO = 2.0
+
+
+@dataclass(frozen=True)
+class Need:
+    """One thing that is missing: for which `command`, whether the command cannot do without, and what to do."""
+
+    command: str
+    is_required: bool
+    what: str
+    action: str
+
+    def as_json(self) -> dict:
+        """The entry under `missing`."""
+        return {
+            "command": self.command,
+            "required": self.is_required,
+            "what": self.what,
+            "action": self.action,
+        }
+
+
+def needs_of(
+    recording: Recording, coverage: Coverage, repeats: Repeats, images: ImageCoverage | None
+) -> tuple[Need, ...]:
+    """All needs, those that a command cannot do without first."""
+    found: list[Need] = []
+    if KINDS[recording.measures].images:
+        found += _image_needs(recording, images)
+        found += _hand_eye_needs(recording, coverage)
+    else:
+        found += _calibration_needs(recording, coverage)
+        found += _noise_needs(recording, repeats)
+        found += _diagnosis_needs(recording, repeats)
+    return tuple(sorted(found, key=lambda need: not need.is_required))
+
+
+def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
+    if not coverage.joints:
+        what = "joint readings (q1_deg ...) are not recorded"
+        yield Need("calibrate", True, what, "record the joint readings of every row")
+        return
+    poses = len(np.unique(recording.poses))
+    unknown = 4 * len(coverage.joints) + 12
+    least = int(np.ceil(unknown / _COMPONENTS[recording.measures]))
+    if poses < least:
+        what = f"{poses} poses give fewer equations than the about {unknown} unknowns of robot, base and tool"
+        yield Need("calibrate", True, what, f"measure {least} poses or more")
+    elif poses < 2 * least:
+        what = f"{poses} poses leave little for held-out tests"
+        yield Need("calibrate", False, what, f"measure {2 * least} poses or more")
+    for joint in coverage.joints:
+        yield from _joint_needs(joint)
+    if coverage.spread_deg < _SMALL_SPREAD_DEG:
+        what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS, so that base and tool are confounded"
+        yield Need("calibrate", False, what, "add poses with other orientations")
+
+
+def _joint_needs(joint) -> Iterator[Need]:
+    unit = joint.name.rpartition("_")[2]
+    if joint.extent < _STILL:
+        what = f"{joint.name} does not move, so that no parameter of this joint is identifiable"
+        yield Need("calibrate", False, what, "add poses that move it")
+        return
+    small = joint.extent < (_SMALL_MM if unit == "mm" else _SMALL_DEG)
+    if small or (joint.share < _SMALL_SHARE and joint.extent < _MODERATE):
+        share = f", {100 * joint.share:.0f} % of its limits" if np.isfinite(joint.share) else ""
+        what = f"{joint.name} moves over {joint.extent:.3g} {unit} only{share}"
+        yield Need("calibrate", False, what, "add poses near its ends, else the result holds in this range only")
+
+
+def _noise_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
+    if not repeats.groups:
+        what = "no pose is measured twice, so that noise and model errors cannot be separated"
+        yield Need("diagnose", False, what, "measure some poses two or three times (column repeat)")
+        return
+    stated = recording.sigma
+    if stated is None or not np.isfinite(repeats.noise_mm) or repeats.noise_mm == 0:
+        return
+    ratio = float(np.median(stated)) / repeats.noise_mm
+    if not 1 / _NOISE_RATIO < ratio < _NOISE_RATIO:
+        what = f"the stated sigma is {ratio:.2g} times the {repeats.noise_mm:.3g} mm that repeats show"
+        yield Need("calibrate", False, what, "correct sigma_mm or remove it")
+
+
+def _diagnosis_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
+    columns = recording.columns
+    load = columns.get("payload_kg")
+    if load is None or np.ptp(load) == 0:
+        what = "one payload only: compliance is seen through the arm's own weight"
+        yield Need("diagnose", False, what, "measure some poses with a second load (column payload_kg)")
+    if not any(name.startswith("approach") for name in columns):
+        what = "directions of approach are not recorded: backlash cannot be tested directly"
+        yield Need("diagnose", False, what, "reach poses from both sides and record approach1 ...")
+    if not any(name.startswith("temperature") for name in columns):
+        what = "no temperature: thermal growth can only be described as drift"
+        yield Need("diagnose", False, what, "record temperature_c")
+    if "time_s" not in columns:
+        what = "no time: drift is tested by the number of the row"
+        yield Need("diagnose", False, what, "record time_s")
+    if recording.robot and joint_columns(columns):
+        robot = load_robot(recording.robot, f"robot of {recording.name}")
+        if not robot.mass.any():
+            what = "the robot file holds no masses: compliance is found up to them"
+            yield Need("diagnose", False, what, "add mass_kg and com_mm to the joints of robot.toml")
+
+
+def _image_needs(recording: Recording, images: ImageCoverage) -> Iterator[Need]:
+    command = "camera" if recording.measures == "board-images" else "scanner"
+    if images.found < _LEAST_IMAGES:
+        why = f" ({images.rejected[0][1]})" if images.rejected else ""
+        what = f"the board is found in {images.found} images{why}"
+        action = f"take {_FEW_IMAGES} images or more, and check [board]"
+        yield Need(command, True, what, action)
+    elif images.found < _FEW_IMAGES:
+        what = f"the board is found in {images.found} images"
+        yield Need(command, False, what, f"take {_FEW_IMAGES} or more, tilted by 20 to 45 deg")
+    if images.found and images.share_of_field < _FIELD:
+        what = f"corners cover {100 * images.share_of_field:.0f} % of the field, so that distortion is extrapolated"
+        yield Need(command, False, what, "move the board into the corners of the image")
+    if recording.measures == "scan-images" and not images.roles.get("board-laser"):
+        what = "no images of the board with the laser (role board-laser)"
+        yield Need("scanner", True, what, "add them for eight board poses or more")
+    if recording.measures == "scan-images" and not images.roles.get("scan"):
+        yield Need("scan", True, "no images of scans (role scan)", "add a scan")
+
+
+def _hand_eye_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
+    if recording.measures != "board-images":
+        return
+    linked = sum("sample" in row for row in recording.images)
+    if coverage.flange is None or not linked:
+        what = "images have no flange poses or joint readings"
+        yield Need("handeye", True, what, "add samples.csv, and the column sample to images.csv")
+    elif linked < _HAND_EYE:
+        yield Need("handeye", True, f"{linked} images have a pose", f"add poses for {_FEW_IMAGES} images")
+    elif coverage.spread_deg < _SMALL_SPREAD_DEG:
+        what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS"
+        yield Need("handeye", False, what, "rotate the flange by 30 deg and more about different axes")

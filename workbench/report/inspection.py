@@ -1,0 +1,147 @@
+"""The page of `workbench check`: what is missing, coverage of the joints, poses in space, repeats, images."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.recordings.inspection import Inspection
+from workbench.report import style
+from workbench.report.sections import Page, Section, facts, figure, table, words
+from workbench.report.sensor import space
+from workbench.report.text import counted, rounded
+
+_MOST_POINTS = 4000
+
+
+def page(made: Inspection) -> Page:
+    """The whole page."""
+    recording = made.recording
+    sections = [Section("missing", "What is missing", tuple(_missing(made)))]
+    for name, title, blocks in (
+        ("coverage", "Range of the joints", _joints(made)),
+        ("space", "Poses in space", _space(made)),
+        ("repeats", "Repeats and noise", _repeats(made)),
+        ("images", "Images", _images(made)),
+    ):
+        found = tuple(blocks)
+        if found:
+            sections.append(Section(name, title, found))
+    source = facts([("recording", recording.name), ("kind", recording.measures), ("source", recording.source)])
+    sections.append(Section("provenance", "Provenance", (source,)))
+    return Page(
+        f"Check of a recording · {recording.measures}",
+        recording.title or recording.name,
+        tuple(_numbers(made)),
+        (made.sentence, "Nothing is fitted: these are properties of the recording alone."),
+        tuple(sections),
+        warning="" if made.is_sufficient else made.sentence,
+    )
+
+
+def _numbers(made: Inspection) -> Iterator[tuple[str, str, str]]:
+    if made.images is not None:
+        yield "images", str(sum(made.images.roles.values())), ""
+        yield "boards found", str(made.images.found), ""
+        yield "field covered", f"{100 * made.images.share_of_field:.0f}", "%"
+    if made.recording.n:
+        yield "poses", str(len(np.unique(made.recording.poses))), ""
+        yield "orientation spread", rounded(made.coverage.spread_deg), "deg RMS"
+    if np.isfinite(made.repeats.noise_mm):
+        yield "noise from repeats", rounded(made.repeats.noise_mm), "mm"
+
+
+def _missing(made: Inspection):
+    rows = [
+        (f"workbench {n.command}", "required" if n.is_required else "useful", n.what, n.action)
+        for n in made.needs
+    ]
+    if rows:
+        yield table(["for", "", "what is missing", "what to do"], rows, left=4)
+    else:
+        yield words("Nothing that these checks look for.")
+
+
+def _joints(made: Inspection):
+    joints = made.coverage.joints
+    if not joints:
+        return
+    drawn = style.figure(60 + 42 * len(joints), "reading (deg, mm for prismatic joints)")
+    names = [joint.name for joint in joints]
+    limits = [joint.upper_limit - joint.lower_limit for joint in joints]
+    if np.isfinite(limits).any():
+        base = [joint.lower_limit for joint in joints]
+        drawn.add_bar(y=names, x=limits, base=base, orientation="h", name="limits", marker_color=style.GREY, opacity=0.3)
+    drawn.add_bar(
+        y=names,
+        x=[joint.extent for joint in joints],
+        base=[joint.low for joint in joints],
+        orientation="h",
+        name="recorded",
+        marker_color=style.BLUE,
+        width=0.45,
+    )
+    drawn.update_layout(barmode="overlay")
+    drawn.update_yaxes(autorange="reversed")
+    yield figure("joints", drawn, "Smallest to largest reading of each joint, over its limits where they are known.")
+    rows = [
+        (j.name, rounded(j.low), rounded(j.high), rounded(j.extent), f"{100 * j.share:.0f} %" if np.isfinite(j.share) else "–")
+        for j in joints
+    ]
+    yield table(["joint", "min", "max", "range", "of the limits"], rows)
+
+
+def _space(made: Inspection):
+    flange = made.coverage.flange
+    if flange is None or not len(flange):
+        return
+    step = max(1, len(flange) // _MOST_POINTS)
+    flange = flange[::step]
+    drawn = space.space()
+    order = np.arange(len(flange)) * step + 1
+    space.points(drawn, flange[:, :3, 3].T, "flange", order, "row", size=3.5)
+    length = 0.06 * max(float(np.ptp(flange[:, :3, 3], axis=0).max()), 50.0)
+    ends = np.stack([flange[:, :3, 3], flange[:, :3, 3] + length * flange[:, :3, 2]], axis=1)
+    space.lines(drawn, ends, "z axis of the flange", style.GREY, 1.5)
+    space.points(drawn, np.zeros((3, 1)), "base", size=5, color=style.ORANGE, symbol="diamond")
+    yield figure("space", drawn, "Flange in the base frame, from the nominal robot or as recorded; colour: row.")
+    if "x_mm" in made.recording.columns:
+        measured = space.space()
+        points = made.recording.points[::step].T
+        space.points(measured, points, "measured", order[: points.shape[1]], "row", size=3)
+        yield figure("measured", measured, "Measured points in the frame of the instrument or sensor; colour: row.")
+
+
+def _repeats(made: Inspection):
+    repeats = made.repeats
+    if not repeats.groups:
+        return
+    yield words(
+        f"{counted(repeats.groups, 'pose')} measured more than once, {repeats.rows} rows; exact copies are counted once."
+    )
+    if not repeats.deviations.size:
+        return
+    drawn = style.figure(320, "deviation from the mean of the repeats (mm)", "rows")
+    for name, row in zip("xyz", repeats.deviations):
+        drawn.add_trace(go.Histogram(x=row, name=name, marker_color=style.COMPONENTS[name], opacity=0.6, nbinsx=40))
+    drawn.update_layout(barmode="overlay")
+    turn = "" if np.isnan(repeats.noise_deg) else f", {rounded(repeats.noise_deg)} deg about an axis"
+    caption = f"Noise from repeats: {rounded(repeats.noise_mm)} mm (1 σ of a coordinate, pooled over the groups){turn}."
+    yield figure("repeats", drawn, caption)
+
+
+def _images(made: Inspection):
+    if made.images is None:
+        return
+    roles = [(role, str(count)) for role, count in made.images.roles.items()]
+    yield table(["role", "images"], roles)
+    if made.images.corners.size:
+        width, height = made.images.size
+        drawn = style.figure(420, "x (px)", "y (px)")
+        x, y = made.images.corners[:, :: max(1, made.images.corners.shape[1] // _MOST_POINTS)].round(1)
+        drawn.add_scattergl(x=x, y=y, mode="markers", name="corners", marker=dict(size=3, color=style.BLUE))
+        drawn.update_xaxes(range=[0, width])
+        drawn.update_yaxes(range=[height, 0], scaleanchor="x")
+        yield figure("field", drawn, "Where the corners of all boards lie in the image.")
+    if made.images.rejected:
+        yield table(["image", "why the board is not used"], made.images.rejected, left=2)
