@@ -399,8 +399,8 @@ def test_clouds_of_a_ball_with_joint_readings(kind, tmp_path):
 # ---- questions and refusals ----
 
 
-def nearly_one_orientation() -> tuple[np.ndarray, np.ndarray, Rotation]:
-    """Readings (n, 6) in deg, points (n, 3) mm and rotations of a target that hardly turns."""
+def nearly_one_orientation(noise_deg: float) -> tuple[np.ndarray, np.ndarray, Rotation]:
+    """Readings (n, 6) in deg, points (n, 3) mm and rotations of a target that turns by 0.1 deg only."""
     from robot_model import load_robot
     from workbench.recordings.templates.contact import TrueArm
 
@@ -416,11 +416,12 @@ def nearly_one_orientation() -> tuple[np.ndarray, np.ndarray, Rotation]:
     base = Rotation.from_euler("xyz", [3, -4, 60], degrees=True)
     points = base.apply(origin + turn @ np.array([20.0, 10.0, 120.0])) + [2000.0, 300.0, 100.0]
     tool = Rotation.from_euler("xyz", [20, 40, 70], degrees=True)
-    return np.rad2deg(readings), points, base * Rotation.from_matrix(turn) * tool
+    noise = Rotation.from_rotvec(np.deg2rad(noise_deg) * rng.normal(size=(30, 3)))
+    return np.rad2deg(readings), points, base * Rotation.from_matrix(turn) * tool * noise
 
 
 def test_orientations_that_hardly_change_lead_to_a_question(tmp_path):
-    joints, points, turns = nearly_one_orientation()
+    joints, points, turns = nearly_one_orientation(0.3)
     angles = turns.as_euler("ZXZ", degrees=True)
     header = [*(f"J{k} [deg]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]", "E1", "E2", "E3"]
     path = write_rows(tmp_path / "t.csv", header, np.column_stack([joints, points, angles]))

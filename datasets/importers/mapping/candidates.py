@@ -72,7 +72,8 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
                     continue
                 if not any(np.abs(matrices - other).max() < _SAME_RAD for _, other in found):
                     found.append((turn, matrices))
-    return [turn for turn, _ in found]
+    turns = [turn for turn, _ in found]
+    return sorted(turns, key=lambda turn: (turn.group.inverse, turn.group.unit == "gon"))
 
 
 def _conventions(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], str]]:
