@@ -48,7 +48,9 @@ def degrees(truth) -> np.ndarray:
 
 def write_rows(path, header, rows, separator=","):
     lines = [separator.join(header)]
-    lines += [separator.join(f"{v:.10g}" if not isinstance(v, str) else v for v in row) for row in rows]
+    lines += [
+        separator.join(f"{v:.10g}" if not isinstance(v, str) else v for v in row) for row in rows
+    ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
@@ -83,7 +85,11 @@ def test_excel_with_titles_german_headers_and_inches(truth, tmp_path):
 
 
 def test_spatial_analyzer_export_with_comments_and_stated_units(truth, tmp_path):
-    lines = ["// SpatialAnalyzer export", "// Units: Inches", "// Collection, Group, Point, X, Y, Z"]
+    lines = [
+        "// SpatialAnalyzer export",
+        "// Units: Inches",
+        "// Collection, Group, Point, X, Y, Z",
+    ]
     for k, p in enumerate(truth.points / 25.4):
         lines.append(f"A, robot points, p{k}, {p[0]:.9f}, {p[1]:.9f}, {p[2]:.9f}")
     (tmp_path / "sa.txt").write_text("\n".join(lines))
@@ -135,10 +141,16 @@ def test_rtde_log_is_interpolated_at_the_times_of_the_tracker(truth, tmp_path):
     knots = np.ravel([times - 0.5, times + 0.5], order="F")
     stands = np.repeat(q, 2, axis=0)
     log = np.stack([np.interp(log_times, knots, stands[:, j]) for j in range(6)], axis=1)
-    header = ["timestamp", *(f"actual_q_{k}" for k in range(6)), *(f"target_q_{k}" for k in range(6))]
+    header = [
+        "timestamp",
+        *(f"actual_q_{k}" for k in range(6)),
+        *(f"target_q_{k}" for k in range(6)),
+    ]
     rows = np.column_stack([log_times, log, log + 0.3])
     a = write_rows(tmp_path / "rtde.csv", header, rows, " ")
-    b = write_rows(tmp_path / "t.csv", ["Time [s]", "X", "Y", "Z"], np.column_stack([times, truth.points]))
+    b = write_rows(
+        tmp_path / "t.csv", ["Time [s]", "X", "Y", "Z"], np.column_stack([times, truth.points])
+    )
     made = import_recording([a, b], tmp_path / "out", UR10)
     assert made.mapping.join.by == "time"
     check(made.recording, truth, joints=1e-4)
@@ -185,7 +197,9 @@ def test_poses_of_robot_programs_have_the_conventions_of_their_makers(tmp_path):
     turn = Rotation.from_euler("ZYX", [30, 20, 10], degrees=True)
     w, p, r = turn.as_euler("xyz", degrees=True)
     x, y, z, s = turn.as_quat()
-    (tmp_path / "k.dat").write_text("DECL E6POS XP1={X 100.0,Y 2.0,Z 3.0,A 30.0,B 20.0,C 10.0,S 2,T 1}\n")
+    (tmp_path / "k.dat").write_text(
+        "DECL E6POS XP1={X 100.0,Y 2.0,Z 3.0,A 30.0,B 20.0,C 10.0,S 2,T 1}\n"
+    )
     (tmp_path / "a.mod").write_text(
         f"CONST robtarget p1:=[[100,2,3],[{s},{x},{y},{z}],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];"
     )
@@ -270,7 +284,14 @@ def write_bag(writer, store, header, truth):
     state, point = types["sensor_msgs/msg/JointState"], types["geometry_msgs/msg/PointStamped"]
     joints = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
     points = writer.add_connection("/tracker/point", point.__msgtype__, typestore=store)
-    names = ["elbow_joint", "shoulder_lift_joint", "shoulder_pan_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+    names = [
+        "elbow_joint",
+        "shoulder_lift_joint",
+        "shoulder_pan_joint",
+        "wrist_1_joint",
+        "wrist_2_joint",
+        "wrist_3_joint",
+    ]
     order = [2, 1, 0, 3, 4, 5]  # ROS sorts the names of the joints
     none = np.array([], float)
     for k, (q, p) in enumerate(zip(truth.joints, truth.points / 1000)):
@@ -380,7 +401,9 @@ def test_clouds_of_a_ball_with_joint_readings(kind, tmp_path):
         directions = rng.normal(size=(600, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         toward = directions @ (-centre / np.linalg.norm(centre)) > 0.3
-        points = (centre + 15.0 * directions[toward] + 0.01 * rng.normal(size=(toward.sum(), 3))) / 1000
+        points = (
+            centre + 15.0 * directions[toward] + 0.01 * rng.normal(size=(toward.sum(), 3))
+        ) / 1000
         path = tmp_path / f"scan-{k}.{kind}"
         if kind == "xyz":
             np.savetxt(path, points)
@@ -449,7 +472,9 @@ def test_too_few_rows_for_a_test_are_refused(truth, tmp_path):
 
 def test_a_stated_unit_that_is_wrong_is_refused(truth, tmp_path):
     header = [*(f"J{k} [deg]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]"]
-    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points / 1000]))
+    path = write_rows(
+        tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points / 1000])
+    )
     with pytest.raises(InputError, match="point in metres"):
         import_recording([path], tmp_path / "out", UR10)
 
@@ -457,7 +482,9 @@ def test_a_stated_unit_that_is_wrong_is_refused(truth, tmp_path):
 def test_a_stated_quaternion_order_that_is_wrong_is_refused(truth, tmp_path):
     quaternions = np.stack([truth.columns[f"q{c}"] for c in "xyzw"], axis=1)
     header = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z", "qw", "qx", "qy", "qz"]
-    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points, quaternions]))
+    path = write_rows(
+        tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points, quaternions])
+    )
     with pytest.raises(InputError, match="quaternion xyzw"):
         import_recording([path], tmp_path / "out", UR10)
 
@@ -472,7 +499,9 @@ def test_another_robot_is_refused(truth, tmp_path):
 def test_clocks_without_common_times_are_refused(truth, tmp_path):
     times = np.arange(truth.n) * 1.0
     a = write_rows(
-        tmp_path / "a.csv", ["time", *(f"J{k}" for k in range(1, 7))], np.column_stack([times, degrees(truth)])
+        tmp_path / "a.csv",
+        ["time", *(f"J{k}" for k in range(1, 7))],
+        np.column_stack([times, degrees(truth)]),
     )
     rows = np.column_stack([times + 1e6, truth.points])[:-2]
     b = write_rows(tmp_path / "b.csv", ["time", "X", "Y", "Z"], rows)
@@ -497,7 +526,9 @@ def test_broken_tables_are_refused_with_a_place(text, words, tmp_path):
 def test_a_table_without_joints_or_header_says_which_line_to_add(truth, tmp_path):
     with pytest.raises(InputError, match=r"\[joints\]"):
         import_recording([tracker(tmp_path / "t.csv", truth)], tmp_path / "out", UR10)
-    np.savetxt(tmp_path / "plain.csv", np.column_stack([degrees(truth), truth.points]), delimiter=",")
+    np.savetxt(
+        tmp_path / "plain.csv", np.column_stack([degrees(truth), truth.points]), delimiter=","
+    )
     with pytest.raises(InputError, match=r"\[joints\]"):
         import_recording([tmp_path / "plain.csv"], tmp_path / "out", UR10)
 
@@ -506,7 +537,9 @@ def test_a_table_without_joints_or_header_says_which_line_to_add(truth, tmp_path
 
 
 def test_propose_edit_and_repeat_with_a_mapping(truth, tmp_path, capsys):
-    np.savetxt(tmp_path / "plain.csv", np.column_stack([degrees(truth), truth.points]), delimiter=",")
+    np.savetxt(
+        tmp_path / "plain.csv", np.column_stack([degrees(truth), truth.points]), delimiter=","
+    )
     mapping = tmp_path / "map.toml"
     joints = ", ".join(f'"column {k}"' for k in range(1, 7))
     mapping.write_text(

@@ -58,7 +58,9 @@ def rotation_columns(rotation: Rotation, form: str, unit: str) -> dict[str, np.n
     if form == "xyzw":
         return dict(zip(("quat0", "quat1", "quat2", "quat3"), rotation.as_quat().T))
     if form == "named":
-        return dict(zip(("qz", "qw", "qx", "qy"), np.roll(rotation.as_quat(), 2, axis=1).T[[0, 1, 2, 3]]))
+        return dict(
+            zip(("qz", "qw", "qx", "qy"), np.roll(rotation.as_quat(), 2, axis=1).T[[0, 1, 2, 3]])
+        )
     if form == "vector":
         return dict(zip(("Rx", "Ry", "Rz"), factor * np.rad2deg(rotation.as_rotvec()).T))
     frame, sequence = form.split()
@@ -125,7 +127,9 @@ def test_variant_is_right(k, form, joint, length, angle, separator, truth, tmp_p
 
 
 @pytest.mark.parametrize(("k", "form", "joint", "length", "angle", "separator"), VARIANTS[::12])
-def test_variant_of_few_noisy_rows_is_right_or_asked(k, form, joint, length, angle, separator, truth, tmp_path):
+def test_variant_of_few_noisy_rows_is_right_or_asked(
+    k, form, joint, length, angle, separator, truth, tmp_path
+):
     """Eight rows with noise of 2 mm and 1 deg do not always decide; what is taken must be right."""
     rng = np.random.default_rng(k)
     few = truth.select(np.arange(8))

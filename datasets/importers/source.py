@@ -59,7 +59,13 @@ class RawTable:
         """The table with only `rows`, indices in the wanted order."""
         columns = {name: cells[rows] for name, cells in self.columns.items()}
         return RawTable(
-            self.file, columns, self.lines[rows], self.units, self.conventions, self.default_units, self.warnings
+            self.file,
+            columns,
+            self.lines[rows],
+            self.units,
+            self.conventions,
+            self.default_units,
+            self.warnings,
         )
 
 

@@ -42,7 +42,16 @@ def unit_named(text: str) -> str | None:
 
 def is_unit(text: str) -> bool:
     """Whether a word is a unit."""
-    return unit_named(text) is not None or text.strip().lower() in {"n", "nm", "a", "v", "%", "mm/s", "deg/s", "k"}
+    return unit_named(text) is not None or text.strip().lower() in {
+        "n",
+        "nm",
+        "a",
+        "v",
+        "%",
+        "mm/s",
+        "deg/s",
+        "k",
+    }
 
 
 def length_unit_in_text(text: str) -> str | None:

@@ -56,6 +56,8 @@ OPTIONAL = {
     "SALib": Extra(
         "SALib", "study", "`workbench study` with Sobol' indices, such as uncertainty-sources"
     ),
+    "openpyxl": Extra("openpyxl", "import", "`workbench import` of Excel workbooks"),
+    "rosbags": Extra("rosbags", "import", "`workbench import` of ROS bags"),
 }
 # what Open3D and VTK load from a Linux system, and the Debian package that has it
 SHARED = {

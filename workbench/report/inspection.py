@@ -27,7 +27,9 @@ def page(made: Inspection) -> Page:
         found = tuple(blocks)
         if found:
             sections.append(Section(name, title, found))
-    source = facts([("recording", recording.name), ("kind", recording.measures), ("source", recording.source)])
+    source = facts(
+        [("recording", recording.name), ("kind", recording.measures), ("source", recording.source)]
+    )
     sections.append(Section("provenance", "Provenance", (source,)))
     return Page(
         f"Check of a recording · {recording.measures}",
@@ -71,7 +73,15 @@ def _joints(made: Inspection):
     limits = [joint.upper_limit - joint.lower_limit for joint in joints]
     if np.isfinite(limits).any():
         base = [joint.lower_limit for joint in joints]
-        drawn.add_bar(y=names, x=limits, base=base, orientation="h", name="limits", marker_color=style.GREY, opacity=0.3)
+        drawn.add_bar(
+            y=names,
+            x=limits,
+            base=base,
+            orientation="h",
+            name="limits",
+            marker_color=style.GREY,
+            opacity=0.3,
+        )
     drawn.add_bar(
         y=names,
         x=[joint.extent for joint in joints],
@@ -83,9 +93,19 @@ def _joints(made: Inspection):
     )
     drawn.update_layout(barmode="overlay")
     drawn.update_yaxes(autorange="reversed")
-    yield figure("joints", drawn, "Smallest to largest reading of each joint, over its limits where they are known.")
+    yield figure(
+        "joints",
+        drawn,
+        "Smallest to largest reading of each joint, over its limits where they are known.",
+    )
     rows = [
-        (j.name, rounded(j.low), rounded(j.high), rounded(j.extent), f"{100 * j.share:.0f} %" if np.isfinite(j.share) else "–")
+        (
+            j.name,
+            rounded(j.low),
+            rounded(j.high),
+            rounded(j.extent),
+            f"{100 * j.share:.0f} %" if np.isfinite(j.share) else "–",
+        )
         for j in joints
     ]
     yield table(["joint", "min", "max", "range", "of the limits"], rows)
@@ -104,12 +124,20 @@ def _space(made: Inspection):
     ends = np.stack([flange[:, :3, 3], flange[:, :3, 3] + length * flange[:, :3, 2]], axis=1)
     space.lines(drawn, ends, "z axis of the flange", style.GREY, 1.5)
     space.points(drawn, np.zeros((3, 1)), "base", size=5, color=style.ORANGE, symbol="diamond")
-    yield figure("space", drawn, "Flange in the base frame, from the nominal robot or as recorded; colour: row.")
+    yield figure(
+        "space",
+        drawn,
+        "Flange in the base frame, from the nominal robot or as recorded; colour: row.",
+    )
     if "x_mm" in made.recording.columns:
         measured = space.space()
         points = made.recording.points[::step].T
         space.points(measured, points, "measured", order[: points.shape[1]], "row", size=3)
-        yield figure("measured", measured, "Measured points in the frame of the instrument or sensor; colour: row.")
+        yield figure(
+            "measured",
+            measured,
+            "Measured points in the frame of the instrument or sensor; colour: row.",
+        )
 
 
 def _repeats(made: Inspection):
@@ -117,15 +145,22 @@ def _repeats(made: Inspection):
     if not repeats.groups:
         return
     yield words(
-        f"{counted(repeats.groups, 'pose')} measured more than once, {repeats.rows} rows; exact copies are counted once."
+        f"{counted(repeats.groups, 'pose')} measured more than once, {repeats.rows} rows; "
+        "exact copies are counted once."
     )
     if not repeats.deviations.size:
         return
     drawn = style.figure(320, "deviation from the mean of the repeats (mm)", "rows")
     for name, row in zip("xyz", repeats.deviations):
-        drawn.add_trace(go.Histogram(x=row, name=name, marker_color=style.COMPONENTS[name], opacity=0.6, nbinsx=40))
+        drawn.add_trace(
+            go.Histogram(
+                x=row, name=name, marker_color=style.COMPONENTS[name], opacity=0.6, nbinsx=40
+            )
+        )
     drawn.update_layout(barmode="overlay")
-    turn = "" if np.isnan(repeats.noise_deg) else f", {rounded(repeats.noise_deg)} deg about an axis"
+    turn = (
+        "" if np.isnan(repeats.noise_deg) else f", {rounded(repeats.noise_deg)} deg about an axis"
+    )
     caption = f"Noise from repeats: {rounded(repeats.noise_mm)} mm (1 σ of a coordinate, pooled over the groups){turn}."
     yield figure("repeats", drawn, caption)
 
@@ -138,8 +173,12 @@ def _images(made: Inspection):
     if made.images.corners.size:
         width, height = made.images.size
         drawn = style.figure(420, "x (px)", "y (px)")
-        x, y = made.images.corners[:, :: max(1, made.images.corners.shape[1] // _MOST_POINTS)].round(1)
-        drawn.add_scattergl(x=x, y=y, mode="markers", name="corners", marker=dict(size=3, color=style.BLUE))
+        x, y = made.images.corners[
+            :, :: max(1, made.images.corners.shape[1] // _MOST_POINTS)
+        ].round(1)
+        drawn.add_scattergl(
+            x=x, y=y, mode="markers", name="corners", marker=dict(size=3, color=style.BLUE)
+        )
         drawn.update_xaxes(range=[0, width])
         drawn.update_yaxes(range=[height, 0], scaleanchor="x")
         yield figure("field", drawn, "Where the corners of all boards lie in the image.")

@@ -59,7 +59,11 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
 
     stated_only: keep to the convention and unit that the group states, as far as it does.
     """
-    conventions = [(group.columns, group.convention)] if group.convention and stated_only else _conventions(group, table)
+    conventions = (
+        [(group.columns, group.convention)]
+        if group.convention and stated_only
+        else _conventions(group, table)
+    )
     found: list[tuple[Turn, np.ndarray]] = []
     for columns, convention in conventions:
         units = angle_units(group, stated_only) if has_unit(convention) else (None,)

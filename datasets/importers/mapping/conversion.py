@@ -28,11 +28,15 @@ def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[st
     if kept.all():
         return table, ()
     if not kept.any():
-        raise complaint(table.file, "rows with a number in every mapped column", "none", "map other columns")
+        raise complaint(
+            table.file, "rows with a number in every mapped column", "none", "map other columns"
+        )
     lost = np.flatnonzero(~kept)
     named = ", ".join(str(table.lines[row]) for row in lost[:5])
     more = ", ..." if len(lost) > 5 else ""
-    sentence = f"{table.file}: {len(lost)} rows with an empty cell are left out (rows {named}{more})."
+    sentence = (
+        f"{table.file}: {len(lost)} rows with an empty cell are left out (rows {named}{more})."
+    )
     return table.take(np.flatnonzero(kept)), (sentence,)
 
 
@@ -47,7 +51,9 @@ def check_column(table: RawTable, name: str, quantity: str) -> None:
         )
 
 
-def joint_columns(table: RawTable, group: Group, prismatic: Sequence[bool], length_unit: str) -> dict[str, np.ndarray]:
+def joint_columns(
+    table: RawTable, group: Group, prismatic: Sequence[bool], length_unit: str
+) -> dict[str, np.ndarray]:
     """q1_deg ... (qK_mm of a prismatic joint) in the units of a recording."""
     columns = {}
     for number, (name, slides) in enumerate(zip(group.columns, prismatic), 1):
@@ -70,7 +76,10 @@ def rotation_columns(table: RawTable, group: Group, prefix: str = "") -> dict[st
         return quaternion_columns(Turn(group).matrices(table), prefix)
     except ValueError as problem:
         raise complaint(
-            f"{table.file}, columns {', '.join(group.columns)}", str(problem), "it", "correct the mapping"
+            f"{table.file}, columns {', '.join(group.columns)}",
+            str(problem),
+            "it",
+            "correct the mapping",
         ) from None
 
 

@@ -32,8 +32,13 @@ _SUFFIX_UNITS = frozenset(
 )
 _BRACKETS = re.compile(r"^(.*?)[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
 _UR_JOINTS = {
-    "shoulderpan": 1, "shoulderlift": 2, "elbow": 3, "wrist1": 4, "wrist2": 5, "wrist3": 6,
-}  # fmt: skip
+    "shoulderpan": 1,
+    "shoulderlift": 2,
+    "elbow": 3,
+    "wrist1": 4,
+    "wrist2": 5,
+    "wrist3": 6,
+}
 _PATTERNS = (
     ("rotvec", r"(?:rv|rvec|rotvec|rotationvector|rotationsvektor|rodrigues)([xyz123])"),
     ("matrix", r"(?:r|m|rot|t|a|rotation|matrix)([0-3])([0-3])"),
@@ -46,8 +51,8 @@ _PATTERNS = (
     ),
     (
         "joint",
-        r"(?:q|j|jt|joint|joints|gelenk|achse|axis|axe|ax|a|theta|th|gelenkwinkel|achswinkel|achsenwinkel|jointangle|"
-        r"jointposition|jointpos|jointvalue|axisangle|axispos|axisposition|winkel|winkelachse|angle|jointa|position|"
+        r"(?:q|j|jt|joint|joints|gelenk|achse|axis|axe|ax|a|theta|th|gelenkwinkel|achswinkel|achsenwinkel|jointangles?|angles|"
+        r"jointpositions?|jointpos|jointvalues?|axisangle|axispos|axisposition|winkel|winkelachse|angle|jointa|position|"
         r"positions|pos)(\d{1,2})[a-z]?",
     ),
     (
@@ -59,26 +64,61 @@ _PATTERNS = (
     ("posecomponent", r"(?:pose|frame|vec|vector)([0-6])"),
     ("axis", r"([noa])([xyz])"),
 )
+_NUMBERED = MEASURED_WORDS | frozenset(
+    "p xyz pos position positions points coords coordinates translation translations center centre".split()
+)
 _WORDS = {
-    "roll": ("rpy", "x"), "rollen": ("rpy", "x"), "pitch": ("rpy", "y"), "nicken": ("rpy", "y"),
-    "yaw": ("rpy", "z"), "gieren": ("rpy", "z"), "alpha": ("greek", "1"), "beta": ("greek", "2"),
-    "gamma": ("greek", "3"), "phi": ("phi", "1"), "theta": ("phi", "2"), "psi": ("phi", "3"),
-    "omega": ("omega", "1"), "kappa": ("omega", "3"), "a": ("abc", "1"), "b": ("abc", "2"), "c": ("abc", "3"),
-    "w": ("wpr", "1"), "p": ("wpr", "2"), "r": ("wpr", "3"),
-    "s": ("slurbt", "1"), "l": ("slurbt", "2"), "u": ("slurbt", "3"),
-}  # fmt: skip
+    "roll": ("rpy", "x"),
+    "rollen": ("rpy", "x"),
+    "pitch": ("rpy", "y"),
+    "nicken": ("rpy", "y"),
+    "yaw": ("rpy", "z"),
+    "gieren": ("rpy", "z"),
+    "alpha": ("greek", "1"),
+    "beta": ("greek", "2"),
+    "gamma": ("greek", "3"),
+    "phi": ("phi", "1"),
+    "theta": ("phi", "2"),
+    "psi": ("phi", "3"),
+    "omega": ("omega", "1"),
+    "kappa": ("omega", "3"),
+    "a": ("abc", "1"),
+    "b": ("abc", "2"),
+    "c": ("abc", "3"),
+    "w": ("wpr", "1"),
+    "p": ("wpr", "2"),
+    "r": ("wpr", "3"),
+    "s": ("slurbt", "1"),
+    "l": ("slurbt", "2"),
+    "u": ("slurbt", "3"),
+}
 _SINGLE = (
-    ("time", r"time|timestamp|zeit|zeitstempel|t|uhrzeit|datetime|stamp|messzeit|clock|times|timestamps"),
+    (
+        "time",
+        r"time|timestamp|zeit|zeitstempel|t|uhrzeit|datetime|stamp|messzeit|clock|times|timestamps",
+    ),
     ("date", r"date|datum"),
-    ("sample", r"sample|nr|no|num|number|nummer|id|index|idx|lfdnr|messung|meas|measurement|row|zeile|n|posenr"),
-    ("name", r"name|point|punkt|pointname|punktname|label|bezeichnung|pointid|positionname|positionsname|posname"),
+    (
+        "sample",
+        r"sample|nr|no|num|number|nummer|id|index|idx|lfdnr|messung|meas|measurement|row|zeile|n|posenr",
+    ),
+    (
+        "name",
+        r"name|point|punkt|pointname|punktname|label|bezeichnung|pointid|positionname|positionsname|posname",
+    ),
     ("pose", r"pose|poseid|posenumber|station"),
     ("repeat", r"repeat|wiederholung"),
     ("reflector", r"reflector|reflektor|smr|marker|target|reflectorid|targetid"),
     ("ball", r"ball|kugel|sphere|ballid|kugelnr"),
-    ("image", r"image|bild|file|filename|datei|dateiname|img|picture|foto|imagename|imagefile|bilddatei"),
+    (
+        "image",
+        r"image|bild|file|filename|datei|dateiname|img|picture|foto|imagename|imagefile|bilddatei",
+    ),
     ("cloud", r"cloud|scan|punktwolke|scanfile|pointcloud"),
-    ("temperature_c", r"temp|temperature|temperatur|ambient|umgebungstemperatur|raumtemperatur|ambienttemperature"),
+    (
+        "temperature_c",
+        r"temp|temperature|temperatur|ambient|umgebungstemperatur|raumtemperatur|ambienttemperature",
+    ),
     ("payload_kg", r"payload|load|last|nutzlast|traglast"),
     ("length_mm", r"length|distance|laenge|abstand|dist"),
     ("pair", r"pair|paar"),
@@ -127,9 +167,22 @@ def read_header(name: str, unit: str | None = None) -> Header:
 
 def _plain(name: str) -> str:
     """The name without umlauts and accents."""
-    text = name.replace("ä", "ae").replace("ö", "oe").replace("ü", "ue").replace("ß", "ss").replace("°", "deg")
+    text = (
+        name.replace("ä", "ae")
+        .replace("ö", "oe")
+        .replace("ü", "ue")
+        .replace("ß", "ss")
+        .replace("°", "deg")
+    )
     text = text.replace("Ä", "Ae").replace("Ö", "Oe").replace("Ü", "Ue").replace("µ", "u")
-    for letter, word in (("α", "alpha"), ("β", "beta"), ("γ", "gamma"), ("θ", "theta"), ("φ", "phi"), ("ψ", "psi")):
+    for letter, word in (
+        ("α", "alpha"),
+        ("β", "beta"),
+        ("γ", "gamma"),
+        ("θ", "theta"),
+        ("φ", "phi"),
+        ("ψ", "psi"),
+    ):
         text = text.replace(letter, word)
     decomposed = unicodedata.normalize("NFKD", text)
     return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
@@ -162,6 +215,9 @@ def _kind(core: str) -> tuple[str, str]:
         return "joint", match[1]
     if core in _WORDS:
         return "word", core
+    match = re.fullmatch(r"([a-z]+)(\d)", core)
+    if match and match[1] in _NUMBERED:
+        return "numbered", match[2]
     for kind, pattern in _SINGLE:
         if re.fullmatch(pattern, core):
             return kind, ""

@@ -19,9 +19,16 @@ from datasets.importers.units import TIMES
 _KEYS = ("sample", "name", "pose")
 _OVERLAP = 0.9
 _FORMATS = (
-    "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p",
-    "%Y/%m/%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S",
-)  # fmt: skip
+    "%d.%m.%Y %H:%M:%S.%f",
+    "%d.%m.%Y %H:%M:%S",
+    "%m/%d/%Y %H:%M:%S",
+    "%m/%d/%Y %I:%M:%S %p",
+    "%Y/%m/%d %H:%M:%S.%f",
+    "%Y/%m/%d %H:%M:%S",
+    "%H:%M:%S.%f",
+    "%H:%M:%S",
+    "%Y%m%d%H%M%S",
+)
 _EPOCH_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 _GAP = 5.0
 _LEAST_GAP_S = 0.5
@@ -132,24 +139,44 @@ def _side_by_side(few: RawTable, many: RawTable) -> RawTable:
 def _by_key(few: RawTable, many: RawTable, join: Join):
     pairs = list(_shared_keys(few, many))
     if join.key is not None:
-        named = [[n for n in table.columns if n.rpartition(": ")[2] == join.key] for table in (few, many)]
+        named = [
+            [n for n in table.columns if n.rpartition(": ")[2] == join.key] for table in (few, many)
+        ]
         pairs = [(named[0][0], named[1][0])] if all(named) else []
     if not pairs:
-        raise complaint(f"{few.file} and {many.file}", "a column that names the same rows in both", "none", "add it")
-    mine, its = max(pairs, key=lambda pair: _match_share(few.columns[pair[0]], many.columns[pair[1]]))
+        raise complaint(
+            f"{few.file} and {many.file}",
+            "a column that names the same rows in both",
+            "none",
+            "add it",
+        )
+    mine, its = max(
+        pairs, key=lambda pair: _match_share(few.columns[pair[0]], many.columns[pair[1]])
+    )
     place = {value: row for row, value in enumerate(_as_text(many.columns[its]))}
     keys = _as_text(few.columns[mine])
     if len(set(keys)) < len(keys) or len(place) < many.n:
         raise complaint(
-            f"{few.file} and {many.file}, columns {mine} and {its}", "every value once", "values that repeat",
+            f"{few.file} and {many.file}, columns {mine} and {its}",
+            "every value once",
+            "values that repeat",
             "number the rows or join by index or time",
-        )  # fmt: skip
+        )
     rows = [row for row, value in enumerate(keys) if value in place]
     if not rows:
-        raise complaint(f"{few.file} and {many.file}, columns {mine} and {its}", "common values", "none", "correct it")
+        raise complaint(
+            f"{few.file} and {many.file}, columns {mine} and {its}",
+            "common values",
+            "none",
+            "correct it",
+        )
     other = many.take(np.array([place[keys[row]] for row in rows]))
     lost = few.n - len(rows)
-    said = [f"{few.file}: {lost} of {few.n} rows have no row in {many.file} and are left out."] if lost else []
+    said = (
+        [f"{few.file}: {lost} of {few.n} rows have no row in {many.file} and are left out."]
+        if lost
+        else []
+    )
     return _side_by_side(few.take(np.array(rows)), other), said
 
 
@@ -157,7 +184,12 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
     mine, its = seconds_of(few), seconds_of(many)
     for table, seconds in ((few, mine), (many, its)):
         if seconds is None:
-            raise complaint(table.file, "a column with times to join by", "none", "name it time or join by index")
+            raise complaint(
+                table.file,
+                "a column with times to join by",
+                "none",
+                "name it time or join by index",
+            )
     wanted = mine + join.time_offset_s
     order = np.argsort(its, kind="stable")
     times = its[order]
@@ -175,18 +207,27 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
     rows = np.flatnonzero(inside)
     other = _interpolated(many, order, times, wanted[rows])
     lost = few.n - len(rows)
-    said = [f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."]
+    said = [
+        f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."
+    ]
     return _side_by_side(few.take(rows), other), said if lost else []
 
 
-def _interpolated(table: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray) -> RawTable:
+def _interpolated(
+    table: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray
+) -> RawTable:
     """Rows of a log at other times: numbers linearly, text and rotations from the nearest row."""
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     nearest = order[np.where(wanted - times[after - 1] < times[after] - wanted, after - 1, after)]
     taken = table.take(nearest)
     columns = dict(taken.columns)
     for name, header in headers_of(table).items():
-        if table.columns[name].dtype.kind == "f" and header.kind in ("joint", "xyz", "qindex", "temperature_c"):
+        if table.columns[name].dtype.kind == "f" and header.kind in (
+            "joint",
+            "xyz",
+            "qindex",
+            "temperature_c",
+        ):
             is_joint_set = header.kind != "qindex" or header.words
             if is_joint_set:
                 columns[name] = np.interp(wanted, times, table.columns[name][order])
@@ -201,6 +242,8 @@ def seconds_of(table: RawTable) -> np.ndarray | None:
     for name in names:
         cells = table.columns[name]
         if cells.dtype.kind == "f" and np.isfinite(cells).all():
+            if _is_calendar(cells):
+                return _parsed([f"{cell:.0f}" for cell in cells])
             return cells * _time_factor(headers[name].unit, cells)
     if dates and names:
         joined = [f"{d} {t}" for d, t in zip(table.columns[dates[0]], table.columns[names[0]])]
@@ -209,6 +252,15 @@ def seconds_of(table: RawTable) -> np.ndarray | None:
         if table.columns[name].dtype.kind != "f":
             return _parsed([str(cell) for cell in table.columns[name]])
     return None
+
+
+def _is_calendar(cells: np.ndarray) -> bool:
+    """Whether numbers are year, month, day, hour, minute and second in a row (20200714163904)."""
+    low, high = cells.min(), cells.max()
+    is_range = 19000101000000 <= low and high < 21000101000000
+    return bool(
+        is_range and ((cells // 10**8) % 100 <= 12).all() and (cells == np.round(cells)).all()
+    )
 
 
 def _time_factor(unit: str | None, cells: np.ndarray) -> float:

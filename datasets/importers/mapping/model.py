@@ -1,26 +1,26 @@
 """The mapping of an import: which columns are which quantity, in which unit and convention; read and written as TOML.
 
-    format = "import/1"
-    measures = "external-pose"
-    robot = "ur10"
-    [join]
-    by = "index"
-    [joints]
-    columns = ["A1", "A2", "A3", "A4", "A5", "A6"]
-    unit = "deg"
-    [point]
-    columns = ["X", "Y", "Z"]
-    unit = "mm"
-    [rotation]
-    columns = ["Rx", "Ry", "Rz"]
-    unit = "deg"
-    convention = "intrinsic XYZ"
-    [flange_point]
-    ...
-    [flange_rotation]
-    ...
-    [columns]
-    "Temp" = "temperature_c"
+format = "import/1"
+measures = "external-pose"
+robot = "ur10"
+[join]
+by = "index"
+[joints]
+columns = ["A1", "A2", "A3", "A4", "A5", "A6"]
+unit = "deg"
+[point]
+columns = ["X", "Y", "Z"]
+unit = "mm"
+[rotation]
+columns = ["Rx", "Ry", "Rz"]
+unit = "deg"
+convention = "intrinsic XYZ"
+[flange_point]
+...
+[flange_rotation]
+...
+[columns]
+"Temp" = "temperature_c"
 """
 
 import tomllib
@@ -111,7 +111,9 @@ def _completed(mine, its):
     if isinstance(mine, Join):
         return its if mine == Join() else mine
     if isinstance(mine, Group) and isinstance(its, Group) and mine.columns == its.columns:
-        return replace(mine, unit=mine.unit or its.unit, convention=mine.convention or its.convention)
+        return replace(
+            mine, unit=mine.unit or its.unit, convention=mine.convention or its.convention
+        )
     return mine
 
 
@@ -138,9 +140,13 @@ def read_mapping(path: Path) -> Mapping:
     try:
         keys = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as problem:
-        raise complaint(f"--map {path}", "a readable file", str(problem.strerror), "correct the name") from None
+        raise complaint(
+            f"--map {path}", "a readable file", str(problem.strerror), "correct the name"
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise complaint(f"--map {path}", "TOML", f"a mistake ({problem})", "correct it there") from None
+        raise complaint(
+            f"--map {path}", "TOML", f"a mistake ({problem})", "correct it there"
+        ) from None
     return mapping_from_keys(keys, path.name)
 
 
@@ -149,16 +155,28 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
     known = {"format", "measures", "robot", "join", "columns", "board", *QUANTITIES}
     for name in keys:
         if name not in known:
-            raise complaint(f"{called}, key {name}", f"one of {', '.join(sorted(known))}", "this key", "correct it")
+            raise complaint(
+                f"{called}, key {name}",
+                f"one of {', '.join(sorted(known))}",
+                "this key",
+                "correct it",
+            )
     if keys.get("format", FORMAT) != FORMAT:
         raise complaint(f"{called}, key format", f'"{FORMAT}"', repr(keys["format"]), "correct it")
     measures = keys.get("measures")
     if measures is not None and measures not in KINDS:
-        raise complaint(f"{called}, key measures", f"one of {', '.join(KINDS)}", repr(measures), "correct it")
+        raise complaint(
+            f"{called}, key measures", f"one of {', '.join(KINDS)}", repr(measures), "correct it"
+        )
     groups = {name: _group(keys[name], name, called) for name in QUANTITIES if name in keys}
     columns = keys.get("columns", {})
     if not isinstance(columns, Keys) or not all(isinstance(v, str) for v in columns.values()):
-        raise complaint(f"{called}, [columns]", 'pairs like "Temp" = "temperature_c"', repr(columns)[:60], "correct it")
+        raise complaint(
+            f"{called}, [columns]",
+            'pairs like "Temp" = "temperature_c"',
+            repr(columns)[:60],
+            "correct it",
+        )
     return Mapping(
         measures=measures,
         robot=keys.get("robot"),
@@ -172,12 +190,18 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
 def _join(keys: Keys, called: str) -> Join:
     where = f"{called}, [join]"
     if not isinstance(keys, Keys) or set(keys) - {"by", "key", "time_offset_s"}:
-        raise complaint(where, "the keys by, key and time_offset_s", repr(keys)[:60], "remove the others")
+        raise complaint(
+            where, "the keys by, key and time_offset_s", repr(keys)[:60], "remove the others"
+        )
     if keys.get("by") not in (None, *JOINS):
-        raise complaint(f"{where}, key by", f"one of {', '.join(JOINS)}", repr(keys["by"]), "correct it")
+        raise complaint(
+            f"{where}, key by", f"one of {', '.join(JOINS)}", repr(keys["by"]), "correct it"
+        )
     offset = keys.get("time_offset_s", 0.0)
     if isinstance(offset, bool) or not isinstance(offset, int | float):
-        raise complaint(f"{where}, key time_offset_s", "a number of seconds", repr(offset), "correct it")
+        raise complaint(
+            f"{where}, key time_offset_s", "a number of seconds", repr(offset), "correct it"
+        )
     return Join(keys.get("by"), keys.get("key"), float(offset))
 
 
@@ -185,19 +209,40 @@ def _group(keys, name: str, called: str) -> Group:
     where = f"{called}, [{name}]"
     columns = keys.get("columns") if isinstance(keys, Keys) else None
     if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
-        raise complaint(f"{where}, key columns", "a list of column names", repr(columns)[:60], "write the names")
+        raise complaint(
+            f"{where}, key columns", "a list of column names", repr(columns)[:60], "write the names"
+        )
     if unknown := set(keys) - {"columns", "unit", "convention", "inverse"}:
-        raise complaint(f"{where}, key {sorted(unknown)[0]}", "columns, unit, convention or inverse", "it", "remove it")
+        raise complaint(
+            f"{where}, key {sorted(unknown)[0]}",
+            "columns, unit, convention or inverse",
+            "it",
+            "remove it",
+        )
     unit, convention = keys.get("unit"), keys.get("convention")
     units = LENGTHS if name in ("point", "flange_point") else ANGLES
     if name != "time" and unit is not None and unit not in units:
-        raise complaint(f"{where}, key unit", f"one of {', '.join(units)}", repr(unit), "correct it")
+        raise complaint(
+            f"{where}, key unit", f"one of {', '.join(units)}", repr(unit), "correct it"
+        )
     if convention is not None and convention not in CONVENTIONS:
         words = "quaternion wxyz, quaternion xyzw, rotation vector, matrix, intrinsic XYZ, extrinsic ZYX, ..."
-        raise complaint(f"{where}, key convention", f"one of {words}", repr(convention), "correct it")
-    wanted = SIZES.get(convention) if convention else 3 if name in ("point", "flange_point", "axis") else None
+        raise complaint(
+            f"{where}, key convention", f"one of {words}", repr(convention), "correct it"
+        )
+    wanted = (
+        SIZES.get(convention)
+        if convention
+        else 3
+        if name in ("point", "flange_point", "axis")
+        else None
+    )
     if wanted is not None and len(columns) != wanted:
-        raise complaint(f"{where}, key columns", f"{wanted} columns", f"{len(columns)}", "correct the list")
+        raise complaint(
+            f"{where}, key columns", f"{wanted} columns", f"{len(columns)}", "correct the list"
+        )
     if not isinstance(keys.get("inverse", False), bool):
-        raise complaint(f"{where}, key inverse", "true or false", repr(keys["inverse"]), "correct it")
+        raise complaint(
+            f"{where}, key inverse", "true or false", repr(keys["inverse"]), "correct it"
+        )
     return Group(tuple(columns), unit, convention, keys.get("inverse", False))

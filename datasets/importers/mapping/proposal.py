@@ -1,4 +1,4 @@
-"""A mapping proposed from the headers of one table; what the headers leave open stays None for the test on the robot."""
+"""A mapping proposed from the headers of one table; what they leave open is None until the test on the robot."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,16 @@ from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
 from datasets.importers.source import RawTable
 
 _TURNS = ("angles", "quaternion", "vector", "matrix")
-_COPIED = ("pose", "repeat", "reflector", "ball", "temperature_c", "payload_kg", "length_mm", "pair")
+_COPIED = (
+    "pose",
+    "repeat",
+    "reflector",
+    "ball",
+    "temperature_c",
+    "payload_kg",
+    "length_mm",
+    "pair",
+)
 _SENSOR_WORDS = frozenset("sensor scanner camera kamera ball kugel sphere".split())
 
 
@@ -33,12 +42,22 @@ def propose(table: RawTable, has_images: bool = False, has_clouds: bool = False)
     sets = [one for one in sets if one is not None]
     joints = _best([one for one in sets if one.kind == "joints"], table, "joints")
     measured_elsewhere = has_images or has_clouds
-    points = _classified([one for one in sets if one.kind == "point"], joints, measured_elsewhere, table)
+    points = _classified(
+        [one for one in sets if one.kind == "point"], joints, measured_elsewhere, table
+    )
     turns = [one for one in sets if one.kind in _TURNS]
     point, flange_point = points
-    rotation = _turn_of(point, [one for one in turns if not _is_of(one, flange_point)], table, "rotation")
-    flange_rotation = _turn_of(flange_point, [one for one in turns if one is not rotation], table, "flange_rotation")
-    axis = _best([one for one in sets if one.kind == "axis"], table, "axis") if rotation is None else None
+    rotation = _turn_of(
+        point, [one for one in turns if not _is_of(one, flange_point)], table, "rotation"
+    )
+    flange_rotation = _turn_of(
+        flange_point, [one for one in turns if one is not rotation], table, "flange_rotation"
+    )
+    axis = (
+        _best([one for one in sets if one.kind == "axis"], table, "axis")
+        if rotation is None
+        else None
+    )
     mapping = Mapping(
         joints=_group(joints, table, "angle"),
         point=_group(point, table, "length"),
@@ -109,7 +128,9 @@ def _is_of(turn: ColumnSet, flange_point: ColumnSet | None) -> bool:
     return flange_point is not None and turn.words == flange_point.words
 
 
-def _turn_of(point: ColumnSet | None, turns: list[ColumnSet], table: RawTable, quantity: str) -> ColumnSet | None:
+def _turn_of(
+    point: ColumnSet | None, turns: list[ColumnSet], table: RawTable, quantity: str
+) -> ColumnSet | None:
     """The rotation that belongs to a point: the one with the same words, else the only one."""
     if point is None:
         return None
@@ -161,7 +182,9 @@ def _fits(table: RawTable, name: str, header: Header) -> bool:
     return cells.dtype.kind == "f" and bool(np.isfinite(cells).all())
 
 
-def _measures(mapping: Mapping, point: ColumnSet | None, has_images: bool, has_clouds: bool) -> str | None:
+def _measures(
+    mapping: Mapping, point: ColumnSet | None, has_images: bool, has_clouds: bool
+) -> str | None:
     """The kind of recording that the quantities make; None where they make none."""
     if has_images:
         return "board-images"

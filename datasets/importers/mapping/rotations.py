@@ -15,7 +15,9 @@ from datasets.importers.units import ANGLES
 TAIT_BRYAN = tuple("".join(p) for p in permutations("XYZ"))
 PROPER = tuple(a + b + a for a, b in product("XYZ", repeat=2) if a != b)
 SEQUENCES = TAIT_BRYAN + PROPER
-EULER = tuple(f"{frame} {sequence}" for frame in ("intrinsic", "extrinsic") for sequence in SEQUENCES)
+EULER = tuple(
+    f"{frame} {sequence}" for frame in ("intrinsic", "extrinsic") for sequence in SEQUENCES
+)
 QUATERNIONS = ("quaternion wxyz", "quaternion xyzw")
 VECTOR, MATRIX = "rotation vector", "matrix"
 CONVENTIONS = (*QUATERNIONS, VECTOR, MATRIX, *EULER)
@@ -31,7 +33,9 @@ def has_unit(convention: str) -> bool:
     return SIZES[convention] == 3
 
 
-def rotation_matrices(values: np.ndarray, convention: str, unit: str | None, inverse: bool = False) -> np.ndarray:
+def rotation_matrices(
+    values: np.ndarray, convention: str, unit: str | None, inverse: bool = False
+) -> np.ndarray:
     """(n, 3, 3) rotations of columns (n, k) in a convention.
 
     unit: of angles (`datasets.importers.units.ANGLES`). inverse: the columns hold the transposed rotation.
@@ -58,8 +62,12 @@ def _of_quaternions(values: np.ndarray, convention: str) -> Rotation:
     wrong = np.abs(lengths - 1) > _UNIT_LENGTH
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise ValueError(f"a quaternion of length 1, found {lengths[row]:.4g} in data row {row + 1}")
-    return Rotation.from_quat(np.roll(values, -1, axis=1) if convention == "quaternion wxyz" else values)
+        raise ValueError(
+            f"a quaternion of length 1, found {lengths[row]:.4g} in data row {row + 1}"
+        )
+    return Rotation.from_quat(
+        np.roll(values, -1, axis=1) if convention == "quaternion wxyz" else values
+    )
 
 
 def _of_matrices(values: np.ndarray) -> Rotation:
@@ -67,11 +75,16 @@ def _of_matrices(values: np.ndarray) -> Rotation:
     product_ = matrices @ matrices.transpose(0, 2, 1)
     wrong = (np.abs(product_ - np.eye(3)).max((1, 2)) > _ORTHOGONAL) | (np.linalg.det(matrices) < 0)
     if wrong.any():
-        raise ValueError(f"orthogonal matrices of determinant 1, found another in data row {int(np.argmax(wrong)) + 1}")
+        raise ValueError(
+            f"orthogonal matrices of determinant 1, found another in data row {int(np.argmax(wrong)) + 1}"
+        )
     return Rotation.from_matrix(matrices)
 
 
 def quaternion_columns(rotations: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:
     """Columns qw, qx, qy, qz with qw >= 0 of rotations (n, 3, 3), a prefix in front of their names."""
     quaternions = Rotation.from_matrix(rotations).as_quat(canonical=True)
-    return {f"{prefix}q{axis}": quaternions[:, k] for axis, k in (("w", 3), ("x", 0), ("y", 1), ("z", 2))}
+    return {
+        f"{prefix}q{axis}": quaternions[:, k]
+        for axis, k in (("w", 3), ("x", 0), ("y", 1), ("z", 2))
+    }

@@ -28,8 +28,13 @@ _WORD_SETS = {
     "wpr": ("w", "p", "r"),
 }
 AXES_OF_SET = {
-    "turn": "XYZ", "rpy": "XYZ", "rpy german": "XYZ", "abc": "ZYX", "wpr": "XYZ", "omega": "XYZ",
-}  # fmt: skip
+    "turn": "XYZ",
+    "rpy": "XYZ",
+    "rpy german": "XYZ",
+    "abc": "ZYX",
+    "wpr": "XYZ",
+    "omega": "XYZ",
+}
 """Set of three angles -> the axis that each angle most likely belongs to."""
 
 
@@ -70,12 +75,17 @@ def find_sets(table: RawTable) -> list[ColumnSet]:
     headers = [h for h in headers_of(table).values() if not h.is_deviation]
     by_words: dict[tuple[str, ...], list[Header]] = {}
     for header in headers:
-        by_words.setdefault(header.words, []).append(header)
+        by_words.setdefault(_object_of(header), []).append(header)
     found: list[ColumnSet] = []
     for same in by_words.values():
         found += _sets_of(same, table)
     order = {name: k for k, name in enumerate(table.columns)}
     return sorted(found, key=lambda one: order[one.names[0]])
+
+
+def _object_of(header: Header) -> tuple[str, ...]:
+    """What the columns of one object have in common: the words in front, and the name of a numbered array."""
+    return (*header.words, header.core[:-1]) if header.kind == "numbered" else header.words
 
 
 def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
@@ -111,7 +121,9 @@ def _set(kind: str, headers: list[Header], labels: str = "") -> ColumnSet:
 
 def _points(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
     xyz = kinds.get("xyz", {})
-    return [_set("point", [xyz[axis] for axis in "xyz"])] if all(axis in xyz for axis in "xyz") else []
+    return (
+        [_set("point", [xyz[axis] for axis in "xyz"])] if all(axis in xyz for axis in "xyz") else []
+    )
 
 
 def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
@@ -155,10 +167,19 @@ def _numbered(kinds: Mapping[str, Mapping[str, Header]], table: RawTable) -> lis
     else:
         joints = dict(quaternion) | joints
     numbers = sorted(int(number) for number in joints)
-    if len(numbers) >= 2 and numbers[0] in (0, 1) and numbers == list(range(numbers[0], numbers[0] + len(numbers))):
+    if (
+        len(numbers) >= 2
+        and numbers[0] in (0, 1)
+        and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    ):
         by_number = {int(label): header for label, header in joints.items()}
-        sets.append(_set("joints", [by_number[number] for number in numbers]))
-    return sets + _poses(kinds.get("posecomponent", {}))
+        ordered = [by_number[number] for number in numbers]
+        is_point = len(numbers) == 3 and ordered[0].core.startswith("pos")
+        sets.append(_set("point" if is_point else "joints", ordered))
+    triple = kinds.get("numbered", {})
+    if sorted(triple) in (["0", "1", "2"], ["1", "2", "3"]):
+        sets.append(_set("point", [triple[number] for number in sorted(triple)]))
+    return sets + _poses(kinds.get("posecomponent", {}), table)
 
 
 def _has_length_1(columns: Mapping[str, Header], table: RawTable) -> bool:
@@ -169,7 +190,7 @@ def _has_length_1(columns: Mapping[str, Header], table: RawTable) -> bool:
     return bool(np.nanmax(np.abs(lengths - 1)) < 0.02)
 
 
-def _poses(components: Mapping[str, Header]) -> list[ColumnSet]:
+def _poses(components: Mapping[str, Header], table: RawTable) -> list[ColumnSet]:
     """A point and a rotation of poses with six or seven numbered components (RTDE, arrays of MATLAB)."""
     numbers = sorted(int(number) for number in components)
     if len(numbers) not in (6, 7) or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
@@ -179,6 +200,9 @@ def _poses(components: Mapping[str, Header]) -> list[ColumnSet]:
     if len(ordered) == 7:
         return [point, _set("quaternion", ordered[3:], "numbered")]
     is_rtde = "tcp" in point.words and numbers[0] == 0
+    if not is_rtde and len(ordered) == 6 and _is_angle_first(ordered, table):
+        ordered = [*ordered[3:], *ordered[:3]]
+        point = _set("point", ordered[:3])
     if not is_rtde:
         return [point, _set("angles", ordered[3:], "pose")]
     # Universal Robots: actual_TCP_pose is in m and a rotation vector in rad
@@ -187,3 +211,9 @@ def _poses(components: Mapping[str, Header]) -> list[ColumnSet]:
         ColumnSet("point", point.names, point.words, "m", "rtde", point.is_nominal),
         ColumnSet("vector", turn.names, turn.words, "rad", "rtde", turn.is_nominal),
     ]
+
+
+def _is_angle_first(headers: list[Header], table: RawTable) -> bool:
+    """Whether only the last three of six components exceed a full turn in degrees, so that they are the point."""
+    cells = np.stack([np.abs(table.numbers(header.name)) for header in headers])
+    return bool(np.nanmax(cells[:3]) <= 360 < np.nanmax(cells[3:]))

@@ -27,10 +27,15 @@ def read_matlab(path: Path) -> list[RawTable]:
         found = loadmat(path, squeeze_me=False, simplify_cells=False)
     except NotImplementedError:
         raise complaint(
-            path.name, "a MATLAB file of version 7 or older", "version 7.3", "save it with save(file, ..., '-v7')"
+            path.name,
+            "a MATLAB file of version 7 or older",
+            "version 7.3",
+            "save it with save(file, ..., '-v7')",
         ) from None
     except Exception as problem:  # scipy raises many kinds for damaged files
-        raise complaint(path.name, "a MATLAB file", f"a damaged one ({problem})", "save it again") from None
+        raise complaint(
+            path.name, "a MATLAB file", f"a damaged one ({problem})", "save it again"
+        ) from None
     arrays: dict[str, np.ndarray] = {}
     for name, value in found.items():
         if not name.startswith("__"):
@@ -52,10 +57,18 @@ def read_numpy(path: Path) -> list[RawTable]:
     """Tables of a .npy or .npz file; pickled objects are refused. Raises InputError."""
     try:
         found = np.load(path, allow_pickle=False)
-        arrays = {path.stem: found} if isinstance(found, np.ndarray) else {k: found[k] for k in found.files}
+        arrays = (
+            {path.stem: found}
+            if isinstance(found, np.ndarray)
+            else {k: found[k] for k in found.files}
+        )
     except (ValueError, OSError) as problem:
-        raise complaint(path.name, "arrays of numbers", f"another content ({problem})", "save plain arrays") from None
-    return tables_of_arrays(path, {k: v.astype(float) for k, v in arrays.items() if v.dtype.kind in "fiu"})
+        raise complaint(
+            path.name, "arrays of numbers", f"another content ({problem})", "save plain arrays"
+        ) from None
+    return tables_of_arrays(
+        path, {k: v.astype(float) for k, v in arrays.items() if v.dtype.kind in "fiu"}
+    )
 
 
 def tables_of_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> list[RawTable]:
@@ -70,7 +83,12 @@ def tables_of_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> list[RawTa
         if rows >= _FEWEST_ROWS
     ]
     if not tables:
-        raise complaint(path.name, "arrays with one row per sample", "none", "save joints and points as n x k arrays")
+        raise complaint(
+            path.name,
+            "arrays with one row per sample",
+            "none",
+            "save joints and points as n x k arrays",
+        )
     return tables
 
 

@@ -6,7 +6,16 @@ from pathlib import Path
 
 from datasets.errors import complaint
 from datasets.importers.source import ImageFile, Source
-from datasets.importers.sources import arrays, clouds, excel, robot_programs, ros_bags, storage, text_tables
+from datasets.importers.sources import (
+    arrays,
+    clouds,
+    excel,
+    robot_programs,
+    ros_bags,
+    storage,
+    text_tables,
+)
+from datasets.importers.sources.pose_files import read_pose_files
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 _TEXT = {".csv", ".tsv", ".txt", ".log", ".asc", ".dat", ".prn", ".tab", ".res", ".pos", ""}
@@ -27,7 +36,12 @@ def read_sources(paths: Sequence[Path], scratch: Path) -> Source:
         found = found + _read(path, scratch)
     if not (found.tables or found.images or found.clouds):
         names = ", ".join(str(path) for path in paths)
-        raise complaint(names, "a table, images or clouds", "nothing that any reader takes", "name the data files")
+        raise complaint(
+            names,
+            "a table, images or clouds",
+            "nothing that any reader takes",
+            "name the data files",
+        )
     return found
 
 
@@ -63,12 +77,31 @@ def _read(path: Path, scratch: Path) -> Source:
 
 def _read_folder(folder: Path, scratch: Path) -> Source:
     """All files of a folder and of its direct subfolders; what no reader takes is left out with a warning."""
-    files = [path for path in folder.rglob("*") if path.is_file() and len(path.relative_to(folder).parts) <= 2]
-    found, skipped = Source(), []
-    for path in sorted(files, key=natural_order):
+    files = [
+        path
+        for path in folder.rglob("*")
+        if path.is_file() and len(path.relative_to(folder).parts) <= 2
+    ]
+    files = sorted(files, key=natural_order)
+    table, others = read_pose_files([path for path in files if path.suffix.lower() in _TEXT])
+    found, skipped = Source() if table is None else Source(tables=(table,)), []
+    for path in files:
+        if path.suffix.lower() in _TEXT and path not in others:
+            continue
         suffix = path.suffix.lower()
-        known = IMAGES | _TEXT | _PROGRAMS | _STORAGE | clouds.EXTENSIONS | {".xlsx", ".xlsm", ".mat", ".npz"}
-        if suffix not in known - {""} or path.name in _OURS or path.stem.lower().startswith("readme"):
+        known = (
+            IMAGES
+            | _TEXT
+            | _PROGRAMS
+            | _STORAGE
+            | clouds.EXTENSIONS
+            | {".xlsx", ".xlsm", ".mat", ".npz"}
+        )
+        if (
+            suffix not in known - {""}
+            or path.name in _OURS
+            or path.stem.lower().startswith("readme")
+        ):
             skipped.append(path.name)
             continue
         found = found + _read(path, scratch)

@@ -24,7 +24,12 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
             points = np.asarray(open3d.io.read_point_cloud(str(path)).points)
     points = points[np.isfinite(points).all(1)]
     if len(points) < _FEWEST:
-        raise complaint(path.name, f"a cloud of {_FEWEST} points or more", f"{len(points)}", "export the cloud again")
+        raise complaint(
+            path.name,
+            f"a cloud of {_FEWEST} points or more",
+            f"{len(points)}",
+            "export the cloud again",
+        )
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points) - 1, most).astype(int)]

@@ -7,7 +7,12 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.source import RawTable
-from datasets.importers.sources.text_tables import Layout, find_header, is_number_text, numbers_from_text
+from datasets.importers.sources.text_tables import (
+    Layout,
+    find_header,
+    is_number_text,
+    numbers_from_text,
+)
 from datasets.importers.units import length_unit_in_text
 
 _TITLE_ROWS = 60
@@ -24,12 +29,17 @@ def read_excel(path: Path) -> list[RawTable]:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     except Exception as problem:  # the library raises whatever the ZIP and XML readers raise
         raise complaint(
-            path.name, "an Excel workbook", f"a file that cannot be read ({problem})", "save it again as .xlsx"
+            path.name,
+            "an Excel workbook",
+            f"a file that cannot be read ({problem})",
+            "save it again as .xlsx",
         ) from None
     tables = [_sheet_table(path, sheet) for sheet in book.worksheets]
     found = [table for table in tables if table is not None]
     if not found:
-        raise complaint(path.name, "a sheet with a table of numbers", "none", "put one measurement in each row")
+        raise complaint(
+            path.name, "a sheet with a table of numbers", "none", "put one measurement in each row"
+        )
     return found
 
 
@@ -44,7 +54,11 @@ def _sheet_table(path: Path, sheet) -> RawTable | None:
     titles = [_as_line(row, width) for row in rows[max(0, first - _TITLE_ROWS) : first]]
     names, units = find_header(titles, Layout("\t", width, first))
     names = names or [f"column {k + 1}" for k in range(width)]
-    data = [(number, row) for number, row in enumerate(rows, 1) if number > first and any(map(_is_number, row))]
+    data = [
+        (number, row)
+        for number, row in enumerate(rows, 1)
+        if number > first and any(map(_is_number, row))
+    ]
     lines = [number for number, _ in data]
     called = f"{path.name}, sheet {sheet.title}"
     columns = {}
@@ -82,4 +96,8 @@ def _typed(cells: Sequence, where: str, lines: Sequence[int]) -> np.ndarray:
 
 
 def _text(cell) -> str:
-    return cell.isoformat(sep=" ") if hasattr(cell, "isoformat") and hasattr(cell, "year") else str(cell).strip()
+    return (
+        cell.isoformat(sep=" ")
+        if hasattr(cell, "isoformat") and hasattr(cell, "year")
+        else str(cell).strip()
+    )

@@ -22,9 +22,14 @@ from datasets.importers.source import RawTable
 from datasets.importers.sources.text_tables import encoding_of
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_KUKA = re.compile(r"(?:DECL\s+)?(?:GLOBAL\s+)?(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)\s*=\s*\{([^}]*)\}", re.IGNORECASE)
+_KUKA = re.compile(
+    r"(?:DECL\s+)?(?:GLOBAL\s+)?(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)\s*=\s*\{([^}]*)\}",
+    re.IGNORECASE,
+)
 _KUKA_KEY = re.compile(rf"\b([A-Z]\d?)\s+({_NUMBER})", re.IGNORECASE)
-_ABB = re.compile(r"\b(robtarget|jointtarget)\s+(\w+)\s*:=\s*(\[.*?\])\s*;", re.IGNORECASE | re.DOTALL)
+_ABB = re.compile(
+    r"\b(robtarget|jointtarget)\s+(\w+)\s*:=\s*(\[.*?\])\s*;", re.IGNORECASE | re.DOTALL
+)
 _FANUC = re.compile(r"P\[(\d+)(?:\s*:\s*\"([^\"]*)\")?\]\s*\{(.*?)\}\s*;", re.DOTALL)
 _FANUC_KEY = re.compile(rf"\b([XYZWPR]|J\d)\s*=\s*({_NUMBER})")
 
@@ -118,7 +123,9 @@ def _fanuc(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]
 
 
 def _incomplete(path: Path, line: int, name: str, missing: str):
-    return complaint(f"{path.name}, row {line}, position {name}", f"a value of {missing}", "none", "complete it")
+    return complaint(
+        f"{path.name}, row {line}, position {name}", f"a value of {missing}", "none", "complete it"
+    )
 
 
 def _text(path: Path, most: int) -> str:

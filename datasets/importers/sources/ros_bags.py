@@ -43,7 +43,9 @@ def read_bag(path: Path, scratch: Path) -> Source:
                 message = reader.deserialize(raw, connection.msgtype)
                 content.add(connection.topic, _kind(connection.msgtype), message, stamp * 1e-9)
     except (AnyReaderError, OSError, KeyError) as problem:
-        raise complaint(path.name, "a ROS bag", f"one that cannot be read ({problem})", "reindex it") from None
+        raise complaint(
+            path.name, "a ROS bag", f"one that cannot be read ({problem})", "reindex it"
+        ) from None
     tables = content.tables(path.name)
     if not tables:
         raise complaint(
@@ -57,7 +59,15 @@ def read_bag(path: Path, scratch: Path) -> Source:
 
 def _kind(msgtype: str) -> str | None:
     name = msgtype.rpartition("/")[2]
-    known = {"JointState", "PointStamped", "PoseStamped", "TransformStamped", "TFMessage", "Image", "CompressedImage"}
+    known = {
+        "JointState",
+        "PointStamped",
+        "PoseStamped",
+        "TransformStamped",
+        "TFMessage",
+        "Image",
+        "CompressedImage",
+    }
     return name if name in known else None
 
 
@@ -79,10 +89,14 @@ class _Content:
             return
         time = _time(message, stamp)
         if kind == "JointState":
-            row = {f"{name} [rad]": float(value) for name, value in zip(message.name, message.position)}
+            row = {
+                f"{name} [rad]": float(value) for name, value in zip(message.name, message.position)
+            }
             self._append(topic, time, row)
         elif kind == "PointStamped":
-            self._append(topic, time, dict(zip(_XYZ, (message.point.x, message.point.y, message.point.z))))
+            self._append(
+                topic, time, dict(zip(_XYZ, (message.point.x, message.point.y, message.point.z)))
+            )
         elif kind == "PoseStamped":
             self._append(topic, time, _pose_row(message.pose))
         elif kind == "TransformStamped":
@@ -118,7 +132,9 @@ class _Content:
         for called, columns in self.columns.items():
             rows = len(columns["time [s]"])
             if rows >= _FEWEST_ROWS:
-                cells = {_prefixed(called, name): np.array(values) for name, values in columns.items()}
+                cells = {
+                    _prefixed(called, name): np.array(values) for name, values in columns.items()
+                }
                 made.append(RawTable(f"{file}, {called}", cells, np.arange(1, rows + 1)))
         return tuple(made)
 
@@ -132,7 +148,9 @@ def _pose_row(pose) -> dict[str, float]:
     """Columns of a Pose or Transform message."""
     place = pose.position if hasattr(pose, "position") else pose.translation
     turn = pose.orientation if hasattr(pose, "orientation") else pose.rotation
-    return dict(zip((*_XYZ, *_QUATERNION), (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)))
+    return dict(
+        zip((*_XYZ, *_QUATERNION), (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w))
+    )
 
 
 def _time(message, otherwise: float) -> float:
@@ -149,7 +167,12 @@ def _pixels(message) -> np.ndarray | None:
 
     if hasattr(message, "format"):
         return cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    depth = {"mono8": (np.uint8, 1), "8UC1": (np.uint8, 1), "mono16": (np.uint16, 1), "16UC1": (np.uint16, 1)}
+    depth = {
+        "mono8": (np.uint8, 1),
+        "8UC1": (np.uint8, 1),
+        "mono16": (np.uint16, 1),
+        "16UC1": (np.uint16, 1),
+    }
     depth |= {"rgb8": (np.uint8, 3), "bgr8": (np.uint8, 3), "8UC3": (np.uint8, 3)}
     if message.encoding not in depth:
         return None

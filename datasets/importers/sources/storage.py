@@ -18,7 +18,10 @@ def read_storage(path: Path) -> Source:
     head = path.read_bytes()[:_HEAD_BYTES].decode("utf-8", errors="replace")
     if "target_type" in head:
         return read_kalibr_target(path)
-    if re.search(r"%YAML:1\.0|opencv_storage|opencv-matrix", head) or path.suffix.lower() == ".json":
+    if (
+        re.search(r"%YAML:1\.0|opencv_storage|opencv-matrix", head)
+        or path.suffix.lower() == ".json"
+    ):
         return read_opencv(path)
     raise complaint(
         path.name,
@@ -51,9 +54,13 @@ def read_kalibr_target(path: Path) -> Source:
             "square_mm": round(1000 * float(spacing), 9),
         }
     except KeyError as missing:
-        raise complaint(f"{path.name}, key {missing}", "this key of a Kalibr target", "none", "add it") from None
+        raise complaint(
+            f"{path.name}, key {missing}", "this key of a Kalibr target", "none", "add it"
+        ) from None
     except (yaml.YAMLError, TypeError, ValueError) as problem:
-        raise complaint(path.name, "a Kalibr target in YAML", f"{problem}", "correct the file") from None
+        raise complaint(
+            path.name, "a Kalibr target in YAML", f"{problem}", "correct the file"
+        ) from None
     if keys.get("asymmetricGrid"):
         board["asymmetric"] = True
     return Source(board=board)
@@ -69,7 +76,9 @@ def read_opencv(path: Path) -> Source:
     except cv2.error:
         opened = False
     if not opened:
-        raise complaint(path.name, "an OpenCV FileStorage", "a file that OpenCV cannot read", "write it again")
+        raise complaint(
+            path.name, "an OpenCV FileStorage", "a file that OpenCV cannot read", "write it again"
+        )
     arrays = dict(_matrices(storage.root()))
     storage.release()
     camera = _camera(arrays)
@@ -126,11 +135,18 @@ def _poses(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _camera(arrays: dict[str, np.ndarray]) -> dict | None:
     """Keys of guess.camera from camera_matrix and distortion_coefficients."""
     named = {name.lower().split()[-1]: value for name, value in arrays.items()}
-    matrix = next((named[k] for k in ("camera_matrix", "cameramatrix", "k", "m1") if k in named), None)
+    matrix = next(
+        (named[k] for k in ("camera_matrix", "cameramatrix", "k", "m1") if k in named), None
+    )
     if matrix is None or matrix.shape != (3, 3):
         return None
     distortion = next(
-        (named[k] for k in ("distortion_coefficients", "dist_coeffs", "distcoeffs", "d", "d1") if k in named), None
+        (
+            named[k]
+            for k in ("distortion_coefficients", "dist_coeffs", "distcoeffs", "d", "d1")
+            if k in named
+        ),
+        None,
     )
     camera = {
         "fx_px": float(matrix[0, 0]),

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.errors import complaint
+from datasets.importers.mapping.headers import read_header
 from datasets.importers.source import RawTable
 from datasets.importers.units import is_unit, length_unit_in_text
 
@@ -51,7 +52,7 @@ def read_text_table(path: Path) -> RawTable:
     layout = find_layout(sample, path)
     names, units = find_header(sample[: layout.first], layout)
     columns, lines, warnings = _read_rows(path, encoding, layout)
-    names = names or [f"column {k + 1}" for k in range(layout.width)]
+    names = names or names_without_header(path, layout.width)
     used = _used_columns(columns)
     table = {names[k]: _typed(columns[k], f"{path.name}, column {names[k]}", lines) for k in used}
     comment = " ".join(sample[: layout.first])
@@ -64,6 +65,17 @@ def read_text_table(path: Path) -> RawTable:
         default_units={"length": unit} if unit else {},
         warnings=tuple(warnings),
     )
+
+
+def names_without_header(path: Path, width: int) -> list[str]:
+    """Names of the columns of a file without header: by its own name where that says what it holds, else by number.
+
+    "measured_joints.txt" holds "measured_joints 1", "measured_joints 2", ...
+    """
+    stem = re.sub(r"[\s_-]*\d+$", "", path.stem)
+    names = [f"{stem} {k + 1}" for k in range(width)]
+    is_known = all(read_header(name).kind in ("joint", "numbered", "qindex") for name in names)
+    return names if is_known else [f"column {k + 1}" for k in range(width)]
 
 
 def encoding_of(path: Path) -> str:
@@ -133,7 +145,10 @@ def split_cells(line: str, separator: str) -> list[str]:
     if separator == " ":
         return _spaced(text)
     if '"' in text:
-        return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
+        return [
+            cell.strip()
+            for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+        ]
     return [cell.strip() for cell in text.split(separator)]
 
 
@@ -146,7 +161,9 @@ def _spaced(text: str) -> list[str]:
 
 def is_number_text(cell: str) -> bool:
     """Whether a cell is a number with decimal point or decimal comma."""
-    return any(pattern.fullmatch(cell) for pattern in (_POINT, _COMMA, _GROUPED_POINT, _GROUPED_COMMA))
+    return any(
+        pattern.fullmatch(cell) for pattern in (_POINT, _COMMA, _GROUPED_POINT, _GROUPED_COMMA)
+    )
 
 
 def find_header(lines: Sequence[str], layout: Layout) -> tuple[list[str] | None, list[str]]:
@@ -195,7 +212,9 @@ def _unique(cells: Sequence[str]) -> list[str]:
     for number, cell in enumerate(cells, 1):
         seen[cell] += 1
         plain = cell or f"column {number}"
-        names.append(f"{plain} ({seen[cell]})" if cell and counts[cell] > 1 and seen[cell] > 1 else plain)
+        names.append(
+            f"{plain} ({seen[cell]})" if cell and counts[cell] > 1 and seen[cell] > 1 else plain
+        )
     return names
 
 
@@ -221,7 +240,9 @@ def _read_rows(path: Path, encoding: str, layout: Layout):
         )
     warnings = []
     if foreign:
-        warnings.append(f"{path.name}: rows {foreign[0]} to {foreign[-1]} after the table are not read.")
+        warnings.append(
+            f"{path.name}: rows {foreign[0]} to {foreign[-1]} after the table are not read."
+        )
     return columns, lines, warnings
 
 
@@ -277,7 +298,9 @@ def _used_columns(columns: Sequence[_Column]) -> list[int]:
     """Indices of the columns with at least one cell that is filled."""
     used = []
     for k, column in enumerate(columns):
-        filled = any(column.texts) if column.texts is not None else any(v == v for v in column.numbers)
+        filled = (
+            any(column.texts) if column.texts is not None else any(v == v for v in column.numbers)
+        )
         if filled:
             used.append(k)
     return used
@@ -298,8 +321,12 @@ def numbers_from_text(texts: Sequence[str], where: str, lines: Sequence[int]) ->
     filled = [cell for cell in texts if cell.lower() not in _EMPTY]
     if not all(map(is_number_text, filled)):
         return np.array(texts)
-    commas = [k for k, cell in enumerate(texts) if "," in cell and not _GROUPED_POINT.fullmatch(cell)]
-    points = [k for k, cell in enumerate(texts) if "." in cell and not _GROUPED_COMMA.fullmatch(cell)]
+    commas = [
+        k for k, cell in enumerate(texts) if "," in cell and not _GROUPED_POINT.fullmatch(cell)
+    ]
+    points = [
+        k for k, cell in enumerate(texts) if "." in cell and not _GROUPED_COMMA.fullmatch(cell)
+    ]
     if commas and points:
         raise complaint(
             where,

@@ -71,7 +71,9 @@ def command(
     """
     answer.check_target(json)
     if sigma is not None and sigma <= 0:
-        raise InputError(f"--sigma {sigma:g}: expected a standard deviation above 0 mm; correct it.")
+        raise InputError(
+            f"--sigma {sigma:g}: expected a standard deviation above 0 mm; correct it."
+        )
     from datasets.importers.mapping.model import Mapping, read_mapping
     from workbench.commands.data import import_dialogue
     from workbench.recordings.importing import ImportOptions
@@ -96,7 +98,9 @@ def command(
 
 def _check_out(out: Path | None) -> None:
     if out is None:
-        raise InputError("workbench import: expected --out with a new folder for the recording; add it.")
+        raise InputError(
+            "workbench import: expected --out with a new folder for the recording; add it."
+        )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"--out {out}: expected a new or empty folder, found files; name another.")
 

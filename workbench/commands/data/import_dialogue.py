@@ -56,7 +56,9 @@ def _ask(question) -> int:
     count = len(question.options)
     chosen = typer.prompt(f"Which one is right (1 to {count})", type=int, err=True)
     if not 1 <= chosen <= count:
-        raise InputError(f"The answer {chosen} is none of the options 1 to {count}; nothing was written.")
+        raise InputError(
+            f"The answer {chosen} is none of the options 1 to {count}; nothing was written."
+        )
     return chosen - 1
 
 

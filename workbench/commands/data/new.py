@@ -9,7 +9,9 @@ from workbench.commands.shared import answer
 
 Kind = Annotated[
     str,
-    typer.Argument(help="What is measured: external-point, external-pose, ball-centre, board-images, ..."),
+    typer.Argument(
+        help="What is measured: external-point, external-pose, ball-centre, board-images, ..."
+    ),
 ]
 Robot = Annotated[
     str | None,
@@ -40,5 +42,7 @@ def command(
     answer.deliver(result, json)
     console = answer.console(json)
     images = f", {made.images} images" if made.images else ""
-    console.print(f"{made.measures}: {made.samples} example rows{images}; see recording.toml", markup=False)
+    console.print(
+        f"{made.measures}: {made.samples} example rows{images}; see recording.toml", markup=False
+    )
     console.print(str(made.folder), markup=False, soft_wrap=True)

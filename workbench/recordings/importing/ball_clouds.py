@@ -57,7 +57,10 @@ def with_ball_centres(found, options, progress):
             f"found it in {len(kept)} of {len(clouds)}; correct --ball-radius or check the clouds."
         )
     if failed:
-        said = (*said, f"No ball of radius {options.ball_radius_mm:g} mm in {', '.join(failed[:5])}; left out.")
+        said = (
+            *said,
+            f"No ball of radius {options.ball_radius_mm:g} mm in {', '.join(failed[:5])}; left out.",
+        )
     return _extended(found, table.take(np.array(kept)), np.array(centres), np.array(sigmas), said)
 
 
@@ -83,7 +86,11 @@ def _matched(table: RawTable, clouds: Sequence[Path]):
         stems = [Path(str(cell).replace("\\", "/")).stem.lower() for cell in cells]
         rows = [row for row, stem in enumerate(stems) if stem in by_stem]
         if len(rows) >= max(_FEWEST, table.n // 2):
-            said = () if len(rows) == table.n else (f"{table.n - len(rows)} rows have no cloud and are left out.",)
+            said = (
+                ()
+                if len(rows) == table.n
+                else (f"{table.n - len(rows)} rows have no cloud and are left out.",)
+            )
             return table.take(np.array(rows)), [by_stem[stems[row]] for row in rows], said
     if len(ordered) != table.n:
         raise InputError(

@@ -5,7 +5,7 @@ judged by how well one transform from flange to camera explains all board poses 
 rotations; `robot_model.measurements.multistart`).
 """
 
-from collections.abc import Mapping as Keys, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,7 +72,10 @@ def import_images(found, options, folder: Path, progress):
     views = _board_views(_recording({}, images, board, folder, {}), options, progress)
     kind = "to-hand" if board.get("fixed_to") == "tool" else "in-hand"
     mapping, fits = _decide(readings, views, kind, rows.file, options)
-    columns = {"sample": np.arange(1, rows.n + 1, dtype=float), **_pose_columns(rows, mapping, keys)}
+    columns = {
+        "sample": np.arange(1, rows.n + 1, dtype=float),
+        **_pose_columns(rows, mapping, keys),
+    }
     others = other_columns(rows, mapping)
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
     recording = _recording(columns, images, board, folder, keys)
@@ -145,7 +148,9 @@ def _by_name(images, table: RawTable) -> list[tuple[ImageFile, int]]:
         if cells.dtype.kind == "f":
             continue
         names = [Path(str(cell).replace("\\", "/")).name.lower() for cell in cells]
-        pairs = [(places.get(name) or stems.get(Path(name).stem), row) for row, name in enumerate(names)]
+        pairs = [
+            (places.get(name) or stems.get(Path(name).stem), row) for row, name in enumerate(names)
+        ]
         kept = [(image, row) for image, row in pairs if image is not None]
         if len(kept) >= max(_FEWEST, table.n // 2):
             return kept
@@ -186,7 +191,12 @@ def _readings(rows: RawTable, mapping: Mapping, options):
     robot = load_robot(keys, f"--robot {named}")
     readings = []
     for unit in angle_units(mapping.joints):
-        made = replace(mapping.updated("joints", unit=unit), robot=named, flange_point=None, flange_rotation=None)
+        made = replace(
+            mapping.updated("joints", unit=unit),
+            robot=named,
+            flange_point=None,
+            flange_rotation=None,
+        )
         columns = joint_columns(rows, made.joints, robot.prismatic, "mm")
         recorded = Recording("board-images", columns, keys)
         frames = forward(robot, robot.mixing @ recorded.joints.T)
@@ -205,8 +215,8 @@ def _flange_readings(rows: RawTable, mapping: Mapping):
             readings.append((f"{turn.title}, flange in {unit}", made, transform(turned, places)))
     if not readings:
         raise InputError(
-            f"{rows.file}, columns {', '.join(mapping.flange_rotation.columns)}: expected rotations, found numbers that "
-            "are none (quaternions of length 1, orthogonal matrices); correct the columns or the mapping."
+            f"{rows.file}, columns {', '.join(mapping.flange_rotation.columns)}: expected rotations, found numbers "
+            "that are none (quaternions of length 1, orthogonal matrices); correct the columns or the mapping."
         )
     return readings
 
@@ -262,7 +272,7 @@ def _refuse_other_kind(readings, views: BoardViews, kind: str, fits, file: str) 
     stated, fixed = ("base", "tool") if kind == "in-hand" else ("tool", "base")
     raise InputError(
         f"{file}: expected poses that agree with a board fixed to the {stated}{best}, found that they agree with a "
-        f"board fixed to the {fixed} or with inverse poses ({other[0][1].words}); add fixed_to = \"{fixed}\" to "
+        f'board fixed to the {fixed} or with inverse poses ({other[0][1].words}); add fixed_to = "{fixed}" to '
         "[board] of a mapping file (--map), or invert the poses."
     )
 

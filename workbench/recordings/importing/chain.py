@@ -1,7 +1,8 @@
 """The whole import: sources, proposal, joined table, decisions, recording, and its check."""
 
 import shutil
-from collections.abc import Callable, Mapping as Keys, Sequence
+from collections.abc import Callable, Sequence
+from collections.abc import Mapping as Keys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,8 +30,8 @@ from datasets.recording import Recording
 from robot_model import load_robot
 from workbench.core.errors import InputError
 from workbench.recordings.importing import decisions
-from workbench.recordings.importing.board_poses import import_images
 from workbench.recordings.importing.ball_clouds import with_ball_centres
+from workbench.recordings.importing.board_poses import import_images
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.questions import Ask
@@ -187,7 +188,11 @@ def _nothing_known(table: RawTable) -> InputError:
 
 def _is_mapped(mapping: Mapping, name: str) -> bool:
     keys = mapping.as_keys()
-    groups = [value["columns"] for value in keys.values() if isinstance(value, dict) and isinstance(value.get("columns"), list)]
+    groups = [
+        value["columns"]
+        for value in keys.values()
+        if isinstance(value, dict) and isinstance(value.get("columns"), list)
+    ]
     return name in mapping.columns or any(name in columns for columns in groups)
 
 
@@ -207,9 +212,7 @@ def _import_table(found: Found, options: ImportOptions, progress):
     builder = Builder(table, keys, robot, options)
     progress("testing units on the robot")
     mapping = replace(mapping, robot=named)
-    decision = decisions.decide_units(
-        robot, mapping, builder.positions, table.file, options.ask
-    )
+    decision = decisions.decide_units(robot, mapping, builder.positions, table.file, options.ask)
     fits = decision.fits
     if mapping.rotation is not None and measures == "external-pose":
         progress("testing rotation conventions on the robot")
@@ -249,7 +252,8 @@ def _without_joints(table: RawTable, mapping: Mapping) -> InputError:
 def _without_measurement(table: RawTable, mapping: Mapping) -> InputError:
     shown = ", ".join(name for name in table.columns if name not in mapping.joints.columns)
     return InputError(
-        f"{table.file}: expected columns with a measured point such as X, Y, Z, found {shown or 'joint readings only'}; "
+        f"{table.file}: expected columns with a measured point such as X, Y, Z, found "
+        f"{shown or 'joint readings only'}; "
         'add [point] columns = ["...", "...", "..."] (or measures = "touch-point", "plane-touch", ...) to a mapping '
         "file and name it with --map, or name the file of the instrument as well."
     )

@@ -24,7 +24,13 @@ _SHOWN = 5
 _SCREENED = 40
 _PAIRS = 400
 _SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
-_UNIT_WORDS = {"mm": "millimetres", "m": "metres", "in": "inches", "cm": "centimetres", "um": "micrometres"}
+_UNIT_WORDS = {
+    "mm": "millimetres",
+    "m": "metres",
+    "in": "inches",
+    "cm": "centimetres",
+    "um": "micrometres",
+}
 _ANGLE_WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
 
 Build = Callable[[Mapping], Recording]
@@ -39,7 +45,9 @@ class Decision:
     fits: tuple[CandidateFit, ...]
 
 
-def decide_units(robot: Robot, mapping: Mapping, build: Build, called: str, ask: Ask | None) -> Decision:
+def decide_units(
+    robot: Robot, mapping: Mapping, build: Build, called: str, ask: Ask | None
+) -> Decision:
     """Units of joint readings and points by the fit of the positions.
 
     build: makes the recording of positions. called: file, for sentences. Raises InputError where the data do not
@@ -50,7 +58,9 @@ def decide_units(robot: Robot, mapping: Mapping, build: Build, called: str, ask:
     is_stated = len(readings) == 1
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(robot, mapping, build, called, fits)
-    return _decided(readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines)
+    return _decided(
+        readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines
+    )
 
 
 def _unit_readings(mapping: Mapping, stated_only: bool):
@@ -173,7 +183,9 @@ def _rotation_lines(mapping: Mapping) -> str:
 
 def _rotation_fits(robot, mapping, table, turns: Sequence[Turn], build: Build):
     readings = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
-    kept = screened_turns(_flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns])
+    kept = screened_turns(
+        _flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
+    )
     chosen = [readings[k] for k in kept]
     return _compared(robot, chosen, build), chosen
 

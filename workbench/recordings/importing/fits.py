@@ -59,8 +59,8 @@ def compare_readings(
 ) -> list[tuple[int, CandidateFit]]:
     """Index and fit of the readings worth comparing, the most probable first.
 
-    readings: title and recording of each, all of the same rows, the usual ones first. Readings whose misfit with the nominal geometry is
-    `_WINDOW` times the least one are left out. Empty where no reading can be fitted.
+    readings: title and recording of each, all of the same rows, the usual ones first. Readings whose misfit with
+    the nominal geometry is `_WINDOW` times the least one are left out. Empty where no reading can be fitted.
     """
     thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
     quick = [_quick_scale(robot, reading) for _, reading in thinned]

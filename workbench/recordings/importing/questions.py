@@ -24,7 +24,9 @@ def refuse(question: Question) -> int:
     line = question.lines[0] if question.lines else ""
     others = " (or the values of another option)" if len(question.lines) > 1 else ""
     remedy = f"; add {line}{others} to a mapping file and name it with --map" if line else ""
-    raise InputError(f"{question.sentence}{remedy}; --propose FILE writes the mapping found so far.")
+    raise InputError(
+        f"{question.sentence}{remedy}; --propose FILE writes the mapping found so far."
+    )
 
 
 def choose(question: Question, ask: Ask | None, values: Sequence):

@@ -31,11 +31,18 @@ def robot_keys(name: str | None, file: str) -> Mapping:
         try:
             keys = tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-            raise complaint(f"--robot {name}", "TOML", f"a mistake ({problem})", "correct it there") from None
+            raise complaint(
+                f"--robot {name}", "TOML", f"a mistake ({problem})", "correct it there"
+            ) from None
         check_robot(keys, path.name)
         return keys
     if name not in builtin_robots():
-        raise complaint(f"--robot {name}", f"a robot.toml, a URDF or one of {known}", "another name", "correct it")
+        raise complaint(
+            f"--robot {name}",
+            f"a robot.toml, a URDF or one of {known}",
+            "another name",
+            "correct it",
+        )
     return {"builtin": name}
 
 
@@ -50,6 +57,8 @@ def read_artefact(path: Path) -> dict[int, tuple[float, float, float, float]]:
     names = ("ball", "x_mm", "y_mm", "z_mm", "radius_mm")
     for name in names:
         if name not in table.columns:
-            raise complaint(f"{path.name}, column {name}", "this column", "no such column", "add it")
+            raise complaint(
+                f"{path.name}, column {name}", "this column", "no such column", "add it"
+            )
     rows = zip(*(table.numbers(name) for name in names))
     return {int(ball): (float(x), float(y), float(z), float(r)) for ball, x, y, z, r in rows}

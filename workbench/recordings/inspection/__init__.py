@@ -1,5 +1,8 @@
-"""Judges a recording before any fit: `coverage` of joints and workspace, `repeats` and the noise that they show, `needs`
-of every command that the recording lacks. `inspect` puts them together."""
+"""Judges a recording before any fit.
+
+`coverage` of joints and workspace, `repeats` and the noise that they show, and `needs`: what the recording lacks for
+which command. `inspect` puts them together.
+"""
 
 from workbench.recordings.inspection.inspect import Inspection, inspect_recording
 

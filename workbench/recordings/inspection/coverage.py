@@ -140,9 +140,7 @@ class ImageCoverage:
         }
 
 
-def image_coverage(
-    recording: Recording, progress: Callable[[str], None]
-) -> ImageCoverage | None:
+def image_coverage(recording: Recording, progress: Callable[[str], None]) -> ImageCoverage | None:
     """Which images show the board, and where in the field; None for a recording without images."""
     if not recording.images:
         return None

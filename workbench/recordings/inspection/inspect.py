@@ -44,7 +44,9 @@ class Inspection:
         """The verdict in words."""
         required = [n for n in self.needs if n.is_required and n.command == self.job]
         if required:
-            return f"Not enough for `workbench {self.job}`: {required[0].what}; {required[0].action}."
+            return (
+                f"Not enough for `workbench {self.job}`: {required[0].what}; {required[0].action}."
+            )
         count = sum(not need.is_required for need in self.needs)
         noun = "remark says" if count == 1 else "remarks say"
         more = f" {count} {noun} what would improve the result." if count else ""
@@ -83,4 +85,6 @@ def inspect_recording(
     nothing = Repeats(0, 0, np.nan, np.nan, np.empty((3, 0)))
     repeats = nothing if is_images else repeats_of(recording)
     images = image_coverage(recording, progress) if is_images else None
-    return Inspection(recording, coverage, repeats, images, needs_of(recording, coverage, repeats, images))
+    return Inspection(
+        recording, coverage, repeats, images, needs_of(recording, coverage, repeats, images)
+    )

@@ -12,9 +12,16 @@ from workbench.recordings.inspection.coverage import Coverage, ImageCoverage
 from workbench.recordings.inspection.repeats import Repeats
 
 _COMPONENTS = {
-    "ball-centre": 3, "external-point": 3, "external-pose": 6, "partial-pose": 5, "touch-point": 3, "laser-spot": 2,
-    "distance": 0.5, "plane-touch": 1, "ball-surface": 3,
-}  # fmt: skip
+    "ball-centre": 3,
+    "external-point": 3,
+    "external-pose": 6,
+    "partial-pose": 5,
+    "touch-point": 3,
+    "laser-spot": 2,
+    "distance": 0.5,
+    "plane-touch": 1,
+    "ball-surface": 3,
+}
 _SMALL_SHARE, _SMALL_DEG, _SMALL_MM, _STILL = 0.3, 40.0, 100.0, 1e-3
 _MODERATE = 120.0  # deg or mm: a range this large determines the joint, however wide its limits are
 _SMALL_SPREAD_DEG = 20.0
@@ -74,7 +81,7 @@ def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Nee
     for joint in coverage.joints:
         yield from _joint_needs(joint)
     if coverage.spread_deg < _SMALL_SPREAD_DEG:
-        what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS, so that base and tool are confounded"
+        what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS: base and tool are confounded"
         yield Need("calibrate", False, what, "add poses with other orientations")
 
 
@@ -88,7 +95,12 @@ def _joint_needs(joint) -> Iterator[Need]:
     if small or (joint.share < _SMALL_SHARE and joint.extent < _MODERATE):
         share = f", {100 * joint.share:.0f} % of its limits" if np.isfinite(joint.share) else ""
         what = f"{joint.name} moves over {joint.extent:.3g} {unit} only{share}"
-        yield Need("calibrate", False, what, "add poses near its ends, else the result holds in this range only")
+        yield Need(
+            "calibrate",
+            False,
+            what,
+            "add poses near its ends, else the result holds in this range only",
+        )
 
 
 def _noise_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
@@ -101,7 +113,9 @@ def _noise_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
         return
     ratio = float(np.median(stated)) / repeats.noise_mm
     if not 1 / _NOISE_RATIO < ratio < _NOISE_RATIO:
-        what = f"the stated sigma is {ratio:.2g} times the {repeats.noise_mm:.3g} mm that repeats show"
+        what = (
+            f"the stated sigma is {ratio:.2g} times the {repeats.noise_mm:.3g} mm that repeats show"
+        )
         yield Need("calibrate", False, what, "correct sigma_mm or remove it")
 
 
@@ -110,7 +124,9 @@ def _diagnosis_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
     load = columns.get("payload_kg")
     if load is None or np.ptp(load) == 0:
         what = "one payload only: compliance is seen through the arm's own weight"
-        yield Need("diagnose", False, what, "measure some poses with a second load (column payload_kg)")
+        yield Need(
+            "diagnose", False, what, "measure some poses with a second load (column payload_kg)"
+        )
     if not any(name.startswith("approach") for name in columns):
         what = "directions of approach are not recorded: backlash cannot be tested directly"
         yield Need("diagnose", False, what, "reach poses from both sides and record approach1 ...")
@@ -124,7 +140,9 @@ def _diagnosis_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
         robot = load_robot(recording.robot, f"robot of {recording.name}")
         if not robot.mass.any():
             what = "the robot file holds no masses: compliance is found up to them"
-            yield Need("diagnose", False, what, "add mass_kg and com_mm to the joints of robot.toml")
+            yield Need(
+                "diagnose", False, what, "add mass_kg and com_mm to the joints of robot.toml"
+            )
 
 
 def _image_needs(recording: Recording, images: ImageCoverage) -> Iterator[Need]:
@@ -155,7 +173,11 @@ def _hand_eye_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
         what = "images have no flange poses or joint readings"
         yield Need("handeye", True, what, "add samples.csv, and the column sample to images.csv")
     elif linked < _HAND_EYE:
-        yield Need("handeye", True, f"{linked} images have a pose", f"add poses for {_FEW_IMAGES} images")
+        yield Need(
+            "handeye", True, f"{linked} images have a pose", f"add poses for {_FEW_IMAGES} images"
+        )
     elif coverage.spread_deg < _SMALL_SPREAD_DEG:
         what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS"
-        yield Need("handeye", False, what, "rotate the flange by 30 deg and more about different axes")
+        yield Need(
+            "handeye", False, what, "rotate the flange by 30 deg and more about different axes"
+        )

@@ -53,7 +53,9 @@ def repeats_of(recording: Recording) -> Repeats:
         return Repeats(len(members), rows, np.nan, np.nan, np.empty((3, 0)))
     deviations = np.concatenate([_centred(moving.points[mine]) for mine in members])
     noise_mm = float(np.sqrt((deviations**2).sum() / (3 * degrees)))
-    return Repeats(len(members), rows, noise_mm, _rotation_noise(moving, members, degrees), deviations.T)
+    return Repeats(
+        len(members), rows, noise_mm, _rotation_noise(moving, members, degrees), deviations.T
+    )
 
 
 def _centred(points: np.ndarray) -> np.ndarray:

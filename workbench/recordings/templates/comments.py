@@ -27,7 +27,7 @@ def recording_toml(recording: Recording, samples: bool = True) -> str:
     command = _NEXT.get(kind, "`workbench calibrate DIR`")
     lines = [
         f"# Template of a {kind} recording. Its numbers are simulated, and it calibrates as it is: {command}.",
-        "# Replace the rows of the tables by your own measurements, then see what they are worth: `workbench check DIR`.",
+        "# Replace the rows of the tables by your own measurements, then judge them: `workbench check DIR`.",
         "# Lengths are mm, angles degrees. The whole format: docs/recording-format.md.",
         "",
         'format   = "recording/1"',
@@ -48,7 +48,10 @@ def recording_toml(recording: Recording, samples: bool = True) -> str:
         lines += ["", "# artefact.csv: certified ball centres and radii.", "[artefact]"]
         lines += ['file = "artefact.csv"']
     if recording.images:
-        lines += ["", "# images.csv: one row per image: file name, role, and the row of samples.csv (sample)."]
+        lines += [
+            "",
+            "# images.csv: one row per image: file name, role, and the row of samples.csv (sample).",
+        ]
         lines += ["[images]", 'file = "images.csv"', "", *_board_lines(recording.board)]
     return "\n".join(lines) + "\n"
 

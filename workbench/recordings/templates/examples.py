@@ -85,7 +85,9 @@ def partial_pose(robot: Mapping) -> Recording:
 def distance(robot: Mapping) -> Recording:
     """60 lengths between the places of one reflector in two poses."""
     scene = _EXTERNAL.format(measures="external-point", samples=120)
-    scene = scene.replace("[[0.0, 40.0, 120.0], [60.0, -20.0, 130.0], [-60.0, -20.0, 125.0]]", "[[0, 40, 120]]")
+    scene = scene.replace(
+        "[[0.0, 40.0, 120.0], [60.0, -20.0, 130.0], [-60.0, -20.0, 125.0]]", "[[0, 40, 120]]"
+    )
     recording = _simulated(robot, scene)
     ends = recording.points.reshape(-1, 2, 3)
     length = np.repeat(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), 2)
@@ -134,7 +136,9 @@ def plane_touch(robot: Mapping) -> Recording:
     normals = np.array([[0.0, 0.0, 1.0], [0.96, 0.0, 0.28], [0.0, 0.96, 0.28]])
     parts = []
     for number, (normal, point) in enumerate(zip(normals, _points_in_reach(arm, rng, 3)), 1):
-        readings = arm.poses_with(35, rng, touching_plane(tip, normal, float(normal @ point)), _SIGMA_MM)
+        readings = arm.poses_with(
+            35, rng, touching_plane(tip, normal, float(normal @ point)), _SIGMA_MM
+        )
         parts.append((readings, {"plane": number}))
     return _contacts(robot, arm, "plane-touch", parts)
 
@@ -149,7 +153,9 @@ def laser_spot(robot: Mapping) -> Recording:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     parts = []
     for number, direction in enumerate(directions, 1):
-        readings = arm.poses_with(10, rng, beam_through(beam, centre + 120.0 * direction), _SIGMA_MM)
+        readings = arm.poses_with(
+            10, rng, beam_through(beam, centre + 120.0 * direction), _SIGMA_MM
+        )
         parts.append((readings, {"point": number, "sphere": 1}))
     return _contacts(robot, arm, "laser-spot", parts)
 
@@ -170,10 +176,14 @@ def _contacts(robot: Mapping, arm: TrueArm, measures: str, parts) -> Recording:
     readings = np.concatenate([part for part, _ in parts])
     columns: dict[str, np.ndarray] = {"sample": np.arange(1.0, len(readings) + 1)}
     for name in parts[0][1]:
-        columns[name] = np.concatenate([np.full(len(part), float(keys[name])) for part, keys in parts])
+        columns[name] = np.concatenate(
+            [np.full(len(part), float(keys[name])) for part, keys in parts]
+        )
     for joint, cells in enumerate(readings.T, 1):
         slides = arm.robot.prismatic[joint - 1]
-        columns[f"q{joint}_{'mm' if slides else 'deg'}"] = np.round(cells if slides else np.rad2deg(cells), 5)
+        columns[f"q{joint}_{'mm' if slides else 'deg'}"] = np.round(
+            cells if slides else np.rad2deg(cells), 5
+        )
     return Recording(measures, columns, robot, "example", _SIGMA_MM)
 
 

@@ -40,10 +40,12 @@ tilt_deg = 35.0
 aside = 0.4
 """
 _HAND_EYE = transform(
-    Rotation.from_euler("xyz", [5.0, -10.0, 80.0], degrees=True).as_matrix(), np.array([35.0, -20.0, 90.0])
+    Rotation.from_euler("xyz", [5.0, -10.0, 80.0], degrees=True).as_matrix(),
+    np.array([35.0, -20.0, 90.0]),
 )
 _BOARD = transform(
-    Rotation.from_euler("xyz", [180.0, 3.0, 20.0], degrees=True).as_matrix(), np.array([550.0, 60.0, 20.0])
+    Rotation.from_euler("xyz", [180.0, 3.0, 20.0], degrees=True).as_matrix(),
+    np.array([550.0, 60.0, 20.0]),
 )
 _POSE_SIGMA_MM = 0.05
 
@@ -84,7 +86,7 @@ def _write_images(path: Path, rows) -> None:
 
 
 def scan_images(folder: Path, robot: Mapping, progress) -> Recording:
-    """A laser scanner on a robot: board, board with laser, and scans of three balls, rendered into `folder`.    """
+    """A laser scanner on a robot: board, board with laser, and scans of three balls, rendered into `folder`."""
     scenes = resources.files("workbench").joinpath("files", "demo_scenes")
     scene = scenes.joinpath("scanner-on-arm.toml").read_text(encoding="utf-8")
     arm = scenes.joinpath("scanner-on-arm.arm.toml").read_text(encoding="utf-8")

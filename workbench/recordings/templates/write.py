@@ -51,7 +51,9 @@ def write_template(
     the example cannot use, or a folder that holds files.
     """
     if kind not in KINDS:
-        raise complaint(f"workbench new {kind}", f"one of {', '.join(KINDS)}", "another kind", "correct it")
+        raise complaint(
+            f"workbench new {kind}", f"one of {', '.join(KINDS)}", "another kind", "correct it"
+        )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise complaint(str(folder), "a new or empty folder", "files in it", "name another folder")
     default = DEFAULT_SCANNER_ROBOT if kind == "scan-images" else DEFAULT_ROBOT
@@ -62,7 +64,9 @@ def write_template(
         made = Path(parent) / "recording"
         recording = _example(kind, made, keys, progress)
         _write_files(recording, made, name)
-        files = tuple(sorted(str(path.relative_to(made)) for path in made.rglob("*.*") if path.is_file()))
+        files = tuple(
+            sorted(str(path.relative_to(made)) for path in made.rglob("*.*") if path.is_file())
+        )
         if folder.exists():
             folder.rmdir()
         made.replace(folder)
@@ -102,13 +106,19 @@ def _write_files(recording: Recording, folder: Path, robot: str) -> None:
         write_csv(folder / "samples.csv", recording.columns)
     if recording.balls and not (folder / "artefact.csv").exists():
         rows = zip(*((ball, *xyzr) for ball, xyzr in recording.balls.items()))
-        write_csv(folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows)))
+        write_csv(
+            folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows))
+        )
     text = recording_toml(recording, bool(recording.columns))
     if recording.robot:
         if Path(robot).suffix.lower() == ".urdf":
             shutil.copyfile(robot, folder / "robot.urdf")
             text = text.replace('"robot.toml"', '"robot.urdf"')
         else:
-            source = _builtin_text(robot) if robot in builtin_robots() else Path(robot).read_text("utf-8")
+            source = (
+                _builtin_text(robot)
+                if robot in builtin_robots()
+                else Path(robot).read_text("utf-8")
+            )
             (folder / "robot.toml").write_text(_ROBOT_COMMENT + source, encoding="utf-8")
     (folder / "recording.toml").write_text(text, encoding="utf-8", newline="\n")

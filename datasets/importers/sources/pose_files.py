@@ -1,0 +1,47 @@
+"""One small text file per pose (pos0.txt, pos1.txt, ... beside pos0.png): 6, 7, 12 or 16 numbers each."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from datasets.importers.source import RawTable
+from datasets.importers.sources.arrays import pose_columns
+
+_SIZES = (6, 7, 12, 16)
+_FEWEST, _LARGEST_BYTES = 3, 4096
+
+
+def read_pose_files(paths: Sequence[Path]) -> tuple[RawTable | None, list[Path]]:
+    """The table of files that hold one pose each, None where there are none, and the paths that are none.
+
+    Such files have a name that ends with a number and hold equally many numbers; the column "file" has their names.
+    """
+    values = {path: _numbers(path) for path in paths}
+    sizes = [len(found) for found in values.values() if found is not None]
+    size = max(set(sizes), key=sizes.count) if sizes else 0
+    chosen = [path for path, found in values.items() if found is not None and len(found) == size]
+    if size not in _SIZES or len(chosen) < _FEWEST:
+        return None, list(paths)
+    cells = np.array([values[path] for path in chosen])
+    columns: dict[str, np.ndarray] = {"file": np.array([path.name for path in chosen])}
+    if size in (6, 7):
+        columns |= {f"pose {k + 1}": cells[:, k] for k in range(size)}
+    else:
+        poses = np.tile(np.eye(4), (len(cells), 1, 1))
+        poses[:, : size // 4] = cells.reshape(-1, size // 4, 4)
+        columns |= pose_columns("pose", poses)
+    table = RawTable(f"{chosen[0].name} ...", columns, np.arange(1, len(chosen) + 1))
+    return table, [path for path in paths if path not in chosen]
+
+
+def _numbers(path: Path) -> list[float] | None:
+    """All numbers of a small file that holds nothing else; None for other files."""
+    if not re.search(r"\d$", path.stem) or path.stat().st_size > _LARGEST_BYTES:
+        return None
+    try:
+        text = path.read_text(encoding="utf-8")
+        return [float(cell) for cell in re.split(r"[\s,;]+", text.strip("[] \n\r\t")) if cell]
+    except ValueError:
+        return None
