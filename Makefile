@@ -47,6 +47,7 @@ check: $(VENV)/.test
 
 docs: $(VENV)/.docs
 	$(BIN)/typer workbench.cli utils docs --name workbench --output docs/reference/commands.md
+	$(BIN)/python tools/api_page.py
 	$(BIN)/mkdocs build --strict --quiet
 	@echo site/index.html
 

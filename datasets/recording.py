@@ -141,6 +141,13 @@ class Recording:
         known = BOOKKEEPING | MEASURED | set(joint_columns(self.columns))
         return {k: v for k, v in self.columns.items() if k not in known and v.dtype.kind == "f"}
 
+    @classmethod
+    def from_arrays(cls, robot, joints_deg, points_mm, sigma_mm=None, **more) -> "Recording":
+        """A recording from arrays: see `datasets.from_arrays.from_arrays` for shapes and units."""
+        from datasets.from_arrays import from_arrays
+
+        return from_arrays(robot, joints_deg, points_mm, sigma_mm, **more)
+
     def select(self, rows) -> "Recording":
         """The same recording with only `rows`: a (n,) bool mask, or indices in the wanted order."""
         rows = np.asarray(rows)

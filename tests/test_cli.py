@@ -1,6 +1,7 @@
 """The command line: light to start, one sentence for a mistake, whole outputs or none."""
 
 import json
+import os
 import re
 import resource
 import subprocess
@@ -203,6 +204,55 @@ def test_an_empty_folder_may_be_named(tmp_path):
         tmp_path / "empty" / "b.txt"
     ).exists()
     assert run.path == tmp_path / "deep" / "out"
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from workbench.files import runs
+with runs.opened("demo", "x", Path(sys.argv[1])) as run:
+    (run.partial / "half").write_text("half")
+    (run.partial / "folder").mkdir()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_run_left_does_not_stand_in_the_way(tmp_path):
+    out = tmp_path / "out"
+    subprocess.run([sys.executable, "-c", KILLED, str(out)], cwd=ROOT, check=False)
+    assert (tmp_path / ".partial-out" / "half").exists() and not out.exists()
+    with runs.opened("demo", "x", out) as run:
+        assert [path.name for path in run.partial.iterdir()] == [".lock"]
+        (run.partial / "a.txt").write_text("a")
+    assert [path.name for path in out.iterdir()] == ["a.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_two_runs_do_not_write_one_folder(tmp_path):
+    with (
+        runs.opened("demo", "x", tmp_path / "out") as run,
+        pytest.raises(InputError, match="Another run is writing"),
+        runs.opened("demo", "x", tmp_path / "out"),
+    ):
+        pass
+    assert run.path.is_dir()
+
+
+def test_a_terminated_command_ends_as_an_interrupted_one(tmp_path):
+    """SIGTERM reaches the same handler as Ctrl-C, so that workers are stopped and nothing is left behind."""
+    import signal
+
+    from workbench.__main__ import stop_on_every_signal
+
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
+    try:
+        stop_on_every_signal()
+        with pytest.raises(KeyboardInterrupt), runs.opened("demo", "x", tmp_path / "out"):
+            os.kill(os.getpid(), signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGHUP, before[1])
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_nothing_is_overwritten(tmp_path):

@@ -1,7 +1,13 @@
-"""The bench: from recordings to calibrated sensors and robots, and to what their models miss.
+"""Calibration of vision sensors and of the robots that carry them, from recordings.
 
-Names are handed on lazily, so that `import workbench` costs milliseconds and loads none of the
-large libraries.
+    import workbench as wb
+
+    recording = wb.load_example("elastic-arm")
+    calibration = wb.calibrate(recording)
+    calibration.held_out.rms_mm
+
+Every command is a function of the same name (with `_` for `-`; `hand_eye` for `handeye`). Names are
+imported when they are first used: `import workbench` loads none of the large libraries.
 """
 
 from importlib import import_module
@@ -10,30 +16,51 @@ from workbench._version import VERSION as __version__
 
 _HOMES = {
     "Effect": "workbench.core.effect",
+    "Fit": "workbench.core.least_squares.solver",
     "InputError": "workbench.core.errors",
     "Model": "workbench.core.model",
     "Parameters": "workbench.core.parameters",
-    "Fit": "workbench.core.least_squares.solver",
+    "Recording": "datasets.recording",
+    "Result": "workbench.api.results",
     "Solution": "workbench.core.solution",
     "Stage": "workbench.core.solution",
+    "load": "workbench.api.results",
+    "load_example": "workbench.api.recordings",
+    "read": "workbench.api.recordings",
 }
-_MODULES = {
-    "calibrate": "workbench.jobs.calibrate",
-    "core": "workbench.core",
-    "identify": "workbench.jobs.identify",
-    "report": "workbench.report",
-    "simulate": "workbench.jobs.simulate",
-}
+_FUNCTIONS = (
+    "calibrate",
+    "calibrate_large",
+    "camera",
+    "check",
+    "compare",
+    "compensate",
+    "diagnose",
+    "doctor",
+    "export",
+    "hand_eye",
+    "identifiability",
+    "import_data",
+    "new",
+    "poses",
+    "prove",
+    "render",
+    "scan",
+    "scanner",
+    "significance",
+    "simulate",
+    "study",
+)
 
-__all__ = ["__version__", *_HOMES, *_MODULES]
+__all__ = ["__version__", *_HOMES, *_FUNCTIONS]
 
 
 def __getattr__(name: str):
-    """The public name `name`, imported from where it lives at its first use."""
+    """The public name `name`, imported from where it is defined at its first use."""
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
-    if name in _MODULES:
-        return import_module(_MODULES[name])
+    if name in _FUNCTIONS:
+        return import_module("workbench.api.functions").function(name)
     raise AttributeError(f"module 'workbench' has no attribute {name!r}")
 
 

@@ -1,5 +1,6 @@
 """`python -m workbench` and the `workbench` script: the same commands."""
 
+import signal
 import sys
 
 
@@ -7,6 +8,7 @@ def main() -> None:
     """Run the command line and leave with its exit status, whether or not anybody reads what it prints."""
     from workbench.machine.standard_streams import finish, make_tolerant
 
+    stop_on_every_signal()
     make_tolerant()  # before the commands are loaded: they ask standard output whether it is a terminal
     from workbench.cli import run
     from workbench.core.memory import keep_freed_memory
@@ -17,6 +19,13 @@ def main() -> None:
         print(problem, file=sys.stderr)
         status = status or 2
     sys.exit(status)
+
+
+def stop_on_every_signal() -> None:
+    """Let SIGTERM and SIGHUP stop a command as Ctrl-C does, so that worker processes end with it."""
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):  # Windows has no SIGHUP
+            signal.signal(getattr(signal, name), signal.default_int_handler)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Run folders: every command's output appears in one place, whole or not at all.
+"""Run folders: the output of a command appears in one place, as a whole or not at all.
 
-A run is written under a temporary name beside its final place and renamed when all of it is
-there, so that no reader ever meets half a result, and no earlier run is overwritten.
+A run is written under a temporary name next to its final place and renamed when all of it is
+there. No reader ever meets half a result, and no earlier run is overwritten. The temporary folder
+holds a lock that ends with its process, so that what a killed run left behind is recognised and
+replaced.
 """
 
 import os
@@ -15,19 +17,27 @@ from pathlib import Path
 
 from workbench.core.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows: a temporary folder that is left behind has to be removed by hand
+    fcntl = None
+
 RUNS = Path("runs")
+_LOCK = ".lock"
 
 
 @dataclass(frozen=True)
 class Run:
     """One run: `partial` is written to while it lasts, `path` is where it stands afterwards.
 
-    `made`: folders above it that were not there before, innermost first.
+    `made`: folders above it that were not there before, innermost first. `lock`: file descriptor of
+    the lock in `partial`, which belongs to this process.
     """
 
     path: Path
     partial: Path
     made: tuple[Path, ...] = ()
+    lock: int | None = None
 
 
 @contextmanager
@@ -44,6 +54,8 @@ def opened(command: str, subject: str | Path, out: Path | None = None) -> Iterat
         _move_into_place(run)
     finally:
         shutil.rmtree(run.partial, ignore_errors=True)
+        if run.lock is not None:
+            os.close(run.lock)
         for folder in run.made:
             with suppress(OSError):  # it holds something, as it should after a run that ended well
                 folder.rmdir()
@@ -87,12 +99,12 @@ def _named(out: Path) -> Run:
             "empty, so that nothing is overwritten; name another folder."
         )
     partial = path.with_name(f".partial-{path.name}")
-    if partial.exists():
+    made, lock = _reserve(partial)
+    if lock is None and fcntl is not None:
         raise InputError(
-            f"{partial} is there already, from a run that still writes {out} or was "
-            "cut off; wait for that run or remove this folder."
+            f"Another run is writing {out} at this moment; wait for it or name another folder."
         )
-    return Run(path, partial, _make(partial))
+    return Run(path, partial, made, lock)
 
 
 def _numbered(name: str) -> Run:
@@ -102,21 +114,50 @@ def _numbered(name: str) -> Run:
         partial = path.with_name(f".partial-{path.name}")
         if partial.exists() or path.exists():
             continue
-        return Run(path, partial, _make(partial))
+        made, lock = _reserve(partial)
+        if lock is None and fcntl is not None:
+            continue
+        return Run(path, partial, made, lock)
     raise InputError(f"{RUNS.resolve()} holds a thousand runs named {name}; name one with --out.")
 
 
-def _make(partial: Path) -> tuple[Path, ...]:
+def _reserve(partial: Path) -> tuple[tuple[Path, ...], int | None]:
+    """Make the temporary folder and lock it: the folders that were missing, and the lock.
+
+    What a run that was killed left in the folder is removed. The lock is None where another process
+    holds it. Raises InputError where the folder cannot be made.
+    """
     missing = tuple(folder for folder in partial.parents if not folder.exists())
     try:
-        partial.mkdir(parents=True)
+        partial.mkdir(parents=True, exist_ok=fcntl is not None)
+        if fcntl is None:
+            return missing, None
+        lock = os.open(partial / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
         raise InputError(_refused(partial.parent, error)) from error
-    return missing
+    if not _is_ours(lock, partial / _LOCK):
+        os.close(lock)
+        return missing, None
+    for left in partial.iterdir():
+        if left.is_dir() and not left.is_symlink():
+            shutil.rmtree(left, ignore_errors=True)
+        elif left.name != _LOCK:
+            left.unlink(missing_ok=True)
+    return missing, lock
+
+
+def _is_ours(lock: int, path: Path) -> bool:
+    """Whether this process got the lock, and the file is still the one at `path`."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return os.fstat(lock).st_ino == path.stat().st_ino
+    except OSError:
+        return False
 
 
 def _move_into_place(run: Run) -> None:
     try:
+        (run.partial / _LOCK).unlink(missing_ok=True)
         if run.path.is_dir():
             run.path.rmdir()  # it was empty; where it no longer is, this refuses
         run.partial.rename(run.path)

@@ -1,0 +1,129 @@
+"""The Python API: every command is a function, and results can be looked at, kept and used."""
+
+import inspect
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import workbench as wb
+from conftest import ROOT
+from workbench import cli
+from workbench.api.functions import COMMANDS
+
+NOT_FUNCTIONS = {"demo", "open", "datasets"}
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """A thinned bundled recording, which calibrates in seconds."""
+    whole = wb.load_example("elastic-arm")
+    return whole.select(np.arange(whole.n) % 3 == 0)
+
+
+@pytest.fixture(scope="module")
+def calibration(recording):
+    return wb.calibrate(recording)
+
+
+def test_import_loads_no_large_library():
+    code = "import sys, workbench; dir(workbench); print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert not {"numpy", "torch", "cv2", "open3d", "pandas", "typer"} & set(done.stdout.split())
+
+
+def test_every_command_has_a_function():
+    names = {info.name for info in cli.app.registered_commands}
+    functions = {name.replace("_", "-") for name in COMMANDS}
+    same = {"hand-eye": "handeye", "import-data": "import"}
+    functions = {same.get(name, name) for name in functions}
+    assert names - NOT_FUNCTIONS == functions
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_function_explains_its_arguments(name):
+    call = getattr(wb, name)
+    text = inspect.getdoc(call)
+    for parameter in inspect.signature(call).parameters:
+        assert f"{parameter}:" in text
+    assert "json" not in inspect.signature(call).parameters
+
+
+def test_the_answer_is_reached_by_attributes(calibration):
+    assert calibration.held_out.rms_mm == calibration.answer["held_out"]["rms_mm"]
+    assert calibration.passed
+    with pytest.raises(AttributeError, match="no 'helt_out'"):
+        _ = calibration.helt_out
+
+
+def test_tables_become_frames(calibration, recording):
+    frame = calibration.parameters.to_frame()
+    assert {"where", "name", "value", "std"} <= set(frame.columns)
+    assert len(frame) == len(calibration.answer["parameters"])
+    assert len(calibration.residuals.to_frame()) == recording.n
+
+
+def test_a_result_shows_itself(calibration):
+    assert "held out" in calibration.summary()
+    assert "<pre>" in calibration._repr_html_()
+    assert {line.name for line in calibration.plot().data} == {"nominal", "fit", "held out"}
+
+
+def test_nothing_is_printed(recording, capsys):
+    wb.identifiability(recording)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_result_is_kept_and_read_back(calibration, tmp_path):
+    folder = calibration.save(tmp_path / "run")
+    assert wb.load(folder).held_out.rms_mm == calibration.held_out.rms_mm
+    with pytest.raises(wb.InputError, match="name a new folder"):
+        calibration.save(folder)
+    with pytest.raises(wb.InputError, match="name a run folder"):
+        wb.load(tmp_path)
+
+
+def test_targets_from_a_frame_are_corrected(calibration, recording):
+    import pandas
+
+    readings = {f"q{k + 1}_deg": column for k, column in enumerate(np.rad2deg(recording.joints.T))}
+    targets = pandas.DataFrame({**readings, **recording.covariates}).head(5)
+    corrected = calibration.compensate(targets).table("corrected")
+    assert len(corrected) == 5
+    assert np.abs(corrected["q1_deg"] - targets["q1_deg"]).max() < 1
+
+
+def test_an_array_of_joint_readings_becomes_a_table_of_targets(tmp_path):
+    from workbench.api.inputs import as_argument
+
+    path = as_argument(np.array([[1.0, 2.0], [3.0, 4.5]]), "targets", tmp_path)
+    assert path.read_text() == "q1_deg,q2_deg\n1,2\n3,4.5\n"
+    with pytest.raises(wb.InputError, match="one row for each target"):
+        as_argument(np.zeros(3), "targets", tmp_path)
+
+
+def test_a_calibration_is_exported(calibration, tmp_path):
+    calibration.export(tmp_path / "arm.urdf")
+    assert "<robot" in (tmp_path / "arm.urdf").read_text()
+    with pytest.raises(wb.InputError, match="does not follow from the suffix"):
+        calibration.export(tmp_path / "arm.unknown")
+
+
+def test_a_recording_from_arrays_is_that_of_the_file(recording):
+    joints, points = np.rad2deg(recording.joints), recording.points
+    made = wb.Recording.from_arrays(recording.robot, joints, points, 0.02, time_s=np.arange(100.0))
+    assert made.measures == "external-point"
+    np.testing.assert_allclose(made.joints, recording.joints)
+    np.testing.assert_allclose(made.covariates["time_s"], np.arange(100.0))
+    with pytest.raises(wb.InputError, match=r"points_mm \(n, 3\)"):
+        wb.Recording.from_arrays("ur10", joints, points.T)
+
+
+def test_a_wrong_call_raises_the_sentence(tmp_path):
+    with pytest.raises(wb.InputError):
+        wb.calibrate(tmp_path / "nothing")
+    with pytest.raises(TypeError):
+        wb.calibrate("elastic-arm", no_such_option=1)

@@ -1,0 +1,271 @@
+"""Results of the Python API: the answer of a command, its tables, and its run folder."""
+
+import html
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from workbench.core.errors import InputError
+
+_SHOWN_ROWS = 30
+
+
+class View(Mapping):
+    """A part of an answer: a mapping whose keys are attributes, too (`result.held_out.rms_mm`)."""
+
+    def __init__(self, values: Mapping[str, Any]):
+        self._values = values
+
+    def __getitem__(self, key):
+        return viewed(self._values[key])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __getattr__(self, name: str):
+        if name.startswith("_") or name not in self._values:
+            raise AttributeError(f"no '{name}' here; there are {', '.join(map(str, self._values))}")
+        return self[name]
+
+    def __dir__(self):
+        return [*super().__dir__(), *map(str, self._values)]
+
+    def __repr__(self) -> str:
+        lines = (f"  {key}: {_short(value)}" for key, value in self._values.items())
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = ((key, _short(value)) for key, value in self._values.items())
+        return _html_table(("", ""), rows)
+
+    def to_frame(self):
+        """A pandas DataFrame with one row for each key."""
+        rows = [{"name": key, "value": _short(value)} for key, value in self._values.items()]
+        return _pandas().DataFrame(rows)
+
+
+class Table(Sequence):
+    """Rows of an answer, each a mapping; `to_frame` makes a pandas DataFrame of them."""
+
+    def __init__(self, rows: Sequence[Mapping[str, Any]]):
+        self._rows = list(rows)
+
+    def __getitem__(self, index):
+        if isinstance(index, slice):
+            return Table(self._rows[index])
+        return View(self._rows[index])
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __repr__(self) -> str:
+        return f"Table of {len(self)} rows with {', '.join(self._names())}"
+
+    def _repr_html_(self) -> str:
+        names = self._names()
+        rows = ([_short(row.get(name)) for name in names] for row in self._rows[:_SHOWN_ROWS])
+        return _html_table(names, rows)
+
+    def _names(self) -> list[str]:
+        return list(dict.fromkeys(key for row in self._rows for key in row))
+
+    def to_frame(self):
+        """A pandas DataFrame with one row for each row and a column for each key."""
+        return _pandas().DataFrame(self._rows)
+
+
+class Result:
+    """What a command answered. Parts of the answer are attributes: `result.held_out.rms_mm`.
+
+    `command`: its name. `answer`: the JSON object of the command. `folder`: the run folder, None
+    for a command that writes none. `passed`: False where a tolerance is not met or a target was
+    refused (exit status 1 of the command).
+    """
+
+    def __init__(
+        self,
+        answer: Mapping[str, Any],
+        folder: Path | None = None,
+        text: str = "",
+        passed: bool = True,
+        owner: object = None,
+    ):
+        self.answer, self.folder, self.passed = answer, folder, passed
+        self._text, self._owner = text, owner
+
+    @property
+    def command(self) -> str:
+        """Name of the command."""
+        return str(self.answer.get("command", ""))
+
+    def __getattr__(self, name: str):
+        if name.startswith("_") or name not in self.answer:
+            known = ", ".join(map(str, self.answer))
+            raise AttributeError(f"the answer of {self.command} has no '{name}'; it has {known}")
+        return viewed(self.answer[name])
+
+    def __dir__(self):
+        return [*super().__dir__(), *map(str, self.answer)]
+
+    def summary(self) -> str:
+        """The text that the command prints: tables and verdict."""
+        return self._text or repr(View(self.answer))
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.summary())}</pre>"
+
+    def to_frame(self):
+        """The main table as a pandas DataFrame: parameters, terms or the largest other table."""
+        for name in ("parameters", "terms"):
+            if isinstance(self.answer.get(name), list) and self.answer[name]:
+                return viewed(self.answer[name]).to_frame()
+        tables = [value for value in self.answer.values() if isinstance(viewed(value), Table)]
+        if not tables:
+            return View(self.answer).to_frame()
+        return Table(max(tables, key=len)).to_frame()
+
+    def table(self, name: str):
+        """A CSV file of the run folder as a pandas DataFrame, such as "residuals".
+
+        Raises InputError where there is none of that name.
+        """
+        path = self._file(f"{name}.csv")
+        return _pandas().read_csv(path)
+
+    @property
+    def residuals(self) -> "CsvTable":
+        """Residuals of each sample, in mm; `to_frame()` makes a DataFrame."""
+        return CsvTable(self._file("residuals.csv"))
+
+    def plot(self):
+        """A plotly figure: the distribution of the errors where there are residuals, else the summary image.
+
+        Raises InputError for a result that has neither.
+        """
+        from workbench.api.plots import figure_of
+
+        return figure_of(self)
+
+    def report(self, path: str | Path) -> Path:
+        """Copy the report page to `path`; the path. Raises InputError where there is no page."""
+        return Path(shutil.copyfile(self._file("report.html"), path))
+
+    def save(self, folder: str | Path) -> Path:
+        """Copy the run folder to a new place, where `load` finds it. Raises InputError."""
+        if self.folder is None:
+            raise InputError(f"{self.command} writes no run folder, so there is nothing to save")
+        target = Path(folder)
+        if target.exists() and any(target.iterdir()):
+            raise InputError(f"{target} holds files; name a new folder")
+        shutil.copytree(self.folder, target, dirs_exist_ok=True)
+        return target
+
+    def compensate(self, targets, **options) -> "Result":
+        """Correct targets with this calibration: see `workbench.compensate`."""
+        from workbench.api.functions import function
+
+        return function("compensate")(self, targets, **options)
+
+    def export(self, path: str | Path, to: str | None = None, **options) -> "Result":
+        """Write the result in a format of another program; `to` follows from the suffix where it is clear."""
+        from workbench.api.functions import function
+
+        return function("export")(self, to or _format_of(Path(path)), Path(path), **options)
+
+    @property
+    def model(self) -> "Result":
+        """The model of a diagnosis or calibration, for `compensate` and `export`: the result itself."""
+        return self
+
+    def _file(self, name: str) -> Path:
+        if self.folder is None or not (self.folder / name).exists():
+            raise InputError(f"the result of {self.command} has no {name}")
+        return self.folder / name
+
+
+class CsvTable:
+    """A table in a file of the run folder, read when it is asked for."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def to_frame(self):
+        """The table as a pandas DataFrame."""
+        return _pandas().read_csv(self.path)
+
+    def __repr__(self) -> str:
+        return f"table in {self.path.name}; to_frame() reads it"
+
+
+def load(folder: str | Path) -> Result:
+    """The result in a run folder, of a command line or of `Result.save`.
+
+    Raises InputError where the folder has no answer.json.
+    """
+    path = Path(folder) / "answer.json"
+    try:
+        answer = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: expected the answer of a workbench command, found {error}; name a run folder"
+        ) from error
+    return Result(answer, Path(folder))
+
+
+def viewed(value):
+    """Mappings become views, lists of mappings tables; everything else stays as it is."""
+    if isinstance(value, Mapping):
+        return View(value)
+    if isinstance(value, list) and value and all(isinstance(row, Mapping) for row in value):
+        return Table(value)
+    return value
+
+
+def _format_of(path: Path) -> str:
+    formats = {
+        ".urdf": "urdf",
+        ".py": "python",
+        ".xml": "mjcf",
+        ".csv": "mdh-csv",
+        ".json": "mdh-json",
+    }
+    if path.suffix not in formats:
+        raise InputError(
+            f"{path.name}: the format does not follow from the suffix; name it with `to`, such as to='ros'"
+        )
+    return formats[path.suffix]
+
+
+def _short(value) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_short(inner)}" for key, inner in list(value.items())[:6])
+    if isinstance(value, (list, tuple)):
+        return f"{len(value)} entries"
+    return str(value)
+
+
+def _html_table(names: Sequence[str], rows) -> str:
+    head = "".join(f"<th>{html.escape(str(name))}</th>" for name in names)
+    body = ""
+    for row in rows:
+        cells = "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row)
+        body += f"<tr>{cells}</tr>"
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _pandas():
+    try:
+        import pandas
+    except ImportError as error:
+        raise InputError("to_frame needs pandas; install it with `pip install pandas`") from error
+    return pandas
