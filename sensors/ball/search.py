@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import f as f_distribution
 
 from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
+from workbench.core.distributions import fisher as f_distribution
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.core.rigid import nearest_rotation

@@ -285,7 +285,7 @@ def _distance(chain, made, pose, linear, variances):
     What the pose says of its own error, h = D'y, has covariance noise^2 D'D + D'D S D'D + D'A C A'D
     with S the robot's variances and C those of the shared parameters; F-distributed for few poses.
     """
-    from scipy.stats import f
+    from workbench.core.distributions import fisher as f
 
     size = len(linear.change)
     gram = made[0][pose]

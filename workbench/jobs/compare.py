@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import t as student
 
+from workbench.core.distributions import student
 from workbench.core.errors import InputError
 from workbench.core.text.csv_text import csv_text
 from workbench.fitting.cross_validation import blocks, error_summary

@@ -145,7 +145,7 @@ def parameter_deviations(arm: CalibratedArm) -> dict[str, float]:
 
 def _implausible_parameters(arm: CalibratedArm) -> str:
     """Parameters too far from nominal: each by itself, and all together (chi-square of the prior)."""
-    from scipy.stats import chi2
+    from workbench.core.distributions import chi2
 
     deviations = parameter_deviations(arm)
     if not deviations:

@@ -6,9 +6,8 @@ Everything here works on whitened residuals (m, n): m components of n samples, d
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import f as fisher
 
+from workbench.core.distributions import chi2, fisher, norm
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 
 _UNCONTROLLED = 1e-3  # redundancy below which an observation is hardly checked by the others

@@ -9,13 +9,13 @@ prior holds the geometry, and once the misfit is small the data decide.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from robot_model.chain import forward
 from robot_model.measurements import measurement_of
 from robot_model.measurements.multistart import MODEL_ERROR_MM
 from robot_model.robot import Robot
 from robot_model.system import bind, geometry_free
+from workbench.core.distributions import chi2
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.fitting.plans import frames_of
@@ -25,7 +25,7 @@ POSITION = 3
 _CAUCHY = 2.5
 _LEAST_SCALE = 0.005  # mm: below it nothing depends on the ratio of prior to data any more
 _KEPT = 0.9
-_MEDIAN_CHI2 = {m: float(chi2.median(m)) for m in range(1, 7)}
+_MEDIAN_CHI2 = {m: float(chi2.ppf(0.5, m)) for m in range(1, 7)}
 _LEAST_SPARE = 6.0
 _LENGTH_ERROR = 0.001  # of the reach
 _LEAST_LENGTH_ERROR, _ZERO_OFFSET, _TWIST = 1.0, np.deg2rad(1.0), np.deg2rad(0.4)

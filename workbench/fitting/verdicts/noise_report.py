@@ -3,9 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as fisher
 
+from workbench.core.distributions import chi2, fisher
 from workbench.core.least_squares.adjustment_tests import VarianceTest, effective_degrees, p_text
 from workbench.fitting.verdicts.residual_structure import ORDER, Structure
 

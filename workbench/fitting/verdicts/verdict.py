@@ -194,7 +194,7 @@ def is_far_above(ratio: float, degrees: float | None) -> bool:
     """
     if degrees is None:
         return ratio > _FAR_UNTESTED
-    from scipy.stats import chi2
+    from workbench.core.distributions import chi2
 
     return bool(ratio > _RELEVANT and chi2.sf(degrees * ratio**2, degrees) < _LEVEL)
 

@@ -1,0 +1,48 @@
+"""workbench.core.distributions gives the numbers of scipy.stats."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from conftest import ROOT
+from workbench.core.distributions import chi2, fisher, norm, student
+
+X = np.array([-1.0, 0.0, 0.3, 1.0, 4.0, 30.0, 200.0])
+P = np.array([1e-12, 1e-6, 0.05, 0.5, 0.9, 0.999])
+
+
+@pytest.mark.parametrize("degrees", [1, 3, 17.5, 2000])
+def test_chi_square(degrees):
+    np.testing.assert_allclose(chi2.sf(X, degrees), stats.chi2.sf(X, degrees), rtol=1e-10)
+    np.testing.assert_allclose(chi2.cdf(X, degrees), stats.chi2.cdf(X, degrees), rtol=1e-10)
+    np.testing.assert_allclose(chi2.ppf(P, degrees), stats.chi2.ppf(P, degrees), rtol=1e-9)
+    np.testing.assert_allclose(chi2.isf(P, degrees), stats.chi2.isf(P, degrees), rtol=1e-9)
+
+
+@pytest.mark.parametrize("first, second", [(1, 2), (3, 40), (12.5, 7.5), (900, 1100)])
+def test_fisher(first, second):
+    np.testing.assert_allclose(fisher.sf(X, first, second), stats.f.sf(X, first, second), rtol=1e-9)
+    np.testing.assert_allclose(
+        fisher.ppf(P, first, second), stats.f.ppf(P, first, second), rtol=1e-7
+    )
+    quantiles = fisher.isf(P, first, second)
+    np.testing.assert_allclose(fisher.sf(quantiles, first, second), P, rtol=1e-9)
+
+
+def test_normal_and_student():
+    np.testing.assert_allclose(norm.sf(X), stats.norm.sf(X), rtol=1e-12)
+    np.testing.assert_allclose(norm.cdf(X), stats.norm.cdf(X), rtol=1e-12)
+    np.testing.assert_allclose(norm.isf(P), stats.norm.isf(P), rtol=1e-10)
+    for degrees in (1, 4.5, 300):
+        np.testing.assert_allclose(student.sf(X, degrees), stats.t.sf(X, degrees), rtol=1e-9)
+
+
+def test_what_every_command_loads_is_without_scipy_stats():
+    code = "import sys, workbench.fitting.checked_samples; print('scipy.stats' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "False"
