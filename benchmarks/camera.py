@@ -1,4 +1,4 @@
-"""A camera from 200 pictures of 88 corners against cv2.calibrateCamera, and how the cost grows with the pictures.
+"""A camera from 200 images of 88 corners against cv2.calibrateCamera, and how the cost grows with the images.
 
 Run `python benchmarks/camera.py` in an environment with the extra `bench`. Both sides get the same
 corners and no start, on one thread; ours ends with the covariance of all that it fits.
@@ -39,7 +39,7 @@ def camera_opencv():
     """The same answer: five coefficients, least squares, a flat board."""
     from benchmarks.table import Row, agree, compare
 
-    views, board = _pictures(VIEWS, bow=0.0)
+    views, board = _images(VIEWS, bow=0.0)
     ours = partial(_ours, views, board, bow=False, loss="linear")
     peer = partial(_opencv, views, board)
     made, (rms, matrix, *_) = ours(), peer()
@@ -59,7 +59,7 @@ def camera_with_bow():
     """For information: what a user gets, with the bow that the board has, Huber's loss and the search for blunders."""
     from benchmarks.table import Row, compare
 
-    views, board = _pictures(VIEWS, bow=0.05)
+    views, board = _images(VIEWS, bow=0.05)
     ours, peer = partial(_ours, views, board), partial(_opencv, views, board)
     made, (_, matrix, *_) = ours(), peer()
     off, theirs = abs(made.camera.fx - FX), abs(matrix[0, 0] - FX)
@@ -74,16 +74,16 @@ def camera_with_bow():
 
 
 def camera_linear():
-    """Four times the pictures in at most 4.6 times the time: the peer is our own fit of a quarter of them."""
+    """Four times the images in at most 4.6 times the time: the peer is our own fit of a quarter of them."""
     from benchmarks.table import Row, compare
 
-    few, many = (partial(_ours, *_pictures(count, bow=0.05)) for count in (VIEWS // 2, 2 * VIEWS))
+    few, many = (partial(_ours, *_images(count, bow=0.05)) for count in (VIEWS // 2, 2 * VIEWS))
     note = (
         f"{len(many().fit.history) - 1} last steps, those of the few {len(few().fit.history) - 1}"
     )
     times = compare(many, few, (7, 15))
     return Row(
-        f"camera, {2 * VIEWS} pictures (ours) against {VIEWS // 2} (peer)",
+        f"camera, {2 * VIEWS} images (ours) against {VIEWS // 2} (peer)",
         *times,
         1 / LONGEST,
         note,
@@ -107,7 +107,7 @@ def _opencv(views, board):
     )
 
 
-def _pictures(count, bow):
+def _images(count, bow):
     """Views of an 11 x 8 board, half as wide as far away, with normal noise; `bow` in mm along its length."""
     import cv2
     import numpy as np

@@ -63,7 +63,7 @@ def scanner(steps: int):
 
 
 def scan(steps: int):
-    """Pixels (2, n) over the picture and steps (n,)."""
+    """Pixels (2, n) over the image and steps (n,)."""
     import numpy as np
 
     rng = np.random.default_rng(0)

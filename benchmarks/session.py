@@ -1,6 +1,6 @@
 """`python -m benchmarks.session [SCANS ...]`: `workbench scan` on sessions of up to ten thousand scans.
 
-Each size in a process of its own; prints seconds of processor time and peak memory. The pictures of a few rendered
+Each size in a process of its own; prints seconds of processor time and peak memory. The images of a few rendered
 scans stand in for all: the others are links to them, so that the disk holds a session in a few MiB.
 """
 
@@ -76,7 +76,7 @@ def rendered(folder: Path) -> Path:
 
 
 def session(few: Path, folder: Path, scans: int, seed: int = 1) -> Path:
-    """A recording of `scans` scans, each of a sample of an arm, whose pictures are links to those of the folder `few`.
+    """A recording of `scans` scans, each of a sample of an arm, whose images are links to those of the folder `few`.
 
     Returns its folder; it lies on the disk of `few`.
     """
@@ -139,12 +139,12 @@ def one(home: Path, scans: int) -> dict:
 
 
 def _alone(*words: str) -> None:
-    """This module in a process of its own, so that none inherits the memory of making the pictures."""
+    """This module in a process of its own, so that none inherits the memory of making the images."""
     subprocess.run([sys.executable, "-m", "benchmarks.session", *words], check=True)
 
 
 def main(words: list[str]) -> int:
-    """All sizes, or some, or the pictures, or one session made."""
+    """All sizes, or some, or the images, or one session made."""
     if words[:1] == ["--render"]:
         rendered(Path(words[1]))
     elif words[:1] == ["--make"]:

@@ -1,7 +1,7 @@
-"""The laser line in a stack of pictures against OpenCV's subtract-and-centroid and a scikit-image ridge.
+"""The laser line in a stack of images against OpenCV's subtract-and-centroid and a scikit-image ridge.
 
 Run `python benchmarks/stripe.py` in an environment with the extra `bench`. Every side gets the same
-uint8 pictures, of which it knows nothing but that there is one line, on one thread; OpenCV's side
+uint8 images, of which it knows nothing but that there is one line, on one thread; OpenCV's side
 is given the best threshold and its buffers beforehand, ours finds noise, width and doubtful rows too.
 """
 
@@ -37,12 +37,12 @@ PER_SECOND, LEAST_RATIO, LEAST_RIDGE = 1500, 1, 30
 
 
 def stripe_budget():
-    """Pictures a second and core; the peer is the time that is allowed."""
+    """Images a second and core; the peer is the time that is allowed."""
     from benchmarks.table import Row, median
 
     stack, truth = _scan()
     seconds = median(5, partial(_ours, stack))
-    note = f"{len(stack) / seconds:,.0f} pictures a second; {_quality(stack, truth)}"
+    note = f"{len(stack) / seconds:,.0f} images a second; {_quality(stack, truth)}"
     return Row(f"stripe, {_size(stack)}, allowed", seconds, len(stack) / PER_SECOND, 1, note)
 
 
@@ -69,7 +69,7 @@ def stripe_lean():
 
 
 def stripe_background():
-    """For information: a picture without laser is subtracted on both sides; ours fits its exposure too."""
+    """For information: an image without laser is subtracted on both sides; ours fits its exposure too."""
     from benchmarks.table import Row, compare
 
     stack, truth = _scan()
@@ -94,7 +94,7 @@ def stripe_hessian():
     note = f"its RMS {_rms(_hessian(few), truth[:2]):.4f} px, of some seven rows together; {_quality(stack, truth)}"
     seconds = median(5, partial(_ours, stack)) / len(stack)
     return Row(
-        "stripe, a picture, scikit-image Hessian",
+        "stripe, an image, scikit-image Hessian",
         seconds,
         median(3, partial(_hessian, few)) / len(few),
         LEAST_RIDGE,
@@ -104,7 +104,7 @@ def stripe_hessian():
 
 @lru_cache(maxsize=1)
 def _scan():
-    """Pictures (F, H, W) uint8 of a line that bends and walks, and its centres (F, H)."""
+    """Images (F, H, W) uint8 of a line that bends and walks, and its centres (F, H)."""
     import numpy as np
 
     random, x = np.random.default_rng(0), np.arange(WIDTH, dtype=np.float32)
@@ -113,15 +113,15 @@ def _scan():
         [200 + 860 * k / FRAMES + 0.1 * row + 8 * np.sin(row / 97 + k) for k in range(FRAMES)]
     )
     stack = np.empty((FRAMES, HEIGHT, WIDTH), np.uint8)
-    for centre, picture in zip(truth, stack):
+    for centre, image in zip(truth, stack):
         line = SNR * NOISE * np.exp(-0.5 * ((x - centre[:, None].astype(np.float32)) / WIDE) ** 2)
         noise = random.standard_normal((HEIGHT, WIDTH), dtype=np.float32)
-        picture[:] = np.clip(np.rint(GROUND + line + NOISE * noise), 0, 255)
+        image[:] = np.clip(np.rint(GROUND + line + NOISE * noise), 0, 255)
     return stack, truth
 
 
 def _background():
-    """(H, W) uint8, the same scene without laser, the mean of many pictures."""
+    """(H, W) uint8, the same scene without laser, the mean of many images."""
     import numpy as np
 
     return np.full((HEIGHT, WIDTH), int(GROUND), np.uint8)
@@ -138,17 +138,17 @@ def _size(stack):
 
 
 def _centroids(stack, moments, level, background=None):
-    """(F, H) centres of gravity of what is above `level`, picture by picture, in buffers that are used again."""
+    """(F, H) centres of gravity of what is above `level`, image by image, in buffers that are used again."""
     import cv2
     import numpy as np
 
     cv2.setNumThreads(1)
     above, single = np.empty(stack.shape[1:], np.uint8), np.empty(stack.shape[1:], np.float32)
     made = np.empty(stack.shape[:2])
-    for picture, centre in zip(stack, made):
+    for image, centre in zip(stack, made):
         if background is not None:
-            picture = cv2.subtract(picture, background, dst=above)
-        cv2.subtract(picture, level, dst=above)
+            image = cv2.subtract(image, background, dst=above)
+        cv2.subtract(image, level, dst=above)
         np.copyto(single, above)
         total, first = moments(above, single)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -180,9 +180,9 @@ def _hessian(stack):
     from skimage.feature import hessian_matrix, hessian_matrix_eigvals
 
     made = np.empty(stack.shape[:2])
-    for picture, centre in zip(stack, made):
+    for image, centre in zip(stack, made):
         second = hessian_matrix(
-            picture.astype(np.float32), sigma=WIDE, order="rc", use_gaussian_derivatives=False
+            image.astype(np.float32), sigma=WIDE, order="rc", use_gaussian_derivatives=False
         )
         ridge = -hessian_matrix_eigvals(second)[1]
         row, column = np.arange(len(ridge)), np.clip(ridge.argmax(1), 1, WIDTH - 2)

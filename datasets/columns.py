@@ -36,7 +36,7 @@ class Kind:
     artefact: bool = False
     images: bool = False
     joints: bool = True
-    """False where the recording may hold pictures only."""
+    """False where the recording may hold images only."""
 
 
 KINDS = {
@@ -51,8 +51,8 @@ KINDS = {
     "distance": Kind("a length between two places", ("pair", "length_mm")),
     "plane-touch": Kind("a touch of a plane", ("plane",)),
     "ball-surface": Kind("a point on a ball's surface", ("ball", *POINT), artefact=True),
-    "board-images": Kind("pictures of a board", images=True, joints=False),
-    "scan-images": Kind("pictures of a board and of scans", images=True, joints=False),
+    "board-images": Kind("images of a board", images=True, joints=False),
+    "scan-images": Kind("images of a board and of scans", images=True, joints=False),
 }
 
 INTEGERS = ("sample", "ball", "point", "sphere", "pair", "plane", "pose", "repeat", "reflector")

@@ -6,7 +6,7 @@ from pathlib import Path, PureWindowsPath
 
 from datasets.errors import complaint
 
-LIMITS_MB = {".toml": 1, ".csv": 256, ".parquet": 1024, ".urdf": 16, "picture": 256}
+LIMITS_MB = {".toml": 1, ".csv": 256, ".parquet": 1024, ".urdf": 16, "image": 256}
 """Largest size of a file that is opened at all, in MB (10^6 bytes); asked of the file system first."""
 
 

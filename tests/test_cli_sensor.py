@@ -387,7 +387,7 @@ def test_pictures_become_a_calibrated_arm(here):
     page = Path("whole/report.html").read_text(encoding="utf-8")
     assert all(
         f'<section id="{name}">' in page
-        for name in ("stages", "acceptance", "balls", "planes", "camera-pictures")
+        for name in ("stages", "acceptance", "balls", "planes", "camera-images")
     )
     # the same balls, from the scanner's file and from the recording of centres
     assert (

@@ -1,4 +1,4 @@
-"""Every shape that a diagnosis can have is shown: terminal, page, summary picture, files and JSON, without exceptions."""
+"""Every shape that a diagnosis can have is shown: terminal, page, summary image, files and JSON, without exceptions."""
 
 import io
 import json
@@ -27,7 +27,7 @@ from workbench.diagnosis.visible import Visible
 from workbench.report import style
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.page import page
-from workbench.report.diagnosis.summary_image import picture
+from workbench.report.diagnosis.summary_image import draw_summary
 from workbench.report.page import write_sheet
 
 SAMPLES = 12
@@ -207,7 +207,7 @@ def test_every_shape_of_a_diagnosis_is_shown(tmp_path_factory, made):
     show(Console(file=io.StringIO(), width=80), result)
     save(made, folder)
     write_sheet(page(made), folder)
-    picture(made)
+    draw_summary(made)
     assert (
         "case" in (folder / "report.html").read_text(encoding="utf-8")
         or (folder / "report.html").stat().st_size

@@ -307,7 +307,7 @@ def test_clean_cases_are_at_least_three_in_ten():
 
 def own_folder(tmp_path, truth='{"effects": []}'):
     pytest.importorskip("mujoco")
-    from datasets.makers.concealed import case, writing
+    from datasets.makers.blind import case, writing
 
     own = tmp_path / "own"
     (own / "sealed").mkdir(parents=True)

@@ -134,7 +134,7 @@ def ten_gigabytes(folder: Path) -> None:
         file.truncate(10 * 10**9)
 
 
-def truncate_picture(folder: Path) -> None:
+def truncate_image(folder: Path) -> None:
     path = folder / "images" / "b.png"
     path.write_bytes(path.read_bytes()[:-20])
 
@@ -582,40 +582,40 @@ CASES = [
         (ART, "row 2", "radius_mm", "metres"),
     ),
     Case("artefact not finite", cell(4, "y_mm", "nan", ART), (ART, "row 4", "y_mm", "correct")),
-    # pictures
+    # images
     Case("no images.csv", remove(IMG), (IMG, "no such file", "put it there"), "scan-images"),
     Case(
-        "picture missing",
+        "image missing",
         remove("images/a.png"),
         (IMG, "row 2", "images/a.png", "no such file", "correct the name"),
         "scan-images",
     ),
     Case(
-        "picture empty",
+        "image empty",
         write("images/c.png", b""),
         (IMG, "row 4", "images/c.png", "empty", "export"),
         "scan-images",
     ),
     Case(
-        "picture truncated",
-        truncate_picture,
+        "image truncated",
+        truncate_image,
         (IMG, "row 3", "images/b.png", "no end", "copy it again"),
         "scan-images",
     ),
     Case(
-        "picture without a header",
+        "image without a header",
         write("images/a.png", b"\x89PNG\r\n\x1a\n" + bytes(99)),
         (IMG, "images/a.png", "broken header", "copy it again"),
         "scan-images",
     ),
     Case(
-        "picture is text",
-        write("images/a.png", b"no picture at all"),
+        "image is text",
+        write("images/a.png", b"no image at all"),
         (IMG, "row 2", "images/a.png", "PNG", "save it"),
         "scan-images",
     ),
     Case(
-        "picture elsewhere",
+        "image elsewhere",
         sub(IMG, "images/a.png", "../a.png"),
         (IMG, "row 2", "image", "leaves it", "copy"),
         "scan-images",
@@ -627,7 +627,7 @@ CASES = [
         "scan-images",
     ),
     Case(
-        "laser picture of no place",
+        "laser image of no place",
         sub(IMG, "board-laser,1", "board-laser,"),
         (IMG, "row 3", "placement", "add a placement"),
         "scan-images",
@@ -696,7 +696,7 @@ def test_file_without_permission(tmp_path):
         datasets.read(folder)
 
 
-def test_picture_of_another_kind_is_left_to_opencv(tmp_path):
+def test_image_of_another_kind_is_left_to_opencv(tmp_path):
     folder = write_good(tmp_path / "cell-4", "board-images")
     cv2.imwrite(str(folder / "images" / "a.tiff"), np.zeros((5, 6), np.uint8))
     sub(IMG, "images/a.png", "images/a.tiff")(folder)

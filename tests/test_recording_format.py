@@ -11,7 +11,7 @@ import pytest
 import datasets
 from datasets import keys
 from datasets.columns import BOOKKEEPING, FLANGE, KINDS
-from datasets.pictures import ROLES
+from datasets.images import ROLES
 from robot_model import builtin_robots, load_robot
 from robot_model.measurements import samples_of
 from robot_model.system import bind

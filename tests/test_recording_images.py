@@ -1,4 +1,4 @@
-"""Recordings with pictures and with flange poses: read, written beside their pictures, and every mistake in them named."""
+"""Recordings with images and with flange poses: read, written beside their images, and every mistake in them named."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ ROWS = (
 )
 
 
-def write_pictures(folder, measures="scan-images"):
+def write_images(folder, measures="scan-images"):
     """A folder with every column of images.csv, some cells of them empty."""
     write_good(folder, measures)
     cv2.imwrite(str(folder / "images" / "d.png"), np.full((12, 16), 7, np.uint8))
@@ -45,7 +45,7 @@ def with_flange(folder, measures="ball-surface"):
 
 
 def test_every_column_of_images_is_read(tmp_path):
-    rows = datasets.read(write_pictures(tmp_path / "good")).images
+    rows = datasets.read(write_images(tmp_path / "good")).images
     assert rows[0] == {
         "image": "images/a.png",
         "role": "board",
@@ -71,8 +71,8 @@ def test_every_column_of_images_is_read(tmp_path):
 
 
 def test_scans_of_an_arm_need_no_points(tmp_path):
-    """Joints, balls and pictures; what the samples will be is found in the pictures."""
-    folder = write_pictures(tmp_path / "good")
+    """Joints, balls and images; what the samples will be is found in the images."""
+    folder = write_images(tmp_path / "good")
     sub(TOML, r"\[images\]", '[artefact]\nfile = "artefact.csv"\n[images]')(folder)
     (folder / "artefact.csv").write_text("ball,x_mm,y_mm,z_mm,radius_mm\n1,0,0,0,15\n")
     found = datasets.read(folder)
@@ -105,7 +105,7 @@ def test_rows_of_one_flange_pose_are_one_pose():
     assert list(Recording("ball-surface", columns, {}).poses) == [0, 0, 1, 0]
 
 
-@pytest.mark.parametrize("made", [write_pictures, with_flange])
+@pytest.mark.parametrize("made", [write_images, with_flange])
 def test_written_and_read_again_is_the_same(tmp_path, made):
     first = datasets.read(made(tmp_path / "good"))
     second = datasets.read(datasets.write(first, tmp_path / "copy"))
@@ -136,7 +136,7 @@ BOARDS = [
 
 
 def in_place(folder, board=BOARDS[0]):
-    """What a renderer has: pictures in their folder, and the rows that name them."""
+    """What a renderer has: images in their folder, and the rows that name them."""
     (folder / "images").mkdir(parents=True)
     rows = []
     for k in range(3):
@@ -158,7 +158,7 @@ def in_place(folder, board=BOARDS[0]):
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda b: b["kind"])
-def test_written_beside_pictures_that_are_there(tmp_path, board):
+def test_written_beside_images_that_are_there(tmp_path, board):
     made = in_place(tmp_path / "made", board)
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "made" / "images").iterdir()}
     assert datasets.write(made, tmp_path / "made") == tmp_path / "made"
@@ -178,22 +178,22 @@ def test_written_beside_pictures_that_are_there(tmp_path, board):
         datasets.write(made, tmp_path / "made")
 
 
-def test_writing_beside_pictures_touches_nothing_else(tmp_path):
+def test_writing_beside_images_touches_nothing_else(tmp_path):
     made = in_place(tmp_path / "made")
     (tmp_path / "made" / IMG).write_text("mine")
-    with pytest.raises(InputError, match="made/images.csv: expected a folder with pictures only"):
+    with pytest.raises(InputError, match="made/images.csv: expected a folder with images only"):
         datasets.write(made, tmp_path / "made")
     assert (tmp_path / "made" / IMG).read_text() == "mine"
     (tmp_path / "made" / IMG).unlink()
     (tmp_path / "made" / "images" / "1.png").unlink()
-    with pytest.raises(InputError, match="made/images/1.png: expected a picture that lies there"):
+    with pytest.raises(InputError, match="made/images/1.png: expected an image that lies there"):
         datasets.write(made, tmp_path / "made")
     assert [p.name for p in (tmp_path / "made").iterdir()] == ["images"]
     with pytest.raises(InputError, match="new or empty folder"):
         datasets.write(replace(made, folder=tmp_path), tmp_path / "made")
 
 
-def picture(row, column, value):
+def image(row, column, value):
     return cell(row, column, value, IMG)
 
 
@@ -215,112 +215,110 @@ def half_a_bmp(folder):
 
 CASES = [
     Case(
-        "picture listed twice",
-        picture(3, "image", "images/a.png"),
+        "image listed twice",
+        image(3, "image", "images/a.png"),
         (IMG, "row 3", "column image", "again (first in row 2)", "delete the copy"),
     ),
     Case(
-        "picture listed twice by another path",
-        picture(3, "image", "images/./a.png"),
-        (IMG, "row 3", "every picture once", "row 2"),
+        "image listed twice by another path",
+        image(3, "image", "images/./a.png"),
+        (IMG, "row 3", "every image once", "row 2"),
     ),
     Case(
-        "picture elsewhere",
-        picture(2, "image", "../../a.png"),
+        "image elsewhere",
+        image(2, "image", "../../a.png"),
         (IMG, "row 2", "leaves it", "copy the file"),
     ),
     Case(
-        "picture at an absolute path",
-        picture(2, "image", "/data/a.png"),
+        "image at an absolute path",
+        image(2, "image", "/data/a.png"),
         (IMG, "row 2", "absolute path", "copy the file"),
     ),
     Case(
-        "picture without a name",
-        picture(2, "image", ""),
+        "image without a name",
+        image(2, "image", ""),
         (IMG, "row 2", "a file name", "name a file"),
     ),
     Case(
-        "picture is a folder",
-        picture(2, "image", "images"),
+        "image is a folder",
+        image(2, "image", "images"),
         (IMG, "row 2", "a folder", "correct the name"),
     ),
     Case(
-        "picture of another kind",
+        "image of another kind",
         half_a_bmp,
         (IMG, "row 2", "another kind of file", "save it as PNG"),
     ),
     Case(
-        "picture truncated",
+        "image truncated",
         lambda f: write("images/d.png", (f / "images/d.png").read_bytes()[:-12])(f),
         (IMG, "row 4", "no end", "copy it again"),
     ),
     Case(
-        "picture empty", write("images/d.png", b""), (IMG, "row 4", "images/d.png", "an empty file")
+        "image empty", write("images/d.png", b""), (IMG, "row 4", "images/d.png", "an empty file")
     ),
     Case("no image column", drop("image", IMG), (IMG, "column image", "no such column", "add it")),
     Case("no role column", drop("role", IMG), (IMG, "column role", "no such column", "add it")),
     Case(
         "role misspelt",
-        picture(3, "role", "board_laser"),
+        image(3, "role", "board_laser"),
         (IMG, "row 3", "column role", "'board_laser'", "board-laser"),
     ),
     Case(
         "role empty",
-        picture(3, "role", ""),
+        image(3, "role", ""),
         (IMG, "row 3", "column role", "''", "write one of these"),
     ),
     Case(
         "laser without a placement",
-        picture(3, "placement", ""),
+        image(3, "placement", ""),
         (IMG, "row 3", "which placement", "add a placement"),
     ),
-    Case(
-        "scan without a number", picture(5, "scan", ""), (IMG, "row 5", "which scan", "add a scan")
-    ),
+    Case("scan without a number", image(5, "scan", ""), (IMG, "row 5", "which scan", "add a scan")),
     Case(
         "laser where no board was seen",
-        picture(3, "placement", "9"),
-        (IMG, "row 3", "a picture of role board", "none at '9'", "add that picture"),
+        image(3, "placement", "9"),
+        (IMG, "row 3", "an image of role board", "none at '9'", "add that image"),
     ),
     Case(
         "step twice",
-        picture(4, "sweep", "-1"),
+        image(4, "sweep", "-1"),
         (IMG, "row 4", "column step", "every step of a placement once", "row 3"),
     ),
     Case(
         "step not whole",
-        picture(3, "step", "0.5"),
+        image(3, "step", "0.5"),
         (IMG, "row 3", "column step", "0.5", "number them"),
     ),
     Case(
         "step is a word",
-        picture(3, "step", "first"),
+        image(3, "step", "first"),
         (IMG, "row 3", "column step", "'first'", "correct it"),
     ),
-    Case("sample not whole", picture(2, "sample", "1.5"), (IMG, "row 2", "column sample", "1.5")),
+    Case("sample not whole", image(2, "sample", "1.5"), (IMG, "row 2", "column sample", "1.5")),
     Case(
         "sample unknown",
-        picture(2, "sample", "99"),
+        image(2, "sample", "99"),
         (IMG, "row 2", "a sample of samples.csv", "99", "correct the number"),
     ),
     Case(
         "sweep is a speed",
-        picture(3, "sweep", "3"),
+        image(3, "sweep", "3"),
         (IMG, "row 3", "column sweep", "-1, 0 or 1", "direction"),
     ),
     Case(
         "mirror angle not finite",
-        picture(3, "mirror_deg", "nan"),
+        image(3, "mirror_deg", "nan"),
         (IMG, "row 3", "mirror_deg", "nan", "correct the cell"),
     ),
     Case(
         "time infinite",
-        picture(3, "time_s", "inf"),
+        image(3, "time_s", "inf"),
         (IMG, "row 3", "time_s", "finite", "correct the cell"),
     ),
     Case(
         "temperature with a comma",
-        picture(3, "temperature_c", '"21;5"'),
+        image(3, "temperature_c", '"21;5"'),
         (IMG, "row 3", "temperature_c", "a number"),
     ),
     Case(
@@ -333,7 +331,7 @@ CASES = [
         sub(IMG, "mirror_deg", "mirror_rad"),
         (IMG, "column mirror_rad", "mirror_deg", "convert it"),
     ),
-    Case("no picture at all", write(IMG, (HEADER + "\n").encode()), (IMG, "at least one row")),
+    Case("no image at all", write(IMG, (HEADER + "\n").encode()), (IMG, "at least one row")),
     Case(
         "sample without samples",
         sub(TOML, r"\[samples\]\nfile.*\n", ""),
@@ -434,8 +432,8 @@ def check(folder, case):
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_mistake_in_pictures_gets_its_sentence(tmp_path, case):
-    check(write_pictures(tmp_path / "cell-4"), case)
+def test_mistake_in_images_gets_its_sentence(tmp_path, case):
+    check(write_images(tmp_path / "cell-4"), case)
 
 
 @pytest.mark.parametrize("case", FLANGES, ids=lambda case: case.name)
@@ -468,8 +466,8 @@ def real_set(real, name):
         ("handeye_open3dv:to-hand", {"board": 5}),
     ],
 )
-def test_real_pictures_are_named_where_they_lie(real, name, roles):
-    """By reference: every row names a picture in the set's own folder, and no placement is without its board."""
+def test_real_images_are_named_where_they_lie(real, name, roles):
+    """By reference: every row names an image in the set's own folder, and no placement is without its board."""
     found = real_set(real, name)
     assert {
         role: sum(r["role"] == role for r in found.images)
@@ -485,7 +483,7 @@ def test_real_pictures_are_named_where_they_lie(real, name, roles):
 
 
 def test_real_flange_poses_turn_rightly(real):
-    """The hand's camera looks down on its board: so does the flange's z axis, within 20 degrees; samples name pictures."""
+    """The hand's camera looks down on its board: so does the flange's z axis, within 20 degrees; samples name images."""
     found = real_set(real, "handeye_open3dv:in-hand")
     assert np.all(found.flange[:, 2, 2] < -0.93) and [
         row["sample"] for row in found.images

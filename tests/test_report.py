@@ -180,7 +180,7 @@ def figures(page):
     return {name: json.loads(data) for name, data in found}
 
 
-def test_page_and_picture_stand_in_the_folder_and_nothing_else_does(written):
+def test_page_and_image_stand_in_the_folder_and_nothing_else_does(written):
     path, _ = written
     assert sorted(p.name for p in path.parent.iterdir()) == ["report.html", "summary.png"]
     assert (path.parent / "summary.png").read_bytes().startswith(b"\x89PNG")
@@ -363,11 +363,11 @@ def test_provenance_shows_nested_tables_flat():
     ]
 
 
-def test_page_is_complete_where_the_picture_cannot_be_drawn(tmp_path, monkeypatch, caplog):
+def test_page_is_complete_where_the_image_cannot_be_drawn(tmp_path, monkeypatch, caplog):
     def no_library(*_):
         raise ImportError("No module named 'matplotlib'")
 
-    monkeypatch.setattr(summary_image, "picture", no_library)
+    monkeypatch.setattr(summary_image, "draw_summary", no_library)
     with caplog.at_level(logging.WARNING):
         path = write_report(fake(), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == [

@@ -77,7 +77,7 @@ def handeye_page(folder: Path) -> Page:
 PAGES = {"camera": camera_page, "scan": scan_page, "handeye": handeye_page}
 SHOWN = {
     "camera": {
-        "perpicture",
+        "perimage",
         "coverage",
         "arrows",
         "mapu",
@@ -94,7 +94,7 @@ SHOWN = {
         "space3d",
         "stripemap",
         "persteps",
-        "camera-perpicture",
+        "camera-perimage",
         "camera-bow",
     },
     "handeye": {"perpose", "space3d"},
@@ -192,7 +192,7 @@ def test_blocks_are_drawn_as_they_are_told(tmp_path):
     assert '<th scope="row">b</th>' not in text  # a fact without words is none
 
 
-def test_a_picture_that_cannot_be_read_has_no_thumbnail(tmp_path):
+def test_an_image_that_cannot_be_read_has_no_thumbnail(tmp_path):
     import cv2
 
     (tmp_path / "broken.png").write_bytes(b"\x89PNG")
@@ -231,7 +231,7 @@ def test_patches_of_a_light_plane_lie_in_it_and_in_the_field():
     assert sorted(set(corners[:, 2])) == [100, 150]
 
 
-def test_pyramid_passes_through_the_corners_of_the_picture():
+def test_pyramid_passes_through_the_corners_of_the_image():
     camera = Camera(1000.0, 1000.0, 320.0, 240.0, size=(640, 480))
     path = space.pyramid(camera, 100.0)
     pixels = camera.project(path[1:3].T)

@@ -23,7 +23,7 @@ from workbench.commands.sensor import scan as scan_command
 from workbench.commands.shared import answer
 from workbench.files.spool import Parts, Spool
 from workbench.jobs import ball_centres, scan
-from workbench.report.sensor import picture
+from workbench.report.sensor import summary_image
 from workbench.report.sensor.scan import page
 
 CAMERA = Camera(20.0, 20.0, 8.0, 6.0, (0.0,) * 5, (16, 12))
@@ -111,7 +111,7 @@ def test_the_report_needs_no_more_memory_the_longer_the_session(few, found, tmp_
         )
         gc.collect()
         tracemalloc.start()
-        panels = picture.scan(made)
+        panels = summary_image.scan(made)
         shown = page(made)
         size = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

@@ -25,7 +25,7 @@ class Entry:
     """One effect at one place. Sizes in `unit`; `survives` the share of the square that a fit without it leaves.
 
     `twins`: (what, share of what survives that it makes). `separates`: a sentence. `problem`: of the fit without it.
-    `points` (3, n) mm or (2, n) px: where its samples are, for the picture.
+    `points` (3, n) mm or (2, n) px: where its samples are, for the image.
     """
 
     name: str

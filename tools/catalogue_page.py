@@ -1,4 +1,4 @@
-"""Writes docs/catalogue.md and its pictures: what each effect leaves behind when a fit does not know of it.
+"""Writes docs/catalogue.md and its images: what each effect leaves behind when a fit does not know of it.
 
 `python tools/catalogue_page.py` writes the page; `--check` says whether its text is up to date (status 1). Every entry
 is made by the workbench: a perfect recording is simulated, the effect added, the baseline fitted without it.
@@ -10,30 +10,30 @@ from pathlib import Path
 import catalogue_robot
 import catalogue_sensor
 from catalogue_entries import SURVIVING, Entry
-from catalogue_pictures import draw
+from catalogue_images import draw
 from workbench.diagnosis.words import law, length
 
 ROOT = Path(__file__).parents[1]
-PAGE, PICTURES = ROOT / "docs" / "catalogue.md", ROOT / "docs" / "catalogue"
+PAGE, IMAGES = ROOT / "docs" / "catalogue.md", ROOT / "docs" / "catalogue"
 HEAD = f"""# What each effect leaves behind
 
 Made by `python tools/catalogue_page.py`. For each effect a perfect recording is simulated, the effect is added so large
 that {SURVIVING:g} σ survive (at most 40 times what is usual), and the baseline is fitted without it: geometry, base
 and tool of an ABB IRB 120 with 240 random poses, loads of 0-2 kg, both sides of approach and 12 K of warming; of the
-scanner camera, mirror and poses of the boards, from a rendered recording. The picture shows what is left.
+scanner camera, mirror and poses of the boards, from a rendered recording. The image shows what is left.
 
 - *Survives* is the share of the effect's square that the baseline has not swallowed: the rest hides in wrong lengths.
-- *Taken for* names what would make the same picture in these poses, and how much of it.
+- *Taken for* names what would make the same image in these poses, and how much of it.
 - *Separated by* is what `workbench diagnose` would propose to measure next, for an effect so small that its twins are
   hard to tell.
 
 """
 
 
-def page(pictures: bool) -> str:
-    """The whole page; with `pictures` these are drawn, too."""
-    robot = [_section(entry, pictures) for entry in catalogue_robot.entries()]
-    sensor = [_section(entry, pictures, "sensor-") for entry in catalogue_sensor.entries()]
+def page(images: bool) -> str:
+    """The whole page; with `images` these are drawn, too."""
+    robot = [_section(entry, images) for entry in catalogue_robot.entries()]
+    sensor = [_section(entry, images, "sensor-") for entry in catalogue_sensor.entries()]
     left_out = "\n".join(f"- `{name}`: {why}." for name, why in catalogue_robot.NOT_SEEN.items())
     more = "\n".join(f"- `{name}`: {why}." for name, why in catalogue_sensor.NOT_SEEN.items())
     return (
@@ -42,10 +42,10 @@ def page(pictures: bool) -> str:
     )
 
 
-def _section(entry: Entry, pictures: bool, prefix: str = "") -> str:
+def _section(entry: Entry, images: bool, prefix: str = "") -> str:
     file = f"{prefix}{entry.name}.png"
-    if pictures:
-        draw(entry, PICTURES / file)
+    if images:
+        draw(entry, IMAGES / file)
     taken = (
         ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in entry.twins)
         or "nothing in these poses"
@@ -71,7 +71,7 @@ def _section(entry: Entry, pictures: bool, prefix: str = "") -> str:
 def main() -> int:
     """Write or check; the exit status."""
     if "--check" not in sys.argv:
-        PICTURES.mkdir(parents=True, exist_ok=True)
+        IMAGES.mkdir(parents=True, exist_ok=True)
         PAGE.write_text(page(True), encoding="utf-8")
         return 0
     fresh = PAGE.is_file() and PAGE.read_text(encoding="utf-8") == page(False)

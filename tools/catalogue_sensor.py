@@ -1,4 +1,4 @@
-"""The scanner's entries of the catalogue page: a rendered recording, its pictures taken once more with each effect."""
+"""The scanner's entries of the catalogue page: a rendered recording, its images taken once more with each effect."""
 
 import sys
 import tempfile
@@ -55,7 +55,7 @@ def entries() -> Iterator[Entry]:
 
 
 def _perfect() -> SensorBench:
-    """The bench of rendered pictures, its measurements replaced by those of its own solution and noise."""
+    """The bench of rendered images, its measurements replaced by those of its own solution and noise."""
     keys = {name: value for name, value in tomllib.loads(SCENE).items() if name != "parts"}
     scene = Scene(**keys | {name: keys[name] | more for name, more in _MORE.items()})
     with tempfile.TemporaryDirectory() as folder:

@@ -21,7 +21,7 @@ def laser_spot() -> None:
 
     exact = figures.liu.irb120(6, 7)
     first, second = figures.fit(exact, False), figures.fit(exact, True)
-    text.picture(first, second, figures.HERE / "laser-spot.png")
+    text.draw_image(first, second, figures.HERE / "laser-spot.png")
     page = text.page(exact, first, second)
     (figures.HERE / "laser-spot.md").write_text(page, encoding="utf-8")
 
@@ -32,7 +32,7 @@ def touch_point() -> None:
     import gallery_touch_point_page as text
 
     many = figures.paired(100)
-    text.picture(many, figures.HERE / "touch-point.png")
+    text.draw_image(many, figures.HERE / "touch-point.png")
     (figures.HERE / "touch-point.md").write_text(text.page(many), encoding="utf-8")
 
 
@@ -49,8 +49,8 @@ def poses_and_compensation() -> None:
     import gallery_use_page as text
 
     said, answers, pools, cases = figures.collect()
-    first = [pools[name][0] for name in figures.PICTURED]
-    text.picture(first, cases[0], figures.PAGE.with_suffix(".png"))
+    first = [pools[name][0] for name in figures.ILLUSTRATED]
+    text.draw_image(first, cases[0], figures.PAGE.with_suffix(".png"))
     page = text.page(said, answers, figures.gains(), pools, cases)
     figures.PAGE.write_text(page, encoding="utf-8")
 

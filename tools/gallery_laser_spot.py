@@ -1,4 +1,4 @@
-"""Writes docs/gallery/laser-spot.md and its picture: every number on the page is computed here.
+"""Writes docs/gallery/laser-spot.md and its image: every number on the page is computed here.
 
 `python tools/gallery.py laser-spot` takes about three minutes. The functions are what the tests of the
 paper call too.

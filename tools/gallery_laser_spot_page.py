@@ -1,4 +1,4 @@
-"""Text and picture of docs/gallery/laser-spot.md, from the figures of gallery_laser_spot."""
+"""Text and image of docs/gallery/laser-spot.md, from the figures of gallery_laser_spot."""
 
 from pathlib import Path
 
@@ -122,7 +122,7 @@ def _compared() -> str:
     return "\n".join([*lines, f"| rms of all | {a:.4f} | {b:.4f} | {c:.4f} |"])
 
 
-def picture(first, second, path: Path) -> None:
+def draw_image(first, second, path: Path) -> None:
     """Crossings after eq. 6 and after eq. 7, seen along the arm, and the singular values of both."""
     import matplotlib
 

@@ -1,4 +1,4 @@
-"""Writes docs/gallery/rendered-twin.md with its picture: the whole chain on rendered pictures, truth known.
+"""Writes docs/gallery/rendered-twin.md with its image: the whole chain on rendered images, truth known.
 
 `python tools/gallery.py rendered-twin` keeps the figures of each part as JSON and makes the missing
 ones: some ten minutes in all on two cores.

@@ -1,4 +1,4 @@
-"""Text and picture of docs/gallery/rendered-twin.md, from the figures of gallery_rendered_twin."""
+"""Text and image of docs/gallery/rendered-twin.md, from the figures of gallery_rendered_twin."""
 
 import textwrap
 from pathlib import Path
@@ -7,12 +7,12 @@ import numpy as np
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "gallery" / "rendered-twin.md"
 
-_TEXT = """# The rendered twin of Ye's instrument: pictures in, ball centres out, truth known
+_TEXT = """# The rendered twin of Ye's instrument: images in, ball centres out, truth known
 
 Ye et al., Sensors 2024, 24, 2559, section 5.1: 1280 × 1024 px, fx 3423 px, baseline 69 mm, 120 light planes. No
-public set holds such a scanner's raw pictures together with what is true, so they are rendered
+public set holds such a scanner's raw images together with what is true, so they are rendered
 ([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)): 20 boards with a bow of 50 µm at a corner, ten of them
-swept by the laser, six scans of a 15 mm ball, 1940 pictures in all. The chain sees the pictures and nothing else.
+swept by the laser, six scans of a 15 mm ball, 1940 images in all. The chain sees the images and nothing else.
 This page is written by `python tools/gallery.py rendered-twin`.
 
 ![what effects do, and what of them is left](rendered-twin.png)
@@ -63,7 +63,7 @@ of the squares of independent standardised errors, 1 is right.
 
 ## One effect at a time
 
-A small twin with each effect of the sensor in its pictures and nothing of it in the model: what shows (stripe:
+A small twin with each effect of the sensor in its images and nothing of it in the model: what shows (stripe:
 what is left of single centres; points: of the working volume after the rigid motion). Then the effect in the model:
 its value, and what is left. Bold is more than 3 σ off.
 
@@ -82,7 +82,7 @@ its value, and what is left. Bold is more than 3 σ off.
 
 
 def write(parts: dict, effects) -> None:
-    """The page and its picture."""
+    """The page and its image."""
     whole = parts["whole"]
     seeds = [parts[name] for name in parts if name.startswith("seed-")]
     rows = {name: parts[name] for name in ("none", *(row[0] for row in effects))}
@@ -104,7 +104,7 @@ def write(parts: dict, effects) -> None:
         directions=_directions(rows),
     )
     PAGE.write_text(text, encoding="utf-8")
-    picture(rows, PAGE.with_suffix(".png"))
+    draw_image(rows, PAGE.with_suffix(".png"))
 
 
 def _rms(values) -> float:
@@ -259,7 +259,7 @@ def _value(name, found) -> str:
     return f"{name} {'**' + text + '**' if off else text}"
 
 
-def picture(rows: dict, path: Path) -> None:
+def draw_image(rows: dict, path: Path) -> None:
     """Bars: points of the working volume, form and ball, for each effect, without and with it in the model."""
     import matplotlib
 

@@ -1,4 +1,4 @@
-"""Writes docs/gallery/touch-point.md and its picture: every number on the page is computed here.
+"""Writes docs/gallery/touch-point.md and its image: every number on the page is computed here.
 
 `python tools/gallery.py touch-point` takes about three minutes. The functions are what the tests of
 the paper call too.

@@ -1,4 +1,4 @@
-"""Text and picture of docs/gallery/touch-point.md, from the figures of gallery_touch_point."""
+"""Text and image of docs/gallery/touch-point.md, from the figures of gallery_touch_point."""
 
 from pathlib import Path
 
@@ -125,7 +125,7 @@ def _words() -> str:
     )
 
 
-def picture(many: np.ndarray, path: Path) -> None:
+def draw_image(many: np.ndarray, path: Path) -> None:
     """Left: size errors of both over the recordings; right: errors at places not touched, by tilt of the tool."""
     import matplotlib
 

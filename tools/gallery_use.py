@@ -1,4 +1,4 @@
-"""Writes docs/gallery/poses-and-compensation.md with its picture: which poses to measure, what a calibration is for.
+"""Writes docs/gallery/poses-and-compensation.md with its image: which poses to measure, what a calibration is for.
 
 `python tools/gallery.py poses-and-compensation` runs the page's own commands in an empty folder, then
 more draws of the same, and writes every number of the page. Needs MuJoCo. Ten minutes.
@@ -49,7 +49,7 @@ POOLS = {
     "300 anywhere, each up to twice": (None, 300, 2),
     "300 with the tool upright": (ye.WIDE, 300, 1),
 }
-PICTURED = ("3000 anywhere", "300 with the tool upright")
+ILLUSTRATED = ("3000 anywhere", "300 with the tool upright")
 USE = (
     f"python -m datasets.makers.ye measured --experiment 2 --samples 300 --seed 41 --noise {NOISE}",
     "seq 1 200 > fit.txt",
@@ -61,8 +61,8 @@ EXPORTS = (
     "workbench export arm --to urdf --out arm.urdf",
     "workbench export arm --to mdh-json --out arm.json",
     "workbench export arm --to mdh-csv --out arm.csv",
-    "workbench render docs/scenes/small-scanner.toml --out pictures",
-    "workbench camera pictures --out camera",
+    "workbench render docs/scenes/small-scanner.toml --out images",
+    "workbench camera images --out camera",
     "workbench export camera --to ros --out camera_info.yaml",
     "workbench export camera --to opencv --out camera.yml",
     "workbench export camera --to kalibr --out camchain.yaml",
@@ -108,7 +108,7 @@ def collect() -> tuple[dict, dict, dict, list]:
         answers = {n: json.loads((folder / n / "answer.json").read_text()) for n in runs}
     pools = {}
     for name, kind in POOLS.items():
-        wide = measured_errors(*kind, ye.CELL, compared=name in PICTURED)
+        wide = measured_errors(*kind, ye.CELL, compared=name in ILLUSTRATED)
         pools[name] = wide, measured_errors(*kind, ye.NARROW)
     return said, answers, pools, [used(seed) for seed in ARMS]
 

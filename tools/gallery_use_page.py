@@ -1,4 +1,4 @@
-"""Text and picture of docs/gallery/poses-and-compensation.md, from the figures of gallery_use."""
+"""Text and image of docs/gallery/poses-and-compensation.md, from the figures of gallery_use."""
 
 import textwrap
 from pathlib import Path
@@ -225,7 +225,7 @@ def _corrected(answer) -> str:
     )
 
 
-def picture(pools, case, path: Path) -> None:
+def draw_image(pools, case, path: Path) -> None:
     """Left: true error in the cell by set, of two kinds of candidates; right: one arm's targets before and after."""
     import matplotlib
 

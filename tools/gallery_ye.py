@@ -1,4 +1,4 @@
-"""Writes docs/gallery/unified-kinematic-compliance.md with its pictures: the models of Ye et al., Sensors 24, 2559.
+"""Writes docs/gallery/unified-kinematic-compliance.md with its images: the models of Ye et al., Sensors 24, 2559.
 
 `python tools/gallery.py unified` runs the page's own commands in an empty folder and writes every number of the page.
 Needs MuJoCo. Six minutes, three more where the real recording irb120_faro is at hand.

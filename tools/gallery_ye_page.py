@@ -83,7 +83,7 @@ thing that does not fit is the paper's word that its least active joint moved ov
 with 50° they make a third of what is published, and compliances six times as large would be needed.
 
 In the first experiment the printed parameters make too much where the poses are spread as wide as the sensor's
-work allows, and the paper shows its poses in a picture only. With views that stay nearer the vertical, compliances
+work allows, and the paper shows its poses in a figure only. With views that stay nearer the vertical, compliances
 five times the printed ones, and NTM fitted in the paper's way, its figures come out nearly. No unit gives a factor of
 five: lambda per millimetre of lever instead of a metre, or levers s1, s2 in metres, would be a thousand,
 {rad:.1f} rad at joint 5; perhaps another set of views does without. Elsewhere on this page the tables are taken as

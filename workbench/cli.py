@@ -67,11 +67,11 @@ app.command("calibrate-large", short_help="The same of millions of samples.")(
     calibrate_large.command
 )
 app.command("compare", short_help="Several plans on one recording, same splits.")(compare.command)
-app.command("camera", short_help="Pictures of a board in, a camera out.")(camera.command)
+app.command("camera", short_help="Images of a board in, a camera out.")(camera.command)
 app.command("scanner", short_help="Boards under the laser in, a scanner out.")(scanner.command)
-app.command("scan", short_help="Pictures of scans in, clouds and balls out.")(scan.command)
+app.command("scan", short_help="Images of scans in, clouds and balls out.")(scan.command)
 app.command("handeye", short_help="Where the sensor sits on the flange.")(handeye.command)
-app.command("render", short_help="A scene in, rendered pictures out.")(render.command)
+app.command("render", short_help="A scene in, rendered images out.")(render.command)
 app.command("simulate", short_help="A scene in, a recording out.")(simulate.command)
 app.command("study", short_help="Many runs of one thing, something varied.")(study.command)
 app.command("diagnose", short_help="Which physics the model left out, with proof.")(

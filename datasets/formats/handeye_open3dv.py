@@ -1,4 +1,4 @@
-"""Pictures of a board with flange poses: a camera on the hand (8), and a camera beside the arm (5).
+"""Images of a board with flange poses: a camera on the hand (8), and a camera beside the arm (5).
 
 Poses `posN.txt`: Rx Ry Rz in degrees (about the fixed axes, x first), then X Y Z in mm. The board has
 asymmetric circles, white on dark, 7 in each of 11 rows; neighbours in a row are 20 mm apart in the
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.errors import complaint
-from datasets.formats.native import checked, flange_columns, pictures
+from datasets.formats.native import checked, flange_columns, image_recording
 from datasets.recording import Recording
 
 SETS = {"in-hand": ("input_EyeInHand", 8, 10.0), "to-hand": ("input_EyeToHand", 5, 20.0)}
@@ -18,7 +18,7 @@ SETS = {"in-hand": ("input_EyeInHand", 8, 10.0), "to-hand": ("input_EyeToHand", 
 
 
 def read(folder: Path, variant: str) -> Recording:
-    """One sample a picture. In the `to-hand` set the arm holds the board: board key fixed_to is "tool"."""
+    """One sample an image. In the `to-hand` set the arm holds the board: board key fixed_to is "tool"."""
     name, count, step = SETS[variant]
     images = [f"{name}/pos{k}.png" for k in range(count)]
     paths = checked(
@@ -39,7 +39,7 @@ def read(folder: Path, variant: str) -> Recording:
         "fixed_to": "tool" if variant == "to-hand" else "base",
     }
     camera = _camera(_numbers(paths[-1], 14))
-    return pictures(
+    return image_recording(
         "board-images",
         rows,
         board,

@@ -6,7 +6,7 @@ stands for one pitch. Focal lengths, distortion and angles do not depend on it.
 
 from pathlib import Path
 
-from datasets.formats.native import checked, pictures
+from datasets.formats.native import checked, image_recording
 from datasets.recording import Recording
 
 BOARD = {"kind": "circles", "columns": 7, "rows": 7, "square_mm": 1.0}
@@ -16,11 +16,11 @@ TITLE = "Line laser on a board of 7 x 7 circles; pitch unknown: 1 mm stands for 
 
 
 def read(folder: Path, variant: str) -> Recording:
-    """Pairs of pictures; `placement` is the number in the files' names. One light plane: there is no `step`."""
+    """Pairs of images; `placement` is the number in the files' names. One light plane: there is no `step`."""
     rows = [
         {"image": f"{stem}{k}.jpg", "role": role, "placement": str(k)}
         for k in range(PLACEMENTS)
         for role, stem in FOLDERS.items()
     ]
     paths = checked(folder, *(row["image"] for row in rows))
-    return pictures("scan-images", rows, BOARD, paths, TITLE)
+    return image_recording("scan-images", rows, BOARD, paths, TITLE)

@@ -79,7 +79,7 @@ def recording(
     )
 
 
-def pictures(
+def image_recording(
     measures: str,
     rows: Sequence[Mapping],
     board: Mapping,
@@ -88,7 +88,7 @@ def pictures(
     columns: Mapping[str, np.ndarray] | None = None,
     guess: Mapping | None = None,
 ) -> Recording:
-    """A recording of pictures that stay where they lie.
+    """A recording of images that stay where they lie.
 
     rows: as in images.csv; columns: of samples, where there are any; guess: as in recording.toml.
     """

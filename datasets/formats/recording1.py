@@ -12,8 +12,8 @@ from datasets.columns import GROUPS, KINDS, TEXT, joint_columns
 from datasets.errors import complaint
 from datasets.files import inside, label, read_toml
 from datasets.formats.table import Table, read_table
+from datasets.images import read_images
 from datasets.keys import RECORDING, SECTIONS, check_keys
-from datasets.pictures import read_images
 from datasets.plausible import check_plausible
 from datasets.recording import Recording
 

@@ -20,11 +20,11 @@ def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Pat
 
     samples: "csv" or "parquet". Everything is written beside it under a temporary name and then
     moved, so that a broken-off write leaves nothing. Where `folder` is the recording's own and holds
-    its pictures but no recording.toml yet, the other files are put beside the pictures. Raises
+    its images but no recording.toml yet, the other files are put beside the images. Raises
     InputError where `folder` exists and holds files otherwise.
     """
     folder = Path(folder)
-    if _holds_its_pictures(recording, folder):
+    if _holds_its_images(recording, folder):
         return _write_beside(recording, folder, samples)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise complaint(
@@ -39,20 +39,20 @@ def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Pat
     return folder
 
 
-def _holds_its_pictures(recording: Recording, folder: Path) -> bool:
+def _holds_its_images(recording: Recording, folder: Path) -> bool:
     own = recording.folder is not None and Path(recording.folder).resolve() == folder.resolve()
     return own and bool(recording.images) and not (folder / "recording.toml").exists()
 
 
 def _write_beside(recording: Recording, folder: Path, samples: str) -> Path:
-    """All files but the pictures; recording.toml comes last, and without it a folder is no recording."""
+    """All files but the images; recording.toml comes last, and without it a folder is no recording."""
     for row in recording.images:
         if not (folder / row["image"]).is_file():
             raise complaint(
                 f"{folder.name}/{row['image']}",
-                "a picture that lies there",
+                "an image that lies there",
                 "no such file",
-                "write the pictures first",
+                "write the images first",
             )
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
         made = Path(parent)
@@ -61,7 +61,7 @@ def _write_beside(recording: Recording, folder: Path, samples: str) -> Path:
             if (folder / file.name).exists():
                 raise complaint(
                     f"{folder.name}/{file.name}",
-                    "a folder with pictures only",
+                    "a folder with images only",
                     "this file",
                     "remove it or name another folder",
                 )

@@ -232,7 +232,7 @@ def ye_first_experiment(
     """Ball centres in the sensor frame: n views of the four balls from above (sec. 5.2).
 
     noise_mm: 1 sigma of each coordinate. tilt_deg, roll_deg: how far views are off the vertical and how
-    far the sensor is turned about it, each way; the paper shows its poses in a picture only.
+    far the sensor is turned about it, each way; the paper shows its poses in a figure only.
     """
     rng = np.random.default_rng(seed)
     artefact_base, hand_eye = pose(*table.user), pose(*table.tool)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.pictures import TEXT
+from datasets.images import TEXT
 from datasets.rows import Rows
 from sensors.pictures import read_grey
 from sensors.stripe.clipping import Counts

@@ -9,7 +9,7 @@ _BEFORE_A_GUESS_S = 2.0
 def paced(say: Callable[[str], None], what: str, clock: Callable[[], float] = time.monotonic):
     """A function of (done, total) that says `what`, how many of how many, and the time left.
 
-    say: takes one line; what: "picture", "scan" …; clock: seconds.
+    say: takes one line; what: "image", "scan" …; clock: seconds.
     """
     start = clock()
 

@@ -137,7 +137,7 @@ def _place(suite: str) -> int:
 
 
 def save(made: Board, folder: Path) -> None:
-    """Write results.csv and results.parquet, one row a case, and the summary picture."""
+    """Write results.csv and results.parquet, one row a case, and the summary image."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 

@@ -8,7 +8,7 @@ import numpy as np
 from workbench.proving import protocol
 
 _SUITES = ("library", "swallowed", "pairs", "covariate-withheld")
-_LARGEST = 600  # samples: more take long, and a picture does not show them
+_LARGEST = 600  # samples: more take long, and an image does not show them
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ class Watch:
 _FILES = {"open", "os.listdir", "os.scandir"}
 _FORBIDDEN = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "socket.connect"}
 PROJECT = Path(__file__).resolve().parents[2]
-MAKERS = tuple((PROJECT / "datasets" / "makers").glob("concealed*"))
+MAKERS = tuple((PROJECT / "datasets" / "makers").glob("blind*"))
 _ALLOWED = tuple(
     Path(os.path.realpath(p))
     for p in (

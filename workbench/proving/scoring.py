@@ -215,7 +215,7 @@ def _visible(truth: Mapping, answer: Mapping) -> dict:
 
 
 def errors(answer: Mapping) -> dict:
-    """Held-out errors that the answer itself states: mm, and px beside them where it looked at pictures."""
+    """Held-out errors that the answer itself states: mm, and px beside them where it looked at images."""
     held = answer.get("held_out") or {}
     keys = [f"{key}_{unit}" for unit in ("mm", "px") for key in ("before", "after", "noise")]
     return {key: held.get(key) for key in keys if key.endswith("mm") or key in held}

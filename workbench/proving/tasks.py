@@ -21,7 +21,7 @@ COUNTS = {
     "real-withheld": 6,
 }
 """Suite -> cases of the whole examination; the real ones have as many as there is to knock out and to plant."""
-PICTURES, REAL = ("sensor",), ("real-knocked-out", "real-planted", "real-withheld")
+IMAGES, REAL = ("sensor",), ("real-knocked-out", "real-planted", "real-withheld")
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ def _counted(word: str, cases: int | None) -> tuple[str, int]:
 
 def available(suite: str) -> tuple[int, str]:
     """Most cases that a suite can have here, and why it has none."""
-    if suite in PICTURES:
-        return _pictures()
+    if suite in IMAGES:
+        return _images()
     if suite in REAL:
         from workbench.proving import real
 
@@ -95,7 +95,7 @@ def available(suite: str) -> tuple[int, str]:
     return 10**6, ""
 
 
-def _pictures() -> tuple[int, str]:
+def _images() -> tuple[int, str]:
     from importlib.util import find_spec
 
     missing = [name for name in ("cv2", "scipy") if find_spec(name) is None]
@@ -118,12 +118,12 @@ def conceal(folder: Path, task: Task) -> str:
 
 
 def _made(task: Task):
-    if task.suite in PICTURES:
-        from datasets.makers.concealed import pictures as maker
-        from datasets.makers.concealed import pictures as writing
+    if task.suite in IMAGES:
+        from datasets.makers.blind import images as maker
+        from datasets.makers.blind import images as writing
     else:
-        from datasets.makers.concealed import case as maker
-        from datasets.makers.concealed import writing
+        from datasets.makers.blind import case as maker
+        from datasets.makers.blind import writing
     case = maker.draw(task.suite, task.index, task.seed)
     salt = writing.salt(task.seed, task.suite, task.index)
     return lambda folder: writing.recording(case, folder), lambda: writing.truth(case, salt)

@@ -1,4 +1,4 @@
-"""The report page of a calibration: one HTML file that needs nothing else, and a picture of it."""
+"""The report page of a calibration: one HTML file that needs nothing else, and an image of it."""
 
 from workbench.report.page import write_report
 

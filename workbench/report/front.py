@@ -1,9 +1,9 @@
-"""The page that a demonstration ends in: what came out of rendered pictures and of a table, and the way to each."""
+"""The page that a demonstration ends in: what came out of rendered images and of a table, and the way to each."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from workbench.report.sections import Page, Section, facts, links, picture, words
+from workbench.report.sections import Page, Section, facts, image, links, words
 from workbench.report.text import rounded
 
 
@@ -16,19 +16,19 @@ def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Pa
     parts = [_table(folder, table, why)]
     if rendered is not None:
         numbers = [
-            ("from pictures, held-out RMS", rounded(rendered["held_out"]["rms_mm"]), "mm"),
+            ("from images, held-out RMS", rounded(rendered["held_out"]["rms_mm"]), "mm"),
             ("ball centres from the truth", rounded(rendered["against_truth"]["rms_mm"]), "mm"),
             *numbers,
         ]
-        parts.insert(0, _pictures(folder, rendered))
+        parts.insert(0, _images(folder, rendered))
     lead = ("Errors are 3-D distances in mm on samples that no step of the solve has seen.",)
     return Page(
         "Demonstration", "Two calibrations from end to end", tuple(numbers), lead, tuple(parts)
     )
 
 
-def _pictures(folder: Path, rendered: Mapping) -> Section:
-    """Rendered pictures, scanner, ball centres, arm."""
+def _images(folder: Path, rendered: Mapping) -> Section:
+    """Rendered images, scanner, ball centres, arm."""
     sensor, told = rendered["sensor"], rendered["against_truth"]
     made, place = sensor["calibration"], Path(rendered["run"]).name
     form = next(
@@ -36,7 +36,7 @@ def _pictures(folder: Path, rendered: Mapping) -> Section:
     )
     lines = [
         (
-            "pictures",
+            "images",
             f"{made['camera']['views']} of the board, {len(made['planes'])} light planes, "
             f"{len(sensor['scans'])} scans",
         ),
@@ -62,13 +62,13 @@ def _pictures(folder: Path, rendered: Mapping) -> Section:
         (f"{place}/truth.json", "What it was rendered from"),
     ]
     return Section(
-        "pictures",
-        "From rendered pictures to the arm",
+        "images",
+        "From rendered images to the arm",
         (
             words(
                 "No public set holds the whole chain, so its images are rendered: a board, the board under the laser, "
                 "and scans of "
-                "three balls from an arm whose geometry is not that of its data sheet. Nothing but these pictures, the "
+                "three balls from an arm whose geometry is not that of its data sheet. Nothing but these images, the "
                 "readings of the "
                 "joints and the certificate of the balls went into the result."
             ),
@@ -104,14 +104,10 @@ def _table(folder: Path, table: Mapping, why: str) -> Section:
 
 
 def _drawn(place: Path):
-    """The summary picture where it was drawn."""
+    """The summary image where it was drawn."""
     path = place / "summary.png"
     return (
-        (
-            picture(
-                path, "Held-out errors stage by stage, their spread, and the residuals in space."
-            ),
-        )
+        (image(path, "Held-out errors stage by stage, their spread, and the residuals in space."),)
         if path.exists()
         else ()
     )

@@ -7,10 +7,10 @@ from workbench.files.runs import replace_file
 from workbench.report import provenance
 from workbench.report.calibration import errors as spread
 from workbench.report.calibration import headline, history, parameters, residuals, scene, stages
-from workbench.report.calibration.summary_image import write_picture
+from workbench.report.calibration.summary_image import write_summary
 from workbench.report.sections import Page, Section
 
-PAGE, PICTURE = "report.html", "summary.png"
+PAGE, IMAGE = "report.html", "summary.png"
 
 
 def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Path:
@@ -21,7 +21,7 @@ def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Pat
     """
     path = Path(folder) / PAGE
     replace_file(path, page(calibration, more))
-    write_picture(calibration, spread.errors_of(calibration), path.with_name(PICTURE))
+    write_summary(calibration, spread.errors_of(calibration), path.with_name(IMAGE))
     return path
 
 

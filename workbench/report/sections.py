@@ -1,4 +1,4 @@
-"""What a page is made of: sections of words, figures, tables, notes and small pictures."""
+"""What a page is made of: sections of words, figures, tables, notes and small images."""
 
 import base64
 from collections.abc import Sequence
@@ -74,9 +74,9 @@ def note(title: str, lines: Sequence[str]) -> dict:
     return {"kind": "note", "title": title, "lines": list(lines)}
 
 
-def thumbnails(pictures: Sequence[tuple[Path, str]]) -> dict:
-    """Small copies of picture files, inside the page, each with its sentence."""
-    return {"kind": "thumbnails", "pictures": [(thumbnail(path), text) for path, text in pictures]}
+def thumbnails(images: Sequence[tuple[Path, str]]) -> dict:
+    """Small copies of image files, inside the page, each with its sentence."""
+    return {"kind": "thumbnails", "images": [(thumbnail(path), text) for path, text in images]}
 
 
 def links(lines: Sequence[tuple[str, str]]) -> dict:
@@ -84,24 +84,24 @@ def links(lines: Sequence[tuple[str, str]]) -> dict:
     return {"kind": "links", "lines": list(lines)}
 
 
-def picture(path: Path, caption: str) -> dict:
+def image(path: Path, caption: str) -> dict:
     """A PNG file, inside the page."""
     code = base64.b64encode(Path(path).read_bytes()).decode()
-    return {"kind": "picture", "source": f"data:image/png;base64,{code}", "caption": caption}
+    return {"kind": "image", "source": f"data:image/png;base64,{code}", "caption": caption}
 
 
 def thumbnail(path: Path) -> str:
-    """A data address of a small copy of the picture at `path`; "" where it cannot be read."""
+    """A data address of a small copy of the image at `path`; "" where it cannot be read."""
     import cv2
 
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if picture is None or not picture.size:
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None or not image.size:
         return ""
-    scale = _THUMBNAIL / max(picture.shape)
+    scale = _THUMBNAIL / max(image.shape)
     small = (
-        cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         if scale < 1
-        else picture
+        else image
     )
     code = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 70])[1]
     return "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode()

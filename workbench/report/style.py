@@ -81,7 +81,7 @@ def packed(made: go.Figure) -> str:
 def _framed(made: go.Figure) -> None:
     """Size the scene of a figure in space so that all of it is in view, with one scale along its axes.
 
-    plotly's own "data" keeps the volume of the box, so that a long scene sticks out of the picture.
+    plotly's own "data" keeps the volume of the box, so that a long scene sticks out of the image.
     """
     places = [
         [np.ravel(getattr(trace, axis)) for axis in "xyz"]

@@ -1,4 +1,4 @@
-"""One run of a rendered sensor: pictures of balls, reconstructed with the true or a calibrated scanner, and its
+"""One run of a rendered sensor: images of balls, reconstructed with the true or a calibrated scanner, and its
 errors."""
 
 import tempfile
@@ -42,22 +42,22 @@ def figures(study: Study, seed: int) -> Row:
     """Errors of the balls of one run. Raises InputError."""
     scene = scene_of(study, seed)
     with tempfile.TemporaryDirectory(prefix="workbench-study-") as home:
-        pictures, clouds = Path(home) / "pictures", Path(home) / "clouds"
-        pictures.mkdir()
+        images, clouds = Path(home) / "images", Path(home) / "clouds"
+        images.mkdir()
         clouds.mkdir()
-        made = make_recording(scene, pictures)
+        made = make_recording(scene, images)
         file = None
         if "calibrate" not in study.do:
             file = Path(home) / "scanner.toml"
             write_scanner(true_scanner(scene), file)
-        found = scan(datasets.read(pictures), file, clouds, lambda line: None)
+        found = scan(datasets.read(images), file, clouds, lambda line: None)
         return errors_of(found, made.truth, scene) | (
             _calibration(found, scene) if file is None else {}
         )
 
 
 def true_scanner(scene: Scene) -> Scanner:
-    """The scanner that the pictures of a scene are made with, exactly known."""
+    """The scanner that the images of a scene are made with, exactly known."""
     instrument = scene.instrument
     return Scanner(
         scene.sees,

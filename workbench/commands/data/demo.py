@@ -1,4 +1,4 @@
-"""`workbench demo`: from rendered pictures to a calibrated arm, and a real arm under a tracker; nothing to prepare."""
+"""`workbench demo`: from rendered images to a calibrated arm, and a real arm under a tracker; nothing to prepare."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +13,7 @@ from workbench.files import runs
 REAL = "irb120_faro"
 BUNDLED = "elastic-arm"
 SCENE = "scanner-on-arm.toml"
-RENDERED, TRACKER, PICTURES = "from-pictures", "tracker", "recording"
+RENDERED, TRACKER, IMAGES = "from-pictures", "tracker", "recording"
 
 
 def command(
@@ -22,16 +22,14 @@ def command(
     bundled: Annotated[
         bool, typer.Option("--bundled", help="Use the small table of an arm that is always there.")
     ] = False,
-    pictures: Annotated[
+    images: Annotated[
         bool,
-        typer.Option(
-            "--pictures/--no-pictures", help="Render pictures and calibrate from them too."
-        ),
+        typer.Option("--pictures/--no-pictures", help="Render images and calibrate from them too."),
     ] = True,
 ) -> None:
-    """Render pictures and calibrate scanner and arm from them; then a real arm's table where one is found.
+    """Render images and calibrate scanner and arm from them; then a real arm's table where one is found.
 
-    No public set holds the whole chain from pictures to the arm, so that its pictures are rendered;
+    No public set holds the whole chain from images to the arm, so that its images are rendered;
     the table is measured on a real robot, else the bundled one; it says which.
     """
     answer.check_target(json)
@@ -40,8 +38,8 @@ def command(
     console.print(f"{why}\n", markup=False)
     with runs.opened("demo", name, out) as run:
         rendered = None
-        if pictures:
-            with answer.progress("rendering pictures") as say:
+        if images:
+            with answer.progress("rendering images") as say:
                 rendered = _from_pictures(run, say)
             _show(console, rendered)
         (run.partial / TRACKER).mkdir()
@@ -83,20 +81,20 @@ def scene() -> Path:
 
 
 def _from_pictures(run: runs.Run, say) -> dict:
-    """Rendered pictures -> scanner -> clouds -> ball centres -> arm, and how far that is from the truth."""
+    """Rendered images -> scanner -> clouds -> ball centres -> arm, and how far that is from the truth."""
     import datasets
     from workbench.imaging.ground_truth import centre_errors
     from workbench.jobs.render import render
 
     folder, place = run.partial / RENDERED, run.path / RENDERED
     folder.mkdir()
-    truth = render(scene(), folder / PICTURES, say)["truth"]
+    truth = render(scene(), folder / IMAGES, say)["truth"]
     runs.replace_file(folder / "truth.json", answer.as_text(truth))
-    found = datasets.read(folder / PICTURES)
-    made = calibrate.solve_into(folder, place, found, "rendered pictures", {}, say, True)
+    found = datasets.read(folder / IMAGES)
+    made = calibrate.solve_into(folder, place, found, "rendered images", {}, say, True)
     return {
         **made,
-        "recording": str(place / PICTURES),
+        "recording": str(place / IMAGES),
         "against_truth": centre_errors(made["sensor"]["scans"], truth),
     }
 
@@ -111,7 +109,7 @@ def _show(console, rendered: dict) -> None:
         ["ball centres from the truth, RMS", told["rms_mm"], "mm"],
         ["arm, held-out RMS", rendered["held_out"]["rms_mm"], "mm"],
     ]
-    tables.grid(console, "From rendered pictures to the arm", ["", "value", "unit"], rows)
+    tables.grid(console, "From rendered images to the arm", ["", "value", "unit"], rows)
 
 
 def _front(folder: Path, rendered: dict | None, table: dict, why: str) -> None:

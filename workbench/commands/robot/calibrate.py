@@ -40,7 +40,7 @@ def command(
 ) -> None:
     """Calibrate the robot of a recording and say how large the held-out errors are, in mm.
 
-    Of a recording with pictures of scans the scanner is calibrated first, where none is named, then
+    Of a recording with images of scans the scanner is calibrated first, where none is named, then
     the clouds and the balls in them.
     """
     answer.check_target(json)
@@ -62,7 +62,7 @@ def command(
 
 
 def check_scanner(found, scanner: Path | None) -> None:
-    """Raise InputError where a scanner is named for a recording without pictures of scans."""
+    """Raise InputError where a scanner is named for a recording without images of scans."""
     if scanner is not None and found.measures != "scan-images":
         raise InputError(
             f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
@@ -123,7 +123,7 @@ def solve_into(
 
 
 def _centres(found, scanner, folder, path, options, say):
-    """From pictures to ball centres: the scans, their part of the answer, the recording of centres and its options."""
+    """From images to ball centres: the scans, their part of the answer, the recording of centres and its options."""
     from workbench.jobs import ball_centres, scan
 
     ball_centres.check_arm(found)

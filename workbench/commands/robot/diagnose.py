@@ -102,11 +102,11 @@ def _check_scanner(found, scanner: Path | None) -> None:
 
 def _report(made, folder: Path) -> None:
     from workbench.report.diagnosis.page import page
-    from workbench.report.diagnosis.summary_image import write_picture
+    from workbench.report.diagnosis.summary_image import write_summary
     from workbench.report.page import write_sheet
 
     write_sheet(page(made), folder)
-    write_picture(made, folder / "summary.png")
+    write_summary(made, folder / "summary.png")
 
 
 def show(console, result) -> None:

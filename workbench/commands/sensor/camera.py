@@ -1,4 +1,4 @@
-"""`workbench camera`: pictures of a board in, a calibrated camera with its uncertainty and a report page out."""
+"""`workbench camera`: images of a board in, a calibrated camera with its uncertainty and a report page out."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -16,7 +16,7 @@ class Lens(StrEnum):
 
 
 Recording = Annotated[
-    str, typer.Argument(help="Folder of a recording with pictures of a board, or a known name.")
+    str, typer.Argument(help="Folder of a recording with images of a board, or a known name.")
 ]
 Model = Annotated[
     Lens,
@@ -34,7 +34,7 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Calibrate the camera of a recording from its pictures of a board, and say how sure each number is."""
+    """Calibrate the camera of a recording from its images of a board, and say how sure each number is."""
     from workbench.fitting.verdicts import sensor_verdict, verdict
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.CAMERA_UNITS)
@@ -61,9 +61,9 @@ def command(
 
 def _report(made, folder) -> None:
     from workbench.report.page import write_sheet
-    from workbench.report.sensor import picture
+    from workbench.report.sensor import summary_image
     from workbench.report.sensor.camera import page
 
     sheet = page(made)
     write_sheet(sheet, folder)
-    picture.write_summary(sheet, picture.camera(made), folder)
+    summary_image.write_summary(sheet, summary_image.camera(made), folder)

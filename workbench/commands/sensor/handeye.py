@@ -1,4 +1,4 @@
-"""`workbench handeye`: pictures of a board, or profiles of a ball, at flange poses in; the hand-eye transform out."""
+"""`workbench handeye`: images of a board, or profiles of a ball, at flange poses in; the hand-eye transform out."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -75,9 +75,9 @@ def command(
 
 def _report(made, folder) -> None:
     from workbench.report.page import write_sheet
-    from workbench.report.sensor import picture
+    from workbench.report.sensor import summary_image
     from workbench.report.sensor.handeye import page
 
     sheet = page(made)
     write_sheet(sheet, folder)
-    picture.write_summary(sheet, picture.handeye(made), folder)
+    summary_image.write_summary(sheet, summary_image.handeye(made), folder)

@@ -1,4 +1,4 @@
-"""`workbench render`: a scene in; a recording with rendered pictures out, which every command reads."""
+"""`workbench render`: a scene in; a recording with rendered images out, which every command reads."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +15,7 @@ Truth = Annotated[
     typer.Option(
         "--truth",
         metavar="FILE",
-        help="Write what the pictures were made from (JSON), for scoring.",
+        help="Write what the images were made from (JSON), for scoring.",
     ),
 ]
 
@@ -26,7 +26,7 @@ def command(
     truth: Truth = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Render the pictures that an instrument with known faults would have taken; the folder comes last."""
+    """Render the images that an instrument with known faults would have taken; the folder comes last."""
     answer.check_target(json)
     answer.check_target(None if truth is None else str(truth), "--truth")
     with answer.progress(f"reading {scene}") as say:
@@ -44,5 +44,5 @@ def command(
         {"command": "render", "scene": scene, "recording": run.path, **found, "run": run.path}, json
     )
     console = answer.console(json)
-    console.print(f"{found['images']} pictures, {found['samples']} samples", markup=False)
+    console.print(f"{found['images']} images, {found['samples']} samples", markup=False)
     console.print(str(run.path), soft_wrap=True, markup=False)

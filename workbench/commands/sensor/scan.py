@@ -1,4 +1,4 @@
-"""`workbench scan`: pictures of scans in; clouds, ball centres with their uncertainty and acceptance figures out."""
+"""`workbench scan`: images of scans in; clouds, ball centres with their uncertainty and acceptance figures out."""
 
 from typing import Annotated
 
@@ -7,7 +7,7 @@ import typer
 from workbench.commands.shared import answer, flow, sensor_tables
 
 Recording = Annotated[
-    str, typer.Argument(help="Folder of a recording with pictures of scans, or a known name.")
+    str, typer.Argument(help="Folder of a recording with images of scans, or a known name.")
 ]
 
 
@@ -43,9 +43,9 @@ def command(
 
 def _report(made, folder) -> None:
     from workbench.report.page import write_sheet
-    from workbench.report.sensor import picture
+    from workbench.report.sensor import summary_image
     from workbench.report.sensor.scan import page
 
     sheet = page(made)
     write_sheet(sheet, folder)
-    picture.write_summary(sheet, picture.scan(made), folder)
+    summary_image.write_summary(sheet, summary_image.scan(made), folder)

@@ -1,4 +1,4 @@
-"""`workbench scanner`: pictures of a board, without and with the laser, in; a calibrated scanner out."""
+"""`workbench scanner`: images of a board, without and with the laser, in; a calibrated scanner out."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,7 @@ from workbench.files import runs
 Recording = Annotated[
     str,
     typer.Argument(
-        help="Folder of a recording with pictures of a board under the laser, or a known name."
+        help="Folder of a recording with images of a board under the laser, or a known name."
     ),
 ]
 Out = Annotated[
@@ -65,9 +65,9 @@ def command(
 
 def _report(made, folder) -> None:
     from workbench.report.page import write_sheet
-    from workbench.report.sensor import picture
+    from workbench.report.sensor import summary_image
     from workbench.report.sensor.scanner import page
 
     sheet = page(made)
     write_sheet(sheet, folder)
-    picture.write_summary(sheet, picture.scanner(made), folder)
+    summary_image.write_summary(sheet, summary_image.scanner(made), folder)

@@ -7,13 +7,13 @@ from workbench.commands.shared.tables import grid, measured, number
 
 _SHOWN = 40  # balls that a terminal names
 _NAMED = 6  # scans that a sentence names
-_SENTENCES = 12  # of scans or pictures; those of a long session may all differ
+_SENTENCES = 12  # of scans or images; those of a long session may all differ
 
 
 def camera(console, answer: Mapping) -> None:
     """Errors and parameters of a camera; `answer`: the object of `camera --json`."""
     title = (
-        f"{answer['recording']}: {answer['views']} pictures, RMS {number(answer['rms_px'])} px as OpenCV counts, "
+        f"{answer['recording']}: {answer['views']} images, RMS {number(answer['rms_px'])} px as OpenCV counts, "
         f"{number(answer['rms_coordinate_px'])} px a coordinate"
     )
     std = answer["std"]
@@ -33,7 +33,7 @@ def camera(console, answer: Mapping) -> None:
 
 
 def _about_camera(answer: Mapping) -> Sequence[str]:
-    """The board's bow, how well pictures that were left out are predicted, and what stays open."""
+    """The board's bow, how well images that were left out are predicted, and what stays open."""
     told, held, bow = [], answer.get("held_out"), answer.get("bow")
     if bow is not None:
         height = " ± ".join(measured(bow["height_mm"], bow["height_std_mm"]))
@@ -44,7 +44,7 @@ def _about_camera(answer: Mapping) -> Sequence[str]:
 
 
 def rejected(console, rows: Sequence[Mapping], others: int = 0) -> None:
-    """Pictures that were left out, each with its reason; `others` that are not in `rows`."""
+    """Images that were left out, each with its reason; `others` that are not in `rows`."""
     for row in rows[:_SENTENCES]:
         console.print(f"left out: {row['image']}: {row['why']}", markup=False, soft_wrap=True)
     if (more := len(rows[_SENTENCES:]) + others) > 0:

@@ -1,4 +1,4 @@
-"""`summary.png`: the result of a calibration in one picture, for a README or a message."""
+"""`summary.png`: the result of a calibration in one image, for a README or a message."""
 
 import logging
 from pathlib import Path
@@ -14,13 +14,13 @@ _INK = "#222222"
 _log = logging.getLogger(__name__)
 
 
-def write_picture(calibration, errors: Errors, path: Path) -> bool:
+def write_summary(calibration, errors: Errors, path: Path) -> bool:
     """Write the PNG at `path`; False, with a sentence in the log, where it cannot be drawn.
 
     matplotlib comes with PyVista and needs neither a screen nor a GPU.
     """
     try:
-        picture(calibration, errors).savefig(path, dpi=150)
+        draw_summary(calibration, errors).savefig(path, dpi=150)
     except (ImportError, OSError, RuntimeError) as error:
         _log.warning(
             "%s was not drawn, because of: %s; the page is complete without it.", path.name, error
@@ -29,7 +29,7 @@ def write_picture(calibration, errors: Errors, path: Path) -> bool:
     return True
 
 
-def picture(calibration, errors: Errors):
+def draw_summary(calibration, errors: Errors):
     """A matplotlib figure: the stages, how the errors are spread, and the residuals in space."""
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""How an error fills the workspace: an interpolated volume, cut open around the arm, as a picture and for ParaView."""
+"""How an error fills the workspace: an interpolated volume, cut open around the arm, as an image and for ParaView."""
 
 import logging
 import os

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: evidence, the three shares, held-out errors, residuals on robot, picture and covariates."""
+"""Figures of a diagnosis: evidence, the three shares, held-out errors, residuals on robot, image and covariates."""
 
 from collections.abc import Iterator
 
@@ -174,8 +174,8 @@ def _xyz(points) -> dict:
     return dict(zip("xyz", np.round(points, 3)))
 
 
-def picture(made: Diagnosis, when: str) -> go.Figure:
-    """Length of the residual over the place in the picture."""
+def image(made: Diagnosis, when: str) -> go.Figure:
+    """Length of the residual over the place in the image."""
     views = made.views
     shown = style.thinned(views.points.shape[1])
     lengths = {

@@ -68,7 +68,7 @@ def page(made: Diagnosis) -> Page:
         tuple(_lead(made)),
         sections,
         files=files,
-        caption="RMS of the 3-D distance" if unit == "mm" else "RMS distance in the picture",
+        caption="RMS of the 3-D distance" if unit == "mm" else "RMS distance in the image",
     )
 
 
@@ -287,7 +287,7 @@ def _residuals(made: Diagnosis):
         f"Predicted minus measured, in {made.unit}, all samples, fitted. Left with the baseline, right with "
         "what was found."
     )
-    space = figures.space if made.views.links is not None else figures.picture
+    space = figures.space if made.views.links is not None else figures.image
     yield pair(
         *(
             figure(f"space-{when}", space(made, when), text)

@@ -16,10 +16,10 @@ _INK = "#222222"
 _log = logging.getLogger(__name__)
 
 
-def write_picture(made: Diagnosis, path: Path) -> bool:
+def write_summary(made: Diagnosis, path: Path) -> bool:
     """Write the PNG at `path`; False, with a sentence in the log, where it cannot be drawn."""
     try:
-        picture(made).savefig(path, dpi=130)
+        draw_summary(made).savefig(path, dpi=130)
     except (ImportError, OSError, RuntimeError) as error:
         _log.warning(
             "%s was not drawn, because of: %s; the page is complete without it.", path.name, error
@@ -28,7 +28,7 @@ def write_picture(made: Diagnosis, path: Path) -> bool:
     return True
 
 
-def picture(made: Diagnosis):
+def draw_summary(made: Diagnosis):
     """A matplotlib figure."""
     from matplotlib.figure import Figure
 

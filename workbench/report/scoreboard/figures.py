@@ -1,4 +1,4 @@
-"""Figures of the blind proof's page, and its summary picture."""
+"""Figures of the blind proof's page, and its summary image."""
 
 import numpy as np
 import plotly.graph_objects as go

@@ -1,4 +1,4 @@
-"""The page of the blind proof: figures beside what is asked, pictures, and every case, the failed ones first."""
+"""The page of the blind proof: figures beside what is asked, images, and every case, the failed ones first."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ from workbench.report.page import write_sheet
 from workbench.report.scoreboard import figures as drawn
 from workbench.report.sections import Page, Section, facts, note, pair, table, words
 
-PICTURE = "summary.png"
+IMAGE = "summary.png"
 _HEAD = [
     "case",
     "suite",
@@ -26,7 +26,7 @@ _HEAD = [
 
 def write_scoreboard(board: Board, folder: Path) -> Path:
     """Write `report.html` and `summary.png` into the folder of the examination; the page's path."""
-    drawn.summary(board).savefig(folder / PICTURE, dpi=130)
+    drawn.summary(board).savefig(folder / IMAGE, dpi=130)
     return write_sheet(page(board), folder)
 
 

@@ -1,4 +1,4 @@
-"""Pictures of the scoreboard for a page that is read without a browser: small PNG, drawn from the board alone."""
+"""Images of the scoreboard for a page that is read without a browser: small PNG, drawn from the board alone."""
 
 from pathlib import Path
 from textwrap import fill
@@ -13,8 +13,8 @@ from workbench.report.scoreboard.figures import summary
 _DPI = 80
 
 
-def write_pictures(board: Board, maps, folder: Path) -> dict[str, str]:
-    """Write every picture for which there are cases into an existing folder; file name -> what it shows."""
+def write_images(board: Board, maps, folder: Path) -> dict[str, str]:
+    """Write every image for which there are cases into an existing folder; file name -> what it shows."""
     made = {
         "figures.png": (summary(board), "Every figure that is asked for, with its 95 % interval."),
         "seen.png": (
@@ -48,8 +48,8 @@ def write_pictures(board: Board, maps, folder: Path) -> dict[str, str]:
             "Held-out error of every sample where it was measured, before and after: of "
             "each suite the case of middle size among those named right.",
         )
-    for name, (picture, _) in made.items():
-        picture.savefig(folder / name, dpi=_DPI)
+    for name, (image, _) in made.items():
+        image.savefig(folder / name, dpi=_DPI)
     return {name: words for name, (_, words) in made.items()}
 
 

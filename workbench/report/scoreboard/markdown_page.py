@@ -1,4 +1,4 @@
-"""The scoreboard as a page of Markdown with small pictures, a table of every case and the seals beside it."""
+"""The scoreboard as a page of Markdown with small images, a table of every case and the seals beside it."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ from workbench.proving.maps import maps
 from workbench.proving.scoring import NAMED
 from workbench.proving.tasks import COUNTS
 from workbench.report.scoreboard.html_page import interval, value
-from workbench.report.scoreboard.images import write_pictures
+from workbench.report.scoreboard.images import write_images
 
 _BESIDE = ("results.csv", "SHA256SUMS")
 _GOOD = (*NAMED, "right", "reference")
@@ -27,7 +27,7 @@ _RULES = (
 
 
 def write_page(board: Board, exam: Path, path: Path) -> Path:
-    """Write `path` (ending in .md) and the folder of the same name beside it, with pictures, results.csv and seals.
+    """Write `path` (ending in .md) and the folder of the same name beside it, with images, results.csv and seals.
 
     exam: folder of the examination. Raises InputError where the page cannot be written.
     """
@@ -38,18 +38,18 @@ def write_page(board: Board, exam: Path, path: Path) -> Path:
     folder = path.with_suffix("")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        pictures = write_pictures(board, maps(protocol.Examination(exam), board.rows), folder)
+        images = write_images(board, maps(protocol.Examination(exam), board.rows), folder)
         for name in _BESIDE:
             shutil.copyfile(exam / name, folder / name)
     except OSError as error:
         raise InputError(
             f"--page {path}: cannot be written there ('{error.strerror}'); name another place."
         ) from error
-    runs.replace_file(path, "\n".join(_lines(board, folder.name, pictures)) + "\n")
+    runs.replace_file(path, "\n".join(_lines(board, folder.name, images)) + "\n")
     return path
 
 
-def _lines(board: Board, folder: str, pictures: Mapping[str, str]) -> Iterator[str]:
+def _lines(board: Board, folder: str, images: Mapping[str, str]) -> Iterator[str]:
     yield from _head(board)
     yield from (
         "",
@@ -62,7 +62,7 @@ def _lines(board: Board, folder: str, pictures: Mapping[str, str]) -> Iterator[s
         *_others(board),
         "",
     )
-    for name, words in pictures.items():
+    for name, words in images.items():
         yield from (f"![{words}]({folder}/{name})", "", f"*{words}*", "")
     yield from (
         "## Every case that is not right, the worst first",

@@ -1,4 +1,4 @@
-"""The page of a calibrated camera: errors picture by picture and over the field, and how far each number is known."""
+"""The page of a calibrated camera: errors image by image and over the field, and how far each number is known."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -52,7 +52,7 @@ def sections(made: CameraRun, prefix: str = "") -> tuple[Section, ...]:
     """What the page shows of the camera; `prefix` keeps names apart where a page holds more."""
     calibration = made.calibration
     return (
-        Section(prefix + "pictures", "Picture by picture", tuple(_pictures(made, prefix))),
+        Section(prefix + "images", "Image by image", tuple(_images(made, prefix))),
         Section(prefix + "field", "Over the field", tuple(_field(calibration, prefix))),
         Section(
             prefix + "known", "How far the camera is known", tuple(_known(calibration, prefix))
@@ -68,7 +68,7 @@ def lead(made: CameraRun) -> list[str]:
     placed = counted(len(calibration.poses), "placement")
     first = (
         f"RMS distance between corners as the calibrated camera predicts them and as they were found, in "
-        f"{counted(len(calibration.views), 'picture')} at {placed} of the board, {calibration.view.size:,} corners. "
+        f"{counted(len(calibration.views), 'image')} at {placed} of the board, {calibration.view.size:,} corners. "
         "OpenCV counts the distance in two dimensions; that of one coordinate is smaller by √2."
     )
     second = (
@@ -79,20 +79,20 @@ def lead(made: CameraRun) -> list[str]:
     return [first, second]
 
 
-def _pictures(made: CameraRun, prefix: str):
+def _images(made: CameraRun, prefix: str):
     calibration = made.calibration
     count = np.bincount(calibration.view, minlength=len(calibration.views))
     names = [f"{view.image}, {k} corners" for view, k in zip(calibration.views, count)]
     rms = calibration.view_rms_px
     yield figure(
-        prefix + "perpicture",
+        prefix + "perimage",
         field.bars(names, rms, "RMS distance (px)", rms > 2 * np.median(rms)),
-        "RMS distance of each picture’s corners, as OpenCV counts. Orange: more than twice the median.",
+        "RMS distance of each image’s corners, as OpenCV counts. Orange: more than twice the median.",
     )
     if not made.rejected:
-        yield words("No picture was rejected.")
+        yield words("No image was rejected.")
         return
-    yield words(f"{counted(len(made.rejected), 'picture')} could not be used:")
+    yield words(f"{counted(len(made.rejected), 'image')} could not be used:")
     shown = [
         (made.recording.folder / one.image, f"{one.image}: {one.why}")
         for one in made.rejected[:_THUMBNAILS]
@@ -108,14 +108,14 @@ def _field(calibration, prefix: str):
     share = float((calibration.coverage > 0).mean())
     drawn = style.thinned_sentence(pixels.shape[1]).replace("samples", "corners")
     yield words(
-        f"Corners lie in {100 * share:.0f} % of the picture’s cells (8 × 6). Where none lie, the lens is "
+        f"Corners lie in {100 * share:.0f} % of the image’s cells (8 × 6). Where none lie, the lens is "
         f"extrapolated. {drawn}"
     )
     yield pair(
         figure(
             prefix + "coverage",
             field.coverage(pixels, calibration.view, size),
-            "Every corner that was used, one colour a picture.",
+            "Every corner that was used, one colour an image.",
         ),
         figure(
             prefix + "arrows",
@@ -167,7 +167,7 @@ def _known(calibration, prefix: str):
         yield _beside_opencv(calibration)
     if calibration.undetermined:
         yield note(
-            "What these pictures do not determine",
+            "What these images do not determine",
             [sentence(line) for line in calibration.undetermined],
         )
 
@@ -188,7 +188,7 @@ def _beside_opencv(calibration):
     ]
     return table(
         [
-            f"pictures left out, {counted(held.folds, 'fold')} (RMS distance, px)",
+            f"images left out, {counted(held.folds, 'fold')} (RMS distance, px)",
             "this camera",
             "cv2.calibrateCamera",
         ],
@@ -311,7 +311,7 @@ def provenance(recording, made) -> Section:
     lines = [
         ("recording", recording.name),
         ("measures", recording.measures),
-        ("pictures", roles),
+        ("images", roles),
         ("board", board_of(made)),
     ]
     told = {name for name, _ in lines}

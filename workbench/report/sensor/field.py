@@ -1,4 +1,4 @@
-"""Figures over the field of a picture: where corners lie, residual arrows, and maps of what is left."""
+"""Figures over the field of an image: where corners lie, residual arrows, and maps of what is left."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,7 +12,7 @@ _LEAST_IN_CELL = 3
 
 
 def field(size: tuple[int, int], width: int = 400) -> go.Figure:
-    """An empty picture of `size` (width, height) px, its row 0 at the top, to be drawn about `width` px wide."""
+    """An empty image of `size` (width, height) px, its row 0 at the top, to be drawn about `width` px wide."""
     columns, rows = size
     made = style.figure(int(width * rows / columns) + 90, "u (px)", "v (px)")
     made.update_xaxes(range=[-0.5, columns - 0.5], constrain="domain", nticks=7, zeroline=False)
@@ -22,7 +22,7 @@ def field(size: tuple[int, int], width: int = 400) -> go.Figure:
 
 
 def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.Figure:
-    """Every corner (2, n) px, coloured by the number (n,) of its picture."""
+    """Every corner (2, n) px, coloured by the number (n,) of its image."""
     made, drawn = field(size), style.thinned(pixels.shape[1])
     u, v = np.round(pixels[:, drawn], 2)
     made.add_scatter(
@@ -31,7 +31,7 @@ def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.
         mode="markers",
         customdata=view[drawn] + 1,
         marker=dict(size=3.5, color=view[drawn], colorscale="Viridis", opacity=0.8),
-        hovertemplate="picture %{customdata}: (%{x:.1f}, %{y:.1f}) px<extra></extra>",
+        hovertemplate="image %{customdata}: (%{x:.1f}, %{y:.1f}) px<extra></extra>",
         showlegend=False,
     )
     return made
@@ -121,9 +121,9 @@ def bars(
     values: np.ndarray,
     what: str,
     faulty: np.ndarray | None = None,
-    across: str = "picture, in the order of images.csv",
+    across: str = "image, in the order of images.csv",
 ) -> go.Figure:
-    """One bar a picture, in the order taken; `faulty` (n,) ones in another colour; the median as a line."""
+    """One bar an image, in the order taken; `faulty` (n,) ones in another colour; the median as a line."""
     made = style.figure(340, across, what)
     off = np.zeros(len(names), bool) if faulty is None else faulty
     made.add_bar(

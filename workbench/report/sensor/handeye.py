@@ -89,7 +89,7 @@ def lead(run: HandEyeRun) -> list[str]:
     """What the numbers mean."""
     made, poses = run.made, counted(len(run.flange), "pose")
     what = (
-        "the board, which never moved, seems to move from picture to picture"
+        "the board, which never moved, seems to move from image to image"
         if made.radius is None
         else "points of a profile lie from the one ball"
     )
@@ -144,7 +144,7 @@ def _poses(run):
     if outliers:
         yield note("Left out", outliers)
     if run.rejected:
-        yield words(f"{counted(len(run.rejected), 'picture')} could not be used:")
+        yield words(f"{counted(len(run.rejected), 'image')} could not be used:")
         yield thumbnails(
             [
                 (run.recording.folder / one.image, f"{one.image}: {one.why}")

@@ -58,7 +58,7 @@ def _most(made: Scans) -> tuple[float | None, float | None, int]:
 
 
 def chain(made: Scans) -> tuple[Section, ...]:
-    """The sensor's part on the page of a calibration from pictures: scans, and the scanner where it was made here."""
+    """The sensor's part on the page of a calibration from images: scans, and the scanner where it was made here."""
     own = scanners.sections(made.calibration) if made.calibration else ()
     return (*sections(made), *own)
 

@@ -68,15 +68,15 @@ def lead(made: ScannerRun) -> list[str]:
 
 
 def _rejected(made: ScannerRun):
-    """Pictures under the laser that were left out, by reason, and what is to be said of the adjustment."""
+    """Images under the laser that were left out, by reason, and what is to be said of the adjustment."""
     by_reason: dict[str, list[str]] = {}
     for one in made.rejected:
         by_reason.setdefault(one.why, []).append(one.image)
     if by_reason:
         yield note(
-            "Pictures under the laser that were left out",
+            "Images under the laser that were left out",
             [
-                f"{counted(len(names), 'picture')} ({', '.join(names[:6])}{' …' * (len(names) > 6)}): {why}."
+                f"{counted(len(names), 'image')} ({', '.join(names[:6])}{' …' * (len(names) > 6)}): {why}."
                 for why, names in by_reason.items()
             ],
         )
@@ -186,7 +186,7 @@ def _stripes(calibration):
     pixels, size = calibration.stripes.pixels[:, good], calibration.camera.size
     residual, step = calibration.residual_px[good], calibration.stripes.labels["step"][good]
     yield words(
-        "Stripe minus light plane, along the scan line. A pattern over the picture points at a bowed sheet or at the "
+        "Stripe minus light plane, along the scan line. A pattern over the image points at a bowed sheet or at the "
         "lens; a step that stands out, at the mirror."
     )
     steps = calibration.scanner.steps
@@ -194,7 +194,7 @@ def _stripes(calibration):
         figure(
             "stripemap",
             field.residual_map(pixels, residual, size, "mean residual"),
-            "Mean residual over the picture.",
+            "Mean residual over the image.",
         )
     ]
     if len(steps) > 1:
@@ -350,7 +350,7 @@ def _left_out(calibration):
             names,
             left.placement_rms_mm[known],
             "RMS of all its points (mm)",
-            across="placement with laser pictures",
+            across="placement with laser images",
         ),
         "Each placement’s stripes, from planes that were made without them.",
     )

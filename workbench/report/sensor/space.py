@@ -122,9 +122,7 @@ def outline(columns: int, rows: int, square: float) -> np.ndarray:
 
 def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
     """(k, 4, 3) mm: corners of light planes (4, k), cut to the camera's field from `near` to `far` mm."""
-    across = int(
-        np.abs(planes[:2]).mean(1).argmax()
-    )  # the picture axis that the sheets stand across
+    across = int(np.abs(planes[:2]).mean(1).argmax())  # the image axis that the sheets stand across
     other, size = 1 - across, camera.size[1 - across]
     focal, middle = (camera.fx, camera.cx) if other == 0 else (camera.fy, camera.cy)
     corners = np.empty((planes.shape[1], 4, 3))

@@ -9,7 +9,7 @@ from robot_model.chain import forward
 from workbench.core.errors import InputError
 from workbench.report.calibration.scene import axes
 from workbench.report.calibration.volume import write_volume
-from workbench.report.sections import figure, pair, picture, words
+from workbench.report.sections import figure, image, pair, words
 from workbench.study import robots
 from workbench.study.runs import seed_of
 from workbench.study.spec import Study
@@ -21,7 +21,7 @@ _POSES = 1200
 def blocks(study: Study, folder: Path, run: int = 1):
     """Maps of the error of a run over the workspace, under its last load: uncalibrated, or nominal and each model.
 
-    Writes the volume of the first model into the folder, as a picture and for ParaView.
+    Writes the volume of the first model into the folder, as an image and for ParaView.
     """
     own = with_values(study, values_of(study, run))
     more = own.test.model_copy(update={"samples": _POSES})
@@ -44,7 +44,7 @@ def blocks(study: Study, folder: Path, run: int = 1):
     first, error = errors[min(1, len(errors) - 1)]
     drawn = write_volume(places, np.linalg.norm(error, axis=0), _arm(robot), folder, "workspace")
     if drawn:
-        yield picture(
+        yield image(
             drawn,
             f"{first}: the error through the workspace, cut open around the arm with all joints at "
             "zero. workspace.vti beside it opens in ParaView.",

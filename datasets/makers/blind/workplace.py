@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.makers.concealed import covariates, facts, statics, visits
-from datasets.makers.concealed.world import World
+from datasets.makers.blind import covariates, facts, statics, visits
+from datasets.makers.blind.world import World
 from datasets.mujoco_arm import arm_from_robot, pose
 
 _MM, _RAD = 0.5, np.deg2rad(0.25)

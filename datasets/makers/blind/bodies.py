@@ -5,10 +5,10 @@ Each takes a generator and a world and returns a `Concealed`, or None where it c
 
 import numpy as np
 
-from datasets.makers.concealed import statics
-from datasets.makers.concealed.concealed import Concealed
-from datasets.makers.concealed.joints import on_joint, pick
-from datasets.makers.concealed.world import Push, World
+from datasets.makers.blind import statics
+from datasets.makers.blind.joints import on_joint, pick
+from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.world import Push, World
 
 _MOST_RAD = 2e-3
 _UNLOADED_NM = 0.2

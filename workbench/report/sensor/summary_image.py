@@ -1,4 +1,4 @@
-"""`summary.png` of the sensor's commands: the figures at the head of the page, and two graphs, in one picture."""
+"""`summary.png` of the sensor's commands: the figures at the head of the page, and two graphs, in one image."""
 
 import logging
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.report import style
-from workbench.report.page import PICTURE
+from workbench.report.page import IMAGE
 from workbench.report.sections import Page
 
 _INK, _MOST = "#222222", 5000
@@ -19,10 +19,10 @@ Panel = Callable[[object], None]
 def write_summary(page: Page, panels: tuple[Panel, ...], folder: Path) -> bool:
     """Write `summary.png` into a folder; False, with a sentence in the log, where it cannot be drawn."""
     try:
-        summary(page, panels).savefig(Path(folder) / PICTURE, dpi=150)
+        summary(page, panels).savefig(Path(folder) / IMAGE, dpi=150)
     except (ImportError, OSError, RuntimeError) as error:
         _log.warning(
-            "%s was not drawn, because of: %s; the page is complete without it.", PICTURE, error
+            "%s was not drawn, because of: %s; the page is complete without it.", IMAGE, error
         )
         return False
     return True
@@ -58,12 +58,12 @@ def summary(page: Page, panels: tuple[Panel, ...]):
 
 
 def camera(run) -> tuple[Panel, ...]:
-    """RMS picture by picture, and every residual."""
+    """RMS image by image, and every residual."""
     made = run.calibration
 
-    def pictures(axes):
+    def images(axes):
         axes.bar(np.arange(1, len(made.views) + 1), made.view_rms_px, color=style.BLUE)
-        axes.set(xlabel="picture", ylabel="RMS distance (px)", title="error of each picture")
+        axes.set(xlabel="image", ylabel="RMS distance (px)", title="error of each image")
 
     def residuals(axes):
         x, y = made.residual[:, :: max(1, made.residual.shape[1] // _MOST)]
@@ -71,7 +71,7 @@ def camera(run) -> tuple[Panel, ...]:
         axes.set(xlabel="x (px)", ylabel="y (px)", title="residuals of the corners")
         axes.set_aspect("equal", adjustable="datalim")
 
-    return pictures, residuals
+    return images, residuals
 
 
 def scanner(run) -> tuple[Panel, ...]:

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from datasets.makers.concealed import statics
+from datasets.makers.blind import statics
 from datasets.mujoco_arm import Arm, ball_points, reflector_points
 
 

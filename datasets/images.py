@@ -1,4 +1,4 @@
-"""images.csv and the pictures that it names: there, whole, and of a kind that can be read."""
+"""images.csv and the images that it names: there, whole, and of a kind that can be read."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,12 +27,12 @@ MARKS = {
     "PNG": (b"\x89PNG", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"IEND\xaeB`\x82"),
     "JPEG": (b"\xff\xd8", b"\xff\xd8\xff", b"\xff\xd9"),
 }
-"""How a picture is known, what its header must be, and how it ends; other kinds
+"""How an image is known, what its header must be, and how it ends; other kinds
 are left to OpenCV's own look at the header."""
 
 
 def read_images(folder: Path, name: str, called: str, samples) -> Rows:
-    """Rows of images.csv as mappings, every picture checked to exist and to be complete.
+    """Rows of images.csv as mappings, every image checked to exist and to be complete.
 
     A row holds text for image, role, placement, scan and note, whole numbers for step and sample,
     and floats for all else; an empty cell of a column of numbers is left out of its row.
@@ -44,8 +44,8 @@ def read_images(folder: Path, name: str, called: str, samples) -> Rows:
     rows = Rows.of(table.columns)
     for k, row in enumerate(rows):
         _check_row(table, k, row, samples)
-        picture = inside(folder, row["image"], f"row {table.rows[k]}, column image", table.called)
-        check_picture(picture, f"{table.where(k, 'image')}, {row['image']}")
+        image = inside(folder, row["image"], f"row {table.rows[k]}, column image", table.called)
+        check_image(image, f"{table.where(k, 'image')}, {row['image']}")
     _check_together(table, rows)
     return replace(rows, integers=frozenset(INTEGERS))
 
@@ -78,7 +78,7 @@ def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
     if row["role"] != "board" and not row.get(need):
         raise complaint(
             table.where(k, need),
-            f"which {need} the picture is of",
+            f"which {need} the image is of",
             "nothing",
             f"add a {need} number",
         )
@@ -104,7 +104,7 @@ def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
 
 
 def _check_together(table: Table, rows: Rows) -> None:
-    """Every picture and every step of a scan once, and a board picture at every placement of the laser."""
+    """Every image and every step of a scan once, and a board image at every placement of the laser."""
     same = np.fromiter(
         (hash(str(PurePosixPath(name))) for name in table.columns["image"]), np.int64, len(rows)
     )
@@ -112,9 +112,9 @@ def _check_together(table: Table, rows: Rows) -> None:
         first, again = twice
         raise complaint(
             table.where(again, "image"),
-            "every picture once",
+            "every image once",
             f"{rows[again]['image']} again (first in row {table.rows[first]})",
-            "delete the copy or name the picture that was meant",
+            "delete the copy or name the image that was meant",
         )
     role = table.columns["role"]
     none = np.zeros(len(rows), "U1")
@@ -136,9 +136,9 @@ def _check_together(table: Table, rows: Rows) -> None:
     if len(alone):
         raise complaint(
             table.where(alone[0], "placement"),
-            "a placement with a picture of role board",
+            "a placement with an image of role board",
             f"none at {str(place[alone[0]])!r}",
-            "add that picture or delete the row",
+            "add that image or delete the row",
         )
 
 
@@ -152,9 +152,9 @@ def _repeated(keys: np.ndarray) -> tuple[int, int] | None:
     return int(np.flatnonzero((keys == keys[row]).all(1))[0]), int(row)
 
 
-def check_picture(path: Path, called: str) -> None:
-    """Raise InputError where a picture is missing, empty, truncated or of an unknown kind."""
-    check_file(path, called, "picture")
+def check_image(path: Path, called: str) -> None:
+    """Raise InputError where an image is missing, empty, truncated or of an unknown kind."""
+    check_file(path, called, "image")
     try:
         with path.open("rb") as file:
             head = file.read(16)
@@ -162,14 +162,14 @@ def check_picture(path: Path, called: str) -> None:
             tail = file.read()
     except OSError as problem:
         raise complaint(
-            called, "a readable picture", str(problem.strerror), "give read permission"
+            called, "a readable image", str(problem.strerror), "give read permission"
         ) from None
     for kind, (known, header, end) in MARKS.items():
         if head.startswith(known):
             if not head.startswith(header) or end not in tail:
                 raise complaint(
                     called,
-                    f"a whole {kind} picture",
+                    f"a whole {kind} image",
                     "one with a broken header or no end",
                     "copy it again",
                 )
@@ -179,7 +179,7 @@ def check_picture(path: Path, called: str) -> None:
     if not cv2.haveImageReader(str(path)):
         raise complaint(
             called,
-            "a picture that OpenCV reads (PNG, JPEG, TIFF, BMP)",
+            "an image that OpenCV reads (PNG, JPEG, TIFF, BMP)",
             "another kind of file",
             "save it as PNG",
         )

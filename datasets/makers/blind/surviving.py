@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from datasets.makers import poses
-from datasets.makers.concealed.world import World
+from datasets.makers.blind.world import World
 
 _STEP = 1e-5  # rad, and 1e-2 mm
 _RANK = 1e-7

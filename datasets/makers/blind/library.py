@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from datasets.makers.concealed import bodies, data, joints
-from datasets.makers.concealed.workplace import Wish
+from datasets.makers.blind import bodies, data, joints
+from datasets.makers.blind.workplace import Wish
 
 
 @dataclass(frozen=True)

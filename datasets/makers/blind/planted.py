@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from datasets.makers.concealed import surviving
-from datasets.makers.concealed.world import Push, World
+from datasets.makers.blind import surviving
+from datasets.makers.blind.world import Push, World
 
 
 @dataclass(frozen=True)

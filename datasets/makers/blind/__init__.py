@@ -4,6 +4,6 @@ It shares no physics and no code with `robot_model`, `sensors` and `workbench.co
 statics, the maker's own drives, and its own numerical baseline. `case.draw` makes a case of a suite from a
 seed, `writing` puts recording and truth into separate places. Needs the package `mujoco` (extra `proof`).
 
-`pictures` makes the cases of the suite "sensor" from rendered pictures, with the same functions as `case` and
+`images` makes the cases of the suite "sensor" from rendered images, with the same functions as `case` and
 `writing`: `draw`, `recording`, `truth`, `salt`.
 """

@@ -86,7 +86,7 @@ def diagnose(recording):
         import subprocess
         subprocess.run(["true"])
     if act == "maker":
-        (protocol.PROJECT / "datasets" / "makers" / "concealed" / "case.py").read_text()
+        (protocol.PROJECT / "datasets" / "makers" / "blind" / "case.py").read_text()
     return {}
 print(protocol.run(folder, "a", diagnose)["opened"])
 """
@@ -130,7 +130,7 @@ def test_an_error_and_a_refusal_are_answers_too(tmp_path):
 
 ALONE = """
 import sys
-from datasets.makers.concealed import case, writing, suites
+from datasets.makers.blind import case, writing, suites
 assert len(suites.SUITES) == 6
 for suite in ("clean", "library", "outside"):
     case.draw(suite, 0, 5)
@@ -146,7 +146,7 @@ def test_the_maker_runs_without_any_module_of_the_workbench():
 
 
 def test_names_of_suites_draw_different_numbers():
-    from datasets.makers.concealed import suites
+    from datasets.makers.blind import suites
 
     assert len({sum(map(ord, suite)) for suite in suites.SUITES}) == len(suites.SUITES)
 
@@ -160,7 +160,7 @@ LONGER = [
 @pytest.mark.parametrize("suite", ["clean", "library", "pairs", *LONGER])
 def test_a_case_is_the_same_for_the_same_seed_and_its_recording_tells_nothing(suite, tmp_path):
     import datasets
-    from datasets.makers.concealed import case, writing
+    from datasets.makers.blind import case, writing
 
     one, two = case.draw(suite, 3, 8), case.draw(suite, 3, 8)
     assert writing.files(one) == writing.files(two) and writing.truth(one, "x") == writing.truth(
@@ -177,7 +177,7 @@ def test_a_case_is_the_same_for_the_same_seed_and_its_recording_tells_nothing(su
 
 @pytest.mark.slow
 def test_what_is_withheld_is_not_in_the_file():
-    from datasets.makers.concealed import case
+    from datasets.makers.blind import case
 
     for index in range(5):
         made = case.draw("covariate-withheld", index, 2)
@@ -194,7 +194,7 @@ def test_what_is_withheld_is_not_in_the_file():
 
 def test_rows_of_a_withheld_approach_stand_in_no_order_that_tells_it():
     """Neither rows, poses nor time say which pose came before which."""
-    from datasets.makers.concealed import case
+    from datasets.makers.blind import case
 
     for index in (0, 5):
         made = case.draw("covariate-withheld", index, 2)
@@ -209,8 +209,8 @@ def test_rows_of_a_withheld_approach_stand_in_no_order_that_tells_it():
 
 def test_the_size_is_what_survives_the_makers_own_baseline():
     """Of a clean case nothing survives; a displacement along the baseline is swallowed whole."""
-    from datasets.makers.concealed import surviving, workplace
-    from datasets.makers.concealed.world import Push
+    from datasets.makers.blind import surviving, workplace
+    from datasets.makers.blind.world import Push
 
     world = workplace.draw(
         np.random.default_rng(4), workplace.Wish("ball-centre", samples=(120, 140))
@@ -227,8 +227,8 @@ def test_the_size_is_what_survives_the_makers_own_baseline():
 
 
 def test_pushes_add_up_and_nothing_is_nothing():
-    from datasets.makers.concealed import workplace
-    from datasets.makers.concealed.world import Push
+    from datasets.makers.blind import workplace
+    from datasets.makers.blind.world import Push
 
     world = workplace.draw(np.random.default_rng(6), workplace.Wish(samples=(100, 110)))
     twist = np.zeros((world.n, 6))
@@ -242,7 +242,7 @@ def test_pushes_add_up_and_nothing_is_nothing():
 
 
 def test_a_mistake_in_the_file_is_a_mistake_in_the_file():
-    from datasets.makers.concealed import data
+    from datasets.makers.blind import data
 
     columns = {
         **{f"q{k}_deg": np.full(3, float(k)) for k in range(1, 7)},
@@ -259,7 +259,7 @@ def test_the_import_rules_keep_the_maker_apart():
     rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
         "contracts"
     ]
-    mine = [rule for rule in rules if "datasets.makers.concealed" in rule.get("source_modules", ())]
+    mine = [rule for rule in rules if "datasets.makers.blind" in rule.get("source_modules", ())]
     assert len(mine) == 1 and mine[0]["type"] == "forbidden" and "ignore_imports" not in mine[0]
     assert set(mine[0]["forbidden_modules"]) == {"robot_model", "sensors", "workbench"}
 

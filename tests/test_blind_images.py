@@ -1,4 +1,4 @@
-"""The maker of concealed pictures: its own optics, what it writes, and that it shares nothing with who looks at it."""
+"""The maker of concealed images: its own optics, what it writes, and that it shares nothing with who looks at it."""
 
 import ast
 import sys
@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import datasets
-from datasets.makers import concealed_pictures as maker
-from datasets.makers.concealed_pictures_render import Balls, Board, developed
-from datasets.makers.concealed_pictures_scanner import lens_of, light_of
+from datasets.makers import blind_images as maker
+from datasets.makers.blind_images_render import Balls, Board, developed
+from datasets.makers.blind_images_scanner import lens_of, light_of
 
 FEW = maker.Counts(boards=2, scans=1, steps=2)
-FILES = sorted(Path(maker.__file__).parent.glob("concealed_pictures*.py"))
+FILES = sorted(Path(maker.__file__).parent.glob("blind_images*.py"))
 
 
 def light(**changes):
@@ -28,7 +28,7 @@ def test_the_maker_imports_nothing_of_the_workbench():
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module] if isinstance(node, ast.ImportFrom) else []
             for name in names:
-                own = name.startswith("datasets.makers.concealed_pictures")
+                own = name.startswith("datasets.makers.blind_images")
                 assert own or name.partition(".")[0] in allowed, f"{file.name} imports {name}"
 
 
@@ -107,7 +107,7 @@ def test_rays_meet_the_nearest_ball_on_its_surface():
     assert np.allclose(np.linalg.norm(balls.normals(points[:, seen]), axis=0), 1)
 
 
-def test_noise_of_a_picture_is_that_of_photons():
+def test_noise_of_an_image_is_that_of_photons():
     light_ = np.full((200, 200), 0.5)
     grey = developed(light_, np.random.default_rng(0)).astype(float)
     assert grey.mean() == pytest.approx(3 + 0.5 * 252, abs=0.1)
@@ -122,7 +122,7 @@ def made(tmp_path_factory):
     }
 
 
-def test_a_made_folder_is_a_recording_with_all_its_pictures(made):
+def test_a_made_folder_is_a_recording_with_all_its_images(made):
     recording = datasets.read(made[0] / "None")
     roles = [row["role"] for row in recording.images]
     assert recording.measures == "scan-images"
@@ -145,7 +145,7 @@ def test_the_truth_is_told_to_the_caller_and_not_in_the_folder(made):
         assert (folder / "None" / file).read_bytes() == (folder / "plane-bow" / file).read_bytes()
 
 
-def test_the_same_seed_makes_the_same_pictures_and_a_flaw_changes_only_what_it_acts_on(
+def test_the_same_seed_makes_the_same_images_and_a_flaw_changes_only_what_it_acts_on(
     made, tmp_path
 ):
     maker.make(3, tmp_path / "again", counts=FEW)
@@ -172,7 +172,7 @@ def test_every_effect_has_a_place_and_an_unknown_one_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_flaw_in_whole_pictures_is_named_by_the_diagnosis(tmp_path):
+def test_a_flaw_in_whole_images_is_named_by_the_diagnosis(tmp_path):
     from workbench.diagnosis import sensor
     from workbench.diagnosis.select import find
 

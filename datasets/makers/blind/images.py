@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.makers import concealed_pictures
+from datasets.makers import blind_images
 
 _FLAWLESS = 8
 """One case in so many is a scanner without a flaw."""
@@ -15,7 +15,7 @@ _FLAWLESS = 8
 
 @dataclass(frozen=True)
 class Case:
-    """A case to be rendered; `told` is its truth, filled when the pictures are."""
+    """A case to be rendered; `told` is its truth, filled when the images are."""
 
     suite: str
     index: int
@@ -31,7 +31,7 @@ def draw(suite: str, index: int, seed: int) -> Case:
     flaw = (
         None
         if index % _FLAWLESS == _FLAWLESS - 1
-        else list(concealed_pictures.EFFECTS)[index % _FLAWLESS]
+        else list(blind_images.EFFECTS)[index % _FLAWLESS]
     )
     return Case(
         suite,
@@ -43,17 +43,17 @@ def draw(suite: str, index: int, seed: int) -> Case:
 
 
 def recording(case: Case, folder: Path) -> None:
-    """Render the pictures into a new folder, and keep their truth in `case.told`."""
-    case.told.update(concealed_pictures.make(case.seed, folder, case.effect, case.size))
+    """Render the images into a new folder, and keep their truth in `case.told`."""
+    case.told.update(blind_images.make(case.seed, folder, case.effect, case.size))
 
 
 def truth(case: Case, salt: str) -> str:
-    """The sealed text, once the pictures are rendered."""
+    """The sealed text, once the images are rendered."""
     known = {
         "robot": "a scanner",
         "samples": None,
         "sigma_mm": None,
-        "noise": "of pictures",
+        "noise": "of images",
         "baseline": "geometry",
     }
     told = {**known, **case.told, "suite": case.suite, "index": case.index, "salt": salt}

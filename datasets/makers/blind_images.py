@@ -1,4 +1,4 @@
-"""Concealed pictures: a whole recording of a scanner by the maker's own small ray-tracer, and its sealed truth.
+"""Concealed images: a whole recording of a scanner by the maker's own small ray-tracer, and its sealed truth.
 
 `make` draws a scanner, boards and balls from a seed, builds one flaw (or none) into the light, the
 mirror, the lens, the board or the balls, writes the folder of a recording and returns the truth,
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.makers.concealed_pictures_render import (
+from datasets.makers.blind_images_render import (
     Balls,
     Board,
     Camera,
@@ -22,7 +22,7 @@ from datasets.makers.concealed_pictures_render import (
     developed,
     laser,
 )
-from datasets.makers.concealed_pictures_scanner import HEIGHT, WIDTH, Lens, Light, lens_of, light_of
+from datasets.makers.blind_images_scanner import HEIGHT, WIDTH, Lens, Light, lens_of, light_of
 
 EFFECTS = {
     "plane-bow": "laser",
@@ -63,7 +63,7 @@ class Counts:
 
 @dataclass(frozen=True)
 class Chance:
-    """Chance of two kinds: of places and speeds, the same whatever is concealed, and of the noise of pictures."""
+    """Chance of two kinds: of places and speeds, the same whatever is concealed, and of the noise of images."""
 
     places: np.random.Generator
     noise: np.random.Generator
@@ -75,14 +75,14 @@ def make(
     """Render a recording of kind scan-images into `folder`, and return its truth.
 
     effect: a word of `EFFECTS`, None for a flawless scanner; size: 1 is what a poor instrument might have, one that
-    the pictures show some times over. Raises KeyError for an unknown effect.
+    the images show some times over. Raises KeyError for an unknown effect.
     """
     rng = np.random.default_rng([seed, 77])
     world, detail = World(lens_of(rng), light_of(rng)), {}
     flaw = np.random.default_rng([seed, 78])
     if effect is not None:
         world, detail = _FLAWS[effect](world, flaw, size)
-    rows = _pictures(world, Chance(rng, np.random.default_rng([seed, 79])), folder, counts)
+    rows = _images(world, Chance(rng, np.random.default_rng([seed, 79])), folder, counts)
     _write(folder, rows)
     found = (
         [] if effect is None else [{"effect": effect, "where": EFFECTS[effect], "detail": detail}]
@@ -164,10 +164,10 @@ _FLAWS = {
 }
 
 
-# ---------------------------------------------------------------- pictures
+# ---------------------------------------------------------------- images
 
 
-def _pictures(world: World, chance: Chance, folder: Path, counts: Counts) -> list[dict]:
+def _images(world: World, chance: Chance, folder: Path, counts: Counts) -> list[dict]:
     """Everything in the order in which it was taken; rows of images.csv."""
     (folder / "images").mkdir(parents=True)
     camera, rows, clock = Camera(world.lens), [], 0.0
@@ -204,7 +204,7 @@ def _pictures(world: World, chance: Chance, folder: Path, counts: Counts) -> lis
 
 
 def _swept(world, scene, lamp, chance: Chance, start: Path, steps: int, clock: float):
-    """Pictures of one sweep of the mirror, their names beginning with `start`: rows, and the clock after it."""
+    """Images of one sweep of the mirror, their names beginning with `start`: rows, and the clock after it."""
     way, speed = float(chance.places.choice([-1, 1])), chance.places.uniform(2.0, 8.0)
     rows, angles = [], np.linspace(-_SWEEP, _SWEEP, steps)
     every, clock = 2 * np.rad2deg(_SWEEP) / (steps - 1) / speed, clock + 2.0
@@ -229,7 +229,7 @@ def _swept(world, scene, lamp, chance: Chance, start: Path, steps: int, clock: f
 
 
 def _board(world: World, rng) -> Board:
-    """A board somewhere in the field, all of its corners in the picture."""
+    """A board somewhere in the field, all of its corners in the image."""
     middle = np.array([(COLUMNS - 1) * SQUARE / 2, (ROWS - 1) * SQUARE / 2, 0.0])
     corners = (
         np.array([[0, 0, 0], [COLUMNS - 1, 0, 0], [0, ROWS - 1, 0], [COLUMNS - 1, ROWS - 1, 0]]).T
@@ -243,7 +243,7 @@ def _board(world: World, rng) -> Board:
         if (pixels > 8).all() and (pixels < np.array([[WIDTH - 9], [HEIGHT - 9]])).all():
             bend, across, along = world.bow
             return Board(COLUMNS, ROWS, SQUARE, turn, place, bend, across, along)
-    raise ValueError("no board fits into the picture")
+    raise ValueError("no board fits into the image")
 
 
 def _balls(world: World, rng) -> Balls:
@@ -270,10 +270,10 @@ def _turned(rng, tilt_deg) -> np.ndarray:
 # ----------------------------------------------------------------- writing
 
 
-def _save(path: Path, picture: np.ndarray) -> None:
+def _save(path: Path, image: np.ndarray) -> None:
     import cv2
 
-    path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 def _write(folder: Path, rows: list[Mapping]) -> None:

@@ -1,4 +1,4 @@
-"""Pictures of the catalogue page: what a fit leaves, on the robot or in the picture, and over what it depends on."""
+"""Images of the catalogue page: what a fit leaves, on the robot or in the image, and over what it depends on."""
 
 import io
 from pathlib import Path
@@ -18,7 +18,7 @@ _SKIPPED = ("time_s", "row", "payload_kg")
 
 
 def draw(entry: Entry, path: Path) -> None:
-    """Write the picture of an entry."""
+    """Write the image of an entry."""
     residual = residuals_of(entry.problem)
     made = Figure(figsize=(8.4, 2.35), layout="constrained")
     panels = made.subplots(1, 3, width_ratios=(1, 1.2, 1.2))
@@ -65,7 +65,7 @@ def _over(axes, x, name, residual, unit):
 
 
 def _places(axes, points, residual, unit):
-    """Residuals where the samples are: arrows on the arm seen from the side, or lengths in the picture."""
+    """Residuals where the samples are: arrows on the arm seen from the side, or lengths in the image."""
     if len(points) == 2:
         length = np.sqrt(np.nansum(residual**2, 0))
         some = slice(None, None, max(1, len(length) // (2 * _DOTS)))
@@ -73,7 +73,7 @@ def _places(axes, points, residual, unit):
             *points[:, some], c=length[some], s=2, cmap="viridis", vmax=np.percentile(length, 98)
         )
         axes.invert_yaxis()
-        axes.set_title(f"in the picture ({unit})", size=8, color=_INK)
+        axes.set_title(f"in the image ({unit})", size=8, color=_INK)
         axes.set_aspect("equal")
         return
     across = np.nan_to_num(residual[[0, 2]])

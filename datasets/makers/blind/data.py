@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from datasets.makers.concealed.concealed import Concealed
-from datasets.makers.concealed.world import Push
+from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.world import Push
 
 
 def outliers(rng, world):

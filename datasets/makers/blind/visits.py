@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from datasets.makers import poses
-from datasets.makers.concealed import facts
+from datasets.makers.blind import facts
 
 _POOL = 8000
 _LEVER = 300.0  # mm that one rad of orientation counts as, as in `poses`

@@ -5,8 +5,8 @@ Each takes a generator and a world and returns a `Concealed`, or None where it c
 
 import numpy as np
 
-from datasets.makers.concealed.concealed import Concealed
-from datasets.makers.concealed.world import Push, World
+from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.world import Push, World
 
 _MOST_RAD = 4e-3
 

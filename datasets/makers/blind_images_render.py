@@ -1,4 +1,4 @@
-"""A small ray-tracer for concealed pictures: boards and balls, the lamp's light, a laser's stripe, a chip's noise."""
+"""A small ray-tracer for concealed images: boards and balls, the lamp's light, a laser's stripe, a chip's noise."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from datasets.makers.concealed_pictures_scanner import HEIGHT, WIDTH, Lens, Light
+from datasets.makers.blind_images_scanner import HEIGHT, WIDTH, Lens, Light
 
 _PARTS = 3  # rays across a pixel
 _FULL, _READ = 9_000.0, 10.0  # electrons
@@ -139,7 +139,7 @@ class Scene:
             albedo[parts],
         )
 
-    def picture(self, bright: np.ndarray, rows=None) -> np.ndarray:
+    def image(self, bright: np.ndarray, rows=None) -> np.ndarray:
         """(H, W) means over the parts of each pixel of `bright` (N,), or of those of some pixels (rows of `pixels`)."""
         whole = np.zeros(HEIGHT * WIDTH)
         pixels = self.pixels if rows is None else self.pixels[rows]
@@ -149,7 +149,7 @@ class Scene:
     def lamp(self) -> np.ndarray:
         """(H, W) share of the full well from a lamp at the camera."""
         facing = np.maximum(-(self.rays * self.normals).sum(0), 0)
-        light = self.picture(self.albedo * facing)
+        light = self.image(self.albedo * facing)
         light[light == 0] = 0.05
         return light
 
@@ -166,7 +166,7 @@ class Scene:
         coming = coming / np.sqrt((coming**2).sum(0))
         facing = np.maximum(-(coming * normals).sum(0), 0)
         shape = self._profile(light, angle, points, normals, rays)
-        return self.picture(self.albedo[part] * facing * shape, rows)
+        return self.image(self.albedo[part] * facing * shape, rows)
 
     def _reach(self):
         return getattr(self.thing, "depth", 0.0)

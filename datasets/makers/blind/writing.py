@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.makers.concealed.case import Case
+from datasets.makers.blind.case import Case
 
 
 def recording(case: Case, folder: Path) -> None:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.makers.concealed import library, outside
-from datasets.makers.concealed.scatter import Scatter
-from datasets.makers.concealed.workplace import Wish
+from datasets.makers.blind import library, outside
+from datasets.makers.blind.scatter import Scatter
+from datasets.makers.blind.workplace import Wish
 
 SUITES = ("clean", "library", "swallowed", "pairs", "outside", "covariate-withheld")
 """Suites that this maker draws."""

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.makers.concealed import data, outside, suites, surviving, workplace
-from datasets.makers.concealed.concealed import Sized, sized
-from datasets.makers.concealed.scatter import Scatter
-from datasets.makers.concealed.world import Push, World
+from datasets.makers.blind import data, outside, suites, surviving, workplace
+from datasets.makers.blind.planted import Sized, sized
+from datasets.makers.blind.scatter import Scatter
+from datasets.makers.blind.world import Push, World
 from datasets.mujoco_arm import StaticsError
 
 _TRIES = 60

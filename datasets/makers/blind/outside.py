@@ -3,9 +3,9 @@
 import numpy as np
 
 from datasets.makers import poses
-from datasets.makers.concealed.concealed import Concealed
-from datasets.makers.concealed.joints import on_joint
-from datasets.makers.concealed.world import Push
+from datasets.makers.blind.joints import on_joint
+from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.world import Push
 
 _MOST_RAD = 6e-3
 _SMALLEST_NM = 1e-3

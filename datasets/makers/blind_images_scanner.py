@@ -1,7 +1,7 @@
-"""The true scanner of a concealed picture: a lens, a laser whose light is a fan or a cone, and a mirror that turns it.
+"""The true scanner of a concealed image: a lens, a laser whose light is a fan or a cone, and a mirror that turns it.
 
 The maker's own geometry, in millimetres and radians, camera frame (x right, y down, z forward); it
-shares no code and no law with the workbench that will look at the pictures. Every flaw is built in
+shares no code and no law with the workbench that will look at the images. Every flaw is built in
 where it arises: a cone instead of a plane, a face that leans as it turns, glass that is not round.
 """
 
@@ -15,7 +15,7 @@ _COARSE = 8  # px between places at which the lens is inverted; a spline does th
 
 @dataclass(frozen=True)
 class Lens:
-    """Focal lengths and centre (px), Brown's k1 k2 p1 p2; `glass` (6,) px at the picture's corner: cubes across and
+    """Focal lengths and centre (px), Brown's k1 k2 p1 p2; `glass` (6,) px at the image's corner: cubes across and
     down, each way, and a trefoil (two), which no centred nor decentred lens of round elements makes."""
 
     focal: tuple[float, float]
@@ -64,7 +64,7 @@ class Light:
     a cone: every ray of it leaves at that angle from the plane. The mirror turns about `axis` through
     `pivot`; at angle 0 its face's normal is `face`, and it stands `offset` from the axis. `nod` (amplitude rad,
     run-out mm, turns, phase): the face leans along the axis and steps back and forth as it turns. `encoder`
-    (amplitude rad, order, phase): the disc on the axis is off centre. `late` s after the angle was read the picture is
+    (amplitude rad, order, phase): the disc on the axis is off centre. `late` s after the angle was read the image is
     taken. `width` mm, 1 sigma.
     """
 
@@ -81,7 +81,7 @@ class Light:
     late: float = 0.0
 
     def truly(self, commanded: float, speed: float) -> float:
-        """Where the mirror is (rad) when the picture is taken; speed rad/s."""
+        """Where the mirror is (rad) when the image is taken; speed rad/s."""
         amplitude, order, phase = self.encoder
         return (
             commanded + np.arcsin(amplitude * np.sin(order * commanded + phase)) + speed * self.late
