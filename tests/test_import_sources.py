@@ -444,7 +444,7 @@ def nearly_one_orientation(noise_deg: float) -> tuple[np.ndarray, np.ndarray, Ro
 
 
 def test_orientations_that_hardly_change_lead_to_a_question(tmp_path):
-    joints, points, turns = nearly_one_orientation(0.3)
+    joints, points, turns = nearly_one_orientation(0.1)
     angles = turns.as_euler("ZXZ", degrees=True)
     header = [*(f"J{k} [deg]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]", "E1", "E2", "E3"]
     path = write_rows(tmp_path / "t.csv", header, np.column_stack([joints, points, angles]))
@@ -606,3 +606,29 @@ def test_wrong_calls_end_with_one_sentence_and_status_2(arguments, tmp_path, mon
 def test_headers_are_understood(header, kind, label, unit):
     found = read_header(header)
     assert (found.kind, found.label, found.unit) == (kind, label, unit)
+
+
+def joints_and_points(recording, path):
+    header = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"]
+    return write_rows(path, header, np.column_stack([degrees(recording), recording.points]))
+
+
+def test_a_built_in_robot_is_found_where_none_is_named(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE.replace('"ur10"', '"staubli_tx60"'))
+    path = joints_and_points(simulate(tmp_path / "scene.toml"), tmp_path / "t.csv")
+    made = import_recording([path], tmp_path / "out", ImportOptions())
+    assert made.recording.robot == {"builtin": "staubli_tx60"}
+    assert any("staubli_tx60 fits" in sentence for sentence in made.warnings)
+
+
+def test_two_built_in_robots_that_are_nearly_equal_lead_to_a_question(truth, tmp_path):
+    path = joints_and_points(truth, tmp_path / "t.csv")
+    with pytest.raises(InputError, match="ur10.*ur10e"):
+        import_recording([path], tmp_path / "out", ImportOptions())
+
+
+def test_no_built_in_robot_is_forced_on_another_arm(truth, tmp_path):
+    rows = np.column_stack([degrees(truth) * 0.7 + 11, truth.points])
+    path = write_rows(tmp_path / "t.csv", [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"], rows)
+    with pytest.raises(InputError, match="robot.toml or a URDF"):
+        import_recording([path], tmp_path / "out", ImportOptions())

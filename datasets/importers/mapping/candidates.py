@@ -23,7 +23,7 @@ from datasets.importers.units import ANGLES, LENGTHS
 LENGTH_UNITS = ("mm", "m", "in", "cm")
 ANGLE_UNITS = ("deg", "rad", "gon")
 _WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
-_SAME_RAD = 1e-9
+_SAME_DECIMALS = 8
 
 
 @dataclass(frozen=True)
@@ -64,19 +64,21 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
         if group.convention and stated_only
         else _conventions(group, table)
     )
-    found: list[tuple[Turn, np.ndarray]] = []
+    turns: list[Turn] = []
+    seen: set[bytes] = set()
     for columns, convention in conventions:
         units = angle_units(group, stated_only) if has_unit(convention) else (None,)
         for unit in units:
             for inverse in (group.inverse,) if group.convention and stated_only else (False, True):
                 turn = Turn(Group(tuple(columns), unit, convention, inverse))
                 try:
-                    matrices = turn.matrices(table)
+                    # adding 0 makes -0 and 0 the same bytes
+                    key = (np.round(turn.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()
                 except ValueError:
                     continue
-                if not any(np.abs(matrices - other).max() < _SAME_RAD for _, other in found):
-                    found.append((turn, matrices))
-    turns = [turn for turn, _ in found]
+                if key not in seen:
+                    seen.add(key)
+                    turns.append(turn)
     return sorted(turns, key=lambda turn: (turn.group.inverse, turn.group.unit == "gon"))
 
 

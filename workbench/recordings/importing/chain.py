@@ -27,7 +27,7 @@ from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable, Source
 from datasets.importers.sources import read_sources
 from datasets.recording import Recording
-from robot_model import load_robot
+from robot_model import builtin_robots, load_robot
 from workbench.core.errors import InputError
 from workbench.recordings.importing import decisions
 from workbench.recordings.importing.ball_clouds import with_ball_centres
@@ -204,11 +204,15 @@ def _import_table(found: Found, options: ImportOptions, progress):
     measures = mapping.measures
     if measures is None or measures not in KINDS or KINDS[measures].images:
         raise _without_measurement(table, mapping)
+    table, said = complete_rows(table, mapping)
     named = options.robot or mapping.robot
+    if named is None:
+        progress("comparing the built-in robots")
+        named = _robot_that_fits(table, mapping, options)
+        said = (*said, f"No robot was named; of the built-in ones {named} fits.")
     keys = robot_keys(named, table.file)
     robot = load_robot(keys, f"--robot {named}")
     _check_count(robot, mapping, table)
-    table, said = complete_rows(table, mapping)
     builder = Builder(table, keys, robot, options)
     progress("testing units on the robot")
     mapping = replace(mapping, robot=named)
@@ -223,6 +227,20 @@ def _import_table(found: Found, options: ImportOptions, progress):
     recording = builder.complete(decision.mapping)
     said = (*said, *check_fit(robot, recording, fits, options.trust_data))
     return recording, decision.mapping, fits, said
+
+
+def _robot_that_fits(table: RawTable, mapping: Mapping, options: ImportOptions) -> str:
+    """The built-in robot that fits clearly best. Raises InputError as `decisions.decide_robot`."""
+
+    def build_with(name: str):
+        robot = load_robot(name)
+        return robot, Builder(table, {"builtin": name}, robot, options).positions
+
+    count = len(mapping.joints.columns)
+    names = [name for name in builtin_robots() if load_robot(name).mixing.shape[1] == count]
+    if not names:
+        robot_keys(None, table.file)
+    return decisions.decide_robot(mapping, build_with, names, table.file, options.ask)
 
 
 def _check_count(robot, mapping: Mapping, table: RawTable) -> None:

@@ -39,7 +39,7 @@ Build = Callable[[Mapping], Recording]
 
 @dataclass(frozen=True)
 class Decision:
-    """The completed mapping, and the fits that it was chosen by, best first."""
+    """The completed mapping, and the fits that it was chosen by, the chosen one first."""
 
     mapping: Mapping
     fits: tuple[CandidateFit, ...]
@@ -61,6 +61,31 @@ def decide_units(
     return _decided(
         readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines
     )
+
+
+def decide_robot(
+    mapping: Mapping, build_with: Callable[[str], tuple[Robot, Build]], names, where, ask
+):
+    """Name of the built-in robot that fits clearly best under any units.
+
+    build_with: robot and builder of a name. names: of robots with the right number of joints. Raises InputError where
+    none fits, or several do and nobody can be asked.
+    """
+    fits = []
+    for place, name in enumerate(names):
+        robot, build = build_with(name)
+        found = _compared(robot, list(_unit_readings(mapping, stated_only=True)), build)
+        if found and found[0][1].is_good:
+            best = found[0][1]
+            fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
+    if not fits:
+        raise InputError(
+            f"{where}: expected a built-in robot ({', '.join(names)}) that fits, found none; add --robot with a "
+            "robot.toml or a URDF."
+        )
+    lines = [f'robot = "{name}"' for name in names]
+    ordered = sorted(fits, key=lambda item: item[1].improbability)
+    return names[choose_reading(lines, ordered, f"{where}, robot", ask)]
 
 
 def _unit_readings(mapping: Mapping, stated_only: bool):
@@ -111,7 +136,8 @@ def _contradicted_units(robot, mapping, build, called, fits) -> Decision:
 def _decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
     """The best reading where the data decide, else the answer to a question."""
     chosen = choose_reading([line(mapping) for _, mapping in readings], fits, where, ask)
-    return Decision(readings[chosen][1], tuple(fit for _, fit in fits))
+    ordered = sorted(fits, key=lambda item: item[0] != chosen)
+    return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
 
 
 def choose_reading(
