@@ -189,9 +189,17 @@ def save_arrows(calibration, folder: Path) -> None:
 
     recording = calibration.recording
     columns = {"sample": recording.sample_ids, "pose": recording.poses}
-    columns |= {f"{axis}_mm": row for axis, row in zip("xyz", np.asarray(calibration.points, float))}
-    columns |= {f"d{axis}_mm": row for axis, row in zip("xyz", np.asarray(calibration.residual_in_root, float))}
-    pq.write_table(pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()}), folder / ARROWS)
+    columns |= {
+        f"{axis}_mm": row for axis, row in zip("xyz", np.asarray(calibration.points, float))
+    }
+    columns |= {
+        f"d{axis}_mm": row
+        for axis, row in zip("xyz", np.asarray(calibration.residual_in_root, float))
+    }
+    pq.write_table(
+        pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()}),
+        folder / ARROWS,
+    )
 
 
 def _residual_columns(calibration):

@@ -1,6 +1,6 @@
 """What the changes of a session do to a recording and to a plan."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,8 +21,8 @@ def kept_rows(session: Session, recording) -> np.ndarray:
     missing = (samples | poses) - set(ids.tolist())
     if missing:
         raise InputError(
-            f"session of recording '{recording.name}': sample {min(missing)} is excluded, but the recording has no such "
-            "sample; name the recording that the session was made with"
+            f"session of recording '{recording.name}': sample {min(missing)} is excluded, but the recording has "
+            "no such sample; name the recording that the session was made with"
         )
     excluded = np.isin(ids, list(samples))
     if poses:
@@ -40,15 +40,16 @@ def edited_recording(session: Session, recording):
     missing = images - {row["image"] for row in recording.images}
     if missing:
         raise InputError(
-            f"session of recording '{recording.name}': image '{min(missing)}' is excluded, but images.csv does not list "
-            "it; name the recording that the session was made with"
+            f"session of recording '{recording.name}': image '{min(missing)}' is excluded, but images.csv has no "
+            "such image; name the recording that the session was made with"
         )
     kept = kept_rows(session, recording)
     left_out = set(recording.sample_ids[~kept].tolist())
     used = [
         k
         for k, row in enumerate(recording.images)
-        if row["image"] not in images and ("sample" not in row or int(row["sample"]) not in left_out)
+        if row["image"] not in images
+        and ("sample" not in row or int(row["sample"]) not in left_out)
     ]
     edited = recording if kept.all() else recording.select(kept)
     if not edited.n and recording.n:
@@ -62,7 +63,11 @@ def _chosen(images, places: list[int]):
     """The images at some places, in the form in which the recording keeps them."""
     if len(places) == len(images):
         return images
-    return [images[k] for k in places] if isinstance(images, list | tuple) else images[np.array(places, int)]
+    return (
+        [images[k] for k in places]
+        if isinstance(images, list | tuple)
+        else images[np.array(places, int)]
+    )
 
 
 @dataclass(frozen=True)
@@ -79,14 +84,27 @@ class EditedPlan:
         from workbench.fitting.plans import default_plan, read_plan
 
         base = read_plan(Path(self.session.plan)) if self.session.plan else default_plan(chain)
-        return self.edited(base)
+        taken = _keys_of(self.session.added_effects, chain)
+        return self.edited(base, lambda row: bool(taken & _keys_of([effect_row(row)], chain)))
 
-    def edited(self, stages: Sequence[Stage]) -> tuple[Stage, ...]:
-        """The stages after all changes."""
+    def edited(
+        self,
+        stages: Sequence[Stage],
+        is_added: Callable[[tuple[str, str, dict]], bool] = lambda row: False,
+    ) -> tuple[Stage, ...]:
+        """The stages after all changes.
+
+        is_added: whether an effect of the plan has parameters of an added one. It then stands in the stage of
+        added effects alone, since a model holds every parameter once.
+        """
         self._check_names(stages)
         names, effects = self.session.excluded(STAGES), self.session.excluded(EFFECTS)
-        left = [_without(stage, effects) for stage in stages if stage.name not in names]
-        left = [stage for stage, before in left if stage.effects or not before]
+        left = []
+        for stage in stages:
+            rows = [row for row in stage.effects if effect_label(effect_row(row)) not in effects]
+            rows = [row for row in rows if not is_added(row)]
+            if stage.name not in names and (rows or not stage.effects):
+                left.append(replace(stage, effects=tuple(rows)))
         if self.session.added_effects:
             left.append(added_stage(self.session.added_effects))
         return tuple(left)
@@ -103,10 +121,13 @@ class EditedPlan:
                 )
 
 
-def _without(stage: Stage, labels: frozenset) -> tuple[Stage, bool]:
-    """The stage without some effects, and whether it had any before."""
-    rows = tuple(row for row in stage.effects if effect_label(effect_row(row)) not in labels)
-    return replace(stage, effects=rows), bool(stage.effects)
+def _keys_of(effects: Sequence[dict], chain) -> set[str]:
+    """Keys of the parameters that effects bring to a chain."""
+    from robot_model.effects import CATALOGUE
+    from workbench.core.effect import make_effects
+
+    made = make_effects(CATALOGUE, added_stage(effects).effects)
+    return {parameter.key for effect in made for parameter in effect.parameters(chain)}
 
 
 def effect_row(row: tuple[str, str, dict]) -> dict:

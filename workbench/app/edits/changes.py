@@ -52,37 +52,53 @@ def effect_label(row: Mapping) -> str:
 def read_change(row: object, where: str) -> Change:
     """The change that a table of session.toml holds. where: names the place in messages. Raises InputError."""
     if not isinstance(row, Mapping):
-        raise InputError(f"{where}: expected a table with action, kind and items, found {row!r}; correct it")
+        raise InputError(
+            f"{where}: expected a table with action, kind and items, found {row!r}; correct it"
+        )
     for key in row:
         if key not in _KEYS:
-            raise InputError(f"{where}: expected the keys {', '.join(_KEYS)}, found '{key}'; remove or rename it")
+            raise InputError(
+                f"{where}: expected the keys {', '.join(_KEYS)}, found '{key}'; remove or rename it"
+            )
     action, kind = row.get("action"), row.get("kind")
     _check_choice(action, ACTIONS, f"{where}, key action")
     _check_choice(kind, KINDS, f"{where}, key kind")
     if action == ADD and kind != EFFECTS:
-        raise InputError(f"{where}, key kind: expected effects where action is add, found '{kind}'; correct it")
+        raise InputError(
+            f"{where}, key kind: expected effects where action is add, found '{kind}'; correct it"
+        )
     items, why = row.get("items"), row.get("why", "")
     if not isinstance(items, list) or not items:
-        raise InputError(f"{where}, key items: expected a list with at least one entry, found {items!r}; correct it")
+        raise InputError(
+            f"{where}, key items: expected a list with at least one entry, found {items!r}; correct it"
+        )
     if not isinstance(why, str):
-        raise InputError(f"{where}, key why: expected text, found {why!r}; put it in quotation marks")
+        raise InputError(
+            f"{where}, key why: expected text, found {why!r}; put it in quotation marks"
+        )
     return Change(action, kind, tuple(_item(item, action, kind, where) for item in items), why)
 
 
 def _check_choice(value, choices, where: str) -> None:
     if value not in choices:
-        raise InputError(f"{where}: expected one of {', '.join(choices)}, found {value!r}; correct it")
+        raise InputError(
+            f"{where}: expected one of {', '.join(choices)}, found {value!r}; correct it"
+        )
 
 
 def _item(item, action: str, kind: str, where: str):
     if kind in (SAMPLES, POSES):
         if type(item) is not int:
-            raise InputError(f"{where}, key items: expected sample numbers, found {item!r}; write whole numbers")
+            raise InputError(
+                f"{where}, key items: expected sample numbers, found {item!r}; write whole numbers"
+            )
         return item
     if action == ADD:
         return _added_effect(item, where)
     if not isinstance(item, str):
-        raise InputError(f"{where}, key items: expected text, found {item!r}; put it in quotation marks")
+        raise InputError(
+            f"{where}, key items: expected text, found {item!r}; put it in quotation marks"
+        )
     return item
 
 
@@ -91,7 +107,9 @@ def _added_effect(item, where: str) -> dict:
     from workbench.core.effect import make_effects
 
     if not isinstance(item, Mapping) or not {"effect", "where"} <= set(item):
-        raise InputError(f"{where}, key items: expected tables with effect and where, found {item!r}; correct it")
+        raise InputError(
+            f"{where}, key items: expected tables with effect and where, found {item!r}; correct it"
+        )
     options = {key: value for key, value in item.items() if key not in ("effect", "where")}
     try:
         make_effects(CATALOGUE, [(item["effect"], item["where"], options)])

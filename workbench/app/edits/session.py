@@ -54,21 +54,32 @@ class Session:
         for change in self.changes:
             if change.kind != kind or change.action == ADD:
                 continue
-            found = found | set(change.items) if change.action == EXCLUDE else found - set(change.items)
+            found = (
+                found | set(change.items) if change.action == EXCLUDE else found - set(change.items)
+            )
         return frozenset(found)
 
     @property
     def added_effects(self) -> tuple[dict, ...]:
         """Effects that changes add to the plan, each once, in order."""
-        rows = [dict(row) for change in self.changes if change.action == ADD for row in change.items]
+        rows = [
+            dict(row) for change in self.changes if change.action == ADD for row in change.items
+        ]
         return tuple(row for k, row in enumerate(rows) if row not in rows[:k])
 
     def as_toml(self) -> str:
         """The text of session.toml: one line for each change."""
         import tomli_w
 
-        head = {"format": FORMAT, "recording": self.recording, "folds": self.folds, "trust_data": self.trust_data}
-        head |= {key: value for key, value in (("plan", self.plan), ("scanner", self.scanner)) if value}
+        head = {
+            "format": FORMAT,
+            "recording": self.recording,
+            "folds": self.folds,
+            "trust_data": self.trust_data,
+        }
+        head |= {
+            key: value for key, value in (("plan", self.plan), ("scanner", self.scanner)) if value
+        }
         lines = [f"  {change_line(change)},\n" for change in self.changes]
         note = "# Repeat without the app: workbench calibrate --session FILE\n"
         return f"{note}{tomli_w.dumps(head)}changes = [\n{''.join(lines)}]\n"
@@ -84,24 +95,39 @@ def read_session(path: Path) -> Session:
     try:
         keys = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"session {path} cannot be read ({problem}); name a session.toml of `workbench open`") from None
+        raise InputError(
+            f"session {path} cannot be read ({problem}); name a session.toml of `workbench open`"
+        ) from None
     if keys.get("format") != FORMAT:
         found = keys.get("format")
-        raise InputError(f"session {path}, key format: expected '{FORMAT}', found {found!r}; name a session.toml")
+        raise InputError(
+            f"session {path}, key format: expected '{FORMAT}', found {found!r}; name a session.toml"
+        )
     for key, value in keys.items():
         _check_key(path, key, value)
     if not keys.get("recording"):
-        raise InputError(f"session {path}, key recording: expected a folder or a known name, found none; add it")
+        raise InputError(
+            f"session {path}, key recording: expected a folder or a known name, found none; add it"
+        )
     if keys.get("folds", 2) < 2:
-        raise InputError(f"session {path}, key folds: expected at least 2, found {keys['folds']}; correct it")
-    changes = [read_change(row, f"session {path}, change {k}") for k, row in enumerate(keys.get("changes", []), 1)]
+        raise InputError(
+            f"session {path}, key folds: expected at least 2, found {keys['folds']}; correct it"
+        )
+    changes = [
+        read_change(row, f"session {path}, change {k}")
+        for k, row in enumerate(keys.get("changes", []), 1)
+    ]
     options = {key: value for key, value in keys.items() if key not in ("format", "changes")}
     return Session(**options, changes=tuple(changes))
 
 
 def _check_key(path: Path, key: str, value) -> None:
     if key not in _TYPES:
-        raise InputError(f"session {path}: expected the keys {', '.join(_TYPES)}, found '{key}'; remove or rename it")
+        raise InputError(
+            f"session {path}: expected the keys {', '.join(_TYPES)}, found '{key}'; remove or rename it"
+        )
     if type(value) is not _TYPES[key]:
-        kind = {str: "text", int: "a whole number", bool: "true or false", list: "a list"}[_TYPES[key]]
+        kind = {str: "text", int: "a whole number", bool: "true or false", list: "a list"}[
+            _TYPES[key]
+        ]
         raise InputError(f"session {path}, key {key}: expected {kind}, found {value!r}; correct it")

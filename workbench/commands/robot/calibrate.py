@@ -34,7 +34,9 @@ Folds = Annotated[int, typer.Option("--folds", min=2, help="Blocks of the cross-
 
 
 def command(
-    recording: Annotated[str | None, typer.Argument(help="Folder of a recording, or a known name.")] = None,
+    recording: Annotated[
+        str | None, typer.Argument(help="Folder of a recording, or a known name.")
+    ] = None,
     plan: Plan = None,
     fit_samples: FitSamples = None,
     test_samples: TestSamples = None,
@@ -57,9 +59,12 @@ def command(
         from workbench.commands.robot.edit_session import calibrate_session
 
         options = {"RECORDING": recording, "--plan": plan, "--scanner": scanner}
+        options |= {"--fit-samples": fit_samples, "--test-samples": test_samples}
         return calibrate_session(session, options, out, json, tolerance, not no_report)
     if recording is None:
-        raise InputError("workbench calibrate: expected a recording or --session FILE, found neither; name one.")
+        raise InputError(
+            "workbench calibrate: expected a recording or --session FILE, found neither; name one."
+        )
     with answer.progress(f"reading {recording}") as say:
         import datasets
 
@@ -129,7 +134,13 @@ def solve_into(
     say(f"calibrating {name}")
     calibration = calibrate(found, progress=say, **options)
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
-    result = {**calibration.as_json(), **told, "verdict": verdict.as_json(), "input": runs.input_name(name), "run": path}
+    result = {
+        **calibration.as_json(),
+        **told,
+        "verdict": verdict.as_json(),
+        "input": runs.input_name(name),
+        "run": path,
+    }
     save(calibration, folder)
     if report:
         say("writing the report")

@@ -3,14 +3,18 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-
 from workbench.commands.shared import answer
 from workbench.core.errors import InputError
 from workbench.files import runs
 
 
 def calibrate_session(
-    path: Path, options: Mapping, out: Path | None, json: str | None, tolerance: list[str] | None, report: bool
+    path: Path,
+    options: Mapping,
+    out: Path | None,
+    json: str | None,
+    tolerance: list[str] | None,
+    report: bool,
 ) -> None:
     """Calibrate as the session at `path` says, into a run folder that also holds the session.
 
@@ -19,7 +23,7 @@ def calibrate_session(
     """
     from workbench.app.edits.apply import EditedPlan, edited_recording
     from workbench.app.edits.session import NAME, read_session
-    from workbench.commands.calibrate import check_scanner, deliver, solve_into
+    from workbench.commands.robot.calibrate import check_scanner, deliver, solve_into
 
     _check_unused(path, options)
     session = read_session(path)
@@ -30,10 +34,22 @@ def calibrate_session(
         scanner = Path(session.scanner) if session.scanner else None
         check_scanner(found, scanner)
         tolerances = answer.read_tolerances(tolerance, found.measures)
-        keywords = {"plan": EditedPlan(session), "folds": session.folds, "trust_data": session.trust_data}
+        keywords = {
+            "plan": EditedPlan(session),
+            "folds": session.folds,
+            "trust_data": session.trust_data,
+        }
         with runs.opened("calibrate", session.recording, out) as run:
             result = solve_into(
-                run.partial, run.path, found, session.recording, keywords, say, report, scanner, tolerances
+                run.partial,
+                run.path,
+                found,
+                session.recording,
+                keywords,
+                say,
+                report,
+                scanner,
+                tolerances,
             )
             session.save(run.partial / NAME)
     deliver(result, run, json)

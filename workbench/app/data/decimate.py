@@ -1,0 +1,68 @@
+"""Fewer points than samples: what the server sends, whatever the size of the recording."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MOST_POINTS = 4000
+MOST_ARROWS = 2500
+MOST_BINS = 60
+
+
+def thinned(
+    n: int, most: int = MOST_POINTS, important: np.ndarray | None = None, always=()
+) -> np.ndarray:
+    """Indices, in order, of at most about `most` of n samples.
+
+    Half of them are the samples with the largest `important` (n,), so that no outlier is hidden, the others are
+    spread evenly over the rows; `always` are added. Without `important` all are spread evenly.
+    """
+    if n <= most:
+        return np.arange(n)
+    extra = np.asarray(list(always)[:most], int)
+    if important is None:
+        even = np.linspace(0, n - 1, most).astype(int)
+        return np.union1d(even, extra)
+    even = np.linspace(0, n - 1, most // 2).astype(int)
+    values = np.where(np.isfinite(important), important, -np.inf)
+    largest = np.argpartition(values, n - most // 2)[n - most // 2 :]
+    return np.union1d(np.union1d(even, largest), extra)
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """`edges` (B + 1,) and counts (B,) of each kind over the same bins."""
+
+    edges: np.ndarray
+    counts: dict[str, np.ndarray]
+
+
+def histogram(values: dict[str, np.ndarray], bins: int = MOST_BINS) -> Histogram:
+    """Counts of all finite values of each kind, from zero to the largest."""
+    finite = {name: row[np.isfinite(row)] for name, row in values.items()}
+    top = max((float(row.max()) for row in finite.values() if row.size), default=1.0)
+    edges = np.linspace(0, top * (1 + 1e-9) or 1.0, bins + 1)
+    return Histogram(edges, {name: np.histogram(row, edges)[0] for name, row in finite.items()})
+
+
+def bin_means(x: np.ndarray, y: np.ndarray, bins: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of x and y (n,) over at most `bins` bins of about equal count; all finite samples count."""
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
+    if not x.size:
+        return x, y
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)[1:-1]))
+    place = np.searchsorted(edges, x, side="right")
+    count = np.bincount(place, minlength=len(edges) + 1)
+    filled = count > 0
+    means = [np.bincount(place, row, len(edges) + 1)[filled] / count[filled] for row in (x, y)]
+    return means[0], means[1]
+
+
+def within(
+    x: np.ndarray, y: np.ndarray, x_range: tuple[float, float], y_range: tuple[float, float]
+) -> np.ndarray:
+    """(n,) bool: which of all samples lie in a rectangle, also those that are not drawn."""
+    low_x, high_x = sorted(x_range)
+    low_y, high_y = sorted(y_range)
+    return (x >= low_x) & (x <= high_x) & (y >= low_y) & (y <= high_y)
