@@ -97,7 +97,7 @@ def open_subject(subject: str | None, recording: str | None = None) -> Opened:
         return _open_run(folder.resolve(), recording)
     if recording is not None:
         raise InputError(
-            f"--recording {recording}: expected a run folder with {ANSWER} as first argument, found {subject}; name a run"
+            f"--recording {recording}: expected a run folder with {ANSWER} as first argument, found {subject}; name one"
         )
     import datasets
     from workbench.files.runs import input_name
@@ -150,3 +150,15 @@ def read_answer(path: Path) -> dict:
             f"{path}: expected a JSON object, found {type(answer).__name__}; name the folder of a run"
         )
     return answer
+
+
+def summary(opened: Opened) -> str:
+    """One line: kind, number of samples, and the errors of the run."""
+    parts = [opened.recording.measures, f"{len(opened.rows):,} samples"]
+    answer = opened.answer or {}
+    held_out = answer.get("held_out") or {}
+    for key in ("rms_mm", "after_mm"):
+        if isinstance(held_out, dict) and held_out.get(key) is not None:
+            parts.append(f"held-out RMS {held_out[key]:.4g} mm")
+    parts.append(f"run of {opened.command}" if opened.command else "no run yet")
+    return " · ".join(parts)

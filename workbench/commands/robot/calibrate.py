@@ -139,6 +139,7 @@ def solve_into(
         **told,
         "verdict": verdict.as_json(),
         "input": runs.input_name(name),
+        "options": _stated_options(options, scanner),
         "run": path,
     }
     save(calibration, folder)
@@ -147,6 +148,17 @@ def solve_into(
         _report(calibration, scans, folder)
     runs.replace_file(folder / "answer.json", answer.as_text(result))
     return result
+
+
+def _stated_options(options: dict, scanner: Path | None) -> dict:
+    """What the command line said of the calibration: plan, folds, scanner, trust_data."""
+    plan = options.get("plan")
+    return {
+        "plan": str(plan) if isinstance(plan, str | Path) else None,
+        "folds": options.get("folds", 10),
+        "scanner": None if scanner is None else str(scanner),
+        "trust_data": options.get("trust_data", False),
+    }
 
 
 def _centres(found, scanner, folder, path, options, say):
