@@ -7,6 +7,7 @@ import numpy as np
 MOST_POINTS = 4000
 MOST_ARROWS = 2500
 MOST_BINS = 60
+_LEAST_IN_BIN = 8
 
 
 def thinned(
@@ -51,6 +52,7 @@ def bin_means(x: np.ndarray, y: np.ndarray, bins: int = 24) -> tuple[np.ndarray,
     x, y = x[finite], y[finite]
     if not x.size:
         return x, y
+    bins = int(np.clip(x.size // _LEAST_IN_BIN, 1, bins))
     edges = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)[1:-1]))
     place = np.searchsorted(edges, x, side="right")
     count = np.bincount(place, minlength=len(edges) + 1)

@@ -19,7 +19,8 @@ _MOST_MARKS = 3000
 class Overlay:
     """An image as a data address, its `size` (width, height) px, and marks over it.
 
-    `corners` and `stripe` (2, k) px of the full image; `index` (k,) which corners of the board; `why` nothing was found, "" where something was.
+    `corners` and `stripe` (2, k) px of the full image; `index` (k,) which corners of the board.
+    `why` nothing was found, "" where something was.
     """
 
     name: str

@@ -9,6 +9,7 @@ from workbench.app.figures import robot, style
 from workbench.app.workspace import Workspace
 
 _NAMES = {
+    "": "held out or fit",
     FIT: "fit",
     HELD_OUT: "held out",
     NOMINAL: "nominal",
@@ -40,17 +41,9 @@ def arrows(work: Workspace) -> go.Figure:
     _add_arrows(made, places, scale * vectors, drawn, lengths[drawn])
     _add_marks(made, places, drawn, lengths[drawn])
     _add_selected(made, work)
-    robot.add_arm(made, work)
-    made.add_annotation(
-        text=f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn",
-        x=0,
-        y=1,
-        xref="paper",
-        yref="paper",
-        showarrow=False,
-        xanchor="left",
-        yanchor="top",
-    )
+    robot.add_arm(made, work, with_outer=False)
+    text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
+    made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
     return made
 
 
@@ -69,8 +62,7 @@ def _add_arrows(made, places, vectors, rows, lengths) -> None:
         customdata=np.repeat(rows, 3),
         line=dict(
             color=np.repeat(lengths, 3),
-            colorscale="Viridis",
-            reversescale=True,
+            colorscale=style.LENGTHS,
             cmin=0,
             cmax=_top(lengths),
             width=3,
@@ -93,8 +85,7 @@ def _add_marks(made, places, rows, lengths) -> None:
         marker=dict(
             size=3,
             color=lengths,
-            colorscale="Viridis",
-            reversescale=True,
+            colorscale=style.LENGTHS,
             cmin=0,
             cmax=_top(lengths),
             colorbar=bar,
@@ -125,7 +116,7 @@ def _add_selected(made, work: Workspace) -> None:
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     """Length of the residual over one quantity, with means of bins of equal count over all samples."""
     made = style.plane(
-        style.plain(name), f"residual, {_NAMES.get(kind, kind)} (mm)", f"chart-{name}-{kind}"
+        style.plain(name), f"residual, {_NAMES.get(kind or '', kind)} (mm)", f"chart-{name}-{kind}"
     )
     made.update_layout(dragmode="select", selectionrevision=name, clickmode="event")
     if name not in work.quantities:
@@ -150,7 +141,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
             hovertemplate="row %{customdata}: %{y:.4f} mm<extra></extra>",
         )
     centres, means = bin_means(x[kept], y[kept])
-    made.add_scatter(
+    made.add_scattergl(
         x=centres,
         y=means,
         mode="lines",

@@ -55,8 +55,11 @@ def add_places(made: go.Figure, places: np.ndarray, rows: np.ndarray, name: str)
     )
 
 
-def add_arm(made: go.Figure, work: Workspace) -> None:
-    """The nominal arm at the current row with what it carries, and the frame of instrument or artefact."""
+def add_arm(made: go.Figure, work: Workspace, with_outer: bool = True) -> None:
+    """The nominal arm at the current row with what it carries.
+
+    with_outer: also the frame of the instrument, or the balls of the artefact.
+    """
     opened = work.opened
     row = int(opened.rows[work.current])
     pose = arm_pose(opened, row)
@@ -67,7 +70,7 @@ def add_arm(made: go.Figure, work: Workspace) -> None:
     if pose.sensor is not None:
         _sensor(made, opened, pose)
     outer = outer_frame(opened)
-    if outer is not None:
+    if outer is not None and with_outer:
         _outer(made, opened, outer)
     if has_points(work):
         _current(made, opened.residuals.points[:, work.current])

@@ -98,7 +98,7 @@ def cloud(opened: Opened, place: int) -> go.Figure:
 
 
 def _deviations(made, points: np.ndarray, deviation: np.ndarray) -> None:
-    top = max(float(np.percentile(np.abs(deviation), 98)), 1e-6)
+    top = max(5 * 1.4826 * float(np.median(np.abs(deviation))), 1e-6)
     x, y, z = np.round(points, 3)
     bar = dict(title=dict(text="from the fitted ball (um)", side="right"), thickness=14, len=0.7)
     made.add_scatter3d(

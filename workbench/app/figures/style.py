@@ -10,6 +10,8 @@ INK, GREY, BLUE, ORANGE, GREEN, VIOLET = (
     "#0f766e",
     "#86198f",
 )
+LENGTHS = [[0, "#8ab8de"], [0.4, "#1565a8"], [0.7, "#b45309"], [1, "#8b1a1a"]]
+"""Colours of small to large residuals, each of which stands out on white."""
 _FONT = dict(family="Roboto, Arial, sans-serif", size=13, color=INK)
 
 
@@ -32,7 +34,10 @@ def space(view: str) -> go.Figure:
     """An empty scene in mm with equal axes."""
     axis = dict(backgroundcolor="#ffffff", gridcolor="#d4d4d8", showspikes=False)
     scene = {f"{name}axis": dict(title=dict(text=f"{name} (mm)"), **axis) for name in "xyz"}
-    scene |= dict(aspectmode="data", camera=dict(eye=dict(x=1.3, y=-1.4, z=0.7)))
+    scene |= dict(
+        aspectmode="data",
+        camera=dict(eye=dict(x=1.35, y=-1.45, z=0.6), center=dict(x=0, y=0, z=-0.12)),
+    )
     return go.Figure(
         layout=dict(
             template="plotly_white",

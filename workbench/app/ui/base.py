@@ -24,6 +24,16 @@ class Page:
         """Show a message; kind: info, success or error."""
         self.state.message, self.state.message_kind = text, kind
 
+    def show(self) -> None:
+        """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
+        self.state.shown = True
+        self.handler(lambda: None)()
+
+    def show_tab(self) -> None:
+        """Draw the tab that was chosen."""
+        if self.state.shown:
+            self.handler(lambda: None)()
+
     def opened_changed(self) -> None:
         """Show the figures of the newest run in the bar."""
         from workbench.app.data.opened import summary
@@ -73,6 +83,11 @@ class Tab:
         """Send what the tab shows."""
         raise NotImplementedError
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether the browser shows this tab."""
+        return bool(self.state.shown) and self.state.tab == self.name
+
     def figure(self, name: str, label: str, height: str = "60vh", **events) -> None:
         """A plotly figure; label: what a screen reader says of it."""
         with html.Div(
@@ -81,7 +96,8 @@ class Tab:
             self.figures[name] = plotly.Figure(
                 state_variable_name=f"figure_{name}",
                 display_logo=("false",),
-                display_mode_bar=("true",),
+                display_mode_bar=("'hover'",),
+                mode_bar_buttons_to_remove=("['lasso2d', 'resetCameraLastSave3d']",),
                 **events,
             )
 

@@ -143,7 +143,7 @@ class DiagnosisTab(Tab):
         self.state.evidence = [{"name": name, "value": value} for name, value in rows]
 
     def _on_choice(self, **_) -> None:
-        if self.state.tab == self.name and self.work.diagnosis is not None:
+        if self.is_shown and self.work.diagnosis is not None:
             self.page.handler(lambda: None)()
 
     def choose(self, names) -> None:
@@ -177,7 +177,7 @@ def _verdict(answer) -> str:
     held_out = answer["held_out"]
     unit = "mm" if "before_mm" in held_out else "px"
     before, after = held_out[f"before_{unit}"], held_out[f"after_{unit}"]
-    return f"{answer['verdict']}: held-out RMS error {before:.4g} {unit} with the baseline, {after:.4g} {unit} with what was found"
+    return f"{answer['verdict']}: held-out RMS error {before:.4g} {unit} before, {after:.4g} {unit} after"
 
 
 def _term_label(term, kept: bool) -> str:

@@ -144,7 +144,7 @@ class EditTab(Tab):
         self.draw("threshold", residuals.histogram_figure(self.work, value))
 
     def _on_threshold(self, **_) -> None:
-        if self.state.tab == self.name:
+        if self.is_shown:
             self._show_threshold()
 
     def set_stage(self, name, on) -> None:

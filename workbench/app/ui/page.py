@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from trame.ui.vuetify3 import VAppLayout
-from trame.widgets import html
+from trame.widgets import client, html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.opened import Opened, summary
@@ -38,6 +38,7 @@ def build(server, opened: Opened, session: Path) -> Page:
     state.trame__title = "workbench"
     state.tab = "residuals" if opened.residuals is not None else "recording"
     state.message, state.message_kind = "", "info"
+    state.shown = False
     state.heading = opened.title
     state.summary = summary(opened)
     state.has_report = bool(opened.folder and (opened.folder / "report.html").is_file())
@@ -50,16 +51,15 @@ def build(server, opened: Opened, session: Path) -> Page:
     ]
     page.tabs = {tab.name: tab for tab in tabs}
     _layout(server, page, tabs)
-    state.change("tab")(lambda **_: page.handler(lambda: None)())
-    server.controller.on_client_connected.add(page.refresh)
-    page.refresh()
+    state.change("tab")(lambda **_: page.show_tab())
     return page
 
 
 def _layout(server, page: Page, tabs) -> None:
     with VAppLayout(server, vuetify_config=_THEME) as layout:
         layout.root.style = "background: white"
-        html.Style(_STYLE) if hasattr(html, "Style") else None
+        client.Style(_STYLE)
+        client.ClientTriggers(mounted=page.show)
         with v3.VAppBar(density="comfortable", flat=True, border=True):
             with html.Div(classes="px-4", style="max-width: 45%; overflow: hidden"):
                 html.H1("{{ heading }}", classes="text-subtitle-1 font-weight-bold text-truncate")
@@ -92,5 +92,7 @@ def _layout(server, page: Page, tabs) -> None:
                 style=("message_kind === 'error' ? 'color: #b3261e' : 'color: #0b4a7a'",),
             )
             for tab in tabs:
-                with html.Div(v_if=f"tab === '{tab.name}'", classes="pa-3", data_tab=tab.name):
+                with html.Div(
+                    v_if=f"shown && tab === '{tab.name}'", classes="pa-3", data_tab=tab.name
+                ):
                     tab.build()

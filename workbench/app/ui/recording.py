@@ -64,7 +64,13 @@ class RecordingTab(Tab):
             "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
         )
         html.H2("Current sample", classes="text-subtitle-1 font-weight-bold mt-2")
-        with v3.VTable(density="compact", aria_label="Columns of the current sample"):
+        table = dict(
+            density="compact",
+            height="26vh",
+            aria_label="Columns of the current sample",
+            tabindex="0",
+        )
+        with v3.VTable(**table):
             with html.Tbody():
                 with html.Tr(v_for="one in row_table", key="one.name"):
                     html.Td("{{ one.name }}")
@@ -137,11 +143,11 @@ class RecordingTab(Tab):
         self.state.image_text = "; ".join([*parts, *([shown.why] if shown.why else []), *excluded])
 
     def _on_row(self, row, **_) -> None:
-        if self.state.tab == self.name and row != self.work.current:
+        if self.is_shown and row != self.work.current:
             self.page.handler(self.go_to)(row)
 
     def _on_image(self, image, **_) -> None:
-        if self.state.tab == self.name and self.state.images and image is not None:
+        if self.is_shown and self.state.images and image is not None:
             self.page.handler(self._show_image)()
 
     def go_to(self, row) -> None:

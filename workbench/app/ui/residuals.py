@@ -91,7 +91,7 @@ class ResidualsTab(Tab):
                     label=label,
                     density="compact",
                     hide_details=True,
-                    style="max-width: 170px",
+                    style="flex: 0 0 190px",
                     classes="mr-2",
                 )
             self.button("Select lengths", self.select_lengths)
@@ -100,7 +100,7 @@ class ResidualsTab(Tab):
                 label="Sample number",
                 density="compact",
                 hide_details=True,
-                style="max-width: 170px",
+                style="flex: 0 0 190px",
                 classes="mr-2",
             )
             self.button("Select sample", self.select_sample)
@@ -134,7 +134,7 @@ class ResidualsTab(Tab):
             for kind in (work.opened.residuals.vectors if has else ())
         ]
         self.draw("arrows", residuals.arrows(work))
-        self.draw("chart", residuals.chart(work, state.quantity, state.kind))
+        self._draw_chart()
         self.draw("histogram", residuals.histogram_figure(work))
         self._describe()
 
@@ -165,11 +165,11 @@ class ResidualsTab(Tab):
         }
 
     def _on_choice(self, **_) -> None:
-        if self.state.tab == self.name:
-            chart = lambda: self.draw(
-                "chart", residuals.chart(self.work, self.state.quantity, self.state.kind)
-            )  # noqa: E731
-            self.page.handler(chart)()
+        if self.is_shown:
+            self.page.handler(self._draw_chart)()
+
+    def _draw_chart(self) -> None:
+        self.draw("chart", residuals.chart(self.work, self.state.quantity, self.state.kind))
 
     @property
     def _mode(self) -> str:

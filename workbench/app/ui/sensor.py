@@ -72,7 +72,7 @@ class SensorTab(Tab):
             ""
             if camera is not None or state.scans
             else (
-                "This run holds no sensor. Runs of camera, scanner, scan, and of calibrate on a scan-images recording do."
+                "This run holds no sensor. Runs of camera, scanner, scan and of calibrate from images do."
             )
         )
         state.camera_table = [] if camera is None else _camera_rows(camera)
@@ -90,7 +90,7 @@ class SensorTab(Tab):
         self.state.scan_text = f"Scan {row['scan']}: {row['points']} points. {row['outcome']}"
 
     def _on_scan(self, **_) -> None:
-        if self.state.tab == self.name and self.state.scans:
+        if self.is_shown and self.state.scans:
             self.page.handler(self._show_scan)()
 
 
