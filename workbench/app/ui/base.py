@@ -3,6 +3,7 @@
 import functools
 import logging
 from collections.abc import Callable
+from html import escape as html_escape
 
 from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
@@ -11,6 +12,18 @@ from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
+
+
+def raw(**attributes: object) -> dict:
+    """Attributes that trame does not know, such as role and aria-label, as an argument of a widget.
+
+    They stand in the page's template: they are words of this code, never of the data.
+    """
+    lines = []
+    for name, value in attributes.items():
+        dashed = name.replace("_", "-")
+        lines.append(dashed if value is True else f'{dashed}="{html_escape(str(value))}"')
+    return {"raw_attrs": lines}
 
 
 class Page:
@@ -91,7 +104,8 @@ class Tab:
     def figure(self, name: str, label: str, height: str = "60vh", **events) -> None:
         """A plotly figure; label: what a screen reader says of it."""
         with html.Div(
-            style=f"height: {height}; width: 100%", role="img", aria_label=label, data_figure=name
+            style=f"height: {height}; width: 100%",
+            **raw(role="img", aria_label=label, data_figure=name),
         ):
             self.figures[name] = plotly.Figure(
                 state_variable_name=f"figure_{name}",
@@ -107,12 +121,14 @@ class Tab:
 
     def button(self, text: str, method: Callable, arguments: str = "[]", **options) -> None:
         """A button that calls a method; what the method refuses is shown as a message."""
+        label = options.pop("aria_label", "")
         v3.VBtn(
             text,
             click=(self.page.handler(method), arguments),
             variant=options.pop("variant", "outlined"),
             density="comfortable",
             classes="mr-2 mb-2 text-none",
+            **(raw(aria_label=label) if label else {}),
             **options,
         )
 

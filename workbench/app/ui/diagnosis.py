@@ -5,7 +5,7 @@ from trame.widgets import vuetify3 as v3
 
 from workbench.app.data import diagnosis as data
 from workbench.app.figures import diagnosis
-from workbench.app.ui.base import Tab, points_of, whole_number
+from workbench.app.ui.base import Tab, points_of, raw, whole_number
 from workbench.app.workspace import CALIBRATE, quantities_of
 
 PLAN = "plan.toml"
@@ -30,7 +30,9 @@ class DiagnosisTab(Tab):
             classes="mb-2",
         )
         with html.Div(v_if="has_diagnosis"):
-            html.Div("{{ verdict_text }}", data_text="verdict", classes="font-weight-bold mb-2")
+            html.Div(
+                "{{ verdict_text }}", **raw(data_text="verdict"), classes="font-weight-bold mb-2"
+            )
             self.figure(
                 "chain",
                 "Measuring chain with the share of the mismatch at each place",
@@ -54,22 +56,26 @@ class DiagnosisTab(Tab):
             density="compact",
             hide_details=True,
         )
-        html.Div("{{ place_text }}", data_text="place", role="status", classes="my-1")
+        html.Div("{{ place_text }}", **raw(data_text="place", role="status"), classes="my-1")
         self._table(
             "Candidates at this place",
             "candidates",
             ("effect", "where", "probability", "size", "decision", "why"),
         )
-        with v3.VTable(density="compact", v_if="evidence.length", aria_label="Evidence"):
+        with v3.VTable(
+            density="compact", v_if="evidence.length", **raw(role="group", aria_label="Evidence")
+        ):
             with html.Tbody(), html.Tr(v_for="one, k in evidence", key="k"):
                 html.Td("{{ one.name }}", style="white-space: nowrap")
                 html.Td("{{ one.value }}")
 
     def _table(self, label: str, items: str, keys) -> None:
-        with v3.VTable(density="compact", v_if=f"{items}.length", aria_label=label):
+        with v3.VTable(
+            density="compact", v_if=f"{items}.length", **raw(role="group", aria_label=label)
+        ):
             with html.Thead(), html.Tr():
                 for key in keys:
-                    html.Th(key, scope="col")
+                    html.Th(key, **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for=f"one, k in {items}", key="k"):
                 for key in keys:
                     html.Td("{{ one." + key + " }}")
@@ -98,7 +104,7 @@ class DiagnosisTab(Tab):
         )
         self.figure("before_after", "Residual before and after the diagnosis", "38vh")
         html.H2("Next experiment", classes="text-subtitle-1 font-weight-bold mt-2")
-        html.Div("{{ next_text }}", data_text="next")
+        html.Div("{{ next_text }}", **raw(data_text="next"))
         with html.Div(v_if="has_next"):
             self.figure("next", "Poses of the next experiment", "46vh")
 

@@ -9,7 +9,7 @@ from trame.widgets import vuetify3 as v3
 from workbench.app.edits.changes import EFFECTS, STAGES
 from workbench.app.figures import residuals
 from workbench.app.jobs import CANCELLED, DONE, RUNNING
-from workbench.app.ui.base import Tab, number_of
+from workbench.app.ui.base import Tab, number_of, raw
 from workbench.app.workspace import CALIBRATE, DIAGNOSE, stage_items
 
 _POLL_S = 0.3
@@ -64,9 +64,12 @@ class EditTab(Tab):
             step=("threshold_top / 200",),
             hide_details=True,
             color="primary",
-            aria_label="Outlier threshold in mm",
+            **raw(aria_label="Outlier threshold in mm"),
         )
-        html.Div("{{ threshold_text }}", data_text="threshold", role="status")
+        html.Div(
+            "{{ threshold_text }}",
+            **raw(data_text="threshold", role="status"),
+        )
         self.button("Exclude samples above", self.exclude_above)
         self.figure("threshold", "Histogram of the residuals with the threshold", "34vh")
 
@@ -74,8 +77,8 @@ class EditTab(Tab):
         html.H2("Changes", classes="text-subtitle-1 font-weight-bold")
         self.button("Undo", self.undo, disabled=("!can_undo",))
         self.button("Redo", self.redo, disabled=("!can_redo",))
-        with html.Ol(classes="pl-6", aria_label="Changes of the session"):
-            html.Li("{{ one }}", v_for="one, k in changes", key="k", data_change=True)
+        with html.Ol(classes="pl-6", **raw(aria_label="Changes of the session")):
+            html.Li("{{ one }}", v_for="one, k in changes", key="k", **raw(data_change=True))
         html.Div("No changes yet.", v_if="!changes.length")
         html.Div(
             "{{ session_file }}",
@@ -96,21 +99,27 @@ class EditTab(Tab):
         self.button("Diagnose", self.start, f"['{DIAGNOSE}']", disabled=("job_running",))
         self.button("Cancel", self.cancel, disabled=("!job_running",))
         v3.VProgressLinear(
-            v_if="job_running", indeterminate=True, color="primary", aria_label="Run in progress"
+            v_if="job_running",
+            indeterminate=True,
+            color="primary",
+            **raw(aria_label="Run in progress"),
         )
         html.Div(
             "{{ job_text }}",
-            data_text="job",
-            role="status",
+            **raw(data_text="job", role="status"),
             classes="my-2",
             style="overflow-wrap: anywhere",
         )
         html.H2("Before and after", classes="text-subtitle-1 font-weight-bold")
         html.Div("Shown after a rerun.", v_if="!comparison.length")
-        with v3.VTable(density="compact", v_if="comparison.length", aria_label="Before and after"):
+        with v3.VTable(
+            density="compact",
+            v_if="comparison.length",
+            **raw(role="group", aria_label="Before and after"),
+        ):
             with html.Thead(), html.Tr():
                 for head in ("", "before", "after"):
-                    html.Th(head, scope="col")
+                    html.Th(head, **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for="one in comparison", key="one.name"):
                 for key in ("name", "before", "after"):
                     html.Td("{{ one." + key + " }}")

@@ -7,7 +7,7 @@ from trame.widgets import client, html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.opened import Opened, summary
-from workbench.app.ui.base import Page
+from workbench.app.ui.base import Page, raw
 from workbench.app.ui.diagnosis import DiagnosisTab
 from workbench.app.ui.edit import EditTab
 from workbench.app.ui.recording import RecordingTab
@@ -66,7 +66,9 @@ def _layout(server, page: Page, tabs) -> None:
                 html.Div(
                     "{{ summary }}", classes="text-caption text-truncate", style="color: #3f4650"
                 )
-            with v3.VTabs(v_model=("tab",), color="primary", aria_label="Views", classes="ml-auto"):
+            with v3.VTabs(
+                v_model=("tab",), color="primary", **raw(aria_label="Views"), classes="ml-auto"
+            ):
                 for tab in tabs:
                     v3.VTab(tab.title, value=tab.name, classes="text-none")
             html.A(
@@ -86,13 +88,13 @@ def _layout(server, page: Page, tabs) -> None:
                 variant="outlined",
                 density="compact",
                 closable=True,
-                role="status",
+                **raw(role="status"),
                 click_close="message = ''",
                 classes="ma-2",
                 style=("message_kind === 'error' ? 'color: #b3261e' : 'color: #0b4a7a'",),
             )
             for tab in tabs:
                 with html.Div(
-                    v_if=f"shown && tab === '{tab.name}'", classes="pa-3", data_tab=tab.name
+                    v_if=f"shown && tab === '{tab.name}'", classes="pa-3", **raw(data_tab=tab.name)
                 ):
                     tab.build()

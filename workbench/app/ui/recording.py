@@ -7,7 +7,7 @@ from workbench.app.data.arm import has_arm
 from workbench.app.data.images import image_rows, overlay
 from workbench.app.data.sensor import reprojection
 from workbench.app.figures import robot, sensor
-from workbench.app.ui.base import Tab, points_of, whole_number
+from workbench.app.ui.base import Tab, points_of, raw, whole_number
 
 
 class RecordingTab(Tab):
@@ -53,10 +53,13 @@ class RecordingTab(Tab):
                 max=("last_row",),
                 step=1,
                 hide_details=True,
-                aria_label="Sample in the order of the recording",
+                **raw(aria_label="Sample in the order of the recording"),
                 color="primary",
             )
-        html.Div("{{ row_text }}", data_text="row", role="status")
+        html.Div(
+            "{{ row_text }}",
+            **raw(data_text="row", role="status"),
+        )
 
     def _details(self) -> None:
         html.H2("Coverage", classes="text-subtitle-1 font-weight-bold")
@@ -64,13 +67,8 @@ class RecordingTab(Tab):
             "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
         )
         html.H2("Current sample", classes="text-subtitle-1 font-weight-bold mt-2")
-        table = dict(
-            density="compact",
-            height="26vh",
-            aria_label="Columns of the current sample",
-            tabindex="0",
-        )
-        with v3.VTable(**table):
+        label = raw(role="group", aria_label="Columns of the current sample", tabindex="0")
+        with v3.VTable(density="compact", height="26vh", **label):
             with html.Tbody():
                 with html.Tr(v_for="one in row_table", key="one.name"):
                     html.Td("{{ one.name }}")
@@ -95,7 +93,10 @@ class RecordingTab(Tab):
                 hide_details=True,
                 classes="ml-4",
             )
-        html.Div("{{ image_text }}", data_text="image", role="status")
+        html.Div(
+            "{{ image_text }}",
+            **raw(data_text="image", role="status"),
+        )
         self.figure("image", "Image with detected corners and stripe", "70vh")
 
     def refresh(self) -> None:

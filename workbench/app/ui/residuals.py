@@ -4,7 +4,7 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.figures import residuals
-from workbench.app.ui.base import Tab, number_of, points_of, range_of, whole_number
+from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
 from workbench.app.workspace import EXTEND, REMOVE, REPLACE
 
 
@@ -83,7 +83,9 @@ class ResidualsTab(Tab):
         )
 
     def _selection(self) -> None:
-        html.Div("{{ selection_text }}", data_text="selection", role="status", classes="mb-2")
+        html.Div(
+            "{{ selection_text }}", **raw(data_text="selection", role="status"), classes="mb-2"
+        )
         with html.Div(classes="d-flex flex-wrap align-center"):
             for key, label in (("length_from", "Residual from (mm)"), ("length_to", "to (mm)")):
                 v3.VTextField(
@@ -109,11 +111,13 @@ class ResidualsTab(Tab):
             self.button("Exclude their poses", self.exclude_poses)
             self.button("Show in recording", self.show_in_recording)
         with v3.VTable(
-            density="compact", v_if="selected_table.length", aria_label="Selected samples"
+            density="compact",
+            v_if="selected_table.length",
+            **raw(role="group", aria_label="Selected samples"),
         ):
             with html.Thead(), html.Tr():
                 for head in ("Sample", "Pose", "Residual (mm)", "Held out (mm)", "Image"):
-                    html.Th(head, scope="col")
+                    html.Th(head, **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for="one in selected_table", key="one.row"):
                 for key in ("sample", "pose", "length", "held_out", "image"):
                     html.Td("{{ one." + key + " }}")

@@ -5,7 +5,7 @@ from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.sensor import camera_of, scanner_of, scans_of
 from workbench.app.figures import sensor
-from workbench.app.ui.base import Tab
+from workbench.app.ui.base import Tab, raw
 
 
 class SensorTab(Tab):
@@ -27,7 +27,9 @@ class SensorTab(Tab):
                 self.figure("planes", "Light planes and mirror axis in space", "58vh")
             with v3.VCol(cols=12, lg=6, v_if="scans.length"):
                 self._clouds()
-        with v3.VTable(density="compact", v_if="camera_table.length", aria_label="Camera"):
+        with v3.VTable(
+            density="compact", v_if="camera_table.length", **raw(role="group", aria_label="Camera")
+        ):
             with html.Tbody(), html.Tr(v_for="one in camera_table", key="one.name"):
                 html.Td("{{ one.name }}")
                 html.Td("{{ one.value }}", classes="text-right")
@@ -43,16 +45,19 @@ class SensorTab(Tab):
         v3.VSelect(
             v_model=("scan",), items=("scans",), label="Scan", density="compact", hide_details=True
         )
-        html.Div("{{ scan_text }}", data_text="scan", role="status")
+        html.Div(
+            "{{ scan_text }}",
+            **raw(data_text="scan", role="status"),
+        )
         self.figure(
             "cloud",
             "Cloud of the chosen scan, coloured by the distance from the fitted ball",
             "52vh",
         )
-        with v3.VTable(density="compact", aria_label="Balls of the scan"):
+        with v3.VTable(density="compact", **raw(role="group", aria_label="Balls of the scan")):
             with html.Thead(), html.Tr():
                 for head in ("Ball", "x (mm)", "y (mm)", "z (mm)", "Radius (mm)", "Form RMS (um)"):
-                    html.Th(head, scope="col")
+                    html.Th(head, **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for="one, k in ball_table", key="k"):
                 for key in ("ball", "x", "y", "z", "radius", "rms"):
                     html.Td("{{ one." + key + " }}")
