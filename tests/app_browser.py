@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 CHROMIUM = shutil.which("chromium")
 # Rendered in software, so that the same is drawn on every machine.
 FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
-WAIT_MS = 90_000
+WAIT_MS = 40_000
 PLAN = """
 [[stage]]
 name = "geometry"
@@ -135,7 +135,7 @@ def trace(page, figure: str, name: str) -> dict:
     """Length and name of a trace of a figure, as the browser holds it."""
     return plot(page, figure).evaluate(
         """(element, name) => {
-            const found = element.data.find((one) => one.name && one.name.startsWith(name));
+            const found = element._fullData.find((one) => one.name && one.name.startsWith(name));
             return found ? {name: found.name, x: Array.from(found.x || []), y: Array.from(found.y || []),
                 customdata: Array.from(found.customdata || []).map((one) => one && one.length ? Array.from(one) : one)} : null;
         }""",

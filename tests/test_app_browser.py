@@ -103,7 +103,7 @@ def test_arrows_are_drawn_for_all_samples_with_their_rows(page):
 
 def test_arrows_are_coloured_by_the_length_of_the_residual(page):
     colours = plot(page, "arrows").evaluate(
-        "(element) => Array.from(element.data.find((one) => one.name === 'residual').line.color)"
+        "(element) => Array.from(element._fullData.find((one) => one.name === 'residual').line.color)"
     )
     assert len(colours) == 900 and max(colours) > 2 * min(colours) > 0
 
@@ -120,8 +120,8 @@ def test_a_click_on_an_arrow_selects_its_sample_and_shows_its_row(page):
 def test_a_real_click_on_a_mark_of_the_chart_selects_it(page):
     place = plot(page, "chart")
     x, y = place.evaluate(
-        """(element) => { const one = element.data.find((t) => t.name === 'samples'); const layout = element._fullLayout;
-            const box = element.getBoundingClientRect(); const k = one.y.indexOf(Math.max(...one.y));
+        """(element) => { const one = element._fullData.find((t) => t.name === 'samples'); const layout = element._fullLayout;
+            const box = element.getBoundingClientRect(); const y = Array.from(one.y), k = y.indexOf(Math.max(...y));
             return [box.left + layout.xaxis._offset + layout.xaxis.c2p(one.x[k]),
                     box.top + layout.yaxis._offset + layout.yaxis.c2p(one.y[k])]; }"""
     )
@@ -140,13 +140,18 @@ def test_a_brush_over_the_whole_chart_selects_every_sample(page):
     wait_for_text(page, "selection", "300 of 300 samples selected")
 
 
-def test_a_click_on_a_bar_selects_its_samples(page):
-    bars = trace(page, "histogram", "fit")
+def test_a_real_click_on_a_bar_selects_its_samples(page):
+    bars = trace(page, "histogram", "held out")
     place = max(range(len(bars["y"])), key=lambda k: bars["y"][k])
-    emit(page, "histogram", "plotly_click", {"points": [{"customdata": bars["customdata"][place]}]})
-    page.wait_for_function(
-        "() => !document.querySelector('[data-text=selection]').innerText.startsWith('0 of')"
+    x, y = plot(page, "histogram").evaluate(
+        """(element, [x, y]) => { const layout = element._fullLayout, box = element.getBoundingClientRect();
+            return [box.left + layout.xaxis._offset + layout.xaxis.c2p(x), box.top + layout.yaxis._offset + layout.yaxis.c2p(y / 2)]; }""",
+        [bars["x"][place], bars["y"][place]],
     )
+    page.mouse.move(x, y, steps=4)
+    page.wait_for_timeout(300)
+    page.mouse.click(x, y)
+    wait_for_text(page, "selection", f"{bars['y'][place]} of 300 samples selected")
 
 
 def test_the_histogram_overlays_fit_and_held_out(page):
@@ -227,7 +232,7 @@ def test_scrubbing_moves_the_arm(page):
         "(old) => document.querySelector('[data-text=row]').innerText !== old", arg=text
     )
     page.wait_for_function(
-        """(old) => JSON.stringify(Array.from(document.querySelector('[data-figure=scene] .js-plotly-plot').data
+        """(old) => JSON.stringify(Array.from(document.querySelector('[data-figure=scene] .js-plotly-plot')._fullData
             .find((one) => one.name === 'arm at the current sample').x)) !== JSON.stringify(old)""",
         arg=before["x"],
     )
@@ -456,7 +461,9 @@ def test_the_chain_shows_the_share_of_the_mismatch_at_each_place(diagnosis):
     assert "explained: held-out RMS error 0.117 mm before, 0.039 mm after" in text_of(
         diagnosis, "verdict"
     )
-    names = plot(diagnosis, "chain").evaluate("(element) => Array.from(element.data[1].customdata)")
+    names = plot(diagnosis, "chain").evaluate(
+        "(element) => Array.from(element._fullData[1].customdata)"
+    )
     assert names[:3] == ["base", "joint-1", "link-1"]
     assert "joint-2: 59 %" in text_of(diagnosis, "place")
 

@@ -1,13 +1,20 @@
 """What is open, selected and edited: the state of the app without its page."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from workbench.app.data.decimate import within
+from workbench.app.data.decimate import (
+    Histogram,
+    bins_of,
+    drawn_always,
+    histogram,
+    means_in,
+    within,
+)
 from workbench.app.data.opened import Opened, open_subject
 from workbench.app.edits.apply import kept_rows
 from workbench.app.edits.changes import (
@@ -27,6 +34,7 @@ from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
 
 CALIBRATE, DIAGNOSE = "calibrate", "diagnose"
+_MOST_KNOWN = 24
 REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
 
 
@@ -136,11 +144,49 @@ class Workspace:
     @property
     def kept(self) -> np.ndarray:
         """(m,) bool: rows that no change of the session excludes."""
+        return self._memo(("kept", self.session.changes), self._find_kept)
+
+    def _find_kept(self) -> np.ndarray:
         recording = self.opened.recording
-        if not recording.n:
+        changed = self.session.excluded(SAMPLES) or self.session.excluded(POSES)
+        if not recording.n or not changed:
             return np.ones(self.count, bool)
         names = recording.sample_ids[~kept_rows(self.session, recording)]
         return ~np.isin(self.opened.edit_ids, names)
+
+    def drawn(self, most: int, kind: str = "") -> np.ndarray:
+        """Rows that a figure of at most about `most` marks shows: the selected, the largest, and some evenly spread."""
+        fixed = self._memo(("drawn", most, kind), lambda: drawn_always(self.lengths(kind), most))
+        return np.union1d(fixed, self.selected_rows[:most])
+
+    def means(self, name: str, kind: str = "") -> tuple[np.ndarray, np.ndarray]:
+        """Mean quantity and mean length of the residual, over bins of equal count, of the rows that are kept."""
+
+        def compute():
+            x = self.quantities[name]
+            place = self._memo(("bins", name), lambda: bins_of(x))
+            return means_in(np.where(self.kept, place, -1), x, self.lengths(kind))
+
+        return self._memo(("means", name, kind, self.session.changes), compute)
+
+    def counts(self, kinds: Iterable[str]) -> Histogram:
+        """Counts of the lengths of the residual of some kinds, of the rows that are kept."""
+
+        def compute():
+            lengths, kept = self.opened.residuals.lengths, self.kept
+            if kept.all():
+                return histogram({kind: lengths[kind] for kind in kinds})
+            return histogram({kind: lengths[kind][kept] for kind in kinds})
+
+        return self._memo(("counts", tuple(kinds), self.session.changes), compute)
+
+    def _memo(self, key: tuple, compute: Callable):
+        """What `compute` gives, computed once for a key; a few of the latest are kept."""
+        if key not in self._known:
+            while len(self._known) >= _MOST_KNOWN:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = compute()
+        return self._known[key]
 
     # Edits
 
@@ -249,6 +295,7 @@ class Workspace:
     # Inside
 
     def _select_none(self) -> None:
+        self._known: dict[tuple, object] = {}
         self.selected = np.zeros(self.count, bool)
         self.current = 0
 

@@ -24,10 +24,18 @@ def thinned(
     if important is None:
         even = np.linspace(0, n - 1, most).astype(int)
         return np.union1d(even, extra)
+    return np.union1d(drawn_always(important, most), extra)
+
+
+def drawn_always(important: np.ndarray, most: int) -> np.ndarray:
+    """About `most` indices of n samples: half evenly spread, half those with the largest `important` (n,)."""
+    n = len(important)
+    if n <= most:
+        return np.arange(n)
     even = np.linspace(0, n - 1, most // 2).astype(int)
     values = np.where(np.isfinite(important), important, -np.inf)
     largest = np.argpartition(values, n - most // 2)[n - most // 2 :]
-    return np.union1d(np.union1d(even, largest), extra)
+    return np.union1d(even, largest)
 
 
 @dataclass(frozen=True)
@@ -40,25 +48,37 @@ class Histogram:
 
 def histogram(values: dict[str, np.ndarray], bins: int = MOST_BINS) -> Histogram:
     """Counts of all finite values of each kind, from zero to the largest."""
-    finite = {name: row[np.isfinite(row)] for name, row in values.items()}
-    top = max((float(row.max()) for row in finite.values() if row.size), default=1.0)
-    edges = np.linspace(0, top * (1 + 1e-9) or 1.0, bins + 1)
-    return Histogram(edges, {name: np.histogram(row, edges)[0] for name, row in finite.items()})
+    top = max(
+        (float(np.nanmax(row)) for row in values.values() if np.isfinite(row).any()), default=1.0
+    )
+    ends = (0.0, top * (1 + 1e-9) or 1.0)
+    counts = {name: np.histogram(row, bins, ends)[0] for name, row in values.items()}
+    return Histogram(np.linspace(*ends, bins + 1), counts)
+
+
+def bins_of(x: np.ndarray, bins: int = 24) -> np.ndarray:
+    """(n,) number of the bin of each sample, at most `bins` of about equal count; -1 where x is not finite."""
+    finite = np.isfinite(x)
+    if not finite.any():
+        return np.full(len(x), -1)
+    bins = int(np.clip(finite.sum() // _LEAST_IN_BIN, 1, bins))
+    edges = np.unique(np.quantile(x[finite], np.linspace(0, 1, bins + 1)[1:-1]))
+    return np.where(finite, np.searchsorted(edges, x, side="right"), -1).astype(np.int16)
+
+
+def means_in(place: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of x and y (n,) over the samples of each bin `place` (n,); -1 and what is not finite are left out."""
+    used = (place >= 0) & np.isfinite(y)
+    place, x, y = place[used], x[used], y[used]
+    count = np.bincount(place)
+    filled = count > 0
+    means = [np.bincount(place, row)[filled] / count[filled] for row in (x, y)]
+    return means[0], means[1]
 
 
 def bin_means(x: np.ndarray, y: np.ndarray, bins: int = 24) -> tuple[np.ndarray, np.ndarray]:
     """Mean of x and y (n,) over at most `bins` bins of about equal count; all finite samples count."""
-    finite = np.isfinite(x) & np.isfinite(y)
-    x, y = x[finite], y[finite]
-    if not x.size:
-        return x, y
-    bins = int(np.clip(x.size // _LEAST_IN_BIN, 1, bins))
-    edges = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)[1:-1]))
-    place = np.searchsorted(edges, x, side="right")
-    count = np.bincount(place, minlength=len(edges) + 1)
-    filled = count > 0
-    means = [np.bincount(place, row, len(edges) + 1)[filled] / count[filled] for row in (x, y)]
-    return means[0], means[1]
+    return means_in(bins_of(x, bins), x, y)
 
 
 def within(

@@ -33,7 +33,7 @@ class Residuals:
         """Kind -> (m,) mm, 3-D length of the residual."""
         return {kind: np.sqrt((vector**2).sum(0)) for kind, vector in self.vectors.items()}
 
-    @property
+    @cached_property
     def shown(self) -> np.ndarray:
         """(m,) mm: held-out length where there is one, else that of the fit (or "after" of a diagnosis)."""
         if HELD_OUT in self.lengths:

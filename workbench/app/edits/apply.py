@@ -18,10 +18,11 @@ def kept_rows(session: Session, recording) -> np.ndarray:
     """(n,) bool: rows of samples.csv that no change excludes. Raises InputError for samples that do not exist."""
     ids = recording.sample_ids
     samples, poses = session.excluded(SAMPLES), session.excluded(POSES)
-    missing = (samples | poses) - set(ids.tolist())
-    if missing:
+    wanted = np.array(sorted(samples | poses), int)
+    missing = wanted[~np.isin(wanted, ids)]
+    if missing.size:
         raise InputError(
-            f"session of recording '{recording.name}': sample {min(missing)} is excluded, but the recording has "
+            f"session of recording '{recording.name}': sample {missing[0]} is excluded, but the recording has "
             "no such sample; name the recording that the session was made with"
         )
     excluded = np.isin(ids, list(samples))

@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, bin_means, histogram, thinned
+from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, thinned
 from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL
 from workbench.app.figures import robot, style
 from workbench.app.workspace import Workspace
@@ -34,7 +34,7 @@ def arrows(work: Workspace) -> go.Figure:
     if residuals is None or residuals.points is None:
         return made
     lengths = residuals.shown
-    drawn = thinned(work.count, MOST_ARROWS, lengths, work.selected_rows)
+    drawn = work.drawn(MOST_ARROWS)
     drawn = drawn[work.kept[drawn]]
     places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
     scale = arrow_scale(places, vectors) if drawn.size else 1.0
@@ -122,7 +122,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     if name not in work.quantities:
         return made
     x, y, kept = work.quantities[name], work.lengths(kind), work.kept
-    drawn = thinned(work.count, MOST_POINTS, y, work.selected_rows)
+    drawn = work.drawn(MOST_POINTS, kind or "")
     chosen = work.selected[drawn]
     for label, rows, colour, symbol in (
         ("samples", drawn[kept[drawn] & ~chosen], style.BLUE, "circle"),
@@ -140,7 +140,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
             ),
             hovertemplate="row %{customdata}: %{y:.4f} mm<extra></extra>",
         )
-    centres, means = bin_means(x[kept], y[kept])
+    centres, means = work.means(name, kind or "")
     made.add_scattergl(
         x=centres,
         y=means,
@@ -159,9 +159,8 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
     residuals = work.opened.residuals
     if residuals is None:
         return made
-    kept = work.kept
     kinds = [kind for kind in (FIT, HELD_OUT, "before", "after") if kind in residuals.lengths]
-    counted = histogram({kind: residuals.lengths[kind][kept] for kind in kinds})
+    counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
     ends = np.stack([counted.edges[:-1], counted.edges[1:]], 1)
     for kind, counts in counted.counts.items():

@@ -134,8 +134,10 @@ class Tab:
 
 
 def points_of(event: str = "$event") -> str:
-    """Expression for the browser: what was clicked, as a list of custom data."""
-    return f"[({event} && {event}.points ? {event}.points : []).map((point) => point.customdata)]"
+    """Expression for the browser: what was clicked, as a list of custom data (numbers, texts or lists)."""
+    plain = "typeof value === 'object' && value ? Array.from(value) : value"
+    points = f"({event} && {event}.points ? {event}.points : [])"
+    return f"[{points}.map((point) => point.customdata).map((value) => {plain})]"
 
 
 def range_of(event: str = "$event") -> str:
