@@ -161,65 +161,70 @@ def wait_for_text(page, name: str, part: str, timeout: float = WAIT_MS) -> str:
     return text_of(page, name)
 
 
+_SHARED = {
+    "variant": "",
+    "depends_on": [],
+    "options": {},
+    "alarms": [],
+    "alternatives": [],
+    "parameters": [],
+    "controls": [],
+    "found_again": {"folds": 9, "of": 9},
+}
+_LINK = {
+    "effect": "link-compliance",
+    "where": "link-1",
+    "variant": "",
+    "why": "it makes 87 % of the same signature",
+    "probability": 0.01,
+    "alike": 0.87,
+    "not_recorded": "",
+}
+_KEPT = {
+    **_SHARED,
+    "effect": "joint-compliance",
+    "where": "joint-2",
+    "p_value": 3e-31,
+    "probability": 0.99,
+    "alternatives": [_LINK],
+    "parameters": [{"name": "compliance", "value": 2e-5, "std": 4e-7, "unit": "rad/(N m)"}],
+    "controls": [{"control": "permuted", "p_value": 0.005, "passed": True, "why": ""}],
+    "size_mm": 0.36,
+    "t": 7.7,
+    "held_out_gain_mm": 0.08,
+    "statement": "Joint 2 deflects under the gravity torque.",
+}
+_REFUSED = {
+    **_SHARED,
+    "effect": "backlash",
+    "where": "joint-5",
+    "p_value": 2e-3,
+    "probability": 0.6,
+    "size_mm": 0.01,
+    "t": 1.1,
+    "held_out_gain_mm": 0.0,
+    "statement": "Joint 5 stops short.",
+    "reason": "the held-out error does not fall",
+}
+
+
 def diagnosis_answer() -> dict:
     """A diagnosis of the bundled arm as `workbench diagnose` writes it, with one term kept and one refused."""
-    shared = {
-        "variant": "",
-        "depends_on": [],
-        "options": {},
-        "alarms": [],
-        "found_again": {"folds": 9, "of": 9},
-    }
-    control = {
-        "control": "permuted",
-        "share_of_gain_left": 0.0,
-        "p_value": 0.005,
-        "passed": True,
-        "trials": 199,
-        "why": "",
-    }
-    compliance = {
-        **shared,
-        "effect": "joint-compliance",
-        "where": "joint-2",
-        "p_value": 3e-31,
-        "probability": 0.99,
-        "alternatives": [
-            {"effect": "link-compliance", "where": "link-1", "variant": "", "why": "it makes 87 % of the same signature",
-             "probability": 0.01, "alike": 0.87, "not_recorded": ""}
-        ],
-        "parameters": [
-            {"name": "compliance", "where": "joint-2", "label": "joint 2's compliance", "value": 2e-5, "std": 4e-7,
-             "unit": "rad/(N m)"}
-        ],
-        "size_mm": 0.36, "t": 7.7, "t_searched_anew": 7.0, "held_out_gain_mm": 0.08, "controls": [control],
-        "statement": "Joint 2 deflects under the gravity torque.",
-    }  # fmt: skip
-    backlash = {
-        **shared, "effect": "backlash", "where": "joint-5", "p_value": 2e-3, "probability": 0.6, "alternatives": [],
-        "parameters": [], "size_mm": 0.01, "t": 1.1, "t_searched_anew": 1.0, "held_out_gain_mm": 0.0, "controls": [],
-        "statement": "Joint 5 stops short.", "reason": "the held-out error does not fall",
-    }  # fmt: skip
-    located = [
-        {
-            "where": where,
-            "port": "joint",
-            "depends_on": [],
-            "share_of_mismatch": share,
-            "p_value": p,
-        }
-        for where, share, p in (
-            ("joint-2", 0.59, 1e-99),
-            ("link-1", 0.5, 1e-80),
-            ("joint-5", 0.1, 0.4),
-        )
-    ]
+    places = (("joint-2", 0.59, 1e-99), ("link-1", 0.5, 1e-80), ("joint-5", 0.1, 0.4))
+    located = [{"where": w, "share_of_mismatch": share, "p_value": p} for w, share, p in places]
     return {
-        "command": "diagnose", "recording": "elastic-arm", "input": "elastic-arm", "measures": "ball-centre",
-        "samples": 300, "baseline": "geometry", "verdict": "explained", "unit": "mm", "effects": [compliance],
-        "refused": [backlash], "located": located, "next_experiment": "Measure 2 poses more.",
+        "command": "diagnose",
+        "recording": "elastic-arm",
+        "input": "elastic-arm",
+        "samples": 300,
+        "verdict": "explained",
+        "unit": "mm",
+        "effects": [dict(_KEPT)],
+        "refused": [dict(_REFUSED)],
+        "located": located,
+        "next_experiment": "Measure 2 poses more.",
         "held_out": {"before_mm": 0.117, "after_mm": 0.039, "noise_mm": 0.035, "folds": 4},
-    }  # fmt: skip
+    }
 
 
 def write_diagnosis(folder: Path) -> Path:

@@ -171,7 +171,7 @@ def test_extending_and_removing_from_a_selection(page):
 
 
 def test_the_chart_can_show_any_covariate(page):
-    page.get_by_label("Over").focus()
+    page.get_by_role("combobox", name="Over").focus()
     page.keyboard.type("payload")
     page.wait_for_function(
         "() => document.querySelector('[data-figure=chart] .js-plotly-plot').layout.xaxis.title.text === 'payload_kg'"

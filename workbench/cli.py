@@ -24,10 +24,10 @@ from workbench.commands.data import (
     doctor,
     import_data,
     new,
+    open,
     prove,
     study,
 )
-from workbench.commands.data import datasets, demo, doctor, open, prove, study
 from workbench.commands.robot import (
     calibrate,
     calibrate_large,
