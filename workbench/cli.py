@@ -24,6 +24,7 @@ from workbench.commands.data import (
     doctor,
     import_data,
     new,
+    open,
     prove,
     study,
 )
@@ -90,6 +91,7 @@ app.command("significance", short_help="Which parameters move the end of an arm.
     significance.command
 )
 app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
+app.command("open", short_help="A run or a recording in a local web page.")(open.command)
 app.command("doctor", short_help="What this machine lacks, and what to type.")(doctor.command)
 app.command("demo", short_help="The main job on a recording that is at hand.")(demo.command)
 

@@ -162,6 +162,7 @@ def save_calibration(calibration, folder: Path) -> None:
     )
     text = json.dumps(calibration.as_json(), indent=1, allow_nan=True)
     (folder / "calibration.json").write_text(text, encoding="utf-8")
+    save_arrows(calibration, folder)
     columns = _residual_columns(calibration)
     table = np.stack([np.asarray(c, float) for c in columns.values()], 1)
     np.savetxt(
@@ -171,6 +172,33 @@ def save_calibration(calibration, folder: Path) -> None:
         delimiter=",",
         header=",".join(columns),
         comments="",
+    )
+
+
+ARROWS = "residual-arrows.parquet"
+
+
+def save_arrows(calibration, folder: Path) -> None:
+    """Write residual-arrows.parquet: measured points and residuals in the robot's root frame, mm, one row a sample.
+
+    Columns sample, pose, x_mm, y_mm, z_mm and dx_mm, dy_mm, dz_mm: the held-out residual where there is one, else
+    that of the fit.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    recording = calibration.recording
+    columns = {"sample": recording.sample_ids, "pose": recording.poses}
+    columns |= {
+        f"{axis}_mm": row for axis, row in zip("xyz", np.asarray(calibration.points, float))
+    }
+    columns |= {
+        f"d{axis}_mm": row
+        for axis, row in zip("xyz", np.asarray(calibration.residual_in_root, float))
+    }
+    pq.write_table(
+        pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()}),
+        folder / ARROWS,
     )
 
 

@@ -67,6 +67,12 @@ def slug(subject: str | Path) -> str:
     return re.sub(r"[^A-Za-z0-9._]+", "-", last).strip("-.")[:60] or "recording"
 
 
+def input_name(subject: str | Path) -> str:
+    """How a run names its recording so that it can be read again: a whole path, or a known name as it is."""
+    path = Path(subject)
+    return str(path.resolve()) if path.exists() else str(subject)
+
+
 def replace_file(path: Path, text: str | Iterable[str]) -> None:
     """Write `text`, whole or in parts, under a temporary name, then move it to `path`. Raises InputError.
 

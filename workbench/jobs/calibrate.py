@@ -9,7 +9,13 @@ import numpy as np
 
 from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
-from robot_model.system import bind, geometry_free, held_by_convention, redundant_geometry
+from robot_model.system import (
+    RobotChain,
+    bind,
+    geometry_free,
+    held_by_convention,
+    redundant_geometry,
+)
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.least_squares.identifiability import (
@@ -121,7 +127,7 @@ class _Step:
 
 def calibrate(
     recording,
-    plan: Path | Sequence[Stage] | None = None,
+    plan: Path | Sequence[Stage] | Callable[[RobotChain], Sequence[Stage]] | None = None,
     fit_samples: Sequence[int] | None = None,
     test_samples: Sequence[int] | None = None,
     folds: int = 10,
@@ -130,7 +136,8 @@ def calibrate(
 ) -> Calibration:
     """Calibrate the robot of a recording.
 
-    plan: stages, a TOML file of them, or None for the default plan. fit_samples, test_samples:
+    plan: stages, a TOML file of them, a function that makes them for the chain, or None for the
+    default plan. fit_samples, test_samples:
     sample numbers; what is not named for testing is fitted, and without test samples the held-out
     error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
     trust_data: calibrate also where the plausibility check says that the data cannot be right.
@@ -160,6 +167,8 @@ def calibrate(
 def _stages(plan, chain) -> tuple[Stage, ...]:
     if plan is None:
         return default_plan(chain)
+    if callable(plan):
+        return tuple(plan(chain))
     return read_plan(Path(plan)) if isinstance(plan, str | Path) else tuple(plan)
 
 

@@ -58,6 +58,9 @@ OPTIONAL = {
     ),
     "openpyxl": Extra("openpyxl", "import", "`workbench import` of Excel workbooks"),
     "rosbags": Extra("rosbags", "import", "`workbench import` of ROS bags"),
+    "trame": Extra("trame", "app", "`workbench open`, for the local app"),
+    "trame_vuetify": Extra("trame-vuetify", "app", "`workbench open`, for the local app"),
+    "trame_plotly": Extra("trame-plotly", "app", "`workbench open`, for the local app"),
 }
 # what Open3D and VTK load from a Linux system, and the Debian package that has it
 SHARED = {

@@ -22,11 +22,21 @@ TestSamples = Annotated[
     Path | None,
     typer.Option("--test-samples", metavar="FILE", help="Hold out these: a sample number a line."),
 ]
+SessionFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--session",
+        metavar="FILE",
+        help="Repeat an edit session of `workbench open` (session.toml); replaces RECORDING, --plan and --folds.",
+    ),
+]
 Folds = Annotated[int, typer.Option("--folds", min=2, help="Blocks of the cross-validation.")]
 
 
 def command(
-    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    recording: Annotated[
+        str | None, typer.Argument(help="Folder of a recording, or a known name.")
+    ] = None,
     plan: Plan = None,
     fit_samples: FitSamples = None,
     test_samples: TestSamples = None,
@@ -37,6 +47,7 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
     tolerance: answer.Tolerance = None,
+    session: SessionFile = None,
 ) -> None:
     """Calibrate the robot of a recording and say how large the held-out errors are, in mm.
 
@@ -44,6 +55,16 @@ def command(
     the clouds and the balls in them.
     """
     answer.check_target(json)
+    if session is not None:
+        from workbench.commands.robot.edit_session import calibrate_session
+
+        options = {"RECORDING": recording, "--plan": plan, "--scanner": scanner}
+        options |= {"--fit-samples": fit_samples, "--test-samples": test_samples}
+        return calibrate_session(session, options, out, json, tolerance, not no_report)
+    if recording is None:
+        raise InputError(
+            "workbench calibrate: expected a recording or --session FILE, found neither; name one."
+        )
     with answer.progress(f"reading {recording}") as say:
         import datasets
 
@@ -58,7 +79,7 @@ def command(
         )
         check_scanner(found, scanner)
         result, run = solve(found, recording, options, say, out, not no_report, scanner, tolerances)
-    deliver(result, run, json)
+    return deliver(result, run, json)
 
 
 def check_scanner(found, scanner: Path | None) -> None:
@@ -113,13 +134,31 @@ def solve_into(
     say(f"calibrating {name}")
     calibration = calibrate(found, progress=say, **options)
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
-    result = {**calibration.as_json(), **told, "verdict": verdict.as_json(), "run": path}
+    result = {
+        **calibration.as_json(),
+        **told,
+        "verdict": verdict.as_json(),
+        "input": runs.input_name(name),
+        "options": _stated_options(options, scanner),
+        "run": path,
+    }
     save(calibration, folder)
     if report:
         say("writing the report")
         _report(calibration, scans, folder)
     runs.replace_file(folder / "answer.json", answer.as_text(result))
     return result
+
+
+def _stated_options(options: dict, scanner: Path | None) -> dict:
+    """What the command line said of the calibration: plan, folds, scanner, trust_data."""
+    plan = options.get("plan")
+    return {
+        "plan": str(plan) if isinstance(plan, str | Path) else None,
+        "folds": options.get("folds", 10),
+        "scanner": None if scanner is None else str(scanner),
+        "trust_data": options.get("trust_data", False),
+    }
 
 
 def _centres(found, scanner, folder, path, options, say):

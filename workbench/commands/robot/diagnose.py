@@ -69,11 +69,8 @@ def command(
                 trust_data=trust_data,
             )
             told = made.as_json()
-            result = {
-                **told,
-                **check_diagnosis(made, found, tolerances).keys(told),
-                "run": run.path,
-            }
+            checked = check_diagnosis(made, found, tolerances).keys(told)
+            result = {**told, **checked, "input": runs.input_name(recording), "run": run.path}
             save(made, run.partial)
             if not no_report:
                 say("writing the report")

@@ -6,6 +6,7 @@ person then goes to standard error.
 
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -68,11 +69,23 @@ _JSON = json.JSONEncoder(indent=2, ensure_ascii=False, allow_nan=False)
 
 @contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
-    """A line on standard error that says what is being done; call what it yields to change it."""
+    """A line on standard error that says what is being done; call what it yields to change it.
+
+    Where the environment variable WORKBENCH_PROGRESS is "lines", every text is printed as a line of its own, for
+    programs that start a command and show its progress.
+    """
+    if os.environ.get("WORKBENCH_PROGRESS") == "lines":
+        _print_progress(first)
+        yield _print_progress
+        return
     from rich.console import Console
 
     with Console(stderr=True, highlight=False).status(first) as status:
         yield status.update
+
+
+def _print_progress(text: str) -> None:
+    print(" ".join(text.split()), file=sys.stderr, flush=True)
 
 
 def check_target(target: str | None, option: str = "--json") -> None:

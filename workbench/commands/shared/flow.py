@@ -20,7 +20,12 @@ def run(
     """
     answer.check_target(json)
     with answer.progress(f"reading {subject}") as say, runs.opened(command, subject, out) as folder:
-        result = {"command": command, **work(folder, say), "run": folder.path}
+        result = {
+            "command": command,
+            **work(folder, say),
+            "input": runs.input_name(subject),
+            "run": folder.path,
+        }
         runs.replace_file(folder.partial / "answer.json", answer.parts(result))
     answer.deliver(result, json)
     console = answer.console(json)

@@ -1,0 +1,195 @@
+"""Edit sessions of the app: changes, undo, session.toml, and what they do to recordings and plans."""
+
+import json
+
+import numpy as np
+import pytest
+
+import datasets
+from workbench.app.edits.apply import EditedPlan, edited_recording, kept_rows
+from workbench.app.edits.changes import ADD, EXCLUDE, INCLUDE, Change, effect_label
+from workbench.app.edits.history import History
+from workbench.app.edits.session import Session, read_session
+from workbench.core.errors import InputError
+from workbench.core.solution import Stage
+
+CHANGES = (
+    Change(EXCLUDE, "samples", (3, 7), 'residual above 0.2 mm, "large"'),
+    Change(EXCLUDE, "poses", (12,)),
+    Change(EXCLUDE, "stages", ("drift",)),
+    Change(EXCLUDE, "effects", ("transmission-harmonic at joint-3 (order=2)",)),
+    Change(INCLUDE, "samples", (7,)),
+    Change(ADD, "effects", ({"effect": "joint-compliance", "where": "joint-2"},), "diagnosis"),
+)
+
+
+def test_session_file_holds_every_change_on_a_line_and_is_read_back_equal(tmp_path):
+    session = Session("elastic-arm", "my plan.toml", "", 7, True, CHANGES)
+    session.save(tmp_path / "session.toml")
+    assert read_session(tmp_path / "session.toml") == session
+    text = (tmp_path / "session.toml").read_text(encoding="utf-8")
+    assert sum(line.startswith("  { action") for line in text.splitlines()) == len(CHANGES)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["back\\slash", 'quote "', "new\nline", "control \x7f", "Umlaut ä", "'''", "{{ 1 + 1 }}"],
+)
+def test_any_text_survives_session_toml(tmp_path, text):
+    session = Session("a", changes=(Change(EXCLUDE, "images", (text,), text),))
+    session.save(tmp_path / "session.toml")
+    assert read_session(tmp_path / "session.toml") == session
+
+
+def test_excluded_items_follow_the_order_of_changes():
+    session = Session("a", changes=CHANGES)
+    assert session.excluded("samples") == {3}
+    assert session.excluded("stages") == {"drift"}
+    assert session.added_effects == ({"effect": "joint-compliance", "where": "joint-2"},)
+
+
+def test_undo_and_redo_restore_sessions_and_a_new_change_forgets_what_was_undone():
+    history = History(Session("a"))
+    states = [history.session]
+    for change in CHANGES:
+        states.append(history.apply(change))
+    for state in reversed(states[:-1]):
+        assert history.undo() == state
+    assert not history.can_undo and history.undo() == states[0]
+    for state in states[1:]:
+        assert history.redo() == state
+    assert not history.can_redo
+    history.undo()
+    history.apply(Change(EXCLUDE, "samples", (1,)))
+    assert not history.can_redo
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("format = 'session/2'", "key format"),
+        ("format = 'session/1'", "key recording"),
+        ("format = 'session/1'\nrecording = 3", "key recording"),
+        ("format = 'session/1'\nrecording = 'a'\nfolds = 1", "key folds"),
+        ("format = 'session/1'\nrecording = 'a'\nfolds = true", "key folds"),
+        ("format = 'session/1'\nrecording = 'a'\nrun = 'rm'", "'run'"),
+        ("format = 'session/1'\nrecording = 'a'\nchanges = [3]", "change 1"),
+        ("format = 'session/1'\nrecording = 'a'\nchanges = [{action = 'delete'}]", "key action"),
+        (
+            "format = 'session/1'\nrecording = 'a'\nchanges = [{action = 'exclude', kind = 'files'}]",
+            "key kind",
+        ),
+        (
+            "format = 'session/1'\nrecording = 'a'\nchanges = [{action = 'exclude', kind = 'samples', items = []}]",
+            "key items",
+        ),
+        (
+            "format = 'session/1'\nrecording = 'a'\nchanges = [{action = 'exclude', kind = 'samples', items = ['1']}]",
+            "sample numbers",
+        ),
+        (
+            "format = 'session/1'\nrecording = 'a'\nchanges = [{action = 'add', kind = 'stages', items = ['x']}]",
+            "key kind",
+        ),
+        (
+            "format = 'session/1'\nrecording = 'a'\nchanges = [{action = 'add', kind = 'effects', items = [{effect = 'os.system', where = 'joint-1'}]}]",
+            "os.system",
+        ),
+        ("not toml", "cannot be read"),
+    ],
+)
+def test_broken_session_files_are_refused_with_file_and_key(tmp_path, text, words):
+    path = tmp_path / "session.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as problem:
+        read_session(path)
+    assert words in str(problem.value) and str(path) in str(problem.value)
+
+
+def test_excluded_poses_take_all_their_samples_along():
+    recording = datasets.read("elastic-arm")
+    label = np.bincount(recording.poses).argmax()
+    ids = recording.sample_ids[recording.poses == label]
+    session = Session("elastic-arm", changes=(Change(EXCLUDE, "poses", (int(ids[0]),)),))
+    assert set(recording.sample_ids[~kept_rows(session, recording)]) == set(ids.tolist())
+
+
+def test_samples_that_do_not_exist_are_refused():
+    recording = datasets.read("elastic-arm")
+    session = Session("elastic-arm", changes=(Change(EXCLUDE, "samples", (10_000,)),))
+    with pytest.raises(InputError, match="10000"):
+        edited_recording(session, recording)
+
+
+def test_excluding_every_sample_is_refused():
+    recording = datasets.read("elastic-arm")
+    everything = tuple(recording.sample_ids.tolist())
+    with pytest.raises(InputError, match="all 300 samples"):
+        edited_recording(
+            Session("elastic-arm", changes=(Change(EXCLUDE, "samples", everything),)), recording
+        )
+
+
+def _stages():
+    harmonics = tuple(("transmission-harmonic", "joint-3", {"order": order}) for order in (1, 2))
+    drift = Stage("drift", "", (("base-drift", "base", {"start": 0.0, "end": 1.0}),))
+    return (
+        Stage("geometry", "", free=("base.*",), earn=False),
+        Stage("transmission", "", harmonics),
+        drift,
+    )
+
+
+def test_plan_without_stages_and_effects_and_with_added_ones():
+    stages = EditedPlan(Session("a", changes=CHANGES)).edited(_stages())
+    assert [stage.name for stage in stages] == ["geometry", "transmission", "added effects"]
+    assert stages[1].effects == (("transmission-harmonic", "joint-3", {"order": 1}),)
+    assert stages[2].effects == (("joint-compliance", "joint-2", {}),)
+
+
+def test_a_stage_whose_effects_are_all_excluded_disappears():
+    label = effect_label({"effect": "base-drift", "where": "base", "start": 0.0, "end": 1.0})
+    session = Session("a", changes=(Change(EXCLUDE, "effects", (label,)),))
+    assert [stage.name for stage in EditedPlan(session).edited(_stages())] == [
+        "geometry",
+        "transmission",
+    ]
+
+
+def test_unknown_stages_and_effects_are_refused():
+    for kind in ("stages", "effects"):
+        session = Session("a", changes=(Change(EXCLUDE, kind, ("no such",)),))
+        with pytest.raises(InputError, match="no such"):
+            EditedPlan(session).edited(_stages())
+
+
+def _without_date(folder):
+    answer = json.loads((folder / "answer.json").read_text(encoding="utf-8"))
+    answer.pop("run")
+    answer["provenance"].pop("date")
+    return answer
+
+
+def test_a_session_is_repeated_from_the_command_line_with_an_identical_result(tmp_path, workbench):
+    session = Session("elastic-arm", changes=(CHANGES[0], CHANGES[2], CHANGES[5]))
+    session.save(tmp_path / "session.toml")
+    for name in ("first", "second"):
+        done = workbench("calibrate", "--session", "session.toml", "--out", name, "--no-report")
+        assert done.returncode == 0, done.stderr
+        again = tmp_path / name / "session.toml"
+        (tmp_path / "session.toml").write_bytes(again.read_bytes())
+    first, second = (_without_date(tmp_path / name) for name in ("first", "second"))
+    assert first == second
+    assert first["samples"] == 298
+    assert "drift" not in [stage["name"] for stage in first["stages"]]
+    assert (tmp_path / "first" / "residuals.csv").read_bytes() == (
+        tmp_path / "second" / "residuals.csv"
+    ).read_bytes()
+
+
+def test_a_session_and_a_recording_exclude_one_another(tmp_path, workbench):
+    Session("elastic-arm").save(tmp_path / "session.toml")
+    done = workbench("calibrate", "elastic-arm", "--session", "session.toml")
+    assert done.returncode == 2 and "RECORDING" in done.stderr
+    done = workbench("calibrate")
+    assert done.returncode == 2 and "--session" in done.stderr

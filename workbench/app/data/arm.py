@@ -1,0 +1,109 @@
+"""Where arm, sensor and instrument stand: forward kinematics of the nominal arm for the rows that are drawn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_model.chain import forward
+from workbench.app.data.opened import Opened
+from workbench.core.rigid import rotation_matrix, transform
+
+
+@dataclass(frozen=True)
+class ArmPose:
+    """The nominal arm at one sample, mm, robot's root frame.
+
+    `links` (3, J + 2): root, joint origins, flange; `flange` (4, 4) T_root_flange; `sensor` (4, 4) T_root_sensor
+    or None; `targets` (3, k): reflectors on the tool, as the calibration places them.
+    """
+
+    links: np.ndarray
+    flange: np.ndarray
+    sensor: np.ndarray | None
+    targets: np.ndarray
+
+
+def has_arm(opened: Opened) -> bool:
+    """Whether there are joint readings and a robot to draw."""
+    return opened.robot is not None and opened.samples.joints.shape[1] > 0
+
+
+def arm_pose(opened: Opened, row: int) -> ArmPose:
+    """The arm at row `row` of `opened.samples`."""
+    variables = opened.robot.mixing @ opened.samples.joints[row : row + 1].T
+    frames = forward(opened.robot, variables, links=True)
+    links = np.vstack(
+        [frames.pivot[:1, :, 0], frames.origin[:, :, 0], frames.end_origin[None, :, 0]]
+    ).T
+    flange = transform(np.stack(frames.end, -1)[:, 0], frames.end_origin[:, 0])
+    pose = _values(opened, "sensor")
+    sensor = None if pose is None else flange @ transform(rotation_matrix(pose[3:]), pose[:3])
+    targets = _reflectors(opened)
+    return ArmPose(links, flange, sensor, flange[:3, :3] @ targets + flange[:3, 3:])
+
+
+def flange_points(opened: Opened, rows: np.ndarray) -> np.ndarray:
+    """(3, k) mm: flange of the nominal arm at some rows of `opened.samples`."""
+    variables = opened.robot.mixing @ opened.samples.joints[rows].T
+    return forward(opened.robot, variables).end_origin
+
+
+def outer_frame(opened: Opened) -> np.ndarray | None:
+    """(4, 4) T_root_outer: the instrument, or the artefact that the sensor measures; None before a calibration."""
+    pose = _values(opened, "base")
+    if pose is None:
+        return None
+    turn = rotation_matrix(pose[3:])
+    return transform(turn.T, -turn.T @ pose[:3])
+
+
+def joint_coverage(opened: Opened) -> list[dict]:
+    """One row a joint: `label`, `low` and `high` reading, `limits` (nan where unknown) and `counts` over the limits.
+
+    Readings in degrees (mm of a slide); counts over 36 bins from the lower to the higher limit.
+    """
+    from datasets.columns import joint_columns
+
+    rows = []
+    for k, name in enumerate(joint_columns(opened.samples.columns)):
+        values = opened.samples.columns[name]
+        scale = 1.0 if name.endswith("_mm") else 180 / np.pi
+        limits = opened.robot.limits[k] * scale if opened.robot is not None else np.full(2, np.nan)
+        low, high = float(values.min()), float(values.max())
+        ends = [
+            limits[0] if np.isfinite(limits[0]) else low,
+            limits[1] if np.isfinite(limits[1]) else high,
+        ]
+        edges = np.linspace(min(ends[0], low), max(ends[1], high, ends[0] + 1e-6), 37)
+        counts = np.histogram(values, edges)[0]
+        label = f"joint {name[1:].partition('_')[0]}"
+        rows.append(
+            {
+                "label": label,
+                "low": low,
+                "high": high,
+                "limits": limits,
+                "edges": edges,
+                "counts": counts,
+            }
+        )
+    return rows
+
+
+def _values(opened: Opened, where: str) -> np.ndarray | None:
+    """(6,) x, y, z, rx, ry, rz of a frame of the solution; None where it has none."""
+    names = [f"{where}.{part}" for part in ("x", "y", "z", "rx", "ry", "rz")]
+    if not all(name in opened.values for name in names):
+        return None
+    return np.array([opened.values[name] for name in names])
+
+
+def _reflectors(opened: Opened) -> np.ndarray:
+    """(3, k) mm, flange frame: reflectors of the solution, in order; one at the flange where there are none."""
+    found = []
+    for number in range(1, 1000):
+        names = [f"tool.reflector{number}_{axis}" for axis in "xyz"]
+        if not all(name in opened.values for name in names):
+            break
+        found.append([opened.values[name] for name in names])
+    return np.array(found).T if found else np.zeros((3, 0))

@@ -1,0 +1,171 @@
+"""A diagnosis from its answer.json, place by place: what was found there, what else it may be, and the evidence."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+_OUTSIDE = ("time", "noise", "samples")
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place of the measuring chain: `share` of the mismatch that acts there, and what was found.
+
+    `found` and `refused`: rows of the answer's effects and refused terms at this place.
+    """
+
+    name: str
+    share: float
+    found: tuple[Mapping, ...]
+    refused: tuple[Mapping, ...]
+
+
+def places(answer: Mapping, joints: int) -> list[Place]:
+    """The chain from base to target in order, then places that are no part of it."""
+    order = ["base"]
+    for k in range(1, joints + 1):
+        order += [f"joint-{k}", f"link-{k}"]
+    order += ["flange", "tool", "sensor", "artefact", "external"]
+    rows = [*answer["effects"], *answer["refused"], *answer["located"]]
+    named = {row["where"] for row in rows}
+    chain = [name for name in order if name in named or name.startswith(("base", "joint", "link"))]
+    rest = sorted(named - set(order), key=lambda name: (name in _OUTSIDE, name))
+    return [_place(answer, name) for name in [*chain, *rest]]
+
+
+def _place(answer: Mapping, name: str) -> Place:
+    shares = [row["share_of_mismatch"] for row in answer["located"] if _is_significant(row, name)]
+    found = tuple(row for row in answer["effects"] if row["where"] == name)
+    refused = tuple(row for row in answer["refused"] if row["where"] == name)
+    return Place(name, max(shares, default=0.0), found, refused)
+
+
+def _is_significant(row: Mapping, name: str) -> bool:
+    return row["where"] == name and row["p_value"] < 0.01
+
+
+def candidates(place: Place) -> list[dict]:
+    """One row for each explanation at a place: effect, place, probability, size, decision and why."""
+    rows = []
+    for term, decision in [(t, "kept") for t in place.found] + [
+        (t, "not kept") for t in place.refused
+    ]:
+        rows.append(_candidate(term, decision, term.get("reason", "")))
+        rows += [_alternative(other) for other in term["alternatives"][:8]]
+    return rows
+
+
+def _candidate(term: Mapping, decision: str, why: str) -> dict:
+    size = next((term[key] for key in ("size_mm", "size_px") if term.get(key) is not None), None)
+    return {
+        "effect": _name(term),
+        "where": term["where"],
+        "probability": _rounded(term["probability"], 2),
+        "size": "–" if size is None else f"{size:.3g} {'mm' if 'size_mm' in term else 'px'}",
+        "decision": decision,
+        "why": why,
+    }
+
+
+def _alternative(other: Mapping) -> dict:
+    missing = other.get("not_recorded")
+    return {
+        "effect": _name(other),
+        "where": other["where"],
+        "probability": _rounded(other["probability"], 2),
+        "size": "–",
+        "decision": "alternative",
+        "why": f"{missing} is not recorded" if missing else other["why"],
+    }
+
+
+def _name(row: Mapping) -> str:
+    return f"{row['effect']} ({row['variant']})" if row.get("variant") else row["effect"]
+
+
+def _rounded(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def p_value_text(p: float | None) -> str:
+    """A p-value for people: "< 1e-6" below a millionth."""
+    if p is None:
+        return "–"
+    return "< 1e-6" if p < 1e-6 else f"{p:.2g}"
+
+
+def evidence(term: Mapping) -> list[tuple[str, str]]:
+    """Name and value of what speaks for a term."""
+    unit = "mm" if "held_out_gain_mm" in term else "px"
+    gain = term.get(f"held_out_gain_{unit}")
+    again = term.get("found_again") or term.get("reselected") or {}
+    rows = [
+        ("statement", term.get("statement", "")),
+        ("p-value", p_value_text(term.get("p_value"))),
+        ("reduction of the held-out RMS error", "–" if gain is None else f"{gain:.3g} {unit}"),
+        ("t over poses", _rounded(term.get("t"), 1)),
+        ("reselected in folds", f"{again.get('folds', '–')} of {again.get('of', '–')}"),
+    ]
+    for one in term.get("controls", ()):
+        passed = {True: "passed", False: "failed", None: "cannot decide"}[one["passed"]]
+        rows.append((f"control: {one['control']}", f"{passed}, p {p_value_text(one['p_value'])}"))
+    for row in term.get("parameters", ()):
+        std = "" if row.get("std") is None else f" ± {row['std']:.2g}"
+        rows.append((row.get("label") or row["name"], f"{row['value']:.4g}{std} {row['unit']}"))
+    return [(name, value) for name, value in rows if value]
+
+
+def plan_effects(answer: Mapping, ticked: Sequence[int]) -> tuple[list[dict], list[str]]:
+    """Terms of the answer as effects for a plan, and sentences on those that cannot be planned.
+
+    ticked: places in the list of `effects` followed by `refused`.
+    """
+    from robot_model.effects import CATALOGUE
+    from workbench.core.effect import make_effects
+    from workbench.core.errors import InputError
+
+    terms = [*answer["effects"], *answer["refused"]]
+    rows, problems = [], []
+    for k in (k for k in ticked if 0 <= k < len(terms)):
+        term = terms[k]
+        options = {
+            key: value for key, value in term.get("options", {}).items() if key != "masses_found"
+        }
+        try:
+            make_effects(CATALOGUE, [(term["effect"], term["where"], options)])
+        except InputError as problem:
+            problems.append(f"{term['effect']} at {term['where']} cannot join a plan: {problem}")
+            continue
+        row = {"effect": term["effect"], "where": term["where"], **options}
+        if row not in rows:
+            rows.append(row)
+    return rows, problems
+
+
+def write_plan(rows: Sequence[Mapping], path: Path) -> None:
+    """Write a plan.toml for `workbench calibrate --plan`: base, tool and geometry, then the chosen effects."""
+    import tomli_w
+
+    from workbench.files.runs import replace_file
+
+    stage = {
+        "name": "diagnosis",
+        "why": "effects that were chosen from a diagnosis",
+        "effects": [dict(row) for row in rows],
+    }
+    replace_file(
+        path,
+        "# Effects alone; the app adds them to the default plan.\n"
+        + tomli_w.dumps({"stage": [stage]}),
+    )
+
+
+def next_poses(folder: Path) -> list[list[float]]:
+    """Joint readings in file units of the next experiment, one row a pose; [] where the run has none."""
+    path = folder / "next-experiment-poses.csv"
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        lines = list(csv.reader(file))[1:]
+    return [[float(value) for value in line] for line in lines if line]

@@ -1,0 +1,123 @@
+"""Images of a recording with what is detected in them: corners of a board, the centreline of a laser stripe."""
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from workbench.app.security import resolve_inside
+from workbench.core.errors import InputError
+
+MOST_PIXELS = 1_000_000
+"""Larger images are sent smaller; the overlay is in pixels of the full image."""
+_MOST_MARKS = 3000
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """An image as a data address, its `size` (width, height) px, and marks over it.
+
+    `corners` and `stripe` (2, k) px of the full image; `index` (k,) which corners of the board.
+    `why` nothing was found, "" where something was.
+    """
+
+    name: str
+    role: str
+    source: str
+    size: tuple[int, int]
+    corners: np.ndarray
+    stripe: np.ndarray
+    why: str
+    index: np.ndarray | None = None
+
+
+def image_rows(recording) -> list[dict]:
+    """Index, name, role, placement and scan of every image, for lists."""
+    rows = []
+    for k, row in enumerate(recording.images):
+        tags = [
+            f"{key} {row[key]}"
+            for key in ("placement", "scan", "step")
+            if row.get(key) not in (None, "")
+        ]
+        rows.append(
+            {"index": k, "name": row["image"], "role": row.get("role", ""), "tags": ", ".join(tags)}
+        )
+    return rows
+
+
+def overlay(recording, index: int) -> Overlay:
+    """The image at place `index` of images.csv with its corners and stripe. Raises InputError."""
+    from sensors.pictures import read
+
+    row = _row_at(recording, index)
+    path = resolve_inside(Path(recording.folder), row["image"])
+    if path is None:
+        raise InputError(
+            f"{recording.name}/images.csv, image {row['image']}: expected a file in the recording's folder, "
+            "found none; correct the row"
+        )
+    picture = read(path, f"{recording.name}/{row['image']}")
+    corners, index, why = _corners(recording, row, picture)
+    stripe, lost = _stripe(row, picture)
+    return Overlay(
+        row["image"],
+        row.get("role", ""),
+        encoded(picture.grey),
+        picture.size,
+        corners,
+        stripe,
+        why or lost,
+        index,
+    )
+
+
+def _row_at(recording, index: int) -> Mapping:
+    if not 0 <= index < len(recording.images):
+        raise InputError(
+            f"{recording.name}, images.csv: expected an image from 0 to {len(recording.images) - 1}, found {index}; "
+            "choose another"
+        )
+    return recording.images[index]
+
+
+def encoded(grey: np.ndarray) -> str:
+    """A data address (JPEG) of an image (H, W), made smaller where it is large."""
+    import cv2
+
+    if grey.dtype != np.uint8:
+        grey = (grey.astype(np.float32) * (255 / max(int(grey.max()), 1))).astype(np.uint8)
+    scale = np.sqrt(MOST_PIXELS / grey.size)
+    if scale < 1:
+        grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    code = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
+    return "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode()
+
+
+def _corners(recording, row: Mapping, picture) -> tuple[np.ndarray, np.ndarray | None, str]:
+    from sensors.boards.board import Board
+    from sensors.boards.detection import View, detect
+
+    if row.get("role") != "board" or recording.board is None:
+        return np.zeros((2, 0)), None, ""
+    keys = {key: value for key, value in recording.board.items() if key != "fixed_to"}
+    found = detect(picture, Board.of(keys), row["image"])
+    if isinstance(found, View):
+        return found.pixels, found.index, ""
+    return np.zeros((2, 0)), None, found.why
+
+
+def _stripe(row: Mapping, picture) -> tuple[np.ndarray, str]:
+    """The laser line, searched along rows and columns; the direction with the smaller uncertainty is shown."""
+    from sensors.stripe.find import find_stripes
+
+    if row.get("role") not in ("board-laser", "scan"):
+        return np.zeros((2, 0)), ""
+    found = [find_stripes(picture.grey[None], along) for along in ("rows", "columns")]
+    best = min(found, key=lambda one: float(np.median(one.width)) if len(one) else np.inf)
+    if not len(best):
+        return np.zeros((2, 0)), "no laser line was found in this image"
+    keep = np.linspace(0, len(best) - 1, min(len(best), _MOST_MARKS)).astype(int)
+    return best.pixels[:, keep], ""

@@ -1,0 +1,164 @@
+"""What `workbench open` opens: a run folder with its recording, or a recording alone."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from workbench.app.data.residuals import Residuals, read_residuals
+from workbench.core.errors import InputError
+from workbench.files.runs import RUNS
+
+ANSWER = "answer.json"
+CENTRES = "ball-centres"
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A recording with one run of it.
+
+    `subject`: how the recording is named on the command line; `recording` as it was read; `samples`: the
+    recording whose rows the residuals belong to (ball centres where the run made them from images, else
+    `recording`); `folder` of the run and its `answer`, None and {} where a recording alone was opened.
+    """
+
+    subject: str
+    recording: object
+    samples: object
+    folder: Path | None = None
+    answer: Mapping = None
+
+    @property
+    def command(self) -> str:
+        """Name of the command that made the run, "" without a run."""
+        return (self.answer or {}).get("command", "")
+
+    @property
+    def title(self) -> str:
+        """The recording for people."""
+        return self.recording.title or self.recording.name
+
+    @cached_property
+    def residuals(self) -> Residuals | None:
+        """Residuals of the run, one row for each sample that entered it; None where it has none."""
+        return None if self.folder is None else read_residuals(self.folder)
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """(m,) row of `samples` of each row of `residuals`, all rows where there are none."""
+        if self.residuals is None:
+            return np.arange(self.samples.n)
+        ids = self.samples.sample_ids
+        order = np.argsort(ids, kind="stable")
+        place = np.minimum(np.searchsorted(ids[order], self.residuals.sample), len(ids) - 1)
+        found = order[place]
+        if not np.array_equal(ids[found], self.residuals.sample):
+            raise InputError(
+                f"{self.folder}: expected residuals of samples of {self.subject}, found others; name the "
+                "recording of this run with --recording"
+            )
+        return found
+
+    @cached_property
+    def edit_ids(self) -> np.ndarray:
+        """(m,) number of the sample of `recording` that each row of the residuals stems from."""
+        if self.samples is self.recording or "pose" not in self.samples.columns:
+            return self.samples.sample_ids[self.rows]
+        return self.samples.columns["pose"][self.rows].astype(int)
+
+    @cached_property
+    def robot(self):
+        """The nominal robot; None where the recording has none."""
+        if not self.recording.robot:
+            return None
+        from robot_model import load_robot
+
+        return load_robot(self.recording.robot, f"robot of {self.recording.name}")
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Parameters of the run's solution.json by key; {} without one."""
+        path = self.folder / "solution.json" if self.folder else None
+        if path is None or not path.is_file():
+            return {}
+        return json.loads(path.read_text(encoding="utf-8"))["values"]
+
+
+def open_subject(subject: str | None, recording: str | None = None) -> Opened:
+    """What a person names: a run folder, a recording, or None for the newest run.
+
+    recording: the run's recording where it is no longer where it was. Raises InputError.
+    """
+    folder = newest_run() if subject is None else Path(subject)
+    if (folder / ANSWER).is_file():
+        return _open_run(folder.resolve(), recording)
+    if recording is not None:
+        raise InputError(
+            f"--recording {recording}: expected a run folder with {ANSWER} as first argument, found {subject}; name one"
+        )
+    import datasets
+    from workbench.files.runs import input_name
+
+    found = datasets.read(subject)
+    return Opened(input_name(subject), found, found, None, {})
+
+
+def newest_run() -> Path:
+    """The newest finished run under `runs`. Raises InputError where there is none."""
+    answers = [path for path in RUNS.glob(f"*/{ANSWER}") if not path.parent.name.startswith(".")]
+    if not answers:
+        raise InputError(
+            f"workbench open: expected a run in {RUNS.resolve()}, found none; name a run folder or a recording"
+        )
+    return max(answers, key=lambda path: path.stat().st_mtime).parent
+
+
+def _open_run(folder: Path, recording: str | None) -> Opened:
+    import datasets
+
+    answer = read_answer(folder / ANSWER)
+    subject = recording or answer.get("input") or answer.get("recording")
+    if not subject:
+        raise InputError(
+            f"{folder / ANSWER}, key input: expected the recording of this run, found none; name it with --recording"
+        )
+    try:
+        found = datasets.read(subject)
+    except InputError as problem:
+        raise InputError(
+            f"{folder}: its recording is not found ({problem}); name it with --recording"
+        ) from None
+    samples = found
+    if (folder / CENTRES / "recording.toml").is_file():
+        samples = datasets.read(folder / CENTRES)
+    return Opened(subject, found, samples, folder, answer)
+
+
+def read_answer(path: Path) -> dict:
+    """The object of an answer.json. Raises InputError."""
+    try:
+        answer = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as problem:
+        raise InputError(
+            f"{path} cannot be read ({problem}); name the folder of a run of workbench"
+        ) from None
+    if not isinstance(answer, dict):
+        raise InputError(
+            f"{path}: expected a JSON object, found {type(answer).__name__}; name the folder of a run"
+        )
+    return answer
+
+
+def summary(opened: Opened) -> str:
+    """One line: kind, number of samples, and the errors of the run."""
+    parts = [opened.recording.measures, f"{len(opened.rows):,} samples"]
+    answer = opened.answer or {}
+    held_out = answer.get("held_out") or {}
+    for key in ("rms_mm", "after_mm"):
+        if isinstance(held_out, dict) and held_out.get(key) is not None:
+            parts.append(f"held-out RMS {held_out[key]:.4g} mm")
+    parts.append(f"run of {opened.command}" if opened.command else "no run yet")
+    return " · ".join(parts)

@@ -1,0 +1,92 @@
+"""Residuals of a run from its files: vectors by sample, and arrows in the robot's root frame."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.files.results import ARROWS
+
+TABLE = "residuals.csv"
+FIT, HELD_OUT, NOMINAL = "fit", "held_out", "nominal"
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Of m samples: `sample` (m,) numbers, `vectors` kind -> (3, m) mm, predicted minus measured.
+
+    Kinds are "fit", "held_out" (nan where a row was never held out) and "nominal", or "before" and "after" of a
+    diagnosis. `points`, `arrows` (3, m) mm in the robot's root frame and `pose` (m,) are None where an older
+    version wrote the run.
+    """
+
+    sample: np.ndarray
+    vectors: dict[str, np.ndarray]
+    points: np.ndarray | None = None
+    arrows: np.ndarray | None = None
+    pose: np.ndarray | None = None
+
+    @cached_property
+    def lengths(self) -> dict[str, np.ndarray]:
+        """Kind -> (m,) mm, 3-D length of the residual."""
+        return {kind: np.sqrt((vector**2).sum(0)) for kind, vector in self.vectors.items()}
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """(m,) mm: held-out length where there is one, else that of the fit (or "after" of a diagnosis)."""
+        if HELD_OUT in self.lengths:
+            return np.where(
+                np.isfinite(self.lengths[HELD_OUT]), self.lengths[HELD_OUT], self.lengths[FIT]
+            )
+        return self.lengths.get(FIT, self.lengths.get("after"))
+
+
+def read_residuals(folder: Path) -> Residuals | None:
+    """Residuals of a run folder; None where it holds none in mm. Raises InputError for a file that cannot be read."""
+    path = folder / TABLE
+    if not path.is_file():
+        return None
+    columns = _read_csv(path)
+    names = [name.removesuffix("_x_mm") for name in columns if name.endswith("_x_mm")]
+    vectors = {name: np.stack([columns[f"{name}_{axis}_mm"] for axis in "xyz"]) for name in names}
+    if not vectors or "sample" not in columns:
+        return None
+    sample = columns["sample"].astype(int)
+    return Residuals(sample, vectors, *_read_arrows(folder / ARROWS, sample))
+
+
+def _read_csv(path: Path) -> dict[str, np.ndarray]:
+    import pyarrow as pa
+    import pyarrow.csv as table
+
+    try:
+        read = table.read_csv(path)
+        return {name: np.asarray(read[name].to_numpy(), float) for name in read.column_names}
+    except (pa.ArrowInvalid, OSError, ValueError) as problem:
+        reason = " ".join(str(problem).split())[:150]
+        raise InputError(
+            f"{path}: expected a table of residuals, found {reason}; calibrate again"
+        ) from None
+
+
+def _read_arrows(path: Path, sample: np.ndarray):
+    """points (3, m), arrows (3, m) and pose (m,), each None where the file is missing or of other samples."""
+    if not path.is_file():
+        return None, None, None
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        read = pq.read_table(path)
+        columns = {name: read[name].to_numpy() for name in read.column_names}
+        points = np.stack([columns[f"{axis}_mm"] for axis in "xyz"])
+        arrows = np.stack([columns[f"d{axis}_mm"] for axis in "xyz"])
+    except (pa.ArrowInvalid, OSError, KeyError) as problem:
+        raise InputError(
+            f"{path}: expected arrows of residuals, found {problem}; calibrate again"
+        ) from None
+    if not np.array_equal(columns["sample"].astype(int), sample):
+        return None, None, None
+    return points, arrows, columns["pose"].astype(int)

@@ -1,0 +1,146 @@
+"""What the changes of a session do to a recording and to a plan."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from workbench.app.edits.changes import EFFECTS, IMAGES, POSES, SAMPLES, STAGES, effect_label
+from workbench.app.edits.session import Session
+from workbench.core.errors import InputError
+from workbench.core.solution import Stage
+
+ADDED = "added effects"
+
+
+def kept_rows(session: Session, recording) -> np.ndarray:
+    """(n,) bool: rows of samples.csv that no change excludes. Raises InputError for samples that do not exist."""
+    ids = recording.sample_ids
+    samples, poses = session.excluded(SAMPLES), session.excluded(POSES)
+    wanted = np.array(sorted(samples | poses), int)
+    missing = wanted[~np.isin(wanted, ids)]
+    if missing.size:
+        raise InputError(
+            f"session of recording '{recording.name}': sample {missing[0]} is excluded, but the recording has "
+            "no such sample; name the recording that the session was made with"
+        )
+    excluded = np.isin(ids, list(samples))
+    if poses:
+        labels = recording.poses
+        excluded |= np.isin(labels, labels[np.isin(ids, list(poses))])
+    return ~excluded
+
+
+def edited_recording(session: Session, recording):
+    """The recording without excluded samples, poses and images. Raises InputError.
+
+    Where images belong to samples (column `sample` of images.csv), those of excluded samples are left out too.
+    """
+    images = session.excluded(IMAGES)
+    missing = images - {row["image"] for row in recording.images}
+    if missing:
+        raise InputError(
+            f"session of recording '{recording.name}': image '{min(missing)}' is excluded, but images.csv has no "
+            "such image; name the recording that the session was made with"
+        )
+    kept = kept_rows(session, recording)
+    left_out = set(recording.sample_ids[~kept].tolist())
+    used = [
+        k
+        for k, row in enumerate(recording.images)
+        if row["image"] not in images
+        and ("sample" not in row or int(row["sample"]) not in left_out)
+    ]
+    edited = recording if kept.all() else recording.select(kept)
+    if not edited.n and recording.n:
+        raise InputError(
+            f"session of recording '{recording.name}': all {recording.n} samples are excluded; include some of them"
+        )
+    return replace(edited, images=_chosen(recording.images, used))
+
+
+def _chosen(images, places: list[int]):
+    """The images at some places, in the form in which the recording keeps them."""
+    if len(places) == len(images):
+        return images
+    return (
+        [images[k] for k in places]
+        if isinstance(images, list | tuple)
+        else images[np.array(places, int)]
+    )
+
+
+@dataclass(frozen=True)
+class EditedPlan:
+    """A plan for `workbench.jobs.calibrate`: called with the chain, it gives the stages that are left.
+
+    session: names stages and effects that are left out or added. Raises InputError when called where a name
+    is that of no stage or effect of the plan.
+    """
+
+    session: Session
+
+    def __call__(self, chain) -> tuple[Stage, ...]:
+        from workbench.fitting.plans import default_plan, read_plan
+
+        base = read_plan(Path(self.session.plan)) if self.session.plan else default_plan(chain)
+        taken = _keys_of(self.session.added_effects, chain)
+        return self.edited(base, lambda row: bool(taken & _keys_of([effect_row(row)], chain)))
+
+    def edited(
+        self,
+        stages: Sequence[Stage],
+        is_added: Callable[[tuple[str, str, dict]], bool] = lambda row: False,
+    ) -> tuple[Stage, ...]:
+        """The stages after all changes.
+
+        is_added: whether an effect of the plan has parameters of an added one. It then stands in the stage of
+        added effects alone, since a model holds every parameter once.
+        """
+        self._check_names(stages)
+        names, effects = self.session.excluded(STAGES), self.session.excluded(EFFECTS)
+        left = []
+        for stage in stages:
+            rows = [row for row in stage.effects if effect_label(effect_row(row)) not in effects]
+            rows = [row for row in rows if not is_added(row)]
+            if stage.name not in names and (rows or not stage.effects):
+                left.append(replace(stage, effects=tuple(rows)))
+        if self.session.added_effects:
+            left.append(added_stage(self.session.added_effects))
+        return tuple(left)
+
+    def _check_names(self, stages: Sequence[Stage]) -> None:
+        names = {stage.name for stage in stages}
+        labels = {effect_label(effect_row(row)) for stage in stages for row in stage.effects}
+        for kind, known in ((STAGES, names), (EFFECTS, labels)):
+            missing = self.session.excluded(kind) - known
+            if missing:
+                raise InputError(
+                    f"session of recording '{self.session.recording}', {kind}: '{min(missing)}' is excluded, but the "
+                    f"plan has {', '.join(sorted(known)[:8]) or 'none'}; remove the change"
+                )
+
+
+def _keys_of(effects: Sequence[dict], chain) -> set[str]:
+    """Keys of the parameters that effects bring to a chain."""
+    from robot_model.effects import CATALOGUE
+    from workbench.core.effect import make_effects
+
+    made = make_effects(CATALOGUE, added_stage(effects).effects)
+    return {parameter.key for effect in made for parameter in effect.parameters(chain)}
+
+
+def effect_row(row: tuple[str, str, dict]) -> dict:
+    """A row of `Stage.effects` as a table with the keys effect, where and the options."""
+    effect, where, options = row
+    return {"effect": effect, "where": where, **options}
+
+
+def added_stage(effects: Sequence[dict]) -> Stage:
+    """One stage with effects that were added by hand or ticked in a diagnosis."""
+    rows = []
+    for row in effects:
+        options = {key: value for key, value in row.items() if key not in ("effect", "where")}
+        rows.append((row["effect"], row["where"], options))
+    return Stage(ADDED, "effects that were chosen in the app", tuple(rows))

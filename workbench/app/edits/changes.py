@@ -1,0 +1,137 @@
+"""One change of an edit session, its checks, and its line in session.toml."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from workbench.core.errors import InputError
+
+SAMPLES, POSES, IMAGES, STAGES, EFFECTS = "samples", "poses", "images", "stages", "effects"
+KINDS = (SAMPLES, POSES, IMAGES, STAGES, EFFECTS)
+EXCLUDE, INCLUDE, ADD = "exclude", "include", "add"
+ACTIONS = (EXCLUDE, INCLUDE, ADD)
+_KEYS = ("action", "kind", "items", "why")
+
+
+@dataclass(frozen=True)
+class Change:
+    """One edit: `action` on `items` of one `kind`.
+
+    "exclude" leaves items out, "include" takes excluded items back, "add" adds effects to the plan.
+    Items are sample numbers of samples; of poses the numbers of samples that were measured there (all
+    samples of these poses are meant); paths as in images.csv of images; names of stages; labels such as
+    "backlash at joint-3" of effects (`effect_label`), or, where effects are added, tables with the keys
+    effect, where and the options of the effect. `why` is free text for people.
+    """
+
+    action: str
+    kind: str
+    items: tuple
+    why: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The change for people."""
+        count = len(self.items)
+        noun = self.kind if count != 1 else self.kind.removesuffix("s")
+        shown = ", ".join(map(_shown, self.items[:4])) + (", …" if count > 4 else "")
+        because = f" ({self.why})" if self.why else ""
+        return f"{self.action} {count} {noun}: {shown}{because}"
+
+
+def _shown(item) -> str:
+    return effect_label(item) if isinstance(item, Mapping) else str(item)
+
+
+def effect_label(row: Mapping) -> str:
+    """Name of an effect with its place and options: "transmission-harmonic at joint-3 (order=2)"."""
+    options = {key: value for key, value in row.items() if key not in ("effect", "where")}
+    tail = ", ".join(f"{key}={value}" for key, value in sorted(options.items()))
+    return f"{row['effect']} at {row['where']}" + (f" ({tail})" if tail else "")
+
+
+def read_change(row: object, where: str) -> Change:
+    """The change that a table of session.toml holds. where: names the place in messages. Raises InputError."""
+    if not isinstance(row, Mapping):
+        raise InputError(
+            f"{where}: expected a table with action, kind and items, found {row!r}; correct it"
+        )
+    for key in row:
+        if key not in _KEYS:
+            raise InputError(
+                f"{where}: expected the keys {', '.join(_KEYS)}, found '{key}'; remove or rename it"
+            )
+    action, kind = row.get("action"), row.get("kind")
+    _check_choice(action, ACTIONS, f"{where}, key action")
+    _check_choice(kind, KINDS, f"{where}, key kind")
+    if action == ADD and kind != EFFECTS:
+        raise InputError(
+            f"{where}, key kind: expected effects where action is add, found '{kind}'; correct it"
+        )
+    items, why = row.get("items"), row.get("why", "")
+    if not isinstance(items, list) or not items:
+        raise InputError(
+            f"{where}, key items: expected a list with at least one entry, found {items!r}; correct it"
+        )
+    if not isinstance(why, str):
+        raise InputError(
+            f"{where}, key why: expected text, found {why!r}; put it in quotation marks"
+        )
+    return Change(action, kind, tuple(_item(item, action, kind, where) for item in items), why)
+
+
+def _check_choice(value, choices, where: str) -> None:
+    if value not in choices:
+        raise InputError(
+            f"{where}: expected one of {', '.join(choices)}, found {value!r}; correct it"
+        )
+
+
+def _item(item, action: str, kind: str, where: str):
+    if kind in (SAMPLES, POSES):
+        if type(item) is not int:
+            raise InputError(
+                f"{where}, key items: expected sample numbers, found {item!r}; write whole numbers"
+            )
+        return item
+    if action == ADD:
+        return _added_effect(item, where)
+    if not isinstance(item, str):
+        raise InputError(
+            f"{where}, key items: expected text, found {item!r}; put it in quotation marks"
+        )
+    return item
+
+
+def _added_effect(item, where: str) -> dict:
+    from robot_model.effects import CATALOGUE
+    from workbench.core.effect import make_effects
+
+    if not isinstance(item, Mapping) or not {"effect", "where"} <= set(item):
+        raise InputError(
+            f"{where}, key items: expected tables with effect and where, found {item!r}; correct it"
+        )
+    options = {key: value for key, value in item.items() if key not in ("effect", "where")}
+    try:
+        make_effects(CATALOGUE, [(item["effect"], item["where"], options)])
+    except InputError as problem:
+        raise InputError(f"{where}, key items: {problem}") from None
+    return dict(item)
+
+
+def change_line(change: Change) -> str:
+    """The change as one inline table of TOML."""
+    keys = {"action": change.action, "kind": change.kind, "items": list(change.items)}
+    if change.why:
+        keys["why"] = change.why
+    return _inline(keys)
+
+
+def _inline(value) -> str:
+    """A value of session.toml on one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_inline(inner)}" for key, inner in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_inline(inner) for inner in value) + "]"
+    import tomli_w
+
+    return tomli_w.dumps({"k": value}).removeprefix("k = ").rstrip("\n")

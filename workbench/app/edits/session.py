@@ -1,0 +1,133 @@
+"""An edit session: which recording is calibrated with which options, and the changes made, in order.
+
+`session.toml` holds all of it. `workbench calibrate --session FILE` repeats the calibration without the app.
+"""
+
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from workbench.app.edits.changes import ADD, EXCLUDE, KINDS, Change, change_line, read_change
+from workbench.core.errors import InputError
+from workbench.files.runs import replace_file
+
+FORMAT, NAME = "session/1", "session.toml"
+_TYPES = {
+    "format": str,
+    "recording": str,
+    "plan": str,
+    "scanner": str,
+    "folds": int,
+    "trust_data": bool,
+    "changes": list,
+}
+
+
+@dataclass(frozen=True)
+class Session:
+    """What `workbench calibrate --session` does.
+
+    `recording`: folder or known name; `plan` and `scanner`: files, "" for none; `folds` of the
+    cross-validation; `changes` in the order in which they were made.
+    """
+
+    recording: str
+    plan: str = ""
+    scanner: str = ""
+    folds: int = 10
+    trust_data: bool = False
+    changes: tuple[Change, ...] = ()
+
+    def with_change(self, change: Change) -> "Session":
+        """The session with one more change."""
+        return replace(self, changes=(*self.changes, change))
+
+    def without_last_change(self) -> "Session":
+        """The session before its last change; itself where there is none."""
+        return replace(self, changes=self.changes[:-1])
+
+    def excluded(self, kind: str) -> frozenset:
+        """Items of a kind that are excluded after all changes."""
+        if kind not in KINDS:
+            raise ValueError(f"unknown kind {kind!r}")
+        found: set = set()
+        for change in self.changes:
+            if change.kind != kind or change.action == ADD:
+                continue
+            found = (
+                found | set(change.items) if change.action == EXCLUDE else found - set(change.items)
+            )
+        return frozenset(found)
+
+    @property
+    def added_effects(self) -> tuple[dict, ...]:
+        """Effects that changes add to the plan, each once, in order."""
+        rows = [
+            dict(row) for change in self.changes if change.action == ADD for row in change.items
+        ]
+        return tuple(row for k, row in enumerate(rows) if row not in rows[:k])
+
+    def as_toml(self) -> str:
+        """The text of session.toml: one line for each change."""
+        import tomli_w
+
+        head = {
+            "format": FORMAT,
+            "recording": self.recording,
+            "folds": self.folds,
+            "trust_data": self.trust_data,
+        }
+        head |= {
+            key: value for key, value in (("plan", self.plan), ("scanner", self.scanner)) if value
+        }
+        lines = [f"  {change_line(change)},\n" for change in self.changes]
+        note = "# Repeat without the app: workbench calibrate --session FILE\n"
+        return f"{note}{tomli_w.dumps(head)}changes = [\n{''.join(lines)}]\n"
+
+    def save(self, path: Path) -> None:
+        """Write session.toml at `path`, replacing an earlier one. Raises InputError."""
+        replace_file(Path(path), self.as_toml())
+
+
+def read_session(path: Path) -> Session:
+    """The session of a session.toml. Raises InputError with the file, the key and what to do."""
+    path = Path(path)
+    try:
+        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise InputError(
+            f"session {path} cannot be read ({problem}); name a session.toml of `workbench open`"
+        ) from None
+    if keys.get("format") != FORMAT:
+        found = keys.get("format")
+        raise InputError(
+            f"session {path}, key format: expected '{FORMAT}', found {found!r}; name a session.toml"
+        )
+    for key, value in keys.items():
+        _check_key(path, key, value)
+    if not keys.get("recording"):
+        raise InputError(
+            f"session {path}, key recording: expected a folder or a known name, found none; add it"
+        )
+    if keys.get("folds", 2) < 2:
+        raise InputError(
+            f"session {path}, key folds: expected at least 2, found {keys['folds']}; correct it"
+        )
+    changes = [
+        read_change(row, f"session {path}, change {k}")
+        for k, row in enumerate(keys.get("changes", []), 1)
+    ]
+    options = {key: value for key, value in keys.items() if key not in ("format", "changes")}
+    return Session(**options, changes=tuple(changes))
+
+
+def _check_key(path: Path, key: str, value) -> None:
+    if key not in _TYPES:
+        raise InputError(
+            f"session {path}: expected the keys {', '.join(_TYPES)}, found '{key}'; remove or rename it"
+        )
+    if type(value) is not _TYPES[key]:
+        kind = {str: "text", int: "a whole number", bool: "true or false", list: "a list"}[
+            _TYPES[key]
+        ]
+        raise InputError(f"session {path}, key {key}: expected {kind}, found {value!r}; correct it")

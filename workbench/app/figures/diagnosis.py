@@ -1,0 +1,120 @@
+"""The measuring chain as a row of places, residuals before and after, and the next experiment's poses in space."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from robot_model.chain import forward
+from workbench.app.data.decimate import MOST_POINTS, bin_means, thinned
+from workbench.app.data.diagnosis import Place
+from workbench.app.data.opened import Opened
+from workbench.app.figures import style
+from workbench.app.workspace import quantities_of
+
+_SHORT = {"joint": "J", "link": "L"}
+
+
+def chain(places: Sequence[Place], chosen: str) -> go.Figure:
+    """Joints as discs and links as squares; area and colour show the share of the mismatch."""
+    made = style.plane("", "", "chain")
+    x = np.arange(len(places))
+    share = np.array([place.share for place in places])
+    relative = share / max(share.max(initial=0), 1e-9)
+    made.add_scatter(
+        x=x, y=0 * x, mode="lines", hoverinfo="skip", line=dict(color=style.GREY, width=4)
+    )
+    made.add_scatter(
+        x=x,
+        y=0 * x,
+        mode="markers+text",
+        customdata=[place.name for place in places],
+        text=[_short(place) for place in places],
+        textposition="bottom center",
+        marker=dict(
+            size=18 + 34 * np.sqrt(relative) * (share > 0),
+            color=100 * share,
+            colorscale=[[0, "#e5e7eb"], [0.05, "#fcd9a8"], [1, "#c2410c"]],
+            cmin=0,
+            cmax=max(100 * float(share.max(initial=0)), 1.0),
+            symbol=["square" if place.name.startswith("link") else "circle" for place in places],
+            line=dict(
+                color=[style.BLUE if place.name == chosen else style.GREY for place in places],
+                width=[4 if place.name == chosen else 1 for place in places],
+            ),
+        ),
+        hovertemplate="%{customdata}<extra></extra>",
+    )
+    for k, place in enumerate(places):
+        if place.found:
+            _label(made, k, place)
+    made.update_xaxes(visible=False, range=[-0.7, len(places) - 0.3])
+    made.update_yaxes(visible=False, range=[-1.2, 1.6])
+    return made.update_layout(showlegend=False, margin=dict(l=4, r=4, t=4, b=4), dragmode=False)
+
+
+def _short(place: Place) -> str:
+    kind, dash, number = place.name.rpartition("-")
+    name = f"{_SHORT.get(kind, kind + ' ')}{number}" if dash else place.name
+    return f"{name}<br>{100 * place.share:.0f} %" if place.share else name
+
+
+def _label(made, k: int, place: Place) -> None:
+    names = "<br>".join(dict.fromkeys(term["effect"] for term in place.found))
+    made.add_annotation(
+        x=k,
+        y=0.25,
+        text=f"<b>{names}</b>",
+        showarrow=True,
+        ax=0,
+        ay=-30 - 26 * (k % 3),
+        font=dict(color=style.BLUE, size=12),
+        arrowcolor=style.BLUE,
+    )
+
+
+def before_after(opened: Opened, name: str) -> go.Figure:
+    """Length of the residual over one quantity, with the baseline and with what was found."""
+    made = style.plane(style.plain(name), "residual (mm)", f"before-after-{name}")
+    residuals, quantities = opened.residuals, quantities_of(opened)
+    if residuals is None or "before" not in residuals.lengths or name not in quantities:
+        return made
+    x = quantities[name]
+    for kind, colour in (("before", style.GREY), ("after", style.BLUE)):
+        y = residuals.lengths[kind]
+        drawn = thinned(len(y), MOST_POINTS, y)
+        marker = dict(size=4, color=colour, opacity=0.5)
+        made.add_scattergl(
+            x=x[drawn], y=np.round(y[drawn], 6), mode="markers", name=kind, marker=marker
+        )
+        centres, means = bin_means(x, y)
+        made.add_scatter(
+            x=centres, y=means, mode="lines", name=f"mean {kind}", line=dict(color=colour, width=3)
+        )
+    return made
+
+
+def next_poses(opened: Opened, readings: Sequence[Sequence[float]]) -> go.Figure:
+    """The arm at the poses of the next experiment."""
+    made = style.space("next")
+    robot = opened.robot
+    if robot is None or not len(readings):
+        return made
+    scale = np.where(robot.prismatic[: len(readings[0])], 1.0, np.pi / 180)
+    variables = robot.mixing @ (np.asarray(readings) * scale).T
+    frames = forward(robot, variables, links=True)
+    links = np.concatenate([frames.pivot[:1], frames.origin, frames.end_origin[None]])
+    gap = np.full((1, *links.shape[1:]), np.nan)
+    x, y, z = np.concatenate([links, gap]).transpose(1, 2, 0).reshape(3, -1).round(2)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines+markers",
+        name=f"{len(readings)} poses to measure",
+        connectgaps=False,
+        hoverinfo="skip",
+        line=dict(color=style.ORANGE, width=4),
+        marker=dict(size=3, color=style.ORANGE),
+    )
+    return made

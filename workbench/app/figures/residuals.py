@@ -1,0 +1,204 @@
+"""Residuals: arrows in space, the length over any quantity, and histograms; every mark carries its row."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, thinned
+from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL
+from workbench.app.figures import robot, style
+from workbench.app.workspace import Workspace
+
+_NAMES = {
+    "": "held out or fit",
+    FIT: "fit",
+    HELD_OUT: "held out",
+    NOMINAL: "nominal",
+    "before": "before",
+    "after": "after",
+}
+_COLOURS = {
+    FIT: style.GREEN,
+    HELD_OUT: style.BLUE,
+    NOMINAL: style.GREY,
+    "before": style.GREY,
+    "after": style.BLUE,
+}
+
+
+def arrows(work: Workspace) -> go.Figure:
+    """Arrows from the measured points, coloured by length; the arm at the current sample."""
+    from workbench.report.calibration.scene import arrow_scale
+
+    made = style.space("arrows")
+    residuals = work.opened.residuals
+    if residuals is None or residuals.points is None:
+        return made
+    lengths = residuals.shown
+    drawn = work.drawn(MOST_ARROWS)
+    drawn = drawn[work.kept[drawn]]
+    places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
+    scale = arrow_scale(places, vectors) if drawn.size else 1.0
+    _add_arrows(made, places, scale * vectors, drawn, lengths[drawn])
+    _add_marks(made, places, drawn, lengths[drawn])
+    _add_selected(made, work)
+    robot.add_arm(made, work, with_outer=False)
+    text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
+    made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
+    return made
+
+
+def _add_arrows(made, places, vectors, rows, lengths) -> None:
+    """One line with gaps and a colour for each arrow; a short barb makes its head."""
+    tips = places + vectors
+    gap = np.full_like(tips, np.nan)
+    x, y, z = np.round(np.stack([places, tips, gap], axis=2).reshape(3, -1), 2)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines",
+        name="residual",
+        connectgaps=False,
+        customdata=np.repeat(rows, 3),
+        line=dict(
+            color=np.repeat(lengths, 3),
+            colorscale=style.LENGTHS,
+            cmin=0,
+            cmax=_top(lengths),
+            width=3,
+        ),
+        hovertemplate="row %{customdata}<extra></extra>",
+    )
+
+
+def _add_marks(made, places, rows, lengths) -> None:
+    x, y, z = np.round(places, 2)
+    bar = dict(title=dict(text="residual (mm)", side="right"), thickness=14, len=0.7)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers",
+        name="measured points",
+        customdata=rows,
+        text=[f"{value:.4f} mm" for value in lengths],
+        marker=dict(
+            size=3,
+            color=lengths,
+            colorscale=style.LENGTHS,
+            cmin=0,
+            cmax=_top(lengths),
+            colorbar=bar,
+        ),
+        hovertemplate="row %{customdata}: %{text}<extra></extra>",
+    )
+
+
+def _top(lengths: np.ndarray) -> float:
+    return float(np.percentile(lengths, 98)) if lengths.size else 1.0
+
+
+def _add_selected(made, work: Workspace) -> None:
+    rows = work.selected_rows[:MOST_POINTS]
+    x, y, z = np.round(work.opened.residuals.points[:, rows], 2)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers",
+        name=f"selected ({work.selected.sum():,})",
+        customdata=rows,
+        marker=dict(size=6, color=style.ORANGE, symbol="circle-open"),
+        hovertemplate="row %{customdata}<extra></extra>",
+    )
+
+
+def chart(work: Workspace, name: str, kind: str) -> go.Figure:
+    """Length of the residual over one quantity, with means of bins of equal count over all samples."""
+    made = style.plane(
+        style.plain(name), f"residual, {_NAMES.get(kind or '', kind)} (mm)", f"chart-{name}-{kind}"
+    )
+    made.update_layout(dragmode="select", selectionrevision=name, clickmode="event")
+    if name not in work.quantities:
+        return made
+    x, y, kept = work.quantities[name], work.lengths(kind), work.kept
+    drawn = work.drawn(MOST_POINTS, kind or "")
+    chosen = work.selected[drawn]
+    for label, rows, colour, symbol in (
+        ("samples", drawn[kept[drawn] & ~chosen], style.BLUE, "circle"),
+        ("excluded", drawn[~kept[drawn]], style.GREY, "x-thin-open"),
+        ("selected", drawn[chosen], style.ORANGE, "circle-open"),
+    ):
+        made.add_scattergl(
+            x=x[rows],
+            y=np.round(y[rows], 6),
+            mode="markers",
+            name=label,
+            customdata=rows,
+            marker=dict(
+                size=5 if label == "samples" else 8, color=colour, symbol=symbol, opacity=0.7
+            ),
+            hovertemplate="row %{customdata}: %{y:.4f} mm<extra></extra>",
+        )
+    centres, means = work.means(name, kind or "")
+    made.add_scattergl(
+        x=centres,
+        y=means,
+        mode="lines",
+        name="mean",
+        line=dict(color=style.INK, width=2),
+        hoverinfo="skip",
+    )
+    return made
+
+
+def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figure:
+    """Counts of the lengths of the fit with the held-out ones over them, and the outlier threshold."""
+    made = style.plane("residual (mm)", "samples", "histogram")
+    made.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode="select")
+    residuals = work.opened.residuals
+    if residuals is None:
+        return made
+    kinds = [kind for kind in (FIT, HELD_OUT, "before", "after") if kind in residuals.lengths]
+    counted = work.counts(kinds)
+    middle = (counted.edges[:-1] + counted.edges[1:]) / 2
+    ends = np.stack([counted.edges[:-1], counted.edges[1:]], 1)
+    for kind, counts in counted.counts.items():
+        made.add_bar(
+            x=middle,
+            y=counts,
+            width=np.diff(counted.edges),
+            name=_NAMES[kind],
+            customdata=ends,
+            marker_color=_COLOURS[kind],
+            opacity=0.55,
+            hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} mm: %{y}<extra></extra>",
+        )
+    if threshold is not None:
+        made.add_vline(
+            x=threshold,
+            line_color=style.ORANGE,
+            line_width=3,
+            annotation_text=f"threshold {threshold:.4g} mm",
+        )
+    return made
+
+
+def comparison(work: Workspace) -> go.Figure:
+    """Share of samples whose held-out residual is shorter, of the newest run and the one before."""
+    made = style.plane("held-out residual (mm)", "share of samples", "comparison")
+    for run, name, colour in (
+        (work.previous, "before", style.GREY),
+        (work.opened, "after", style.BLUE),
+    ):
+        if run is None or run.residuals is None:
+            continue
+        lengths = np.sort(run.residuals.shown)
+        lengths = lengths[np.isfinite(lengths)]
+        at = thinned(len(lengths), 500)
+        share = (at + 1) / max(len(lengths), 1)
+        made.add_scatter(
+            x=lengths[at], y=share, mode="lines", name=name, line=dict(color=colour, width=2.5)
+        )
+    made.update_yaxes(tickformat=".0%")
+    return made

@@ -1,0 +1,121 @@
+"""Images with what was detected, light planes and mirror axis in space, clouds with the balls fitted to them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.app.data.images import Overlay
+from workbench.app.data.opened import Opened
+from workbench.app.data.sensor import cloud_of, scanner_of
+from workbench.app.figures import style
+from workbench.report.calibration.scene import arrow_step
+from workbench.report.sensor import space
+
+
+def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
+    """The image with corners, stripe and, where known, arrows from detected to predicted corners."""
+    width, height = shown.size
+    made = style.plane("x (px)", "y (px)", f"image-{shown.name}")
+    made.add_layout_image(
+        source=shown.source,
+        x=-0.5,
+        y=-0.5,
+        sizex=width,
+        sizey=height,
+        xref="x",
+        yref="y",
+        sizing="stretch",
+        layer="below",
+    )
+    made.update_xaxes(range=[-0.5, width - 0.5], showgrid=False, zeroline=False, constrain="domain")
+    made.update_yaxes(
+        range=[height - 0.5, -0.5],
+        showgrid=False,
+        zeroline=False,
+        scaleanchor="x",
+        constrain="domain",
+    )
+    _marks(made, shown.corners, f"{shown.corners.shape[1]} corners", "#ff7f0e", "circle-open", 9)
+    _marks(
+        made, shown.stripe, f"stripe, {shown.stripe.shape[1]} points drawn", "#00e5ff", "circle", 3
+    )
+    if residual is not None and residual.size:
+        _reprojection(made, shown.corners, residual)
+    return made
+
+
+def _marks(made, pixels: np.ndarray, name: str, colour: str, symbol: str, size: float) -> None:
+    if pixels.shape[1]:
+        x, y = np.round(pixels, 2)
+        marker = dict(color=colour, symbol=symbol, size=size, line=dict(width=2))
+        made.add_scattergl(x=x, y=y, mode="markers", name=name, marker=marker)
+
+
+def _reprojection(made, corners: np.ndarray, residual: np.ndarray) -> None:
+    length = float(np.percentile(np.sqrt((residual**2).sum(0)), 95))
+    scale = arrow_step(20 / max(length, 1e-9))
+    rms = float(np.sqrt((residual**2).sum(0).mean()))
+    gap = np.full_like(corners, np.nan)
+    x, y = np.stack([corners, corners + scale * residual, gap], axis=2).reshape(2, -1).round(2)
+    name = f"reprojection error, RMS {rms:.3f} px, enlarged {scale:,.0f} times"
+    made.add_scatter(
+        x=x, y=y, mode="lines", name=name, line=dict(color="#ff2fd0", width=2), connectgaps=False
+    )
+
+
+def planes(opened: Opened) -> go.Figure:
+    """Light planes within the camera's field, the camera as a pyramid, and the mirror's axis."""
+    made = style.space("planes")
+    scanner = scanner_of(opened)
+    if scanner is None:
+        return made
+    near, far = scanner.volume if scanner.volume is not None else (100.0, 200.0)
+    space.sheets(made, space.patches(scanner.planes, scanner.camera, near, far), "light planes")
+    space.lines(made, space.pyramid(scanner.camera, near)[None], "camera", style.INK, 3)
+    if scanner.mirror is not None:
+        axis, point = np.asarray(scanner.mirror.axis), np.asarray(scanner.mirror.point)
+        ends = np.stack([point - 25 * axis, point + 25 * axis])
+        space.lines(made, ends[None], "mirror axis", style.VIOLET, 7)
+    return made
+
+
+def cloud(opened: Opened, place: int) -> go.Figure:
+    """A cloud coloured by its distance from the fitted balls; the balls are translucent."""
+    made = style.space("cloud")
+    found = cloud_of(opened, place)
+    if found is None:
+        return made
+    on = np.isfinite(found.deviation)
+    if (~on).any():
+        space.points(made, found.points[:, ~on], "not on a ball", size=1.6, color=style.GREY)
+    if on.any():
+        _deviations(made, found.points[:, on], 1000 * found.deviation[on])
+    for ball in found.balls:
+        centre = np.array([ball["x_mm"], ball["y_mm"], ball["z_mm"]])
+        space.ball(made, centre, ball["radius_mm"], ball_name(ball))
+    return made
+
+
+def _deviations(made, points: np.ndarray, deviation: np.ndarray) -> None:
+    top = max(5 * 1.4826 * float(np.median(np.abs(deviation))), 1e-6)
+    x, y, z = np.round(points, 3)
+    bar = dict(title=dict(text="from the fitted ball (um)", side="right"), thickness=14, len=0.7)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers",
+        name="points on balls",
+        marker=dict(
+            size=2.6, color=deviation, colorscale="RdBu", cmin=-top, cmax=top, colorbar=bar
+        ),
+        customdata=np.round(deviation, 2),
+        hovertemplate="%{customdata} um<extra></extra>",
+    )
+
+
+def ball_name(ball: Mapping) -> str:
+    """Number and RMS of a fitted ball."""
+    number = "ball" if ball.get("ball") is None else f"ball {ball['ball']}"
+    return f"{number}, RMS {1000 * ball['rms_mm']:.1f} um"

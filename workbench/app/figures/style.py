@@ -1,0 +1,57 @@
+"""Frames of figures: white ground, dark text, and a view that stays where the user turned it."""
+
+import plotly.graph_objects as go
+
+INK, GREY, BLUE, ORANGE, GREEN, VIOLET = (
+    "#1b1f24",
+    "#6b7280",
+    "#1565a8",
+    "#b45309",
+    "#0f766e",
+    "#86198f",
+)
+LENGTHS = [[0, "#8ab8de"], [0.4, "#1565a8"], [0.7, "#b45309"], [1, "#8b1a1a"]]
+"""Colours of small to large residuals, each of which stands out on white."""
+_FONT = dict(family="Roboto, Arial, sans-serif", size=13, color=INK)
+
+
+def plane(across: str, up: str, view: str) -> go.Figure:
+    """An empty figure with two axes titled with their units. view: keeps zoom while it stays the same."""
+    made = go.Figure()
+    made.update_layout(
+        template="plotly_white",
+        font=_FONT,
+        margin=dict(l=60, r=12, t=28, b=48),
+        uirevision=view,
+        legend=dict(orientation="h", x=0, y=1.01, yanchor="bottom"),
+        hovermode="closest",
+    )
+    made.update_xaxes(title_text=across)
+    return made.update_yaxes(title_text=up)
+
+
+def space(view: str) -> go.Figure:
+    """An empty scene in mm with equal axes."""
+    axis = dict(backgroundcolor="#ffffff", gridcolor="#d4d4d8", showspikes=False)
+    scene = {f"{name}axis": dict(title=dict(text=f"{name} (mm)"), **axis) for name in "xyz"}
+    scene |= dict(
+        aspectmode="data",
+        camera=dict(eye=dict(x=1.35, y=-1.45, z=0.6), center=dict(x=0, y=0, z=-0.12)),
+    )
+    return go.Figure(
+        layout=dict(
+            template="plotly_white",
+            font=_FONT,
+            margin=dict(l=0, r=0, t=0, b=0),
+            scene=scene,
+            uirevision=view,
+            legend=dict(
+                orientation="h", x=0, y=0, yanchor="bottom", bgcolor="rgba(255,255,255,0.8)"
+            ),
+        )
+    )
+
+
+def plain(text: object) -> str:
+    """Text of the data as plotly may show it: it reads some markup, which data must not have."""
+    return str(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

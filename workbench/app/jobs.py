@@ -1,0 +1,92 @@
+"""A `workbench` command in a process of its own: its progress line by line, and a way to stop it."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from pathlib import Path
+
+RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
+PROGRESS = "WORKBENCH_PROGRESS"
+_PATIENCE_S = 5.0
+_KEPT = 200
+
+
+class Job:
+    """One running command.
+
+    words: the command line after `workbench`; out: the run folder that it writes, which is new or empty.
+    The process runs in `folder`. Its last lines are in `lines`.
+    """
+
+    def __init__(self, words: list[str], out: Path, folder: Path):
+        self.out = out
+        self.lines: deque[str] = deque(maxlen=_KEPT)
+        self.started = time.monotonic()
+        self._cancelled = False
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "workbench", *words, "--out", str(out)],
+            cwd=folder,
+            env={**os.environ, PROGRESS: "lines"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=os.name == "posix",
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def state(self) -> str:
+        """ "running", "done" (the run folder is complete), "failed" or "cancelled"."""
+        if self._process.poll() is None:
+            return RUNNING
+        if self._cancelled:
+            return CANCELLED
+        return DONE if (self.out / "answer.json").is_file() else FAILED
+
+    @property
+    def last_line(self) -> str:
+        """What the command said last."""
+        return self.lines[-1] if self.lines else ""
+
+    @property
+    def seconds(self) -> float:
+        """How long it has been running."""
+        return time.monotonic() - self.started
+
+    def cancel(self) -> None:
+        """Interrupt the command, which then removes what it has written so far; kill it if it does not end."""
+        if self._process.poll() is not None:
+            return
+        self._cancelled = True
+        self._signal(signal.SIGINT)
+        try:
+            self._process.wait(_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
+            self._process.wait(_PATIENCE_S)
+
+    def wait(self, timeout: float | None = None) -> str:
+        """Wait until the command has ended; its state."""
+        self._process.wait(timeout)
+        self._reader.join(_PATIENCE_S)
+        return self.state
+
+    def _signal(self, number: int) -> None:
+        """Send a signal to the command and the processes that it started."""
+        if os.name == "posix":
+            os.killpg(self._process.pid, number)
+        else:
+            self._process.terminate()
+
+    def _read(self) -> None:
+        for line in self._process.stderr:
+            text = " ".join(line.split())
+            if text:
+                self.lines.append(text)

@@ -1,0 +1,169 @@
+"""What the tabs share: the page's state, messages, and figures that are sent when their tab is shown."""
+
+import functools
+import logging
+from collections.abc import Callable
+from html import escape as html_escape
+
+from trame.widgets import html, plotly
+from trame.widgets import vuetify3 as v3
+
+from workbench.app.workspace import Workspace
+from workbench.core.errors import InputError
+
+_log = logging.getLogger(__name__)
+
+
+def raw(**attributes: object) -> dict:
+    """Attributes that trame does not know, such as role and aria-label, as an argument of a widget.
+
+    They stand in the page's template: they are words of this code, never of the data.
+    """
+    lines = []
+    for name, value in attributes.items():
+        dashed = name.replace("_", "-")
+        lines.append(dashed if value is True else f'{dashed}="{html_escape(str(value))}"')
+    return {"raw_attrs": lines}
+
+
+class Page:
+    """The server with its state, the workspace, and the tabs by name."""
+
+    def __init__(self, server, work: Workspace):
+        self.server, self.state, self.work = server, server.state, work
+        self.tabs: dict[str, Tab] = {}
+
+    def say(self, text: str, kind: str = "info") -> None:
+        """Show a message; kind: info, success or error."""
+        self.state.message, self.state.message_kind = text, kind
+
+    def show(self) -> None:
+        """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
+        self.state.shown = True
+        self.handler(lambda: None)()
+
+    def show_tab(self) -> None:
+        """Draw the tab that was chosen."""
+        if self.state.shown:
+            self.handler(lambda: None)()
+
+    def opened_changed(self) -> None:
+        """Show the figures of the newest run in the bar."""
+        from workbench.app.data.opened import summary
+
+        self.state.summary = summary(self.work.opened)
+
+    def refresh(self) -> None:
+        """Send what the shown tab shows."""
+        tab = self.tabs.get(self.state.tab)
+        if tab is not None:
+            tab.refresh()
+
+    def handler(self, method: Callable) -> Callable:
+        """A method as an event handler: what it refuses is shown as a message, then the tab is drawn."""
+
+        @functools.wraps(method)
+        def handle(*values, **named):
+            try:
+                method(*values, **named)
+                self.refresh()
+            except InputError as problem:
+                self.say(str(problem), "error")
+            except Exception:
+                _log.exception("the app failed in %s", method.__name__)
+                self.say(
+                    f"This is a bug of the app (in {method.__name__}); see the terminal", "error"
+                )
+
+        return handle
+
+
+class Tab:
+    """One tab: `name` is its value in the state, `title` what people read."""
+
+    name = ""
+    title = ""
+
+    def __init__(self, page: Page):
+        self.page, self.state, self.work = page, page.state, page.work
+        self.figures: dict[str, plotly.Figure] = {}
+
+    def build(self) -> None:
+        """Make the widgets, inside the page's layout."""
+        raise NotImplementedError
+
+    def refresh(self) -> None:
+        """Send what the tab shows."""
+        raise NotImplementedError
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether the browser shows this tab."""
+        return bool(self.state.shown) and self.state.tab == self.name
+
+    def figure(self, name: str, label: str, height: str = "60vh", **events) -> None:
+        """A plotly figure; label: what a screen reader says of it."""
+        with html.Div(
+            style=f"height: {height}; width: 100%",
+            **raw(role="img", aria_label=label, data_figure=name),
+        ):
+            self.figures[name] = plotly.Figure(
+                state_variable_name=f"figure_{name}",
+                display_logo=("false",),
+                display_mode_bar=("'hover'",),
+                mode_bar_buttons_to_remove=("['lasso2d', 'resetCameraLastSave3d']",),
+                **events,
+            )
+
+    def draw(self, name: str, made) -> None:
+        """Send a figure."""
+        self.figures[name].update(made)
+
+    def button(self, text: str, method: Callable, arguments: str = "[]", **options) -> None:
+        """A button that calls a method; what the method refuses is shown as a message."""
+        label = options.pop("aria_label", "")
+        v3.VBtn(
+            text,
+            click=(self.page.handler(method), arguments),
+            variant=options.pop("variant", "outlined"),
+            density="comfortable",
+            classes="mr-2 mb-2 text-none",
+            **(raw(aria_label=label) if label else {}),
+            **options,
+        )
+
+
+def points_of(event: str = "$event") -> str:
+    """Expression for the browser: what was clicked, as a list of custom data (numbers, texts or lists)."""
+    plain = "typeof value === 'object' && value ? Array.from(value) : value"
+    points = f"({event} && {event}.points ? {event}.points : [])"
+    return f"[{points}.map((point) => point.customdata).map((value) => {plain})]"
+
+
+def range_of(event: str = "$event") -> str:
+    """Expression for the browser: the rectangle that was brushed, or null."""
+    return f"[{event} && {event}.range ? {event}.range : null]"
+
+
+def whole_number(value: object, low: int, high: int, name: str) -> int:
+    """A whole number that came from the browser. Raises InputError."""
+    try:
+        number = int(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: expected a whole number, found {str(value)[:40]!r}") from None
+    if not low <= number <= high:
+        raise InputError(f"{name}: expected a number from {low} to {high}, found {number}")
+    return number
+
+
+def number_of(value: object, name: str) -> float:
+    """A finite number that came from the browser. Raises InputError."""
+    import math
+
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: expected a number, found {str(value)[:40]!r}") from None
+    if not math.isfinite(number):
+        raise InputError(f"{name}: expected a finite number, found {number}")
+    return number

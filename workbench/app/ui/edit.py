@@ -1,0 +1,213 @@
+"""Tab "Edit and rerun": what is left out, the outlier threshold, the rerun with progress, before and after."""
+
+import asyncio
+
+from trame.app import asynchronous
+from trame.widgets import html
+from trame.widgets import vuetify3 as v3
+
+from workbench.app.edits.changes import EFFECTS, STAGES
+from workbench.app.figures import residuals
+from workbench.app.jobs import CANCELLED, DONE, RUNNING
+from workbench.app.ui.base import Tab, number_of, raw
+from workbench.app.workspace import CALIBRATE, DIAGNOSE, stage_items
+
+_POLL_S = 0.3
+
+
+class EditTab(Tab):
+    """Every change is an entry of session.toml."""
+
+    name, title = "edit", "Edit and rerun"
+
+    def build(self) -> None:
+        state = self.state
+        state.stages, state.effects, state.changes = [], [], []
+        state.threshold, state.threshold_top, state.threshold_text = 0.0, 1.0, ""
+        state.can_undo, state.can_redo = False, False
+        state.job_running, state.job_text = False, ""
+        state.comparison, state.session_file = [], ""
+        with v3.VRow():
+            with v3.VCol(cols=12, lg=4):
+                self._plan()
+            with v3.VCol(cols=12, lg=4):
+                self._threshold()
+                self._history()
+            with v3.VCol(cols=12, lg=4):
+                self._rerun()
+        state.change("threshold")(self._on_threshold)
+
+    def _plan(self) -> None:
+        html.H2("Stages", classes="text-subtitle-1 font-weight-bold")
+        self._checks("stages", self.set_stage)
+        html.H2("Effects in the model", classes="text-subtitle-1 font-weight-bold mt-2")
+        with html.Div(style="max-height: 50vh; overflow-y: auto"):
+            self._checks("effects", self.set_effect)
+        html.Div("The run has no stages; rerun to see them.", v_if="!stages.length")
+
+    def _checks(self, items: str, method) -> None:
+        with html.Div(v_for=f"one in {items}", key="one.name"):
+            v3.VCheckbox(
+                label=("one.label",),
+                model_value=("one.on",),
+                update_modelValue=(self.page.handler(method), "[one.name, $event]"),
+                density="compact",
+                hide_details=True,
+            )
+
+    def _threshold(self) -> None:
+        html.H2("Outlier threshold", classes="text-subtitle-1 font-weight-bold")
+        v3.VSlider(
+            v_model=("threshold",),
+            min=0,
+            max=("threshold_top",),
+            step=("threshold_top / 200",),
+            hide_details=True,
+            color="primary",
+            **raw(aria_label="Outlier threshold in mm"),
+        )
+        html.Div(
+            "{{ threshold_text }}",
+            **raw(data_text="threshold", role="status"),
+        )
+        self.button("Exclude samples above", self.exclude_above)
+        self.figure("threshold", "Histogram of the residuals with the threshold", "34vh")
+
+    def _history(self) -> None:
+        html.H2("Changes", classes="text-subtitle-1 font-weight-bold")
+        self.button("Undo", self.undo, disabled=("!can_undo",))
+        self.button("Redo", self.redo, disabled=("!can_redo",))
+        with html.Ol(classes="pl-6", **raw(aria_label="Changes of the session")):
+            html.Li("{{ one }}", v_for="one, k in changes", key="k", **raw(data_change=True))
+        html.Div("No changes yet.", v_if="!changes.length")
+        html.Div(
+            "{{ session_file }}",
+            classes="text-caption mt-1",
+            style="color: #3f4650; overflow-wrap: anywhere",
+        )
+
+    def _rerun(self) -> None:
+        html.H2("Rerun", classes="text-subtitle-1 font-weight-bold")
+        self.button(
+            "Calibrate",
+            self.start,
+            f"['{CALIBRATE}']",
+            color="primary",
+            variant="flat",
+            disabled=("job_running",),
+        )
+        self.button("Diagnose", self.start, f"['{DIAGNOSE}']", disabled=("job_running",))
+        self.button("Cancel", self.cancel, disabled=("!job_running",))
+        v3.VProgressLinear(
+            v_if="job_running",
+            indeterminate=True,
+            color="primary",
+            **raw(aria_label="Run in progress"),
+        )
+        html.Div(
+            "{{ job_text }}",
+            **raw(data_text="job", role="status"),
+            classes="my-2",
+            style="overflow-wrap: anywhere",
+        )
+        html.H2("Before and after", classes="text-subtitle-1 font-weight-bold")
+        html.Div("Shown after a rerun.", v_if="!comparison.length")
+        with v3.VTable(
+            density="compact",
+            v_if="comparison.length",
+            **raw(role="group", aria_label="Before and after"),
+        ):
+            with html.Thead(), html.Tr():
+                for head in ("", "before", "after"):
+                    html.Th(head, **raw(scope="col"))
+            with html.Tbody(), html.Tr(v_for="one in comparison", key="one.name"):
+                for key in ("name", "before", "after"):
+                    html.Td("{{ one." + key + " }}")
+        self.figure("comparison", "Share of samples by residual, before and after", "38vh")
+
+    def refresh(self) -> None:
+        work, state = self.work, self.state
+        stages, effects = stage_items(work.opened, work.session)
+        for one in stages:
+            one["label"] = (
+                f"{one['name']} (retained)" if one["retained"] else f"{one['name']} (not retained)"
+            )
+        for one in effects:
+            one["label"] = one["name"]
+        state.stages, state.effects = stages, effects
+        state.changes = [change.sentence for change in work.session.changes]
+        state.can_undo, state.can_redo = work.history.can_undo, work.history.can_redo
+        state.comparison = work.comparison()
+        state.session_file = f"Repeat without the app: workbench calibrate --session {work.path}"
+        lengths = work.lengths()
+        state.threshold_top = float(lengths.max()) if lengths.size and lengths.max() > 0 else 1.0
+        if not 0 < float(state.threshold) <= state.threshold_top:
+            state.threshold = state.threshold_top
+        self._show_threshold()
+        self.draw("comparison", residuals.comparison(work))
+
+    def _show_threshold(self) -> None:
+        value = number_of(self.state.threshold, "threshold")
+        above = int((self.work.kept & (self.work.lengths() > value)).sum())
+        self.state.threshold_text = f"{above:,} samples have a residual above {value:.4g} mm"
+        self.draw("threshold", residuals.histogram_figure(self.work, value))
+
+    def _on_threshold(self, **_) -> None:
+        if self.is_shown:
+            self._show_threshold()
+
+    def set_stage(self, name, on) -> None:
+        """Include or exclude a stage."""
+        self.work.set_items(STAGES, [str(name)], bool(on))
+
+    def set_effect(self, name, on) -> None:
+        """Include or exclude an effect."""
+        self.work.set_items(EFFECTS, [str(name)], bool(on))
+
+    def exclude_above(self) -> None:
+        """Exclude the samples above the threshold."""
+        count = self.work.exclude_above(number_of(self.state.threshold, "threshold"))
+        self.page.say(f"{count:,} samples are excluded; rerun to see the effect.")
+
+    def undo(self) -> None:
+        """Take the last change back."""
+        self.work.undo()
+
+    def redo(self) -> None:
+        """Make it again."""
+        self.work.redo()
+
+    def start(self, command) -> None:
+        """Start a run in the background."""
+        self.work.start(DIAGNOSE if command == DIAGNOSE else CALIBRATE)
+        self.state.job_running = True
+        self.state.job_text = "starting"
+        asynchronous.create_task(self._watch(self.work.job))
+
+    def cancel(self) -> None:
+        """Stop the run; nothing of it is kept."""
+        if self.work.job is not None:
+            self.work.job.cancel()
+
+    async def _watch(self, job) -> None:
+        """Show the progress of a job until it ends, then what it made."""
+        while job.state == RUNNING:
+            with self.state:
+                self.state.job_text = f"{job.seconds:.0f} s: {job.last_line}"
+            await asyncio.sleep(_POLL_S)
+        with self.state:
+            self.page.handler(self._ended)(job)
+
+    def _ended(self, job) -> None:
+        ending = job.wait(5)
+        self.state.job_running = False
+        if ending == DONE:
+            seconds = job.seconds
+            self.work.finish()
+            self.state.job_text = f"Finished after {seconds:.0f} s: {self.work.runs[-1].folder}"
+            self.page.opened_changed()
+        elif ending == CANCELLED:
+            self.state.job_text = "Cancelled; nothing was written."
+        else:
+            self.state.job_text = f"The run failed: {job.last_line}"
+            self.page.say(f"The run failed: {job.last_line}", "error")

@@ -1,0 +1,100 @@
+"""The page as a whole: bar with tabs, messages, and the tab that is chosen."""
+
+from pathlib import Path
+
+from trame.ui.vuetify3 import VAppLayout
+from trame.widgets import client, html
+from trame.widgets import vuetify3 as v3
+
+from workbench.app.data.opened import Opened, summary
+from workbench.app.ui.base import Page, raw
+from workbench.app.ui.diagnosis import DiagnosisTab
+from workbench.app.ui.edit import EditTab
+from workbench.app.ui.recording import RecordingTab
+from workbench.app.ui.residuals import ResidualsTab
+from workbench.app.ui.sensor import SensorTab
+from workbench.app.workspace import Workspace
+
+_STYLE = """
+:focus-visible { outline: 3px solid #1565a8 !important; outline-offset: 2px; }
+.v-field__outline, .v-selection-control .v-icon { --v-medium-emphasis-opacity: 0.8; }
+.v-label { opacity: 1 !important; color: #1b1f24; }
+.v-tab { opacity: 1 !important; }
+"""
+_THEME = {
+    "theme": {
+        "defaultTheme": "light",
+        "themes": {
+            "light": {"colors": {"primary": "#1565a8", "error": "#b3261e", "success": "#0b6b3a"}}
+        },
+    }
+}
+
+
+def build(server, opened: Opened, session: Path) -> Page:
+    """Fill the server's page for what is opened; session: where edits are kept. Raises InputError."""
+    page = Page(server, Workspace(opened, session))
+    state = server.state
+    state.trame__title = "workbench"
+    state.tab = "residuals" if opened.residuals is not None else "recording"
+    state.message, state.message_kind = "", "info"
+    state.shown = False
+    state.heading = opened.title
+    state.summary = summary(opened)
+    state.has_report = bool(opened.folder and (opened.folder / "report.html").is_file())
+    tabs = [
+        RecordingTab(page),
+        ResidualsTab(page),
+        EditTab(page),
+        SensorTab(page),
+        DiagnosisTab(page),
+    ]
+    page.tabs = {tab.name: tab for tab in tabs}
+    _layout(server, page, tabs)
+    state.change("tab")(lambda **_: page.show_tab())
+    return page
+
+
+def _layout(server, page: Page, tabs) -> None:
+    with VAppLayout(server, vuetify_config=_THEME) as layout:
+        layout.root.style = "background: white"
+        client.Style(_STYLE)
+        client.ClientTriggers(mounted=page.show)
+        with v3.VAppBar(density="comfortable", flat=True, border=True):
+            with html.Div(classes="px-4", style="max-width: 45%; overflow: hidden"):
+                html.H1("{{ heading }}", classes="text-subtitle-1 font-weight-bold text-truncate")
+                html.Div(
+                    "{{ summary }}", classes="text-caption text-truncate", style="color: #3f4650"
+                )
+            with v3.VTabs(
+                v_model=("tab",), color="primary", **raw(aria_label="Views"), classes="ml-auto"
+            ):
+                for tab in tabs:
+                    v3.VTab(tab.title, value=tab.name, classes="text-none")
+            html.A(
+                "Report page",
+                href="files/report.html",
+                target="_blank",
+                rel="noopener",
+                v_if="has_report",
+                classes="mx-4",
+                style="color: #1565a8",
+            )
+        with v3.VMain():
+            v3.VAlert(
+                "{{ message }}",
+                v_if="message",
+                type=("message_kind",),
+                variant="outlined",
+                density="compact",
+                closable=True,
+                **raw(role="status"),
+                click_close="message = ''",
+                classes="ma-2",
+                style=("message_kind === 'error' ? 'color: #b3261e' : 'color: #0b4a7a'",),
+            )
+            for tab in tabs:
+                with html.Div(
+                    v_if=f"shown && tab === '{tab.name}'", classes="pa-3", **raw(data_tab=tab.name)
+                ):
+                    tab.build()

@@ -1,0 +1,183 @@
+"""Tab "Recording": the arm at each pose, coverage, and the images with what was detected in them."""
+
+from trame.widgets import html
+from trame.widgets import vuetify3 as v3
+
+from workbench.app.data.arm import has_arm
+from workbench.app.data.images import image_rows, overlay
+from workbench.app.data.sensor import reprojection
+from workbench.app.figures import robot, sensor
+from workbench.app.ui.base import Tab, points_of, raw, whole_number
+
+
+class RecordingTab(Tab):
+    """Robot in 3-D, scrubbing through the samples, coverage, images."""
+
+    name, title = "recording", "Recording"
+
+    def build(self) -> None:
+        state, opened = self.state, self.work.opened
+        state.row, state.last_row = self.work.current, max(self.work.count - 1, 0)
+        state.row_text = ""
+        state.row_table = []
+        state.has_arm = has_arm(opened)
+        state.images = [
+            {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
+            for row in image_rows(opened.recording)
+        ]
+        state.image, state.image_text, state.image_on = 0, "", True
+        with v3.VRow():
+            with v3.VCol(cols=12, lg=7):
+                self._scene()
+            with v3.VCol(cols=12, lg=5):
+                self._details()
+        with html.Div(v_if="images.length"):
+            self._images()
+        state.change("row")(self._on_row)
+        state.change("image")(self._on_image)
+
+    def _scene(self) -> None:
+        with html.Div(v_if="has_arm"):
+            self.figure(
+                "scene",
+                "Robot at the current sample",
+                "62vh",
+                click=(self.page.handler(self.on_click), points_of()),
+            )
+        with html.Div(classes="d-flex align-center"):
+            self.button("Previous", self.step, "[-1]", aria_label="Previous sample")
+            self.button("Next", self.step, "[1]", aria_label="Next sample")
+            v3.VSlider(
+                v_model=("row",),
+                min=0,
+                max=("last_row",),
+                step=1,
+                hide_details=True,
+                **raw(aria_label="Sample in the order of the recording"),
+                color="primary",
+            )
+        html.Div(
+            "{{ row_text }}",
+            **raw(data_text="row", role="status"),
+        )
+
+    def _details(self) -> None:
+        html.H2("Coverage", classes="text-subtitle-1 font-weight-bold")
+        self.figure(
+            "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
+        )
+        html.H2("Current sample", classes="text-subtitle-1 font-weight-bold mt-2")
+        label = raw(role="group", aria_label="Columns of the current sample", tabindex="0")
+        with v3.VTable(density="compact", height="26vh", **label):
+            with html.Tbody():
+                with html.Tr(v_for="one in row_table", key="one.name"):
+                    html.Td("{{ one.name }}")
+                    html.Td("{{ one.value }}", classes="text-right")
+
+    def _images(self) -> None:
+        html.H2("Images", classes="text-subtitle-1 font-weight-bold mt-4")
+        with html.Div(classes="d-flex align-center", style="max-width: 900px"):
+            self.button("Previous image", self.step_image, "[-1]")
+            self.button("Next image", self.step_image, "[1]")
+            v3.VAutocomplete(
+                v_model=("image",),
+                items=("images",),
+                label="Image",
+                hide_details=True,
+                density="compact",
+            )
+            v3.VCheckbox(
+                label="Use in the calibration",
+                model_value=("image_on",),
+                update_modelValue=(self.page.handler(self.use_image), "[$event]"),
+                hide_details=True,
+                classes="ml-4",
+            )
+        html.Div(
+            "{{ image_text }}",
+            **raw(data_text="image", role="status"),
+        )
+        self.figure("image", "Image with detected corners and stripe", "70vh")
+
+    def refresh(self) -> None:
+        if has_arm(self.work.opened):
+            self.draw("scene", robot.scene(self.work))
+        self.draw("coverage", robot.coverage(self.work))
+        self._describe()
+        if self.state.images:
+            self._show_image()
+
+    def _describe(self) -> None:
+        work = self.work
+        row = int(work.opened.rows[work.current]) if work.count else 0
+        columns = work.opened.samples.columns
+        self.state.last_row = max(work.count - 1, 0)
+        self.state.row = work.current
+        self.state.row_table = [
+            {"name": name, "value": _text(values[row])} for name, values in columns.items()
+        ]
+        number = work.opened.samples.sample_ids[row] if work.count else 0
+        length = (
+            f", residual {work.lengths()[work.current]:.4f} mm"
+            if work.opened.residuals is not None
+            else ""
+        )
+        kept = "" if not work.count or work.kept[work.current] else ", excluded"
+        self.state.row_text = (
+            f"Sample {number} ({work.current + 1:,} of {work.count:,}){length}{kept}"
+        )
+
+    def _show_image(self) -> None:
+        recording = self.work.opened.recording
+        shown = overlay(recording, int(self.state.image or 0))
+        residual = None
+        if shown.corners.shape[1] and shown.index is not None:
+            residual = reprojection(self.work.opened, shown.corners, shown.index)
+        self.draw("image", sensor.image(shown, residual))
+        parts = [f"{shown.name}, {shown.role}"]
+        if shown.corners.shape[1]:
+            parts.append(f"{shown.corners.shape[1]} corners detected")
+        if shown.stripe.shape[1]:
+            parts.append("laser stripe detected")
+        self.state.image_on = shown.name not in self.work.session.excluded("images")
+        excluded = [] if self.state.image_on else ["excluded from the calibration"]
+        self.state.image_text = "; ".join([*parts, *([shown.why] if shown.why else []), *excluded])
+
+    def _on_row(self, row, **_) -> None:
+        if self.is_shown and row != self.work.current:
+            self.page.handler(self.go_to)(row)
+
+    def _on_image(self, image, **_) -> None:
+        if self.is_shown and self.state.images and image is not None:
+            self.page.handler(self._show_image)()
+
+    def go_to(self, row) -> None:
+        """Show one sample."""
+        self.work.go_to(whole_number(row, 0, max(self.work.count - 1, 0), "sample"))
+
+    def step(self, by) -> None:
+        """Show the next or the previous sample."""
+        self.work.go_to(self.work.current + whole_number(by, -1, 1, "step"))
+
+    def step_image(self, by) -> None:
+        """Show the next or the previous image."""
+        last = len(self.work.opened.recording.images) - 1
+        self.state.image = min(
+            max(int(self.state.image or 0) + whole_number(by, -1, 1, "step"), 0), last
+        )
+
+    def use_image(self, on) -> None:
+        """Include or exclude the shown image."""
+        self.work.set_image(int(self.state.image), bool(on))
+
+    def on_click(self, rows) -> None:
+        """Go to the sample that was clicked."""
+        rows = [row for row in rows if isinstance(row, int)]
+        if rows:
+            self.go_to(rows[0])
+
+
+def _text(value) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{float(value):.6g}"

@@ -1,0 +1,241 @@
+"""Tab "Residuals": arrows in space, a chart over any quantity, a histogram; click or brush to select."""
+
+from trame.widgets import html
+from trame.widgets import vuetify3 as v3
+
+from workbench.app.figures import residuals
+from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
+from workbench.app.workspace import EXTEND, REMOVE, REPLACE
+
+
+class ResidualsTab(Tab):
+    """Where the residuals are large, and which samples they belong to."""
+
+    name, title = "residuals", "Residuals"
+
+    def build(self) -> None:
+        state = self.state
+        state.quantity, state.quantities = "", []
+        state.kind, state.kinds = "", []
+        state.select_mode, state.selection_text, state.selected_table = REPLACE, "", []
+        state.length_from, state.length_to, state.wanted_sample = "", "", ""
+        state.no_residuals = ""
+        v3.VAlert(
+            "{{ no_residuals }}",
+            v_if="no_residuals",
+            type="info",
+            variant="outlined",
+            classes="mb-2",
+        )
+        with v3.VRow():
+            with v3.VCol(cols=12, lg=6):
+                self.figure(
+                    "arrows",
+                    "Residuals as arrows in space",
+                    "64vh",
+                    click=(self.page.handler(self.on_click), points_of()),
+                )
+            with v3.VCol(cols=12, lg=6):
+                self._charts()
+        self._selection()
+        for name in ("quantity", "kind"):
+            state.change(name)(self._on_choice)
+
+    def _charts(self) -> None:
+        with html.Div(classes="d-flex"):
+            v3.VSelect(
+                v_model=("quantity",),
+                items=("quantities",),
+                label="Over",
+                density="compact",
+                hide_details=True,
+            )
+            v3.VSelect(
+                v_model=("kind",),
+                items=("kinds",),
+                label="Residual",
+                density="compact",
+                hide_details=True,
+                classes="ml-2",
+            )
+            v3.VSelect(
+                v_model=("select_mode",),
+                items=("['replace', 'extend', 'remove']",),
+                label="Clicks and brushes",
+                density="compact",
+                hide_details=True,
+                classes="ml-2",
+            )
+        handler = self.page.handler
+        self.figure(
+            "chart",
+            "Residual of each sample over the chosen quantity",
+            "32vh",
+            click=(handler(self.on_click), points_of()),
+            selected=(handler(self.on_brush), range_of()),
+        )
+        self.figure(
+            "histogram",
+            "Histogram of the residuals of the fit and held out",
+            "30vh",
+            click=(handler(self.on_bar), points_of()),
+            selected=(handler(self.on_brush_lengths), range_of()),
+        )
+
+    def _selection(self) -> None:
+        html.Div(
+            "{{ selection_text }}", **raw(data_text="selection", role="status"), classes="mb-2"
+        )
+        with html.Div(classes="d-flex flex-wrap align-center"):
+            for key, label in (("length_from", "Residual from (mm)"), ("length_to", "to (mm)")):
+                v3.VTextField(
+                    v_model=(key,),
+                    label=label,
+                    density="compact",
+                    hide_details=True,
+                    style="flex: 0 0 190px",
+                    classes="mr-2",
+                )
+            self.button("Select lengths", self.select_lengths)
+            v3.VTextField(
+                v_model=("wanted_sample",),
+                label="Sample number",
+                density="compact",
+                hide_details=True,
+                style="flex: 0 0 190px",
+                classes="mr-2",
+            )
+            self.button("Select sample", self.select_sample)
+            self.button("Clear selection", self.clear)
+            self.button("Exclude selected samples", self.exclude, color="primary", variant="flat")
+            self.button("Exclude their poses", self.exclude_poses)
+            self.button("Show in recording", self.show_in_recording)
+        with v3.VTable(
+            density="compact",
+            v_if="selected_table.length",
+            **raw(role="group", aria_label="Selected samples"),
+        ):
+            with html.Thead(), html.Tr():
+                for head in ("Sample", "Pose", "Residual (mm)", "Held out (mm)", "Image"):
+                    html.Th(head, **raw(scope="col"))
+            with html.Tbody(), html.Tr(v_for="one in selected_table", key="one.row"):
+                for key in ("sample", "pose", "length", "held_out", "image"):
+                    html.Td("{{ one." + key + " }}")
+
+    def refresh(self) -> None:
+        work, state = self.work, self.state
+        has = work.opened.residuals is not None
+        state.no_residuals = (
+            ""
+            if has
+            else "There are no residuals yet. Start a calibration in the tab Edit and rerun."
+        )
+        state.quantities = list(work.quantities)
+        if state.quantity not in work.quantities:
+            state.quantity = next(iter(work.quantities), "")
+        state.kinds = [{"title": "shown", "value": ""}] + [
+            {"title": kind.replace("_", " "), "value": kind}
+            for kind in (work.opened.residuals.vectors if has else ())
+        ]
+        self.draw("arrows", residuals.arrows(work))
+        self._draw_chart()
+        self.draw("histogram", residuals.histogram_figure(work))
+        self._describe()
+
+    def _describe(self) -> None:
+        work = self.work
+        rows = work.selected_rows
+        self.state.selection_text = (
+            f"{len(rows):,} of {work.count:,} samples selected; {(~work.kept).sum():,} excluded"
+        )
+        self.state.selected_table = [self._row(int(row)) for row in rows[:50]]
+
+    def _row(self, row: int) -> dict:
+        work, found = self.work, self.work.opened.residuals
+        pose = "–" if found is None or found.pose is None else int(found.pose[row])
+        number = int(work.opened.edit_ids[row])
+        held = (
+            "–"
+            if found is None or "held_out" not in found.lengths
+            else f"{found.lengths['held_out'][row]:.4f}"
+        )
+        return {
+            "row": row,
+            "sample": number,
+            "pose": pose,
+            "length": f"{work.lengths()[row]:.4f}",
+            "held_out": held,
+            "image": work.image_of(number),
+        }
+
+    def _on_choice(self, **_) -> None:
+        if self.is_shown:
+            self.page.handler(self._draw_chart)()
+
+    def _draw_chart(self) -> None:
+        self.draw("chart", residuals.chart(self.work, self.state.quantity, self.state.kind))
+
+    @property
+    def _mode(self) -> str:
+        mode = self.state.select_mode
+        return mode if mode in (REPLACE, EXTEND, REMOVE) else REPLACE
+
+    def on_click(self, rows) -> None:
+        """Select the sample of a mark or an arrow."""
+        rows = [row for row in rows if isinstance(row, int)]
+        if rows:
+            self.work.select(rows[:1], self._mode)
+
+    def on_bar(self, bins) -> None:
+        """Select the samples of a bar of the histogram."""
+        ends = [pair for pair in bins if isinstance(pair, list | tuple) and len(pair) == 2]
+        if ends:
+            self.work.select_lengths(
+                number_of(ends[0][0], "bin"), number_of(ends[0][1], "bin"), mode=self._mode
+            )
+
+    def on_brush(self, box) -> None:
+        """Select the samples in a rectangle of the chart."""
+        if box:
+            x, y = ([number_of(end, "brush") for end in box[axis]] for axis in ("x", "y"))
+            self.work.select_box(self.state.quantity, x, y, self.state.kind, self._mode)
+
+    def on_brush_lengths(self, box) -> None:
+        """Select the samples in a range of the histogram."""
+        if box:
+            low, high = sorted(number_of(end, "brush") for end in box["x"])
+            self.work.select_lengths(low, high, mode=self._mode)
+
+    def select_lengths(self) -> None:
+        """Select by the two fields."""
+        low = number_of(self.state.length_from or 0, "Residual from")
+        self.work.select_lengths(low, number_of(self.state.length_to or 1e9, "to"), mode=self._mode)
+
+    def select_sample(self) -> None:
+        """Select a sample by its number."""
+        number = whole_number(self.state.wanted_sample, -(2**53), 2**53, "Sample number")
+        self.work.select_sample(number, self._mode)
+
+    def clear(self) -> None:
+        """Select nothing."""
+        self.work.clear_selection()
+
+    def exclude(self) -> None:
+        """Exclude the selected samples."""
+        self.work.exclude_selected()
+        self.page.say("The samples are excluded; rerun to see the effect.")
+
+    def exclude_poses(self) -> None:
+        """Exclude the poses of the selected samples."""
+        self.work.exclude_poses()
+        self.page.say("The poses are excluded; rerun to see the effect.")
+
+    def show_in_recording(self) -> None:
+        """Show the first selected sample in the recording, with its pose, its row and its image."""
+        rows = self.work.selected_rows
+        if len(rows):
+            self.work.go_to(int(rows[0]))
+            index = self.work.image_index_of(int(self.work.opened.edit_ids[rows[0]]))
+            if index is not None:
+                self.state.image = index
+        self.state.tab = "recording"

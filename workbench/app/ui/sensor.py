@@ -1,0 +1,117 @@
+"""Tab "Sensor": light planes and mirror axis in space, clouds with the balls fitted to them."""
+
+from trame.widgets import html
+from trame.widgets import vuetify3 as v3
+
+from workbench.app.data.sensor import camera_of, scanner_of, scans_of
+from workbench.app.figures import sensor
+from workbench.app.ui.base import Tab, raw
+
+
+class SensorTab(Tab):
+    """What the run says of the sensor."""
+
+    name, title = "sensor", "Sensor"
+
+    def build(self) -> None:
+        state = self.state
+        state.no_sensor, state.has_scanner = "", False
+        state.scan, state.scans, state.ball_table, state.camera_table = 0, [], [], []
+        state.scan_text = ""
+        v3.VAlert(
+            "{{ no_sensor }}", v_if="no_sensor", type="info", variant="outlined", classes="mb-2"
+        )
+        with v3.VRow():
+            with v3.VCol(cols=12, lg=6, v_if="has_scanner"):
+                html.H2("Light planes and mirror axis", classes="text-subtitle-1 font-weight-bold")
+                self.figure("planes", "Light planes and mirror axis in space", "58vh")
+            with v3.VCol(cols=12, lg=6, v_if="scans.length"):
+                self._clouds()
+        with v3.VTable(
+            density="compact", v_if="camera_table.length", **raw(role="group", aria_label="Camera")
+        ):
+            with html.Tbody(), html.Tr(v_for="one in camera_table", key="one.name"):
+                html.Td("{{ one.name }}")
+                html.Td("{{ one.value }}", classes="text-right")
+        html.P(
+            "Images with corners, stripes and reprojection errors are in the tab Recording.",
+            v_if="!no_sensor",
+            classes="mt-2",
+        )
+        state.change("scan")(self._on_scan)
+
+    def _clouds(self) -> None:
+        html.H2("Clouds and balls", classes="text-subtitle-1 font-weight-bold")
+        v3.VSelect(
+            v_model=("scan",), items=("scans",), label="Scan", density="compact", hide_details=True
+        )
+        html.Div(
+            "{{ scan_text }}",
+            **raw(data_text="scan", role="status"),
+        )
+        self.figure(
+            "cloud",
+            "Cloud of the chosen scan, coloured by the distance from the fitted ball",
+            "52vh",
+        )
+        with v3.VTable(density="compact", **raw(role="group", aria_label="Balls of the scan")):
+            with html.Thead(), html.Tr():
+                for head in ("Ball", "x (mm)", "y (mm)", "z (mm)", "Radius (mm)", "Form RMS (um)"):
+                    html.Th(head, **raw(scope="col"))
+            with html.Tbody(), html.Tr(v_for="one, k in ball_table", key="k"):
+                for key in ("ball", "x", "y", "z", "radius", "rms"):
+                    html.Td("{{ one." + key + " }}")
+
+    def refresh(self) -> None:
+        state, opened = self.state, self.work.opened
+        scanner, camera = scanner_of(opened), camera_of(opened)
+        state.has_scanner = scanner is not None
+        state.scans = [
+            {
+                "title": f"scan {row['scan']} ({row['points']} points, {len(row['balls'])} balls)",
+                "value": k,
+            }
+            for k, row in enumerate(scans_of(opened))
+        ]
+        state.no_sensor = (
+            ""
+            if camera is not None or state.scans
+            else (
+                "This run holds no sensor. Runs of camera, scanner, scan and of calibrate from images do."
+            )
+        )
+        state.camera_table = [] if camera is None else _camera_rows(camera)
+        if scanner is not None:
+            self.draw("planes", sensor.planes(opened))
+        if state.scans:
+            self._show_scan()
+
+    def _show_scan(self) -> None:
+        opened = self.work.opened
+        place = min(max(int(self.state.scan or 0), 0), len(self.state.scans) - 1)
+        row = scans_of(opened)[place]
+        self.draw("cloud", sensor.cloud(opened, place))
+        self.state.ball_table = [_ball_row(ball) for ball in row["balls"]]
+        self.state.scan_text = f"Scan {row['scan']}: {row['points']} points. {row['outcome']}"
+
+    def _on_scan(self, **_) -> None:
+        if self.is_shown and self.state.scans:
+            self.page.handler(self._show_scan)()
+
+
+def _ball_row(ball) -> dict:
+    places = {axis: f"{ball[f'{axis}_mm']:.4f}" for axis in "xyz"}
+    name = "–" if ball.get("ball") is None else str(ball["ball"])
+    return {
+        "ball": name,
+        **places,
+        "radius": f"{ball['radius_mm']:.4f}",
+        "rms": f"{1000 * ball['rms_mm']:.2f}",
+    }
+
+
+def _camera_rows(camera) -> list[dict]:
+    rows = [(name, f"{getattr(camera, name):.3f} px") for name in ("fx", "fy", "cx", "cy")]
+    rows.append(("distortion", ", ".join(f"{value:.5f}" for value in camera.distortion)))
+    rows.append(("image size", f"{camera.size[0]} × {camera.size[1]} px"))
+    return [{"name": name, "value": value} for name, value in rows]

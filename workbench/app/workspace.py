@@ -1,0 +1,394 @@
+"""What is open, selected and edited: the state of the app without its page."""
+
+import json
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from workbench.app.data.decimate import (
+    Histogram,
+    bins_of,
+    drawn_always,
+    histogram,
+    means_in,
+    within,
+)
+from workbench.app.data.opened import Opened, open_subject
+from workbench.app.edits.apply import kept_rows
+from workbench.app.edits.changes import (
+    ADD,
+    EFFECTS,
+    EXCLUDE,
+    IMAGES,
+    INCLUDE,
+    KINDS,
+    POSES,
+    SAMPLES,
+    Change,
+)
+from workbench.app.edits.history import History
+from workbench.app.edits.session import NAME, Session, read_session
+from workbench.app.jobs import DONE, RUNNING, Job
+from workbench.core.errors import InputError
+
+CALIBRATE, DIAGNOSE = "calibrate", "diagnose"
+_MOST_KNOWN = 24
+REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
+
+
+class Workspace:
+    """One opened run or recording, the session of edits, the selection, and the reruns.
+
+    opened: what `workbench open` opened; path: session.toml, which every change rewrites. Rows count the
+    residuals' rows (m), or the samples where no run is open.
+    """
+
+    def __init__(self, opened: Opened, path: Path):
+        self.path = Path(path)
+        self.runs: list[Opened] = [opened]
+        self.history = History(_first_session(opened, self.path))
+        self.job: Job | None = None
+        self.diagnosis: Opened | None = opened if opened.command == DIAGNOSE else None
+        self._select_none()
+
+    @property
+    def opened(self) -> Opened:
+        """The newest run."""
+        return self.runs[-1]
+
+    @property
+    def previous(self) -> Opened | None:
+        """The run before the newest, for comparison; None where there is no other."""
+        return self.runs[-2] if len(self.runs) > 1 else None
+
+    @property
+    def session(self) -> Session:
+        return self.history.session
+
+    @property
+    def count(self) -> int:
+        """m, number of rows."""
+        return len(self.opened.rows)
+
+    # Selection
+
+    @property
+    def selected_rows(self) -> np.ndarray:
+        """Indices of the selected rows."""
+        return np.flatnonzero(self.selected)
+
+    def select(self, rows: Iterable[int], mode: str = REPLACE) -> None:
+        """Select some rows; "extend" keeps what is selected, "remove" takes the rows away from it."""
+        rows = self._checked(rows)
+        if mode == REPLACE:
+            self.selected[:] = False
+        self.selected[rows] = mode != REMOVE
+        if len(rows) and mode != REMOVE:
+            self.current = int(rows[0])
+
+    def select_box(self, name: str, x_range, y_range, kind: str = "", mode: str = REPLACE) -> None:
+        """Select all samples in a rectangle of the chart of the residual over the quantity `name`."""
+        x, y = self.quantities[name], self.lengths(kind)
+        self.select(np.flatnonzero(within(x, y, x_range, y_range)), mode)
+
+    def select_lengths(self, low: float, high: float, kind: str = "", mode: str = REPLACE) -> None:
+        """Select all samples whose residual has a length from `low` to `high`, mm."""
+        y = self.lengths(kind)
+        self.select(np.flatnonzero((y >= low) & (y <= high)), mode)
+
+    def clear_selection(self) -> None:
+        """Select nothing."""
+        self.selected[:] = False
+
+    def select_sample(self, number: int, mode: str = REPLACE) -> None:
+        """Select the rows of a sample by its number. Raises InputError for a number that is not there."""
+        rows = np.flatnonzero(self.opened.edit_ids == number)
+        if not len(rows):
+            raise InputError(
+                f"Sample {number} is not among the residuals of this run; correct the number"
+            )
+        self.select(rows, mode)
+
+    def image_index_of(self, number: int) -> int | None:
+        """Place in images.csv of the first image that belongs to a sample; None without one."""
+        places = (
+            k for k, row in enumerate(self.opened.recording.images) if row.get("sample") == number
+        )
+        return next(places, None)
+
+    def image_of(self, number: int) -> str:
+        """Name of the first image that belongs to a sample, "–" without one."""
+        index = self.image_index_of(number)
+        return "–" if index is None else self.opened.recording.images[index]["image"]
+
+    def go_to(self, row: int) -> None:
+        """Make a row the current one."""
+        self.current = int(np.clip(row, 0, max(self.count - 1, 0)))
+
+    # What is drawn
+
+    @cached_property
+    def quantities(self) -> dict[str, np.ndarray]:
+        """Label with unit -> (m,) values of everything that a residual can be drawn over."""
+        return quantities_of(self.opened)
+
+    def lengths(self, kind: str = "") -> np.ndarray:
+        """(m,) mm, length of the residual of a kind, "" for the one that is shown; zeros without a run."""
+        residuals = self.opened.residuals
+        if residuals is None:
+            return np.zeros(self.count)
+        return residuals.lengths[kind] if kind in residuals.lengths else residuals.shown
+
+    @property
+    def kept(self) -> np.ndarray:
+        """(m,) bool: rows that no change of the session excludes."""
+        return self._memo(("kept", self.session.changes), self._find_kept)
+
+    def _find_kept(self) -> np.ndarray:
+        recording = self.opened.recording
+        changed = self.session.excluded(SAMPLES) or self.session.excluded(POSES)
+        if not recording.n or not changed:
+            return np.ones(self.count, bool)
+        names = recording.sample_ids[~kept_rows(self.session, recording)]
+        return ~np.isin(self.opened.edit_ids, names)
+
+    def drawn(self, most: int, kind: str = "") -> np.ndarray:
+        """Rows that a figure of at most about `most` marks shows: the selected, the largest, and some evenly spread."""
+        fixed = self._memo(("drawn", most, kind), lambda: drawn_always(self.lengths(kind), most))
+        return np.union1d(fixed, self.selected_rows[:most])
+
+    def means(self, name: str, kind: str = "") -> tuple[np.ndarray, np.ndarray]:
+        """Mean quantity and mean length of the residual, over bins of equal count, of the rows that are kept."""
+
+        def compute():
+            x = self.quantities[name]
+            place = self._memo(("bins", name), lambda: bins_of(x))
+            return means_in(np.where(self.kept, place, -1), x, self.lengths(kind))
+
+        return self._memo(("means", name, kind, self.session.changes), compute)
+
+    def counts(self, kinds: Iterable[str]) -> Histogram:
+        """Counts of the lengths of the residual of some kinds, of the rows that are kept."""
+
+        def compute():
+            lengths, kept = self.opened.residuals.lengths, self.kept
+            if kept.all():
+                return histogram({kind: lengths[kind] for kind in kinds})
+            return histogram({kind: lengths[kind][kept] for kind in kinds})
+
+        return self._memo(("counts", tuple(kinds), self.session.changes), compute)
+
+    def _memo(self, key: tuple, compute: Callable):
+        """What `compute` gives, computed once for a key; a few of the latest are kept."""
+        if key not in self._known:
+            while len(self._known) >= _MOST_KNOWN:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = compute()
+        return self._known[key]
+
+    # Edits
+
+    def change(self, change: Change) -> None:
+        """Make one change and write session.toml."""
+        self.history.apply(change)
+        self._save()
+
+    def exclude_selected(self, why: str = "selected in the app") -> None:
+        """Exclude the selected samples. Raises InputError where nothing is selected."""
+        self.change(Change(EXCLUDE, SAMPLES, self._selected_ids(), why))
+        self.clear_selection()
+
+    def include_selected(self) -> None:
+        """Take the selected samples back. Raises InputError where nothing is selected."""
+        self.change(Change(INCLUDE, SAMPLES, self._selected_ids()))
+
+    def exclude_poses(self, why: str = "poses of the selected samples") -> None:
+        """Exclude the poses of the selected samples. Raises InputError where nothing is selected."""
+        self.change(Change(EXCLUDE, POSES, self._selected_ids(), why))
+        self.clear_selection()
+
+    def exclude_above(self, threshold: float) -> int:
+        """Exclude all samples whose residual is longer than `threshold`, mm; how many. Raises InputError."""
+        far = np.flatnonzero(self.kept & (self.lengths() > threshold))
+        if not len(far):
+            raise InputError(
+                f"No sample has a residual above {threshold:g} mm; lower the threshold"
+            )
+        ids = tuple(np.unique(self.opened.edit_ids[far]).tolist())
+        self.change(Change(EXCLUDE, SAMPLES, ids, f"residual above {threshold:.4g} mm"))
+        return len(far)
+
+    def set_items(self, kind: str, items: Iterable[str], on: bool) -> None:
+        """Include or exclude images, stages or effects by name."""
+        names = tuple(sorted(items))
+        if kind in KINDS and names:
+            self.change(Change(INCLUDE if on else EXCLUDE, kind, names))
+
+    def set_image(self, index: int, on: bool) -> None:
+        """Include or exclude the image at a place of images.csv."""
+        self.set_items(IMAGES, [self.opened.recording.images[index]["image"]], on)
+
+    def add_effects(self, rows: list[dict], why: str) -> None:
+        """Add effects to the plan. Raises InputError where there are none."""
+        if not rows:
+            raise InputError("No term is ticked that a plan can hold; tick at least one")
+        self.change(Change(ADD, EFFECTS, tuple(rows), why))
+
+    def undo(self) -> None:
+        """Take the last change back."""
+        self.history.undo()
+        self._save()
+
+    def redo(self) -> None:
+        """Make the last change again that was taken back."""
+        self.history.redo()
+        self._save()
+
+    # Reruns
+
+    def start(self, command: str = CALIBRATE) -> Job:
+        """Start a rerun in the background: `workbench calibrate --session`, or a diagnosis of the recording."""
+        if self.job is not None and self.job.state == RUNNING:
+            raise InputError("A run is in progress; wait for it or cancel it")
+        self._save()
+        folder = self.path.parent.resolve()
+        words = [CALIBRATE, "--session", str(self.path.resolve())]
+        if command == DIAGNOSE:
+            words = [DIAGNOSE, self.session.recording]
+        self.job = Job(words, self._free_folder(folder, command), folder)
+        return self.job
+
+    def finish(self) -> bool:
+        """Open the run of a job that is done; whether there was one."""
+        if self.job is None or self.job.state != DONE:
+            return False
+        out, self.job = self.job.out, None
+        made = open_subject(str(out))
+        if made.command == DIAGNOSE:
+            self.diagnosis = made
+        else:
+            self.open_run(made)
+        return True
+
+    def open_run(self, opened: Opened) -> None:
+        """Show another run of the same recording; the selection is lost."""
+        self.runs.append(opened)
+        self.__dict__.pop("quantities", None)
+        self._select_none()
+
+    def comparison(self) -> list[dict]:
+        """One row a figure of the newest run and the one before: name, before, after; [] without two runs."""
+        if self.previous is None:
+            return []
+        rows = []
+        for name, key in (
+            ("samples", "samples"),
+            ("RMS of the fit (mm)", "fit"),
+            ("held-out RMS (mm)", "held_out"),
+        ):
+            before, after = (_figure(run.answer, key) for run in (self.previous, self.opened))
+            rows.append({"name": name, "before": before, "after": after})
+        return rows
+
+    # Inside
+
+    def _select_none(self) -> None:
+        self._known: dict[tuple, object] = {}
+        self.selected = np.zeros(self.count, bool)
+        self.current = 0
+
+    def _selected_ids(self) -> tuple[int, ...]:
+        rows = self.selected_rows
+        if not len(rows):
+            raise InputError("No sample is selected; click or brush some first")
+        return tuple(np.unique(self.opened.edit_ids[rows]).tolist())
+
+    def _checked(self, rows: Iterable[int]) -> np.ndarray:
+        rows = np.asarray(list(rows) if not isinstance(rows, np.ndarray) else rows)
+        if rows.size and (
+            rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() >= self.count
+        ):
+            raise InputError(f"expected rows from 0 to {self.count - 1}, found others")
+        return rows.astype(int)
+
+    def _save(self) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.session.save(self.path)
+
+    @staticmethod
+    def _free_folder(folder: Path, command: str) -> Path:
+        number = 1
+        while (folder / f"{command}-{number}").exists():
+            number += 1
+        return folder / f"{command}-{number}"
+
+
+def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
+    """Label with unit -> (m,) values of joints, time, covariates and targets, one for each row of the residuals."""
+    from workbench.report.calibration.residuals import quantities
+
+    return {label: values[opened.rows] for label, values in quantities(opened.samples)}
+
+
+def _figure(answer, key: str) -> str:
+    value = answer.get(key)
+    value = value.get("rms_mm") if isinstance(value, dict) else value
+    if value is None:
+        return "–"
+    return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
+
+
+def _first_session(opened: Opened, path: Path) -> Session:
+    """The session at `path`, else the one that the run was made with, else a new one. Raises InputError."""
+    if path.is_file():
+        session = read_session(path)
+        if session.recording != opened.subject:
+            raise InputError(
+                f"session {path}, key recording: expected '{opened.subject}', found '{session.recording}'; "
+                "name another file with --session"
+            )
+        return session
+    if opened.folder is not None and (opened.folder / NAME).is_file():
+        return read_session(opened.folder / NAME)
+    options = (opened.answer or {}).get("options", {})
+    return Session(
+        opened.subject,
+        options.get("plan") or "",
+        options.get("scanner") or "",
+        int(options.get("folds") or 10),
+        bool(options.get("trust_data")),
+    )
+
+
+def stage_items(opened: Opened, session: Session) -> tuple[list[dict], list[dict]]:
+    """Stages and effects of the run's plan: name, why, whether it was retained, and whether it is included."""
+    from workbench.app.edits.changes import STAGES, effect_label
+
+    out = session.excluded(STAGES)
+    stages = [
+        {
+            "name": row["name"],
+            "why": row["why"],
+            "retained": row["earned"],
+            "on": row["name"] not in out,
+        }
+        for row in (opened.answer or {}).get("stages", [])
+    ]
+    known = {stage["name"] for stage in stages}
+    stages += [
+        {"name": name, "why": "", "retained": False, "on": False} for name in sorted(out - known)
+    ]
+    left_out = session.excluded(EFFECTS)
+    labels = [effect_label(row) for row in _effects(opened)]
+    labels += [name for name in sorted(left_out) if name not in labels]
+    effects = [{"name": label, "on": label not in left_out} for label in labels]
+    return stages, effects
+
+
+def _effects(opened: Opened) -> list[dict]:
+    path = opened.folder / "solution.json" if opened.folder else None
+    if path is None or not path.is_file():
+        return []
+    return json.loads(path.read_text(encoding="utf-8"))["effects"]

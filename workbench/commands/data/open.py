@@ -1,0 +1,57 @@
+"""`workbench open`: the local app on a run or a recording."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.files import runs
+
+Subject = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[RUN|RECORDING]",
+        help="Folder of a run, folder of a recording or a known name; the newest run under runs/ where left out.",
+    ),
+]
+
+
+def command(
+    subject: Subject = None,
+    port: Annotated[
+        int,
+        typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; 0 takes any free one."),
+    ] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address only.")
+    ] = False,
+    recording: Annotated[
+        str | None,
+        typer.Option(
+            "--recording", metavar="RECORDING", help="Where the recording of the run is now."
+        ),
+    ] = None,
+    session: Annotated[
+        Path | None,
+        typer.Option("--session", metavar="FILE", help="Keep the edits here (session.toml)."),
+    ] = None,
+) -> None:
+    """Look at a run in a local web page: robot and residuals in 3-D, edit the samples, run again, compare.
+
+    The page is served on 127.0.0.1 only; nothing is fetched from the network. The edits are kept in a session.toml,
+    which `workbench calibrate --session` repeats.
+    """
+    import trame_plotly  # noqa: F401  reported as a missing package before anything is read
+    import trame_vuetify  # noqa: F401
+
+    from workbench.app.data.opened import open_subject
+    from workbench.app.server import Options, serve
+
+    opened = open_subject(subject, recording)
+    path = session or session_path(opened.subject)
+    serve(opened, Options(path, port, not no_browser), lambda text: print(text, flush=True))
+
+
+def session_path(subject: str) -> Path:
+    """Where edits of a recording are kept: a folder of its own under runs/."""
+    return runs.RUNS / f"{runs.slug(subject)}-session" / "session.toml"

@@ -1,0 +1,64 @@
+"""`workbench calibrate --session`: repeats what was edited in the app of `workbench open`."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from workbench.commands.shared import answer
+from workbench.core.errors import InputError
+from workbench.files import runs
+
+
+def calibrate_session(
+    path: Path,
+    options: Mapping,
+    out: Path | None,
+    json: str | None,
+    tolerance: list[str] | None,
+    report: bool,
+) -> None:
+    """Calibrate as the session at `path` says, into a run folder that also holds the session.
+
+    options: option of the command -> value; all of them must be None, since the session states them.
+    Raises InputError.
+    """
+    from workbench.app.edits.apply import EditedPlan, edited_recording
+    from workbench.app.edits.session import NAME, read_session
+    from workbench.commands.robot.calibrate import check_scanner, deliver, solve_into
+
+    _check_unused(path, options)
+    session = read_session(path)
+    with answer.progress(f"reading {session.recording}") as say:
+        import datasets
+
+        found = edited_recording(session, datasets.read(session.recording, session.trust_data))
+        scanner = Path(session.scanner) if session.scanner else None
+        check_scanner(found, scanner)
+        tolerances = answer.read_tolerances(tolerance, found.measures)
+        keywords = {
+            "plan": EditedPlan(session),
+            "folds": session.folds,
+            "trust_data": session.trust_data,
+        }
+        with runs.opened("calibrate", session.recording, out) as run:
+            result = solve_into(
+                run.partial,
+                run.path,
+                found,
+                session.recording,
+                keywords,
+                say,
+                report,
+                scanner,
+                tolerances,
+            )
+            session.save(run.partial / NAME)
+    deliver(result, run, json)
+
+
+def _check_unused(path: Path, options: Mapping) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(
+                f"--session {path} with {name}: expected one of them, because the session names the recording and its "
+                f"options; leave {name} out"
+            )
