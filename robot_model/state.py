@@ -118,6 +118,13 @@ class State:
             altered.__dict__[name] = levers
         return altered
 
+    @cached_property
+    def unit_moments(self) -> "tuple[State, ...]":
+        """(3 J + 3) states with one kg mm more of one first moment: of each link along x, y, z, then of the load."""
+        one = np.ones((1, self.n))
+        count = 3 * self.robot.joints + 3
+        return tuple(self.altered([("mass", (k,), one)]) for k in range(count))
+
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""
         if name not in self.covariates:
