@@ -42,6 +42,21 @@ class State:
         return self.variables.shape[1]
 
     @property
+    def points(self) -> np.ndarray:
+        """(3, n) mm, the measured point in the frame of the sensor or instrument."""
+        return self.measured
+
+    @property
+    def field(self) -> np.ndarray:
+        """(2, n) its place across the sensor's axis, in units of 100 mm."""
+        return self.measured[:2] / 100
+
+    @property
+    def ball(self) -> np.ndarray:
+        """(n,) number of the ball that was measured."""
+        return self.index
+
+    @property
     def has_masses(self) -> bool:
         """Whether a mass of the arm or of its load is known, so that gravity torques are."""
         return bool(self.robot.mass.any() or self.payload.any())
