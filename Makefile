@@ -43,6 +43,7 @@ check: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python tools/check_style.py
+	$(BIN)/python tools/check_names.py
 	$(BIN)/python tools/effects_page.py --check
 
 docs: $(VENV)/.docs

@@ -42,6 +42,21 @@ class State:
         return self.variables.shape[1]
 
     @property
+    def points(self) -> np.ndarray:
+        """(3, n) mm, the measured point in the frame of the sensor or instrument."""
+        return self.measured
+
+    @property
+    def field(self) -> np.ndarray:
+        """(2, n) its place across the sensor's axis, in units of 100 mm."""
+        return self.measured[:2] / 100
+
+    @property
+    def ball(self) -> np.ndarray:
+        """(n,) number of the ball that was measured."""
+        return self.index
+
+    @property
     def has_masses(self) -> bool:
         """Whether a mass of the arm or of its load is known, so that gravity torques are."""
         return bool(self.robot.mass.any() or self.payload.any())
@@ -117,6 +132,13 @@ class State:
                 levers = levers + moment_levers(self.robot, self.frames, own.reshape(-1, 3))
             altered.__dict__[name] = levers
         return altered
+
+    @cached_property
+    def unit_moments(self) -> "tuple[State, ...]":
+        """(3 J + 3) states with one kg mm more of one first moment: of each link along x, y, z, then of the load."""
+        one = np.ones((1, self.n))
+        count = 3 * self.robot.joints + 3
+        return tuple(self.altered([("mass", (k,), one)]) for k in range(count))
 
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""

@@ -30,6 +30,9 @@ class SensorState:
     ball: np.ndarray
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     target: np.ndarray | None = None
+    in_order = (
+        False  # images may be listed in any order: without a clock nothing stands in for time
+    )
 
     @property
     def n(self) -> int:
@@ -58,12 +61,26 @@ class SensorState:
         return (stripe_direction(self.planes) * self.points).sum(0)
 
     def covariate(self, name: str) -> np.ndarray:
-        """(n,) a column that must have been recorded; InputError where it was not."""
+        """(n,) a column that must have been recorded, or incidence, range and place of the observation itself.
+
+        InputError for a column that was not recorded.
+        """
+        if name in _OF_THE_OBSERVATION:
+            return _OF_THE_OBSERVATION[name](self)
         if name not in self.covariates:
             raise InputError(
                 f"images.csv: expected a column {name}, found none; record it or take the effect out"
             )
         return self.covariates[name]
+
+
+_OF_THE_OBSERVATION = {
+    "incidence_deg": lambda state: np.rad2deg(state.incidence),
+    "range_mm": lambda state: np.linalg.norm(state.points, axis=0),
+    "u_px": lambda state: state.pixels[0],
+    "v_px": lambda state: state.pixels[1],
+}
+"""`workbench.core.common_effects.OF_THE_OBSERVATION`: what the state knows without a column."""
 
 
 def stripe_direction(planes: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "tools"))
 
+import check_names  # noqa: E402
 import check_style  # noqa: E402
 
 FAULTS = {
@@ -65,3 +66,28 @@ def test_docstrings_do_not_count(tmp_path, capsys):
 
 def test_this_project_keeps_its_style(capsys):
     assert check_style.main(ROOT) == 0, capsys.readouterr().out
+
+
+NAMED = {
+    "in a table": ('TABLE = ("joint-compliance", 1)\n', 1),
+    "in a key": ('KEY = f"joint-{1}.joint-compliance.load"\n', 1),
+    "in a message": ('WHY = "leave joint-compliance out"\n', 1),
+    "in a docstring": ('"""Of joint-compliance."""\n', 0),
+    "in its class": (
+        'class A:\n    effect = "joint-compliance"\n    key = "joint-compliance"\n',
+        0,
+    ),
+    "a longer word": ('WORD = "no-joint-compliance-here"\n', 0),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_an_effect_is_named_in_its_class_alone(name, tmp_path, capsys):
+    text, expected = NAMED[name]
+    (tmp_path / "workbench").mkdir()
+    (tmp_path / "workbench" / "one.py").write_text(text)
+    assert check_names.main(tmp_path) == expected, capsys.readouterr().out
+
+
+def test_this_project_names_effects_in_their_classes_alone(capsys):
+    assert check_names.main(ROOT) == 0, capsys.readouterr().out

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from sensors.effects.covariates import heat, heat_sizes, known, warming
+from sensors.effects.covariates import warming
+from workbench.core.common_effects import ArtefactExpansionLaw, BallPositionLaw
+from workbench.core.covariates import known
 from workbench.core.effect import Effect
 
 
@@ -31,30 +33,6 @@ class BoardBow(Effect):
         return np.stack([x * x, y * y, x * y])[:, None]
 
 
-class BallPosition(Effect):
-    """The coordinate of ball K on the artefact's certificate is wrong by a vector."""
-
-    effect = "ball-position"
-    port = "target"
-    places = ("ball",)
-    equation = "ball K -> ball K + d"
-    source = "one free vector a ball"
-
-    @classmethod
-    def candidates(cls, chain):
-        """None: the measured centre of every ball is estimated with the baseline."""
-        return ()
-
-    def table(self, chain):
-        return tuple(
-            self.parameter(axis, "mm", 0.05, f"ball {self.number}'s error along {axis}")
-            for axis in "xyz"
-        )
-
-    def basis(self, state):
-        return np.eye(3)[:, :, None] * (state.ball == self.number).astype(float)
-
-
 class BallRadius(Effect):
     """The radius of ball K on the artefact's certificate is wrong: its surface moves along the normal."""
 
@@ -71,27 +49,19 @@ class BallRadius(Effect):
         return np.where(state.ball == self.number, known(state.normals), 0.0)[None]
 
 
-class ArtefactExpansion(Effect):
-    """The board or plate grows with temperature, or with time where none was recorded."""
+class BallPosition(BallPositionLaw, Effect):
+    """The coordinate of ball K on the artefact's certificate is wrong by a vector."""
 
-    effect = "artefact-expansion"
-    port = "target"
-    places = ("artefact",)
-    equation = "X -> X (1 + c (T - T0))"
-    source = "linear expansion about the artefact's origin"
-    reads = ("temperature",)
-    unrecorded = "temperature"
+    @classmethod
+    def candidates(cls, chain):
+        """None: the measured centre of every ball is estimated with the baseline."""
+        return ()
+
+
+class ArtefactExpansion(ArtefactExpansionLaw, Effect):
+    """The board or plate grows with temperature, or with time where none was recorded."""
 
     @classmethod
     def candidates(cls, chain):
         """One, with time where no temperature is recorded."""
         return warming(cls, chain)
-
-    def table(self, chain):
-        unit, size, prior = heat_sizes(chain.state, 1e-5, self.column)
-        return (self.parameter("per_unit", f"1/{unit}", size, "the artefact's expansion", prior),)
-
-    def basis(self, state):
-        return (known(state.target) * heat(state, self.column))[None]
-
-    column = "temperature_artefact_c"

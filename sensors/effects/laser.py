@@ -5,8 +5,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sensors.effects.covariates import known
 from sensors.state import stripe_direction
+from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 
 _LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400

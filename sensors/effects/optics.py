@@ -6,7 +6,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sensors.effects.covariates import heat, heat_sizes, known, warming
+from sensors.effects.covariates import warming
+from workbench.core.covariates import known, warmth, warmth_sizes
 from workbench.core.effect import Effect, Variant
 
 
@@ -111,7 +112,7 @@ class CameraThermalDrift(Effect):
         return warming(cls, chain)
 
     def table(self, chain):
-        unit, size, prior = heat_sizes(chain.state, 1e-5, self.column)
+        unit, size, prior = warmth_sizes(chain.state, 1e-5, self.column)
         shift, wide = 1e3 * size, prior and 1e3 * prior
         return (
             self.parameter("focal", f"1/{unit}", size, "the focal length's growth", prior),
@@ -123,7 +124,7 @@ class CameraThermalDrift(Effect):
         camera = state.camera
         away = known(state.pixels - np.array([[camera.cx], [camera.cy]]))
         aside = np.broadcast_to(np.eye(2)[:, :, None], (2, *away.shape))
-        return np.concatenate([away[None], aside]) * heat(state, self.column)
+        return np.concatenate([away[None], aside]) * warmth(state, self.column)
 
     column = "temperature_camera_c"
 

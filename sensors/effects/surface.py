@@ -1,64 +1,33 @@
 """Effects on the measured point: range, place in the field, the surface that is lit, and the noise."""
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
-from sensors.effects.covariates import known
+from workbench.core.common_effects import FieldBiasLaw, NoiseHeteroscedastic, RangeScaleLaw
+from workbench.core.covariates import known
 from workbench.core.effect import Effect, Variant
 
 
-class RangeScale(Effect):
+class RangeScale(RangeScaleLaw, Effect):
     """The range is off by a share of the distance from its middle range."""
 
-    effect = "range-scale"
     port = "point"
-    places = ("sensor",)
-    components = (2,)
-    equation = "dz = c (z - z0)"
-    source = "first-order range error of a triangulation sensor"
-
-    def __init__(self, where: str, z0: float = 0.0):
-        super().__init__(where)
-        self.z0 = z0
 
     @classmethod
     def candidates(cls, chain):
         """One, where balls of known size show it."""
         return [Variant(cls(where)) for where in chain.places("sensor") if chain.balls]
 
-    def table(self, chain):
-        return (self.parameter("scale", "mm/mm", 1e-3, "the range scale"),)
 
-    def basis(self, state):
-        return known(state.points[2] - self.z0)[None, None]
-
-
-class FieldBias(Effect):
+class FieldBias(FieldBiasLaw, Effect):
     """The range is off by a quadratic polynomial of the place in the picture."""
 
-    effect = "field-bias"
     port = "point"
-    places = ("sensor",)
-    components = (2,)
-    equation = "dz = c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2, x and y in units of half the picture's diagonal"
-    source = "second-order expansion of what a camera or light-plane model leaves"
+    equation = f"{FieldBiasLaw.equation}, x and y in units of half the picture's diagonal"
 
     @classmethod
     def candidates(cls, chain):
         """None: lens and light plane, whose errors it sums up, are tested by themselves."""
         return ()
-
-    def table(self, chain):
-        return tuple(
-            self.parameter(name, "mm", 0.02, f"the field bias in {name}")
-            for name in ("x", "y", "xx", "xy", "yy")
-        )
-
-    def basis(self, state):
-        x, y = state.field
-        return known(np.stack([x, y, x * x, x * y, y * y]))[:, None]
 
 
 class IncidenceBias(Effect):
@@ -120,54 +89,4 @@ class SubsurfaceScatter(Effect):
         return np.where(mine, known(np.stack([rays, inward])), 0.0)
 
 
-class NoiseHeteroscedastic(Effect):
-    """The spread, not the mean, depends on a covariate: a column, or incidence_deg, range_mm, u_px, v_px."""
-
-    effect = "noise-heteroscedastic"
-    port = "noise"
-    places = ("noise",)
-    equation = "log sigma -> log sigma + c (s - mean s) / spread of s"
-    source = "log-linear variance model: Harvey, Econometrica 44 (1976)"
-
-    @classmethod
-    def candidates(cls, chain):
-        """None: the diagnosis tests the variance apart from the mean."""
-        return ()
-
-    def __init__(
-        self,
-        where: str,
-        covariate: str,
-        mean: float = 0.0,
-        spread: Annotated[float, Field(gt=0)] = 1.0,
-    ):
-        super().__init__(where)
-        self.covariate, self.mean, self.spread = covariate, mean, spread
-
-    @property
-    def needs(self):
-        return () if self.covariate in _SEEN else (self.covariate,)
-
-    def table(self, chain):
-        return (
-            self.parameter(
-                self.covariate, "1", 0.3, f"the growth of the noise with {self.covariate}"
-            ),
-        )
-
-    def slots(self, chain):
-        return (0,)
-
-    def basis(self, state):
-        seen = _SEEN.get(self.covariate)
-        values = seen(state) if seen else state.covariate(self.covariate)
-        return known((values - self.mean) / self.spread)[None, None]
-
-
-_SEEN = {
-    "incidence_deg": lambda state: np.rad2deg(state.incidence),
-    "range_mm": lambda state: np.linalg.norm(state.points, axis=0),
-    "u_px": lambda state: state.pixels[0],
-    "v_px": lambda state: state.pixels[1],
-}
-"""What the state knows without a column."""
+__all__ = ["FieldBias", "IncidenceBias", "NoiseHeteroscedastic", "RangeScale", "SubsurfaceScatter"]

@@ -3,6 +3,11 @@
 import numpy as np
 
 
+def known(values: np.ndarray) -> np.ndarray:
+    """The same with 0 for nan: an observation without a light plane, say, is not moved by one."""
+    return np.where(np.isnan(values), 0.0, values)
+
+
 def clock(state) -> np.ndarray:
     """(n,) time in s where it was recorded, else the row number."""
     return state.covariates.get(
@@ -33,11 +38,15 @@ def last_moves(
 def warmth(state, *names: str) -> np.ndarray:
     """(n,) temperature above `REFERENCE_C` from the first column that is there, in K; else hours.
 
+    InputError where there is neither a temperature nor a time nor an order of the samples.
+
     A fixed reference, and not the recording's mean, so that a held-out part of it means the same.
     """
     for name in (*names, "temperature_c"):
         if name in state.covariates:
             return state.covariates[name] - REFERENCE_C
+    if "time_s" not in state.covariates and not getattr(state, "in_order", True):
+        state.covariate("temperature_c")  # raises: without an order nothing stands in for it
     return clock(state) / 3600
 
 

@@ -161,9 +161,9 @@ class Effect:
 
     @classmethod
     def planted(cls, readings, joint: int, rng: np.random.Generator) -> tuple[dict, np.ndarray]:
-        """A random instance for the blind benchmark: its details, and the change of a joint's angle (n,) per unit size.
+        """A random instance for the blind benchmark: its details, and the change (n,) of a joint's angle per unit size.
 
-        readings: `angles` (J, n) rad, `poses` (n,) and `columns` of the recording; joint: its number, from 1.
+        readings: `angles` (J, n) rad, `poses` (n,) and `columns` of the recording. joint: its number, from 1.
         An effect with a `plant_weight` implements it, independently of `basis`.
         """
         raise NotImplementedError

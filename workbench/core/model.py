@@ -253,14 +253,10 @@ class Model:
         return np.stack([(b - effect.basis(state)) / h.sum() for b, h in zip(moved, steps)])
 
     def _kept(self, effect, cause, make):
-        key = (id(effect), id(cause))
+        key = effect, cause  # effects are compared by identity
         if key not in self._bases:
-            self._bases[key] = (
-                make(),
-                effect,
-                cause,
-            )  # kept with it, so that no other object gets its id
-        return self._bases[key][0]
+            self._bases[key] = make()
+        return self._bases[key]
 
 
 class _Once:

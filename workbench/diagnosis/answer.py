@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_model.effects.sensed import NoiseHeteroscedastic
+from workbench.core.common_effects import NoiseHeteroscedastic
 from workbench.core.errors import InputError
 from workbench.diagnosis import against, proof, replicates, stated_noise, words
 from workbench.diagnosis.experiment import missing_of, next_experiment

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import logsumexp
 
-from robot_model.effects.sensed import NoiseHeteroscedastic
+from workbench.core.common_effects import NoiseHeteroscedastic
 from workbench.diagnosis.contaminated import contaminated
 from workbench.diagnosis.outliers import evened, spread_along, spread_with
 from workbench.diagnosis.problem import Finding, Problem

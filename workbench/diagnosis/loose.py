@@ -110,17 +110,7 @@ class MassResponse(Effect):
 def responses(law: Effect, state) -> np.ndarray:
     """(3 J + 3, P, m, n) what a law makes of one kg mm more of each first moment: of the links, then of the load."""
     own = law.basis(state)
-    return np.stack([law.basis(other) - own for other in _altered(state)])
-
-
-def _altered(state) -> tuple:
-    """The state under each unit of first moment; made once a state."""
-    if "_altered" not in state.__dict__:
-        count, one = 3 * state.robot.joints + 3, np.ones((1, state.n))
-        state.__dict__["_altered"] = tuple(
-            state.altered([("mass", (k,), one)]) for k in range(count)
-        )
-    return state.__dict__["_altered"]
+    return np.stack([law.basis(other) - own for other in state.unit_moments])
 
 
 def loosened(law: Effect, state) -> Loose | None:

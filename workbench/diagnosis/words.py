@@ -9,8 +9,8 @@ import re
 from collections.abc import Mapping, Sequence
 
 from robot_model.effects import CATALOGUE as ROBOT
-from robot_model.effects.sensed import NoiseHeteroscedastic
 from sensors.effects import CATALOGUE as SENSOR
+from workbench.core.common_effects import NoiseHeteroscedastic
 from workbench.diagnosis.problem import Finding
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.scatter import ALONG

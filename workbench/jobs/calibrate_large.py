@@ -228,10 +228,11 @@ def stream_of(chunks: Chunks, thin: Calibration, progress: Callable[[str], None]
         raise InputError(
             "plan: expected no effect on the noise for a calibration in chunks, found one; take it out"
         )
-    if any(effect.by_moves for effect in thin.model.effects):
+    by_moves = [effect.effect for effect in thin.model.effects if effect.by_moves]
+    if by_moves:
         raise InputError(
-            "plan: expected no effect of the last moves (reading-lag) for a calibration in chunks, which "
-            "sees no sample's predecessor; take it out"
+            f"plan: expected no effect of the last moves for a calibration in chunks, which sees no "
+            f"sample's predecessor, found {by_moves[0]}; take it out"
         )
     chain = thin.model.chain
     stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -127,11 +126,12 @@ def plant(recording, rng: np.random.Generator, times: float):
 
     times: what survives of it after a fit of the geometry, RMS a coordinate, over the same of what is really left.
     """
+    geometry = _fitted_geometry(recording)
     for _ in range(50):
         effect, wave, unit = _drawn(recording, rng)
         if np.ptp(wave) == 0:
             continue
-        change, real = _surviving(recording, effect, wave)
+        change, real = _surviving(geometry, effect, wave)
         if change < 1e-3 * _SMALL:
             continue
         size = times * real / change * _SMALL * float(rng.choice([-1, 1]))
@@ -186,40 +186,35 @@ def _read_off(recording, effect: Mapping, wave):
     return replace(recording, columns=columns)
 
 
-def _surviving(recording, effect, wave) -> tuple[float, float]:
+@dataclass(frozen=True)
+class Geometry:
+    """The fitted geometry of a recording: orthonormal `basis` (N, R) of its derivative, `residual` (m, n) mm."""
+
+    model: object
+    values: np.ndarray
+    residual: np.ndarray
+    basis: np.ndarray
+
+
+def _surviving(geometry: Geometry, effect, wave) -> tuple[float, float]:
     """RMS a coordinate, mm, of what a fit of the geometry leaves of a small effect, and of what it really leaves."""
-    basis, residual, model, start, fitted = _baseline(_Held(recording))
+    basis, chain = geometry.basis, geometry.model.chain
     joint = int(effect["where"].rpartition("-")[2]) - 1
-    rows = model.chain.evaluate(fitted.values[: len(model.chain.parameters)], {}).rows(
-        "joint", np.array([joint])
-    )[0]
+    own = geometry.values[: len(chain.parameters)]
+    rows = chain.evaluate(own, {}).rows("joint", np.array([joint]))[0]
     change = (rows * (_SMALL * wave)).ravel()
     change = change - basis @ (basis.T @ change)
-    return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(residual**2)))
+    return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(geometry.residual**2)))
 
 
-class _Held:
-    """A recording as a key: the same object is the same data."""
-
-    def __init__(self, recording):
-        self.recording = recording
-
-    def __hash__(self):
-        return id(self.recording)
-
-    def __eq__(self, other):
-        return self.recording is other.recording
-
-
-@lru_cache(maxsize=4)
-def _baseline(held: _Held):
-    """Orthonormal basis of the geometry's derivative (unweighted), residual, model, start and fit."""
+def _fitted_geometry(recording) -> Geometry:
+    """Geometry, base and tool fitted to a recording."""
     from workbench.core.least_squares.solver import solve
 
-    model, start = Bench(held.recording, "geometry").model(())
+    model, start = Bench(recording, "geometry").model(())
     fitted = solve(model, start, "huber").parameters
     residual, rows = model.linearise(fitted)
     flat = rows.reshape(len(rows), -1).T
     size = np.linalg.norm(flat, axis=0)
     u, s, _ = thin_svd(flat[:, size > 0] / size[size > 0])
-    return u[:, s > 1e-8 * s[0]], residual, model, start, fitted
+    return Geometry(model, fitted.values, residual, u[:, s > 1e-8 * s[0]])
