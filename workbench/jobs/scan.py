@@ -16,6 +16,7 @@ from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.search import find_balls
 from sensors.boards.detection import Rejected
 from sensors.pictures import flaw, read, stacks, unlit
+from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.find import find_stripes
@@ -34,6 +35,7 @@ INCIDENCE_DEG = 60.0
 ALL_ROUND = 0.5
 """Share of the way round that must be seen of a ball that counts for acceptance. The light comes from the side, so that
 up to a third of the way round stays dark on a ball that nothing hides."""
+_LEAST_GAIN = 0.1  # cosine between error and normal below which a distance from the ball says nothing of a centre
 _BORDER = 3  # px from the edge of the picture within which a stripe may be cut
 COVARIATES = ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
 _FRAMES = 16
@@ -45,7 +47,8 @@ class Ball:
     """A ball found in a scan: `number` in artefact.csv (None: not known which), `fit` with the radius as
     certified where there is one, `free` with a radius of its own; `points` (3, k) mm on it, `pixels` (2, k).
 
-    `beyond`: most of its points are at depths for which the light planes were not calibrated."""
+    `beyond`: most of its points are at depths for which the light planes were not calibrated. `misfit`: lack of fit
+    of its stripes, None where it has too few."""
 
     number: int | None
     radius: float | None
@@ -54,6 +57,7 @@ class Ball:
     points: np.ndarray
     pixels: np.ndarray
     beyond: bool
+    misfit: Misfit | None = None
 
     @property
     def whole(self) -> bool:
@@ -293,8 +297,21 @@ class _Work:
             fit = _fitted(straight, bend.lit > np.cos(trimmed), radius, start, own)
             beyond = self._beyond(points[2, on])
             other = (fit if radius is None else fit.free) or free
-            made.append(Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond))
+            misfit = self._misfit(fit or free, straight, error[:, on], pixels[:, on], steps[on])
+            made.append(
+                Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond, misfit)
+            )
         return tuple(made), outcome
+
+    def _misfit(self, fit, points, error, pixels, steps) -> Misfit | None:
+        """Lack of fit of a ball's stripes: distances from its surface as px along the scan line."""
+        if not fit or len(fit.residual) != points.shape[1]:
+            return None
+        outward = (points - fit.centre[:, None]) / fit.radius
+        gain = (outward * error).sum(0)  # mm of distance for one px
+        used = fit.inliers & (np.abs(gain) > _LEAST_GAIN * np.linalg.norm(error, axis=0))
+        along = pixels[1 if self.along == "rows" else 0]
+        return stripe_misfit((fit.residual / gain)[used], steps[used], along[used])
 
     def _together(self, points, pixels, place, error, on) -> dict:
         """What the errors of points have in common: their light plane's, where its covariance is known, and their

@@ -12,8 +12,10 @@ from sensors.boards.detection import Rejected, View
 from sensors.light.board_stripes import BoardStripes, joined
 from sensors.pictures import read_grey, stacks, unlit
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
+from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
-from sensors.stripe.find import find_stripes
+from sensors.stripe.asymmetry import Asymmetry, Profiles, asymmetry
+from sensors.stripe.find import exposures, find_stripes
 from workbench.core.errors import InputError
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
@@ -33,7 +35,8 @@ class ScannerRun:
     """A recording's scanner: the `camera` from its corners alone, and `calibration` of everything together.
 
     `unusable`: placements with laser pictures whose stripes could not be used, and why; `rejected` every picture under
-    the laser that was left out, these and those that are black or overexposed.
+    the laser that was left out, these and those that are black or overexposed. `misfit`: lack of fit of the stripes,
+    and `asymmetry` of the line's profile; None where there are too few stripes.
     """
 
     recording: Recording
@@ -41,6 +44,8 @@ class ScannerRun:
     calibration: ScannerCalibration
     unusable: tuple[Mapping, ...]
     rejected: tuple[Rejected, ...] = ()
+    misfit: Misfit | None = None
+    asymmetry: Asymmetry | None = None
 
     @property
     def scanner(self) -> Scanner:
@@ -84,7 +89,10 @@ def calibrate(
         for one in unusable
         for row in groups[one["placement"]]
     ]
-    stripes = board_stripes(recording, usable, camera.calibration.board, progress, rejected)
+    profiles: list[Profiles] = []
+    stripes = board_stripes(
+        recording, usable, camera.calibration.board, progress, rejected, profiles
+    )
     calibration = calibrate_scanner(
         camera.calibration.views,
         stripes,
@@ -94,7 +102,18 @@ def calibrate(
         provenance={k: v for k, v in provenance(recording).items() if v},
         progress=progress,
     )
-    return ScannerRun(recording, camera, calibration, unusable, tuple(rejected))
+    shape = asymmetry(Profiles.joined(profiles)) if profiles else None
+    return ScannerRun(
+        recording, camera, calibration, unusable, tuple(rejected), misfit_of(calibration), shape
+    )
+
+
+def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
+    """Lack of fit of the stripes on boards against the light planes."""
+    sheets, good = calibration.stripes, ~calibration.wrong
+    labels = sheets.labels
+    stripe = labels["placement"] * len(calibration.scanner.steps) + labels["step"]
+    return stripe_misfit(calibration.residual_px[good], stripe[good], sheets.along[good])
 
 
 def _why(camera, placement):
@@ -103,20 +122,27 @@ def _why(camera, placement):
 
 
 def board_stripes(
-    recording, usable, board: Board, progress, rejected: list[Rejected] | None = None
+    recording,
+    usable,
+    board: Board,
+    progress,
+    rejected: list[Rejected] | None = None,
+    profiles: list[Profiles] | None = None,
 ) -> BoardStripes:
     """The laser's line on every board: `usable` pairs of a view and the rows of its pictures under the laser.
 
-    rejected: given those in which no line can be seen.
+    rejected: given those in which no line can be seen; profiles: given the profiles of the line.
     """
     saturation = full_scale(recording, [row for _, rows in usable for row in rows])
     along = _direction(recording, usable[:_TRIED], board, saturation)
     work = _Work(recording, board, along, saturation)
     parts = []
-    for stripes, unseen in streamed(usable, work, paced(progress, "laser on placement")):
+    for stripes, unseen, shapes in streamed(usable, work, paced(progress, "laser on placement")):
         parts += stripes
         if rejected is not None:
             rejected += unseen
+        if profiles is not None:
+            profiles += shapes
     return joined(parts)
 
 
@@ -134,8 +160,8 @@ def _direction(recording, usable, board, saturation) -> str:
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with the laser pictures of one placement: their stripes, and pictures in which no line can be seen;
-    `along` and `saturation` as in `find_stripes`."""
+    """What is done with the laser images of one board pose: their stripes, images in which no line can be seen, and
+    profiles of the line; `along` and `saturation` as in `find_stripes`."""
 
     recording: Recording
     board: Board
@@ -144,12 +170,13 @@ class _Work:
 
     def __call__(
         self, placed: tuple[View, list[Mapping]]
-    ) -> tuple[list[BoardStripes], list[Rejected]]:
+    ) -> tuple[list[BoardStripes], list[Rejected], list[Profiles]]:
         view, rows = placed
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
         region, first, parts, rejected = region_of(view, self.board), 0, [], []
+        profiles = []
         for stack in stacks(paths, _FRAMES, called.get):
             background = (
                 dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
@@ -173,8 +200,17 @@ class _Work:
                     saturation=self.saturation,
                 )
                 parts.append(_told(found, [mine[k] for k in lit], view.placement))
+                profiles.append(_profiles(stack[lit], found, background))
             first += len(stack)
-        return parts, rejected
+        return parts, rejected, profiles
+
+
+def _profiles(stack, found, background) -> Profiles:
+    """Profiles of the line in images (F, H, W), less the same scene without laser at its fitted exposure."""
+    if background is None:
+        return Profiles.of(stack, found)
+    scale = exposures(stack, background[None])
+    return Profiles.of(stack, found, scale[:, None, None] * background)
 
 
 def _told(found, rows, placement) -> BoardStripes:
@@ -251,8 +287,10 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
         "volume_mm": list(calibration.volume),
         "sentences": list(calibration.sentences),
-        "warnings": scanner_warnings(calibration),
-        "verdict": scanner_verdict(calibration, tolerances).as_json(),
+        "misfit": None if made.misfit is None else made.misfit.as_json(),
+        "line_asymmetry": None if made.asymmetry is None else made.asymmetry.as_json(),
+        "warnings": scanner_warnings(calibration, made.misfit, made.asymmetry),
+        "verdict": scanner_verdict(calibration, tolerances, made.misfit).as_json(),
         "provenance": provenance(made.recording),
     }
 
