@@ -103,8 +103,9 @@ class SensorBench:
     def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
         """(n,) px: error of each sample predicted from the other folds (n,) int; nan where fold < 0.
 
-        Where a placement's board or a ball stood is no part of the prediction: with everything else
-        as the other folds have it, those few numbers are fitted to its own samples.
+        Camera, light, mirror and effects are those of the other folds. A held-out board pose comes from its corners
+        alone: fitted to its stripes as well, it would absorb most of what these are off by. A ball's centre is fitted
+        to its own stripes, since nothing else tells it.
         """
         error = np.full(self.n, np.nan)
         for fold in np.unique(folds[folds >= 0]):
@@ -112,9 +113,41 @@ class SensorBench:
             touched = np.isin(self.pose, self.pose[out])
             _, fit = self.solve(effects, ~out)
             chains = _at(_with_planes(self.chains, fit), touched)
-            posed = self._posed(chains, tuple(effects), fit.parameters)
-            error[touched & out] = _lengths(posed.residual)[out[touched]]
+            lengths = self._held_by_corners(chains, tuple(effects), fit.parameters)
+            error[touched & out] = lengths[out[touched]]
         return error
+
+    def _held_by_corners(self, chains: Chains, effects, known: Parameters) -> np.ndarray:
+        """(n,) px: errors with everything `known` but board poses, from corners, and centres of balls."""
+        without = replace(chains, sheets=None)
+        posed = self._posed(without, effects, known)
+        lengths = dict(zip(without.parts, (_lengths([part]) for part in posed.residual)))
+        if chains.sheets is not None:
+            sheets = chains.sheets.with_families({"placement": posed.values["placement"]})
+            alone = dict(zip(chains.parts, models(replace(chains, sheets=sheets), effects)))
+            model = alone["sheets"]
+            lengths["sheets"] = _lengths(
+                [model.evaluate(model.parameters.take_over(known)).residual]
+            )
+        return np.concatenate([lengths[name] for name in chains.parts])
+
+    def noise(self, usual: np.ndarray) -> tuple[float, str]:
+        """RMS error (px) that noise alone makes of the usual samples (n,) bool, weighted as held-out errors are."""
+        components = np.concatenate(
+            [
+                np.full(count, len(chain.sigma))
+                for chain, count in zip(self.chains.parts.values(), self.chains.counts)
+            ]
+        )
+        weight = self.sigma[usual] ** -2.0
+        return float(np.sqrt(components[usual].sum() / weight.sum())), "from neighbouring points"
+
+    def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
+        """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls."""
+        if self.chains.balls is None:
+            return None
+        _, fit = self.solve(tuple(effects))
+        return fit.values["ball"]
 
     def parameters(
         self, effects: Sequence[Effect], samples: np.ndarray | None = None
