@@ -121,14 +121,8 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     last = _Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, terms, refused, last.after))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
-    if (
-        verdict := verdict_of(
-            terms,
-            found.p_first,
-            much_left(proved, found.p_rest),
-            is_placed=_is_placed(bench, found, refused),
-        )
-    ) == UNEXPLAINED:
+    verdict = _verdict(bench, found, terms, refused, proved)
+    if verdict == UNEXPLAINED:
         terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
     visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
@@ -167,6 +161,12 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
             for term in (*terms, *refused)
         ],
     )
+
+
+def _verdict(bench, found: Found, terms, refused, proved) -> str:
+    """The word of the contract for what was proved."""
+    left = much_left(proved, found.p_rest)
+    return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
 
 
 def _for_sensor(bench, recording, proved, terms, usual):
