@@ -12,7 +12,7 @@ import numpy as np
 
 _ORDERS = 4  # polynomials of degree 0 to 3
 _FEWEST_POINTS = 12
-_FEWEST_STRIPES = 4
+_FEWEST_STRIPES = 3
 _LEVEL = 1e-3
 # Share of the noise of a single centre from which lack of fit matters. Below it, uneven reflectance and perspective
 # explain it, and the random effects of stripes and placements in the covariance hold it.

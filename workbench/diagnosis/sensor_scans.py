@@ -73,7 +73,7 @@ def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
     plain = replace(scanner, effects=())
     points = plain.reconstruct(pixels, step)
     radii = sorted({ball[3] for ball in recording.balls.values()})
-    found = find_balls(points, radii, free=True, incidence=np.deg2rad(INCIDENCE_DEG))
+    found = find_balls(points, radii, free=True, incidence=np.deg2rad(INCIDENCE_DEG), stripe=step)
     numbers, _ = named(
         recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
     )

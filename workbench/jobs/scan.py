@@ -13,7 +13,7 @@ from datasets.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.ball.point_errors import plane_error, stripe_error
-from sensors.ball.search import find_balls
+from sensors.ball.search import Refusal, find_balls
 from sensors.boards.detection import Rejected
 from sensors.pictures import flaw, read, stacks, unlit
 from sensors.scanner.misfit import Misfit, stripe_misfit
@@ -271,8 +271,17 @@ class _Work:
             at_limit=self._at_limit(pixels, steps, [int(row.get("step", 0)) for row in rows]),
         )
         trimmed = np.deg2rad(INCIDENCE_DEG)
+        refused: list[Refusal] = []
         found = (
-            find_balls(points, radii, free=True, incidence=trimmed, **each)
+            find_balls(
+                points,
+                radii,
+                free=True,
+                incidence=trimmed,
+                stripe=steps,
+                refused=refused,
+                **each,
+            )
             if points.shape[1]
             else []
         )
@@ -280,7 +289,8 @@ class _Work:
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
         if not found:
-            outcome = "; ".join(filter(None, (outcome, _perhaps_cut(each["at_limit"]))))
+            seen = _seen_instead(points, steps, refused)
+            outcome = "; ".join(filter(None, (outcome, seen, _perhaps_cut(each["at_limit"]))))
         made = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
@@ -378,6 +388,21 @@ def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
         for row, why, near in zip(rows, flaws, between)
         if why and (near or not why.startswith("all black"))
     )
+
+
+def _seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
+    """What a scan without a ball shows: its points, and the candidate that has most points near its surface."""
+    if not points.shape[1]:
+        return ""
+    low, high = np.quantile(points[2], [0.02, 0.98])
+    seen = (
+        f"{points.shape[1]} points in {len(np.unique(steps))} light planes were seen at depths of {low:.0f} to "
+        f"{high:.0f} mm"
+    )
+    if not refused:
+        return f"{seen}, and no surface that curves like a ball"
+    nearest = max(refused, key=lambda one: one.points)
+    return f"{seen}; {nearest.sentence}"
 
 
 def _perhaps_cut(at_limit) -> str:
