@@ -49,7 +49,8 @@ class ScannerCalibration:
     most of which is that frame's own and moves nothing against anything else: `apart` says what is
     left without it; what points of a stripe err by together (`made.sheets.together`) is in both; `dropped` numbers
     of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was dropped, what is not
-    determined and what was refused.
+    determined and what was refused; `commanded` (S,) rad mirror angles of the steps as images.csv states them, None
+    where it does not.
     """
 
     scanner: Scanner
@@ -70,6 +71,7 @@ class ScannerCalibration:
     dropped: Mapping[str, int]
     volume: tuple[float, float]
     sentences: tuple[str, ...] = field(default_factory=tuple)
+    commanded: np.ndarray | None = None
 
     @property
     def camera(self):
@@ -216,6 +218,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         dropped,
         found.volume,
         said,
+        found.commanded,
     )
 
 

@@ -14,6 +14,7 @@ from sensors.pictures import read_grey, stacks, unlit
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
+from sensors.scanner.unseen_steps import with_unseen_steps
 from sensors.stripe.asymmetry import Asymmetry, Profiles, asymmetry
 from sensors.stripe.find import exposures, find_stripes
 from workbench.core.errors import InputError
@@ -36,7 +37,8 @@ class ScannerRun:
 
     `unusable`: placements with laser pictures whose stripes could not be used, and why; `rejected` every picture under
     the laser that was left out, these and those that are black or overexposed. `misfit`: lack of fit of the stripes,
-    and `asymmetry` of the line's profile; None where there are too few stripes.
+    and `asymmetry` of the line's profile; None where there are too few stripes. `unseen`: the scanner with the planes
+    of steps that scans use and no board saw, and these steps.
     """
 
     recording: Recording
@@ -46,10 +48,12 @@ class ScannerRun:
     rejected: tuple[Rejected, ...] = ()
     misfit: Misfit | None = None
     asymmetry: Asymmetry | None = None
+    unseen: tuple[Scanner, tuple[int, ...]] | None = None
 
     @property
     def scanner(self) -> Scanner:
-        return self.calibration.scanner
+        """The calibrated scanner, with planes of steps that no board saw where a mirror gives them."""
+        return self.calibration.scanner if self.unseen is None else self.unseen[0]
 
 
 def calibrate(
@@ -104,8 +108,27 @@ def calibrate(
     )
     shape = asymmetry(Profiles.joined(profiles)) if profiles else None
     return ScannerRun(
-        recording, camera, calibration, unusable, tuple(rejected), misfit_of(calibration), shape
+        recording,
+        camera,
+        calibration,
+        unusable,
+        tuple(rejected),
+        misfit_of(calibration),
+        shape,
+        with_unseen_steps(calibration, _commanded(recording)),
     )
+
+
+def _commanded(recording) -> dict[int, float | None]:
+    """Mirror angle (rad) by step of all images with the laser, None where images.csv does not state it."""
+    rows = [row for row in recording.images if row["role"] in ("board-laser", "scan")]
+    angles: dict[int, float | None] = {}
+    for row in rows:
+        angle = row.get("mirror_deg")
+        angles.setdefault(
+            int(row.get("step", 0)), None if angle is None else float(np.deg2rad(angle))
+        )
+    return angles
 
 
 def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
@@ -286,13 +309,23 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "unusable_placements": list(made.unusable),
         "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
         "volume_mm": list(calibration.volume),
-        "sentences": list(calibration.sentences),
+        "sentences": [*calibration.sentences, *_on_unseen(made)],
         "misfit": None if made.misfit is None else made.misfit.as_json(),
         "line_asymmetry": None if made.asymmetry is None else made.asymmetry.as_json(),
         "warnings": scanner_warnings(calibration, made.misfit, made.asymmetry),
         "verdict": scanner_verdict(calibration, tolerances, made.misfit).as_json(),
         "provenance": provenance(made.recording),
     }
+
+
+def _on_unseen(made: ScannerRun) -> list[str]:
+    steps = () if made.unseen is None else made.unseen[1]
+    if not steps:
+        return []
+    return [
+        f"{len(steps)} steps that no board saw have the planes that the mirror gives them: "
+        f"{', '.join(str(step) for step in sorted(steps))}"
+    ]
 
 
 def _apart(calibration) -> list[float | None]:
