@@ -194,8 +194,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         *_on_dropped(dropped),
         *camera.undetermined,
         *_on_mirror(checked),
-        made.sheets.together.sentence,
-        *made.sheets.together.too_much(centre),
+        *_on_shared(made, centre),
         *_on_fit(made),
     )
     step = last.labels["step"]
@@ -220,6 +219,11 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         said,
         found.commanded,
     )
+
+
+def _on_shared(made, centre):
+    together = made.sheets.together
+    return [together.sentence, *together.too_much(centre)]
 
 
 def _centre_noise(sheets, residual):

@@ -272,19 +272,8 @@ class _Work:
         )
         trimmed = np.deg2rad(INCIDENCE_DEG)
         refused: list[Refusal] = []
-        found = (
-            find_balls(
-                points,
-                radii,
-                free=True,
-                incidence=trimmed,
-                stripe=steps,
-                refused=refused,
-                **each,
-            )
-            if points.shape[1]
-            else []
-        )
+        told = dict(stripe=steps, refused=refused, incidence=trimmed)
+        found = find_balls(points, radii, free=True, **told, **each) if points.shape[1] else []
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )

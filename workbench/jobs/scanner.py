@@ -63,14 +63,7 @@ def calibrate(
 
     model: "brown" or "rational"; progress: called with one line a step. Raises InputError.
     """
-    groups: dict[str, list[Mapping]] = {}
-    for row in by_role(recording, "board-laser"):
-        groups.setdefault(str(row["placement"]), []).append(row)
-    if not groups:
-        raise InputError(
-            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser, found "
-            "none; add rows with role board-laser, or calibrate the camera alone with `workbench camera`"
-        )
+    groups = _laser_rows(recording)
     camera = cameras.calibrate(recording, model, progress)
     seen = {view.placement: view for view in camera.calibration.views}
     usable = [(seen[name], rows) for name, rows in groups.items() if name in seen]
@@ -117,6 +110,19 @@ def calibrate(
         shape,
         with_unseen_steps(calibration, _commanded(recording)),
     )
+
+
+def _laser_rows(recording) -> dict[str, list[Mapping]]:
+    """Rows of images with the laser by board pose; InputError where there are none."""
+    groups: dict[str, list[Mapping]] = {}
+    for row in by_role(recording, "board-laser"):
+        groups.setdefault(str(row["placement"]), []).append(row)
+    if not groups:
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser, found "
+            "none; add rows with role board-laser, or calibrate the camera alone with `workbench camera`"
+        )
+    return groups
 
 
 def _commanded(recording) -> dict[int, float | None]:
