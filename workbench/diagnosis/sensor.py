@@ -25,6 +25,7 @@ from workbench.diagnosis.sensor_library import Kind, described, places
 from workbench.diagnosis.sensor_linear import WIDEST, Linear, acts, families_of, host, models
 from workbench.diagnosis.sensor_review import reviewed
 
+_IDENTIFIERS = ("placement", "scan", "sample", "step")  # columns that only name an image
 FREE_MIRROR = tuple(name for name in NAMES if name not in ("gain", "face_zero"))
 
 _FREE = 30.0  # typical sizes that a solve takes for one
@@ -200,39 +201,60 @@ def _kind(chains: Chains) -> Kind:
     columns: dict[str, list] = {}
     for name, chain in chains.parts.items():
         for column, values in chain.covariates.items():
+            if column in _IDENTIFIERS or column == "mirror_deg":
+                continue
             if name != "corners" or column not in ("sweep", "mirror_speed_deg_s"):
                 columns.setdefault(column, []).append(values)
-    wanted = ("sweep", "mirror_speed_deg_s", "time_s")
-    varies = {
-        c
-        for c, parts in columns.items()
-        if (c in wanted or c.startswith("temperature")) and np.ptp(np.concatenate(parts)) > 0
-    }
+    varies = {c for c, parts in columns.items() if np.ptp(np.concatenate(parts)) > 0}
     mirror = chains.sheets is not None and chains.sheets.mirror is not None
     light = tuple(chains.sheets.mirror.point.tolist()) if mirror else None
     balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
-    return Kind(chains.sheets is not None, mirror, balls, frozenset(varies), light)
+    times = () if chains.sheets is None else _laser_column(chains, "time_s")
+    lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])
+    return Kind(
+        chains.sheets is not None,
+        mirror,
+        balls,
+        frozenset(varies),
+        light,
+        spreads=_spreads(chains, varies),
+        times=tuple(np.unique(times).tolist()),
+        board_lines=lines,
+    )
+
+
+def _laser_column(chains: Chains, name: str) -> np.ndarray:
+    """(n,) a recorded column of all stripes; empty where some have none."""
+    parts = [chain for chain in (chains.sheets, chains.balls) if chain is not None]
+    if not all(name in part.covariates for part in parts):
+        return np.empty(0)
+    return np.concatenate([part.covariates[name] for part in parts])
+
+
+def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
+    """Standard deviation of each recorded column that varies among the stripes."""
+    if chains.sheets is None:
+        return ()
+    spreads = {name: _laser_column(chains, name) for name in sorted(varies)}
+    return tuple((name, float(v.std())) for name, v in spreads.items() if v.size and v.std() > 0)
 
 
 def _joined(own: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
-    """(n,) every covariate of any part; 0 in a part that does not have it, where what it acts on is not either."""
-    names = sorted(
-        {
-            name
-            for part in own.values()
-            for name in part
-            if name not in ("placement", "sample", "step")
-        }
-    )
-    return {
-        name: np.concatenate(
+    """(n,) every covariate of any part; in a part that does not have it the mean of the others."""
+    names = sorted({name for part in own.values() for name in part if name not in _IDENTIFIERS})
+    made = {}
+    for name in names:
+        held = [
+            np.nan_to_num(np.asarray(part[name], float)) for part in own.values() if name in part
+        ]
+        middle = float(np.concatenate(held).mean())
+        made[name] = np.concatenate(
             [
-                np.nan_to_num(np.asarray(part.get(name, np.zeros(count)), float))
+                np.nan_to_num(np.asarray(part.get(name, np.full(count, middle)), float))
                 for part, count in zip(own.values(), counts)
             ]
         )
-        for name in names
-    }
+    return made
 
 
 def _split(covariates, counts, parts) -> dict[str, dict]:

@@ -24,6 +24,7 @@ from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
 from workbench.files.spool import Made, Spool
 from workbench.imaging.ball_names import named
+from workbench.imaging.columns import recorded_columns
 from workbench.imaging.images import by_role, check_size, full_scale, path_of, streamed
 from workbench.imaging.scan_surface import reconstructed
 from workbench.jobs import scanner as calibrated
@@ -37,7 +38,6 @@ ALL_ROUND = 0.5
 up to a third of the way round stays dark on a ball that nothing hides."""
 _LEAST_GAIN = 0.1  # cosine between error and normal below which a distance from the ball says nothing of a centre
 _BORDER = 3  # px from the edge of the picture within which a stripe may be cut
-COVARIATES = ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
 _FRAMES = 16
 _DRAWN = 4000
 
@@ -249,7 +249,7 @@ class _Work:
         pixels, frame, sigma, shape = (
             np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
         )
-        names = [name for name in COVARIATES if all(name in row for row in rows)]
+        names = recorded_columns(rows)
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
         return pixels, steps, sigma, shape, covariates, dict(dropped), _unseen(rows, flaws, frame)

@@ -21,6 +21,7 @@ from workbench.core.errors import InputError
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
+from workbench.imaging.columns import recorded_columns
 from workbench.imaging.images import by_role, full_scale, path_of, streamed
 from workbench.jobs import camera as cameras
 from workbench.machine.progress import paced
@@ -244,11 +245,7 @@ def _profiles(stack, found, background) -> Profiles:
 
 def _told(found, rows, placement) -> BoardStripes:
     """Stripes with what images.csv says of their pictures."""
-    names = [
-        name
-        for name in ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
-        if all(name in r for r in rows)
-    ]
+    names = recorded_columns(rows)
     angles = (
         [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None
     )
