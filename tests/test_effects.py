@@ -54,6 +54,14 @@ VOCABULARY = {
 # Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term, tilts
 # that an accelerometer has recorded, readings taken while the arm still brakes.
 ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt", "reading-lag"}
+# Of the scanner: laws of recorded time, mirror speed and any other column, and lines of a board.
+SCANNER_ADDITIONS = {
+    "laser-drift",
+    "mirror-vibration",
+    "rolling-shutter",
+    "recorded-column",
+    "board-point-errors",
+}
 PORT_SIZES = {
     "joint": 6,
     "geometry": 30,

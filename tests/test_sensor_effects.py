@@ -11,7 +11,7 @@ from conftest import ROOT
 from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from sensors.state import SensorState, stripe_direction
-from test_effects import VOCABULARY
+from test_effects import SCANNER_ADDITIONS, VOCABULARY
 from workbench.core.effect import Effect, make_effects, numeric_derivative
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters
@@ -29,6 +29,13 @@ CASES = (
     ("mirror-encoder-harmonic", "mirror", {"order": 3}),
     ("mirror-hysteresis", "mirror", {}),
     ("frame-sync", "time", {}),
+    ("rolling-shutter", "time", {}),
+    ("laser-drift", "laser", {}),
+    ("laser-drift", "laser", {"time_constant_s": 120.0}),
+    ("mirror-vibration", "mirror", {"angular_frequency": 0.3}),
+    ("recorded-column", "mirror", {"column": "exposure_ms", "spread": 0.5}),
+    ("recorded-column", "laser", {"column": "exposure_ms"}),
+    ("board-point-errors", "artefact", {"line": "row", "at_mm": 20.0}),
     ("range-scale", "sensor", {"z0": 125.0}),
     ("field-bias", "sensor", {}),
     ("incidence-bias", "sensor", {}),
@@ -48,6 +55,10 @@ CASES = (
 NEEDS = {
     "mirror-hysteresis": "sweep",
     "frame-sync": "mirror_speed_deg_s",
+    "rolling-shutter": "mirror_speed_deg_s",
+    "laser-drift": "time_s",
+    "mirror-vibration": "time_s",
+    "recorded-column": "exposure_ms",
     "noise-heteroscedastic": "exposure_ms",
 }
 EVERY = pytest.mark.parametrize(
@@ -96,7 +107,7 @@ def observations(n=60, seed=5) -> SensorState:
         normals,
         rng.integers(0, 4, n),
         covariates,
-        rng.uniform(0, 90, (3, n)),
+        10.0 * rng.integers(0, 9, (3, n)),
     )
 
 
@@ -121,7 +132,7 @@ def test_every_effect_of_the_catalogue_is_in_the_table():
 @EVERY
 def test_its_name_is_in_the_vocabulary_and_says_where_it_is_from(case):
     kind = CATALOGUE[case[0]]
-    assert kind.effect == case[0] in VOCABULARY
+    assert kind.effect == case[0] in VOCABULARY | SCANNER_ADDITIONS
     assert kind.port in PORT_SIZES
     assert kind.__doc__.strip() and kind.equation and kind.source
 

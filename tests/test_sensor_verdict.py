@@ -26,10 +26,11 @@ def mispaired(recording):
 
 @pytest.mark.slow
 def test_light_planes_from_mispaired_images_are_not_trustworthy():
-    """Laser line and board pose do not belong together: the planes miss the line by many px, and exit status 0 stays."""
+    """Laser line and board pose do not belong together: the planes miss the line by many px, the verdict is no."""
     made = calibrate(mispaired(datasets.read(scanner_recording()[0])))
     found = as_json(made)
-    assert found["verdict"]["pass"] is None
+    assert found["verdict"]["pass"] is False
+    assert "not trustworthy" in found["verdict"]["sentence"]
     assert any("not trustworthy" in sentence for sentence in found["warnings"])
     assert max(part["residual_over_noise"] for part in found["verdict"]["checks"]) > 5
 
@@ -46,4 +47,4 @@ def test_images_of_two_zooms_make_no_trustworthy_camera():
     ]
     wrong = calibrate_camera(mixed, found.board, found.size, folds=0)
     assert "not trustworthy" in " ".join(sensor_verdict.camera_warnings(wrong))
-    assert sensor_verdict.camera_verdict(wrong).passed is None
+    assert sensor_verdict.camera_verdict(wrong).passed is False

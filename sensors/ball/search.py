@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sensors.ball.arcs import Arcs
 from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
 from workbench.core.distributions import fisher as f_distribution
 from workbench.core.errors import InputError
@@ -20,6 +21,8 @@ _SMALLEST = 5
 _VOTE_CELL, _RANGE_STEP = 1 / 5, 1.5
 # A ball shows at least this part of the points of a cap of 30 degrees, however it is cut.
 _LEAST_SHARE, _LEAST_POINTS, _PEAKS = 0.2, 12, 60
+# Points of a stripe below which it does not tell where a ball is.
+_LEAST_STRIPE = 5
 # About the voted centre, points may be off by this part of the radius, and later by that.
 _WIDE, _NARROW, _CONE = 0.25, 0.08, np.cos(np.deg2rad(30))
 # Nothing is inside a solid ball; directions of its points spread two ways (a post's only one).
@@ -39,6 +42,8 @@ def find_balls(
     free: bool = False,
     form: float = 0.01,
     seed: int = 0,
+    stripe=None,
+    refused: "list[Refusal] | None" = None,
     **options,
 ) -> list[BallFit]:
     """The balls in points (3, n) mm, or organised (3, H, W) with nan where nothing was seen; most points first.
@@ -51,6 +56,9 @@ def find_balls(
     radius, above which a surface is no ball. `sigma` and `options` as in `fit_ball`. Each result speaks of all n
     points: `reason` is "elsewhere" for those of other surfaces. Deterministic for one seed; an
     empty list where there is no ball. Raises InputError where radii or shapes are not usable.
+    `stripe` (n,) int light plane of each point: where nothing is found otherwise and radii are known, candidates come
+    from the arcs of single stripes, which needs no neighbouring planes. `refused` is given the candidates that are no
+    balls, with the requirement that each fails.
 
     Every point votes for the centre along its normal (for unknown radii, where its normal meets its
     neighbours': the ball pivot of Hough, US patent 3069654, in three dimensions); a peak of votes is
@@ -71,7 +79,15 @@ def find_balls(
         else cloud.of_range()
     )
     search = _Search(points, rays, at_limit, sigma, known, free, form, {**options, "seed": seed})
-    return search.confirmed(cloud, peaks)
+    search.stripe = None if stripe is None else np.asarray(stripe).ravel()
+    found = search.confirmed(cloud, peaks)
+    if not found and known and stripe is not None:
+        arcs = Arcs(points[:, present], search.stripe[present])
+        candidates = [one for radius in known for one in arcs.candidates(radius)]
+        found = search.confirmed(cloud, candidates, search.on_arcs)
+    if refused is not None:
+        refused += search.refused
+    return found
 
 
 def _flat(points, at_limit):
@@ -213,20 +229,45 @@ def _normals(points, near):
     return symmetric_eigen(matrix)[1][:, :, 0].T.copy()
 
 
+@dataclass(frozen=True)
+class Refusal:
+    """A candidate that is no ball: `centre` (3,) and `radius` mm, number of points near its surface, and `why`."""
+
+    centre: np.ndarray
+    radius: float
+    points: int
+    why: str
+
+    @property
+    def sentence(self) -> str:
+        """The candidate and the requirement that it fails, in words."""
+        place = ", ".join(f"{value:.1f}" for value in self.centre)
+        return (
+            f"the nearest candidate, a ball of radius {self.radius:.4g} mm at ({place}) mm with {self.points} points "
+            f"near its surface, is refused: {self.why}"
+        )
+
+
 class _Search:
     """Candidates against the whole cloud: each is fitted, judged, and its points are given to it."""
 
     def __init__(self, points, rays, at_limit, sigma, known, free, form, options):
         self.points, self.rays, self.at_limit, self.sigma = points, rays, at_limit, sigma
         self.known, self.free, self.form, self.options = known, free, form, options
+        self.refused: list[Refusal] = []
+        self.stripe: np.ndarray | None = None
 
-    def confirmed(self, cloud, peaks) -> list[BallFit]:
-        """Balls among the candidates, most points first; a point belongs to one ball only."""
+    def confirmed(self, cloud, peaks, at=None) -> list[BallFit]:
+        """Balls among the candidates, most points first; a point belongs to one ball only.
+
+        at: gives the ball at a candidate, `about_peak` where it is None.
+        """
         found, left = [], np.isfinite(self.points.sum(0))
+        at = at or self.about_peak
         for _, centre, radius in sorted(peaks, key=lambda peak: -peak[0] / peak[2] ** 2):
             if any(np.linalg.norm(centre - ball.centre) < 0.5 * ball.radius for ball in found):
                 continue
-            ball = self.ball(cloud, centre, radius, left)
+            ball = at(cloud, centre, radius, left)
             if ball is not None and all(
                 np.linalg.norm(ball.centre - one.centre) > 0.5 * one.radius for one in found
             ):
@@ -234,18 +275,50 @@ class _Search:
                 left &= ~ball.inliers
         return sorted(found, key=lambda ball: -int(ball.inliers.sum()))
 
-    def ball(self, cloud, centre, radius, left) -> BallFit | None:
-        """The ball at a candidate, None where there is none."""
+    def about_peak(self, cloud, centre, radius, left) -> BallFit | None:
+        """The ball at a peak of votes, None where there is none."""
         about = cloud.about(centre, radius)
         if len(about) < _LEAST_POINTS:
-            return None
-        known = radius if self.known else None
-        rough = fit_ball(cloud.points[:, about], radius=known, start=np.append(centre, radius))
-        if not rough or not self.like(rough, cloud):
-            return None
-        return self.fine(cloud, rough, None if self.free else known, left)
+            return self._refuse(centre, radius, len(about), "too few points face away from it")
+        return self._judged(cloud, cloud.points[:, about], centre, radius, left)
 
-    def fine(self, cloud, rough, radius, left) -> BallFit | None:
+    def on_arcs(self, cloud, centre, radius, left) -> BallFit | None:
+        """The ball at a candidate from arcs, None where there is none."""
+        free = np.flatnonzero(left)
+        away = np.linalg.norm(self.points[:, free] - centre[:, None], axis=0)
+        about = free[np.abs(away - radius) < _NARROW * radius]
+        if len(about) < _LEAST_POINTS:
+            return self._refuse(centre, radius, len(about), "too few points lie near its surface")
+        return self._judged(cloud, self.points[:, about], centre, radius, left)
+
+    def _judged(self, cloud, points, centre, radius, left) -> BallFit | None:
+        """A rough fit to some points (3, k), judged, and then the fine one."""
+        known = radius if self.known else None
+        rough = fit_ball(points, radius=known, start=np.append(centre, radius))
+        why = rough.outcome if not rough else self.unlike(rough, cloud)
+        if why:
+            return self._refuse(centre, radius, points.shape[1], why)
+        fit = self.fine(rough, None if self.free else known, left)
+        if not fit and self.free and known is not None:
+            fit = self.fine(rough, known, left)  # few stripes determine a centre, but no radius
+        why = fit.outcome if not fit else self.unlike(fit, cloud) or self.on_one_stripe(fit)
+        if why:
+            return self._refuse(centre, radius, points.shape[1], why)
+        return fit
+
+    def on_one_stripe(self, fit) -> str:
+        """Why a fit is no ball where all its points lie in one light plane, "" where they do not."""
+        if self.stripe is None:
+            return ""
+        count = np.unique(self.stripe[fit.inliers], return_counts=True)[1]
+        if (count >= _LEAST_STRIPE).sum() >= 2:
+            return ""
+        return "its points lie on a single stripe, which many balls share"
+
+    def _refuse(self, centre, radius, points, why) -> None:
+        self.refused.append(Refusal(centre, radius, points, why))
+
+    def fine(self, rough, radius, left) -> BallFit:
         """Fit to all points near the rough ball; a result that speaks of the whole cloud."""
         box, reach = np.flatnonzero(left), (1 + _NARROW) * rough.radius
         for axis, middle in zip(self.points, rough.centre):
@@ -268,8 +341,8 @@ class _Search:
         fit = fit_ball(
             self.points[:, box], radius=radius, view=self.rays[:, box], start=start, **each
         )
-        if not fit or not self.like(fit, cloud):
-            return None
+        if not fit:
+            return fit
         reason, residual = (
             np.full(self.points.shape[1], ELSEWHERE, np.uint8),
             np.full(self.points.shape[1], np.nan),
@@ -277,18 +350,27 @@ class _Search:
         reason[box], residual[box] = fit.reason, fit.residual
         return replace(fit, reason=reason, residual=residual)
 
-    def like(self, fit, cloud) -> bool:
-        """Whether a fit is a ball's: true to form, nothing inside, curved both ways."""
+    def unlike(self, fit, cloud) -> str:
+        """Which requirement of a ball a fit fails, "" for none: true to form, nothing inside, curved both ways."""
         away = cloud.points - fit.centre[:, None]
         distance = np.linalg.norm(away, axis=0)
         gap = distance - fit.radius
         shell = np.abs(gap) < _NARROW * fit.radius
         inside = int((distance < _INSIDE * fit.radius).sum())
-        if shell.sum() < _LEAST_POINTS or inside > _INSIDE_SHARE * shell.sum():
-            return False
+        if shell.sum() < _LEAST_POINTS:
+            return f"{shell.sum()} points lie near its surface, expected {_LEAST_POINTS}"
+        if inside > _INSIDE_SHARE * shell.sum():
+            return f"{inside} points lie inside it, as of a surface that is no ball"
         noise = np.median(np.abs(gap - gap[cloud.near[:, 1]])[shell]) / 0.67449 / np.sqrt(2)
         spread = symmetric_eigenvalues(np.cov(away[:, shell] / distance[shell]))
-        return fit.rms**2 - noise**2 < (self.form * fit.radius) ** 2 and spread[1] > _SPREAD
+        if not fit.rms**2 - noise**2 < (self.form * fit.radius) ** 2:
+            return (
+                f"its points are {fit.rms:.3g} mm RMS from it, more than {100 * self.form:g} % of its radius beyond "
+                "noise"
+            )
+        if not spread[1] > _SPREAD:
+            return "its points curve in one direction only, as on a post or a single stripe"
+        return ""
 
 
 @dataclass(frozen=True)

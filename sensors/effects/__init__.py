@@ -1,6 +1,6 @@
 """The catalogue of a scanner's physical effects: a name of the vocabulary a line."""
 
-from sensors.effects import artefact, laser, optics, surface
+from sensors.effects import artefact, laser, optics, recorded, surface
 
 CATALOGUE = {
     "lens-residual": optics.LensResidual,
@@ -10,9 +10,14 @@ CATALOGUE = {
     "artefact-expansion": artefact.ArtefactExpansion,
     "plane-bow": laser.PlaneBow,
     "incidence-bias": surface.IncidenceBias,
+    "rolling-shutter": recorded.RollingShutter,
+    "laser-drift": recorded.LaserDrift,
+    "mirror-vibration": recorded.MirrorVibration,
+    "recorded-column": recorded.RecordedColumn,
     "range-scale": surface.RangeScale,
     "field-bias": surface.FieldBias,
     "subsurface-scatter": surface.SubsurfaceScatter,
+    "board-point-errors": recorded.BoardPointErrors,
     "ball-position": artefact.BallPosition,
     "ball-radius": artefact.BallRadius,
     "mirror-wobble": laser.MirrorWobble,

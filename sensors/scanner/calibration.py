@@ -49,7 +49,8 @@ class ScannerCalibration:
     most of which is that frame's own and moves nothing against anything else: `apart` says what is
     left without it; what points of a stripe err by together (`made.sheets.together`) is in both; `dropped` numbers
     of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was dropped, what is not
-    determined and what was refused.
+    determined and what was refused; `commanded` (S,) rad mirror angles of the steps as images.csv states them, None
+    where it does not.
     """
 
     scanner: Scanner
@@ -70,6 +71,7 @@ class ScannerCalibration:
     dropped: Mapping[str, int]
     volume: tuple[float, float]
     sentences: tuple[str, ...] = field(default_factory=tuple)
+    commanded: np.ndarray | None = None
 
     @property
     def camera(self):
@@ -192,8 +194,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         *_on_dropped(dropped),
         *camera.undetermined,
         *_on_mirror(checked),
-        made.sheets.together.sentence,
-        *made.sheets.together.too_much(centre),
+        *_on_shared(made, centre),
         *_on_fit(made),
     )
     step = last.labels["step"]
@@ -216,7 +217,13 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         dropped,
         found.volume,
         said,
+        found.commanded,
     )
+
+
+def _on_shared(made, centre):
+    together = made.sheets.together
+    return [together.sentence, *together.too_much(centre)]
 
 
 def _centre_noise(sheets, residual):

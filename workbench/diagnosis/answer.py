@@ -26,6 +26,7 @@ from workbench.diagnosis.result import (
 from workbench.diagnosis.robot import RobotBench, bench_of
 from workbench.diagnosis.scatter import CLAIMED, scattered, unrecorded
 from workbench.diagnosis.select import LEVEL, find
+from workbench.diagnosis.sensor_errors import ball_centres, errors_by_kind
 from workbench.diagnosis.visible import smallest
 from workbench.files.provenance import provenance
 
@@ -37,6 +38,9 @@ NO_MASSES = (
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 _UNEVEN = NoiseHeteroscedastic.effect
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
+_GAINED = (
+    2.0  # t of the held-out gain of a refused term from which on it counts as evidence of structure
+)
 _LONG_S = 1.0  # a search beyond which processes are worth their start
 Say = Callable[[str], None]
 
@@ -117,9 +121,8 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     last = _Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, terms, refused, last.after))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
-    if (
-        verdict := verdict_of(terms, found.p_first, much_left(proved, found.p_rest))
-    ) == UNEXPLAINED:
+    verdict = _verdict(bench, found, terms, refused, proved)
+    if verdict == UNEXPLAINED:
         terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
     visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
@@ -149,6 +152,7 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
         _warnings(bench, recording),
         dict(provenance(recording)),
         fixed_points(recording, bench, terms),
+        *_for_sensor(bench, recording, proved, terms, ~found.outliers),
     )
     return with_statements(
         made,
@@ -157,6 +161,32 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
             for term in (*terms, *refused)
         ],
     )
+
+
+def _verdict(bench, found: Found, terms, refused, proved) -> str:
+    """The word of the contract for what was proved."""
+    left = much_left(proved, found.p_rest)
+    return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
+
+
+def _for_sensor(bench, recording, proved, terms, usual):
+    """Errors by kind of measurement, and ball centres before and after, of a sensor; nothing of a robot."""
+    if recording.measures not in PICTURES:
+        return (), None
+    return errors_by_kind(bench, proved, usual), ball_centres(bench, recording, terms)
+
+
+def _is_placed(bench, found: Found, refused) -> bool:
+    """Whether some place holds a significant share of the residual, or what was refused is significant.
+
+    A sensor has a smooth function at every place of its chain. Where none of them is significant, a small p-value of
+    the best of many candidates is chance: nothing is there to be explained.
+    """
+    if not hasattr(bench, "chains"):
+        return True
+    places = any(one.p_value < _PLACED and one.share > 0 for one in found.located)
+    gained = [term for term in refused if (term.t or 0.0) > _GAINED]
+    return places or any(term.finding.p_value < _PLACED for term in gained)
 
 
 def _with_stated_noise(last: "_Final", proved, terms, refused):
@@ -326,10 +356,10 @@ class _Final:
 
     @property
     def noise(self) -> tuple[float, str]:
-        left = residuals_of(self.after)
-        if self.unit != "mm":
-            return float(np.sqrt(np.nansum(left**2, 0).mean())), "what is left in the end"
         usual = ~self.found.outliers
+        if self.unit != "mm":
+            return self.bench.noise(usual)
+        left = residuals_of(self.after)
         recording, position = self.bench.recording, left[:3, usual]
         degrees = self.after.degrees * len(position) / len(left)
         pose, index = self.bench.pose[usual], self._index()[usual]

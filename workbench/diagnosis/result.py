@@ -1,6 +1,6 @@
 """What a diagnosis hands on: findings that have been proved, what was refused, and the JSON of the contract."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -165,6 +165,8 @@ class Diagnosis:
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     fixed: object = None  # fixed.FixedPoints, where the recording holds reflectors that do not move
+    by_kind: Sequence[Mapping] = ()  # of a sensor: rows of `sensor_errors.errors_by_kind`
+    balls: Mapping | None = None  # of a sensor: `sensor_errors.ball_centres`
 
     def as_json(self) -> dict:
         """The object of the JSON contract, with more keys."""
@@ -178,7 +180,9 @@ class Diagnosis:
             "unit": self.unit,
             "effects": [_effect(term, self.unit) for term in self.terms],
             "located": [_located(one, self.unit) for one in self.located],
-            "held_out": _held_out(self.proof, self.unit),
+            "held_out": _held_out(self.proof, self.unit)
+            | ({"by_kind": [dict(row) for row in self.by_kind]} if self.by_kind else {}),
+            "ball_centres": None if self.balls is None else dict(self.balls),
             "smallest_visible": [_visible(one, self.unit) for one in self.visible],
             "next_experiment": self.experiment.sentence,
             "experiments": [dict(row) for row in self.experiment.rows],
@@ -197,17 +201,20 @@ class Diagnosis:
         }
 
 
-def verdict_of(terms, first_p: float, left: bool = False, level: float = 0.005) -> str:
+def verdict_of(
+    terms, first_p: float, left: bool = False, level: float = 0.005, is_placed: bool = True
+) -> str:
     """The word of the contract.
 
     `unexplained` where a kept term has no name, where nothing was kept though structure is there, or where more is
     `left` than the terms explain away; `ambiguous` where a kept term is less than certain and has alternatives.
-    A wrong statement of the noise explains no structure.
+    A wrong statement of the noise explains no structure. is_placed: whether structure that nothing explains holds a
+    share of the residual at some place, or a refused term is significant; without either there is nothing to explain.
     """
     structure = [term for term in terms if term.finding.effect != "stated-noise"]
     if any(term.finding.effect == "unknown" for term in terms):
         return UNEXPLAINED
-    if not structure and first_p < level:
+    if not structure and first_p < level and is_placed:
         return UNEXPLAINED
     if not terms:
         return CONSISTENT

@@ -25,6 +25,7 @@ from workbench.diagnosis.sensor_library import Kind, described, places
 from workbench.diagnosis.sensor_linear import WIDEST, Linear, acts, families_of, host, models
 from workbench.diagnosis.sensor_review import reviewed
 
+_IDENTIFIERS = ("placement", "scan", "sample", "step")  # columns that only name an image
 FREE_MIRROR = tuple(name for name in NAMES if name not in ("gain", "face_zero"))
 
 _FREE = 30.0  # typical sizes that a solve takes for one
@@ -103,8 +104,9 @@ class SensorBench:
     def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
         """(n,) px: error of each sample predicted from the other folds (n,) int; nan where fold < 0.
 
-        Where a placement's board or a ball stood is no part of the prediction: with everything else
-        as the other folds have it, those few numbers are fitted to its own samples.
+        Camera, light, mirror and effects are those of the other folds. A held-out board pose comes from its corners
+        alone: fitted to its stripes as well, it would absorb most of what these are off by. A ball's centre is fitted
+        to its own stripes, since nothing else tells it.
         """
         error = np.full(self.n, np.nan)
         for fold in np.unique(folds[folds >= 0]):
@@ -112,9 +114,41 @@ class SensorBench:
             touched = np.isin(self.pose, self.pose[out])
             _, fit = self.solve(effects, ~out)
             chains = _at(_with_planes(self.chains, fit), touched)
-            posed = self._posed(chains, tuple(effects), fit.parameters)
-            error[touched & out] = _lengths(posed.residual)[out[touched]]
+            lengths = self._held_by_corners(chains, tuple(effects), fit.parameters)
+            error[touched & out] = lengths[out[touched]]
         return error
+
+    def _held_by_corners(self, chains: Chains, effects, known: Parameters) -> np.ndarray:
+        """(n,) px: errors with everything `known` but board poses, from corners, and centres of balls."""
+        without = replace(chains, sheets=None)
+        posed = self._posed(without, effects, known)
+        lengths = dict(zip(without.parts, (_lengths([part]) for part in posed.residual)))
+        if chains.sheets is not None:
+            sheets = chains.sheets.with_families({"placement": posed.values["placement"]})
+            alone = dict(zip(chains.parts, models(replace(chains, sheets=sheets), effects)))
+            model = alone["sheets"]
+            lengths["sheets"] = _lengths(
+                [model.evaluate(model.parameters.take_over(known)).residual]
+            )
+        return np.concatenate([lengths[name] for name in chains.parts])
+
+    def noise(self, usual: np.ndarray) -> tuple[float, str]:
+        """RMS error (px) that noise alone makes of the usual samples (n,) bool, weighted as held-out errors are."""
+        components = np.concatenate(
+            [
+                np.full(count, len(chain.sigma))
+                for chain, count in zip(self.chains.parts.values(), self.chains.counts)
+            ]
+        )
+        weight = self.sigma[usual] ** -2.0
+        return float(np.sqrt(components[usual].sum() / weight.sum())), "from neighbouring points"
+
+    def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
+        """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls."""
+        if self.chains.balls is None:
+            return None
+        _, fit = self.solve(tuple(effects))
+        return fit.values["ball"]
 
     def parameters(
         self, effects: Sequence[Effect], samples: np.ndarray | None = None
@@ -167,39 +201,60 @@ def _kind(chains: Chains) -> Kind:
     columns: dict[str, list] = {}
     for name, chain in chains.parts.items():
         for column, values in chain.covariates.items():
+            if column in _IDENTIFIERS or column == "mirror_deg":
+                continue
             if name != "corners" or column not in ("sweep", "mirror_speed_deg_s"):
                 columns.setdefault(column, []).append(values)
-    wanted = ("sweep", "mirror_speed_deg_s", "time_s")
-    varies = {
-        c
-        for c, parts in columns.items()
-        if (c in wanted or c.startswith("temperature")) and np.ptp(np.concatenate(parts)) > 0
-    }
+    varies = {c for c, parts in columns.items() if np.ptp(np.concatenate(parts)) > 0}
     mirror = chains.sheets is not None and chains.sheets.mirror is not None
     light = tuple(chains.sheets.mirror.point.tolist()) if mirror else None
     balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
-    return Kind(chains.sheets is not None, mirror, balls, frozenset(varies), light)
+    times = () if chains.sheets is None else _laser_column(chains, "time_s")
+    lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])
+    return Kind(
+        chains.sheets is not None,
+        mirror,
+        balls,
+        frozenset(varies),
+        light,
+        spreads=_spreads(chains, varies),
+        times=tuple(np.unique(times).tolist()),
+        board_lines=lines,
+    )
+
+
+def _laser_column(chains: Chains, name: str) -> np.ndarray:
+    """(n,) a recorded column of all stripes; empty where some have none."""
+    parts = [chain for chain in (chains.sheets, chains.balls) if chain is not None]
+    if not all(name in part.covariates for part in parts):
+        return np.empty(0)
+    return np.concatenate([part.covariates[name] for part in parts])
+
+
+def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
+    """Standard deviation of each recorded column that varies among the stripes."""
+    if chains.sheets is None:
+        return ()
+    spreads = {name: _laser_column(chains, name) for name in sorted(varies)}
+    return tuple((name, float(v.std())) for name, v in spreads.items() if v.size and v.std() > 0)
 
 
 def _joined(own: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
-    """(n,) every covariate of any part; 0 in a part that does not have it, where what it acts on is not either."""
-    names = sorted(
-        {
-            name
-            for part in own.values()
-            for name in part
-            if name not in ("placement", "sample", "step")
-        }
-    )
-    return {
-        name: np.concatenate(
+    """(n,) every covariate of any part; in a part that does not have it the mean of the others."""
+    names = sorted({name for part in own.values() for name in part if name not in _IDENTIFIERS})
+    made = {}
+    for name in names:
+        held = [
+            np.nan_to_num(np.asarray(part[name], float)) for part in own.values() if name in part
+        ]
+        middle = float(np.concatenate(held).mean())
+        made[name] = np.concatenate(
             [
-                np.nan_to_num(np.asarray(part.get(name, np.zeros(count)), float))
+                np.nan_to_num(np.asarray(part.get(name, np.full(count, middle)), float))
                 for part, count in zip(own.values(), counts)
             ]
         )
-        for name in names
-    }
+    return made
 
 
 def _split(covariates, counts, parts) -> dict[str, dict]:

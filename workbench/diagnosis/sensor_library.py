@@ -28,7 +28,9 @@ class Kind:
 
     `stripes`: whether it has any; `mirror`: whether the angles of a mirror are known, and `mirror_angles` (S,) rad
     those of the steps; `balls`: numbers of the balls, 0 for one without a number; `varying`: recorded columns that are
-    not constant; `light` (3,) mm: origin of the light in the camera frame, where a mirror says it.
+    not constant, and `spreads` their standard deviations in the images with the laser; `times` (s) of these images;
+    `board_lines`: x of the columns and y of the rows of the board's points (mm); `light` (3,) mm: origin of the light
+    in the camera frame, where a mirror says it.
     """
 
     stripes: bool
@@ -37,6 +39,9 @@ class Kind:
     varying: frozenset[str]
     light: tuple[float, float, float] | None = None
     mirror_angles: tuple[float, ...] = ()
+    spreads: tuple[tuple[str, float], ...] = ()
+    times: tuple[float, ...] = ()
+    board_lines: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
 
     def places(self, kind: str) -> tuple[str, ...]:
         """What `where` of an effect may be here; () where there is no such place."""

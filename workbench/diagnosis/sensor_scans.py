@@ -16,8 +16,9 @@ from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
 from workbench.diagnosis.sensor_balls import Balls
 from workbench.imaging.ball_names import named
+from workbench.imaging.columns import recorded_columns
 from workbench.imaging.images import by_role, full_scale, path_of
-from workbench.jobs.scan import COVARIATES, INCIDENCE_DEG, scans_of
+from workbench.jobs.scan import INCIDENCE_DEG, scans_of
 
 _FRAMES = 16
 _FEWEST = 40  # points on a ball that tell anything
@@ -73,7 +74,7 @@ def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
     plain = replace(scanner, effects=())
     points = plain.reconstruct(pixels, step)
     radii = sorted({ball[3] for ball in recording.balls.values()})
-    found = find_balls(points, radii, free=True, incidence=np.deg2rad(INCIDENCE_DEG))
+    found = find_balls(points, radii, free=True, incidence=np.deg2rad(INCIDENCE_DEG), stripe=step)
     numbers, _ = named(
         recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
     )
@@ -100,7 +101,7 @@ def _stripes(recording, scanner, rows, depth):
     pixels, frame, sigma, shape = (
         np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
     )
-    names = [name for name in COVARIATES if all(name in row for row in rows)]
+    names = recorded_columns(rows)
     covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
     steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
     return pixels, steps, sigma, shape, covariates

@@ -21,16 +21,20 @@ def reconstructed(scanner: Scanner, pixels, steps, covariates, radii) -> tuple[n
         return scanner.reconstruct(pixels, steps, covariates), ""
     plain = replace(scanner, effects=tuple(row for row in scanner.effects if not row[0].surface))
     points = plain.reconstruct(pixels, steps, covariates)
-    normals, ball = on_balls(points, radii)
+    normals, ball = on_balls(points, radii, steps)
     told = f"{', '.join(asking)} taken off the {np.count_nonzero(ball)} of {len(ball)} points that lie on balls"
     return scanner.reconstruct(pixels, steps, covariates, normals, ball), told
 
 
-def on_balls(points: np.ndarray, radii) -> tuple[np.ndarray, np.ndarray]:
-    """Outward unit normals (3, n), nan off the balls, and the number (n,) of the ball, 0 for none."""
+def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndarray]:
+    """Outward unit normals (3, n), nan off the balls, and the number (n,) of the ball, 0 for none.
+
+    steps (n,): light plane of each point.
+    """
     normals, ball = np.full(points.shape, np.nan), np.zeros(points.shape[1], int)
     seen = np.flatnonzero(np.isfinite(points).all(0))
-    found = find_balls(points[:, seen], radii, free=True) if len(seen) else []
+    own = None if steps is None else np.asarray(steps)[seen]
+    found = find_balls(points[:, seen], radii, free=True, stripe=own) if len(seen) else []
     for number, fit in enumerate(found, start=1):
         on = seen[fit.reason != ELSEWHERE]
         outward = points[:, on] - fit.centre[:, None]

@@ -100,6 +100,7 @@ def ball_json(ball: Ball, scanner: Scanner) -> dict:
         "beyond_calibrated_depths": ball.beyond,
         "radius_gap_sigma": _number(fit.radius_gap),
         "centre_moves_with_free_radius_mm": _number(fit.centre_moves),
+        "misfit": None if ball.misfit is None else ball.misfit.as_json(),
         "warnings": list(fit.warnings),
         "outcome": fit.outcome,
     }

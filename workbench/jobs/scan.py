@@ -13,9 +13,10 @@ from datasets.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.ball.point_errors import plane_error, stripe_error
-from sensors.ball.search import find_balls
+from sensors.ball.search import Refusal, find_balls
 from sensors.boards.detection import Rejected
 from sensors.pictures import flaw, read, stacks, unlit
+from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.find import find_stripes
@@ -23,6 +24,7 @@ from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
 from workbench.files.spool import Made, Spool
 from workbench.imaging.ball_names import named
+from workbench.imaging.columns import recorded_columns
 from workbench.imaging.images import by_role, check_size, full_scale, path_of, streamed
 from workbench.imaging.scan_surface import reconstructed
 from workbench.jobs import scanner as calibrated
@@ -34,8 +36,8 @@ INCIDENCE_DEG = 60.0
 ALL_ROUND = 0.5
 """Share of the way round that must be seen of a ball that counts for acceptance. The light comes from the side, so that
 up to a third of the way round stays dark on a ball that nothing hides."""
+_LEAST_GAIN = 0.1  # cosine between error and normal below which a distance from the ball says nothing of a centre
 _BORDER = 3  # px from the edge of the picture within which a stripe may be cut
-COVARIATES = ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
 _FRAMES = 16
 _DRAWN = 4000
 
@@ -45,7 +47,8 @@ class Ball:
     """A ball found in a scan: `number` in artefact.csv (None: not known which), `fit` with the radius as
     certified where there is one, `free` with a radius of its own; `points` (3, k) mm on it, `pixels` (2, k).
 
-    `beyond`: most of its points are at depths for which the light planes were not calibrated."""
+    `beyond`: most of its points are at depths for which the light planes were not calibrated. `misfit`: lack of fit
+    of its stripes, None where it has too few."""
 
     number: int | None
     radius: float | None
@@ -54,6 +57,7 @@ class Ball:
     points: np.ndarray
     pixels: np.ndarray
     beyond: bool
+    misfit: Misfit | None = None
 
     @property
     def whole(self) -> bool:
@@ -245,7 +249,7 @@ class _Work:
         pixels, frame, sigma, shape = (
             np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
         )
-        names = [name for name in COVARIATES if all(name in row for row in rows)]
+        names = recorded_columns(rows)
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
         return pixels, steps, sigma, shape, covariates, dict(dropped), _unseen(rows, flaws, frame)
@@ -267,16 +271,15 @@ class _Work:
             at_limit=self._at_limit(pixels, steps, [int(row.get("step", 0)) for row in rows]),
         )
         trimmed = np.deg2rad(INCIDENCE_DEG)
-        found = (
-            find_balls(points, radii, free=True, incidence=trimmed, **each)
-            if points.shape[1]
-            else []
-        )
+        refused: list[Refusal] = []
+        told = dict(stripe=steps, refused=refused, incidence=trimmed)
+        found = find_balls(points, radii, free=True, **told, **each) if points.shape[1] else []
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
         if not found:
-            outcome = "; ".join(filter(None, (outcome, _perhaps_cut(each["at_limit"]))))
+            seen = _seen_instead(points, steps, refused)
+            outcome = "; ".join(filter(None, (outcome, seen, _perhaps_cut(each["at_limit"]))))
         made = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
@@ -293,8 +296,21 @@ class _Work:
             fit = _fitted(straight, bend.lit > np.cos(trimmed), radius, start, own)
             beyond = self._beyond(points[2, on])
             other = (fit if radius is None else fit.free) or free
-            made.append(Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond))
+            misfit = self._misfit(fit or free, straight, error[:, on], pixels[:, on], steps[on])
+            made.append(
+                Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond, misfit)
+            )
         return tuple(made), outcome
+
+    def _misfit(self, fit, points, error, pixels, steps) -> Misfit | None:
+        """Lack of fit of a ball's stripes: distances from its surface as px along the scan line."""
+        if not fit or len(fit.residual) != points.shape[1]:
+            return None
+        outward = (points - fit.centre[:, None]) / fit.radius
+        gain = (outward * error).sum(0)  # mm of distance for one px
+        used = fit.inliers & (np.abs(gain) > _LEAST_GAIN * np.linalg.norm(error, axis=0))
+        along = pixels[1 if self.along == "rows" else 0]
+        return stripe_misfit((fit.residual / gain)[used], steps[used], along[used])
 
     def _together(self, points, pixels, place, error, on) -> dict:
         """What the errors of points have in common: their light plane's, where its covariance is known, and their
@@ -361,6 +377,21 @@ def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
         for row, why, near in zip(rows, flaws, between)
         if why and (near or not why.startswith("all black"))
     )
+
+
+def _seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
+    """What a scan without a ball shows: its points, and the candidate that has most points near its surface."""
+    if not points.shape[1]:
+        return ""
+    low, high = np.quantile(points[2], [0.02, 0.98])
+    seen = (
+        f"{points.shape[1]} points in {len(np.unique(steps))} light planes were seen at depths of {low:.0f} to "
+        f"{high:.0f} mm"
+    )
+    if not refused:
+        return f"{seen}, and no surface that curves like a ball"
+    nearest = max(refused, key=lambda one: one.points)
+    return f"{seen}; {nearest.sentence}"
 
 
 def _perhaps_cut(at_limit) -> str:

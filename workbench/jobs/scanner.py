@@ -12,12 +12,16 @@ from sensors.boards.detection import Rejected, View
 from sensors.light.board_stripes import BoardStripes, joined
 from sensors.pictures import read_grey, stacks, unlit
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
+from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
-from sensors.stripe.find import find_stripes
+from sensors.scanner.unseen_steps import with_unseen_steps
+from sensors.stripe.asymmetry import Asymmetry, Profiles, asymmetry
+from sensors.stripe.find import exposures, find_stripes
 from workbench.core.errors import InputError
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
+from workbench.imaging.columns import recorded_columns
 from workbench.imaging.images import by_role, full_scale, path_of, streamed
 from workbench.jobs import camera as cameras
 from workbench.machine.progress import paced
@@ -33,7 +37,9 @@ class ScannerRun:
     """A recording's scanner: the `camera` from its corners alone, and `calibration` of everything together.
 
     `unusable`: placements with laser pictures whose stripes could not be used, and why; `rejected` every picture under
-    the laser that was left out, these and those that are black or overexposed.
+    the laser that was left out, these and those that are black or overexposed. `misfit`: lack of fit of the stripes,
+    and `asymmetry` of the line's profile; None where there are too few stripes. `unseen`: the scanner with the planes
+    of steps that scans use and no board saw, and these steps.
     """
 
     recording: Recording
@@ -41,10 +47,14 @@ class ScannerRun:
     calibration: ScannerCalibration
     unusable: tuple[Mapping, ...]
     rejected: tuple[Rejected, ...] = ()
+    misfit: Misfit | None = None
+    asymmetry: Asymmetry | None = None
+    unseen: tuple[Scanner, tuple[int, ...]] | None = None
 
     @property
     def scanner(self) -> Scanner:
-        return self.calibration.scanner
+        """The calibrated scanner, with planes of steps that no board saw where a mirror gives them."""
+        return self.calibration.scanner if self.unseen is None else self.unseen[0]
 
 
 def calibrate(
@@ -54,14 +64,7 @@ def calibrate(
 
     model: "brown" or "rational"; progress: called with one line a step. Raises InputError.
     """
-    groups: dict[str, list[Mapping]] = {}
-    for row in by_role(recording, "board-laser"):
-        groups.setdefault(str(row["placement"]), []).append(row)
-    if not groups:
-        raise InputError(
-            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser, found "
-            "none; add rows with role board-laser, or calibrate the camera alone with `workbench camera`"
-        )
+    groups = _laser_rows(recording)
     camera = cameras.calibrate(recording, model, progress)
     seen = {view.placement: view for view in camera.calibration.views}
     usable = [(seen[name], rows) for name, rows in groups.items() if name in seen]
@@ -84,7 +87,10 @@ def calibrate(
         for one in unusable
         for row in groups[one["placement"]]
     ]
-    stripes = board_stripes(recording, usable, camera.calibration.board, progress, rejected)
+    profiles: list[Profiles] = []
+    stripes = board_stripes(
+        recording, usable, camera.calibration.board, progress, rejected, profiles
+    )
     calibration = calibrate_scanner(
         camera.calibration.views,
         stripes,
@@ -94,7 +100,50 @@ def calibrate(
         provenance={k: v for k, v in provenance(recording).items() if v},
         progress=progress,
     )
-    return ScannerRun(recording, camera, calibration, unusable, tuple(rejected))
+    shape = asymmetry(Profiles.joined(profiles)) if profiles else None
+    return ScannerRun(
+        recording,
+        camera,
+        calibration,
+        unusable,
+        tuple(rejected),
+        misfit_of(calibration),
+        shape,
+        with_unseen_steps(calibration, _commanded(recording)),
+    )
+
+
+def _laser_rows(recording) -> dict[str, list[Mapping]]:
+    """Rows of images with the laser by board pose; InputError where there are none."""
+    groups: dict[str, list[Mapping]] = {}
+    for row in by_role(recording, "board-laser"):
+        groups.setdefault(str(row["placement"]), []).append(row)
+    if not groups:
+        raise InputError(
+            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser, found "
+            "none; add rows with role board-laser, or calibrate the camera alone with `workbench camera`"
+        )
+    return groups
+
+
+def _commanded(recording) -> dict[int, float | None]:
+    """Mirror angle (rad) by step of all images with the laser, None where images.csv does not state it."""
+    rows = [row for row in recording.images if row["role"] in ("board-laser", "scan")]
+    angles: dict[int, float | None] = {}
+    for row in rows:
+        angle = row.get("mirror_deg")
+        angles.setdefault(
+            int(row.get("step", 0)), None if angle is None else float(np.deg2rad(angle))
+        )
+    return angles
+
+
+def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
+    """Lack of fit of the stripes on boards against the light planes."""
+    sheets, good = calibration.stripes, ~calibration.wrong
+    labels = sheets.labels
+    stripe = labels["placement"] * len(calibration.scanner.steps) + labels["step"]
+    return stripe_misfit(calibration.residual_px[good], stripe[good], sheets.along[good])
 
 
 def _why(camera, placement):
@@ -103,20 +152,27 @@ def _why(camera, placement):
 
 
 def board_stripes(
-    recording, usable, board: Board, progress, rejected: list[Rejected] | None = None
+    recording,
+    usable,
+    board: Board,
+    progress,
+    rejected: list[Rejected] | None = None,
+    profiles: list[Profiles] | None = None,
 ) -> BoardStripes:
     """The laser's line on every board: `usable` pairs of a view and the rows of its pictures under the laser.
 
-    rejected: given those in which no line can be seen.
+    rejected: given those in which no line can be seen; profiles: given the profiles of the line.
     """
     saturation = full_scale(recording, [row for _, rows in usable for row in rows])
     along = _direction(recording, usable[:_TRIED], board, saturation)
     work = _Work(recording, board, along, saturation)
     parts = []
-    for stripes, unseen in streamed(usable, work, paced(progress, "laser on placement")):
+    for stripes, unseen, shapes in streamed(usable, work, paced(progress, "laser on placement")):
         parts += stripes
         if rejected is not None:
             rejected += unseen
+        if profiles is not None:
+            profiles += shapes
     return joined(parts)
 
 
@@ -134,8 +190,8 @@ def _direction(recording, usable, board, saturation) -> str:
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with the laser pictures of one placement: their stripes, and pictures in which no line can be seen;
-    `along` and `saturation` as in `find_stripes`."""
+    """What is done with the laser images of one board pose: their stripes, images in which no line can be seen, and
+    profiles of the line; `along` and `saturation` as in `find_stripes`."""
 
     recording: Recording
     board: Board
@@ -144,12 +200,13 @@ class _Work:
 
     def __call__(
         self, placed: tuple[View, list[Mapping]]
-    ) -> tuple[list[BoardStripes], list[Rejected]]:
+    ) -> tuple[list[BoardStripes], list[Rejected], list[Profiles]]:
         view, rows = placed
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
         region, first, parts, rejected = region_of(view, self.board), 0, [], []
+        profiles = []
         for stack in stacks(paths, _FRAMES, called.get):
             background = (
                 dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
@@ -173,17 +230,22 @@ class _Work:
                     saturation=self.saturation,
                 )
                 parts.append(_told(found, [mine[k] for k in lit], view.placement))
+                profiles.append(_profiles(stack[lit], found, background))
             first += len(stack)
-        return parts, rejected
+        return parts, rejected, profiles
+
+
+def _profiles(stack, found, background) -> Profiles:
+    """Profiles of the line in images (F, H, W), less the same scene without laser at its fitted exposure."""
+    if background is None:
+        return Profiles.of(stack, found)
+    scale = exposures(stack, background[None])
+    return Profiles.of(stack, found, scale[:, None, None] * background)
 
 
 def _told(found, rows, placement) -> BoardStripes:
     """Stripes with what images.csv says of their pictures."""
-    names = [
-        name
-        for name in ("time_s", "temperature_c", "sweep", "mirror_speed_deg_s")
-        if all(name in r for r in rows)
-    ]
+    names = recorded_columns(rows)
     angles = (
         [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None
     )
@@ -250,11 +312,23 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "unusable_placements": list(made.unusable),
         "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
         "volume_mm": list(calibration.volume),
-        "sentences": list(calibration.sentences),
-        "warnings": scanner_warnings(calibration),
-        "verdict": scanner_verdict(calibration, tolerances).as_json(),
+        "sentences": [*calibration.sentences, *_on_unseen(made)],
+        "misfit": None if made.misfit is None else made.misfit.as_json(),
+        "line_asymmetry": None if made.asymmetry is None else made.asymmetry.as_json(),
+        "warnings": scanner_warnings(calibration, made.misfit, made.asymmetry),
+        "verdict": scanner_verdict(calibration, tolerances, made.misfit).as_json(),
         "provenance": provenance(made.recording),
     }
+
+
+def _on_unseen(made: ScannerRun) -> list[str]:
+    steps = () if made.unseen is None else made.unseen[1]
+    if not steps:
+        return []
+    return [
+        f"{len(steps)} steps that no board saw have the planes that the mirror gives them: "
+        f"{', '.join(str(step) for step in sorted(steps))}"
+    ]
 
 
 def _apart(calibration) -> list[float | None]:

@@ -125,6 +125,7 @@ def show(console, result) -> None:
         f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
     )
     tables.grid(console, title, ["error", *units], rows)
+    _show_sensor(console, result)
     if (shares := result["against"]) is not None:
         names = ("parameters", "noise", "structure")
         tables.grid(
@@ -134,3 +135,20 @@ def show(console, result) -> None:
             [[name, shares[f"{name}_mm2"]] for name in names],
         )
     console.print(f"Next: {result['next_experiment']}", markup=False)
+
+
+def _show_sensor(console, result) -> None:
+    """Held-out errors by kind of measurement, and how far ball centres move, of a sensor."""
+    kinds = result["held_out"].get("by_kind", [])
+    keys = ("kind", "before_px", "after_px", "noise_px")
+    if kinds:
+        head = ["", "baseline px", "with what was found px", "noise px"]
+        title = "Held-out error by kind of measurement; board poses held by their corners"
+        tables.grid(console, title, head, [[row[key] for key in keys] for row in kinds])
+    balls = result.get("ball_centres")
+    if balls is not None and balls["moved_rms_mm"] > 0:
+        console.print(
+            f"Ball centres move by {balls['moved_rms_mm']:.4f} mm RMS, at most {balls['moved_largest_mm']:.4f} mm, "
+            "from the baseline to the model with what was found.",
+            markup=False,
+        )

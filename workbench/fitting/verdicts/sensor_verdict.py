@@ -1,15 +1,19 @@
 """Verdicts on cameras, scanners and scans: residuals against the noise of the images and against tolerances.
 
-A result whose residual is far above the noise and large in itself is not trustworthy, and is said to be so whether or
-not a tolerance was given: the images then show something else than the model says (another board, a line beside the
-board, images of two cameras).
+A result whose residual is far above the noise and large in itself is not trustworthy: the images then show something
+else than the model says (another board, a line beside the board, images of two cameras). It does not pass, whether or
+not a tolerance was given. A result with a significant lack of fit, or from an asymmetric line, can be used, but its
+stated uncertainty cannot: a warning says so.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from sensors.scanner.misfit import Misfit
+from sensors.stripe.asymmetry import Asymmetry
 from workbench.fitting.verdicts.verdict import (
     Noise,
     Residual,
@@ -25,13 +29,17 @@ SCANNER_UNITS = ("mm", "px")
 SCAN_UNITS = ("mm",)
 _CORNERS = "of each corner in its image"
 _CENTRES = "of each stripe centre in its image"
+_NEIGHBOURS = "of neighbouring stripe centres"
 _POINTS = "of the points, from stripe centres and light planes"
 # What is both so many times the noise and so many px off, or such a share of the image's width in a small image, is no
 # noise and no imperfect lens.
 _POOR, _POOR_PX, _POOR_SHARE = 5.0, 1.0, 5e-4
 _MOST_WRONG = 0.5
+_MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
 _POOR_WORDS = "DO NOT USE THIS RESULT, it is not trustworthy"
+_DOUBT_WORDS = "The stated uncertainty is not trustworthy"
+_DIAGNOSE = "an effect is missing in the model; run `workbench diagnose` to find it"
 
 
 def camera_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict:
@@ -46,13 +54,17 @@ def camera_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict
         - len(calibration.camera.values),
         1,
     )
-    return judge(Residual(value, "px", name, degrees), Noise(noise, _CORNERS), tolerances, _MODEL)
+    verdict = judge(
+        Residual(value, "px", name, degrees), Noise(noise, _CORNERS), tolerances, _MODEL
+    )
+    is_poor = _is_poor(verdict, math.sqrt(2) * _least_px(calibration))
+    return _refused(verdict) if is_poor else verdict
 
 
 def camera_warnings(calibration) -> list[str]:
     """Why a camera is not trustworthy, if it is not."""
     verdict = camera_verdict(calibration)
-    if not _is_poor(verdict, math.sqrt(2) * _least_px(calibration)):
+    if verdict.passed is not False:
         return []
     return [
         f"{_POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
@@ -61,11 +73,26 @@ def camera_warnings(calibration) -> list[str]:
     ]
 
 
-def scanner_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict:
-    """Verdict on a `ScannerCalibration`: stripe points from their light plane, in mm and in px along the scan line."""
+def scanner_verdict(
+    calibration, tolerances: Sequence[Tolerance] = (), misfit: Misfit | None = None
+) -> Verdict:
+    """Verdict on a `ScannerCalibration`: stripe points from their light plane, in mm and in px along the scan line.
+
+    misfit: lack of fit of the stripes, which then decides whether the residual is larger than the noise explains.
+    """
+    verdict = _scanner_verdict(calibration, tolerances, misfit)
+    is_poor = _poor_planes(calibration) or _mostly_wrong(calibration)
+    return _refused(verdict) if is_poor or _poor_camera(calibration.start) else verdict
+
+
+def _scanner_verdict(calibration, tolerances, misfit) -> Verdict:
     good = ~calibration.wrong
     sheets, left = calibration.stripes, calibration.left_out
     sigma = np.broadcast_to(sheets.sigma, (1, sheets.n))[0][good]
+    significant, source = None, _CENTRES
+    if misfit is not None:
+        sigma = sigma * (misfit.noise_px / _rms(sigma))
+        significant, source = misfit.is_relevant, _NEIGHBOURS
     pixels, millimetres = calibration.sigma_stripe_px, _rms(calibration.residual_mm[good])
     label = "RMS distance of stripe points from their light plane"
     if left is not None and math.isfinite(left.rms_mm):
@@ -74,14 +101,14 @@ def scanner_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdic
     return combine(
         [
             judge(
-                Residual(millimetres, "mm", label, degrees),
-                Noise(_rms(sigma * sheets.gain[good]), _CENTRES),
+                Residual(millimetres, "mm", label, degrees, significant),
+                Noise(_rms(sigma * sheets.gain[good]), source),
                 tolerances,
                 _MODEL,
             ),
             judge(
-                Residual(pixels, "px", label, degrees),
-                Noise(_rms(sigma), _CENTRES),
+                Residual(pixels, "px", label, degrees, significant),
+                Noise(_rms(sigma), source),
                 tolerances,
                 _MODEL,
             ),
@@ -89,24 +116,67 @@ def scanner_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdic
     )
 
 
-def scanner_warnings(calibration) -> list[str]:
-    """Why a scanner is not trustworthy, if it is not."""
+def scanner_warnings(
+    calibration, misfit: Misfit | None = None, asymmetry: Asymmetry | None = None
+) -> list[str]:
+    """Why a scanner or its stated uncertainty is not trustworthy, if it is not."""
     said = camera_warnings(calibration.start)
-    pixels = next(part for part in scanner_verdict(calibration).parts if part.unit == "px")
-    if _is_poor(pixels, _least_px(calibration)):
+    if _poor_planes(calibration):
+        pixels = _pixel_part(calibration)
         said.append(
             f"{_POOR_WORDS}: the laser line lies {pixels.residual:.3g} px from its light plane, "
-            f"{pixels.residual_over_noise:.3g} times the noise of its centres; see that the line runs across the "
-            "board's surface and not on its margin or behind it, and that board and laser images of a board pose "
-            "belong together"
+            f"{pixels.residual_over_noise:.3g} times the noise of its centres; {_advice(misfit)}"
         )
-    wrong = float(calibration.wrong.mean())
-    if wrong > _MOST_WRONG:
+    if _mostly_wrong(calibration):
+        wrong = float(calibration.wrong.mean())
         said.append(
             f"{_POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
+    if misfit is not None and misfit.is_relevant and not said:
+        said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
+    if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
+        said.append(_of_asymmetry(asymmetry))
     return said
+
+
+def _advice(misfit: Misfit | None) -> str:
+    """What to look for where the line lies far from its light planes."""
+    if misfit is not None and misfit.shift_px > _MAINLY * misfit.total_px:
+        return (
+            "nearly all of it displaces whole stripes, as a mirror does that does not reach its angle (jitter, "
+            "vibration, drift), a board that moved between images, or a wrong step in images.csv"
+        )
+    return (
+        "see that the line runs across the board's surface and not on its margin or behind it, and that board and "
+        "laser images of a board pose belong together"
+    )
+
+
+def _of_asymmetry(asymmetry: Asymmetry) -> str:
+    return (
+        f"The profile of the laser line is asymmetric by {100 * asymmetry.odd:.1f} % of its peak: where brightness or "
+        f"width of the line change, its centre moves by up to {abs(asymmetry.ambiguity_px):.2g} px, which no residual "
+        "and no stated uncertainty holds; look for a second line, a reflection, blooming or overexposure in the laser "
+        "images, and focus the laser"
+    )
+
+
+def _poor_planes(calibration) -> bool:
+    """Whether the laser line lies far from its light planes, in px and in multiples of its noise."""
+    return _is_poor(_pixel_part(calibration), _least_px(calibration))
+
+
+def _pixel_part(calibration) -> Verdict:
+    return next(part for part in _scanner_verdict(calibration, (), None).parts if part.unit == "px")
+
+
+def _mostly_wrong(calibration) -> bool:
+    return float(calibration.wrong.mean()) > _MOST_WRONG
+
+
+def _poor_camera(calibration) -> bool:
+    return camera_verdict(calibration).passed is False
 
 
 def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
@@ -118,19 +188,50 @@ def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
         math.sqrt(squares / count), "mm", "RMS distance of ball points from their balls", count
     )
     advice = "the calibration of the scanner, the certified radius or the ball's form is off by more than the noise"
-    return judge(residual, Noise(math.sqrt(expected / count), _POINTS), tolerances, advice)
+    verdict = judge(residual, Noise(math.sqrt(expected / count), _POINTS), tolerances, advice)
+    return _refused(verdict) if _poor_scans(verdict) else verdict
 
 
 def scan_warnings(made) -> list[str]:
-    """Why scans are not trustworthy, if they are not."""
+    """Why scans or their stated uncertainty are not trustworthy, if they are not."""
     verdict = scan_verdict(made)
-    ratio = verdict.residual_over_noise
-    if ratio is None or ratio <= _POOR:
+    if _poor_scans(verdict):
+        return [
+            f"{_POOR_WORDS}: points lie {verdict.residual:.3g} mm from their balls, "
+            f"{verdict.residual_over_noise:.3g} times the noise; see that the scanner file belongs to these images, "
+            "and check the radii in artefact.csv"
+        ]
+    tested, doubtful, worst = _ball_misfits(made)
+    if not doubtful:
         return []
     return [
-        f"{_POOR_WORDS}: points lie {verdict.residual:.3g} mm from their balls, {ratio:.3g} times the noise; see that "
-        "the scanner file belongs to these images, and check the radii in artefact.csv"
+        f"{_DOUBT_WORDS} for {doubtful} of {tested} balls: {worst.sentence}: {_DIAGNOSE}, and check radius and form "
+        "of the ball"
     ]
+
+
+def _poor_scans(verdict: Verdict) -> bool:
+    ratio = verdict.residual_over_noise
+    return ratio is not None and ratio > _POOR
+
+
+def _ball_misfits(made) -> tuple[int, int, Misfit | None]:
+    """Number of balls whose lack of fit was tested, of those where it is relevant, and the largest of these."""
+    if "ball_misfits" not in made.told:
+        tested, found = 0, []
+        for misfit in (ball.misfit for one in made.scans for ball in one.balls if ball.fit):
+            tested += misfit is not None
+            if misfit is not None and misfit.is_relevant:
+                found.append(misfit)
+        worst = max(found, key=lambda one: one.total_px / one.noise_px, default=None)
+        made.told["ball_misfits"] = tested, len(found), worst
+    return made.told["ball_misfits"]
+
+
+def _refused(verdict: Verdict) -> Verdict:
+    """The same as a failure: a result that is not trustworthy passes no tolerance."""
+    sentence = f"{verdict.sentence} {_POOR_WORDS}."
+    return replace(verdict, passed=False, sentence=sentence)
 
 
 def _ball_sums(made):

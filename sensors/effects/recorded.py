@@ -1,0 +1,213 @@
+"""Effects that read what images.csv records of each image: time, mirror speed, exposure, or any other column."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from sensors.effects.covariates import known
+from workbench.core.effect import Effect, Grid, Variant
+
+_TIME_CONSTANTS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0)  # s
+_FINEST = 2.0  # values of the frequency per 1 / duration
+_MOST = 600  # frequencies
+_KNOWN = ("time_s", "sweep", "mirror_speed_deg_s")
+
+
+class LaserDrift(Effect):
+    """The laser's direction drifts while it warms up: linearly with time, or exponentially with a time constant.
+
+    The light sheet turns before the mirror, which moves every light plane as a turn of the mirror does.
+    """
+
+    effect = "laser-drift"
+    port = "mirror"
+    places = ("laser",)
+    needs = ("time_s",)
+    equation = "dphi = A t (in hours), or A (1 - exp(-t / tau))"
+    source = "first-order lag of a warm-up; pointing stability of lasers: ISO 11670"
+    reads = needs
+
+    def __init__(self, where: str, time_constant_s: Annotated[float, Field(ge=0)] = 0.0):
+        super().__init__(where)
+        self.time_constant_s = time_constant_s
+
+    @classmethod
+    def candidates(cls, chain):
+        """Linear drift, and warm-up with each of six time constants; where a mirror's angles are known."""
+        if not chain.places("mirror") or not chain.varies("time_s"):
+            return
+        for where in chain.places("laser"):
+            yield Variant(cls(where), "linear with time", 0.5)
+            for constant in _TIME_CONSTANTS:
+                label = f"warm-up, time constant {constant:g} s"
+                yield Variant(cls(where, constant), label, 0.5 / len(_TIME_CONSTANTS))
+
+    def table(self, chain):
+        if self.time_constant_s:
+            return (self.parameter("amplitude", "rad", 1e-4, "the laser's warm-up"),)
+        return (self.parameter("rate", "rad/h", 1e-4, "the laser's drift"),)
+
+    def basis(self, state):
+        time = state.covariate("time_s")
+        if not self.time_constant_s:
+            return (time / 3600.0)[None, None]
+        return (1 - np.exp(-time / self.time_constant_s))[None, None]
+
+
+class MirrorVibration(Effect):
+    """The mirror, or what carries it, vibrates: its angle oscillates with the time of the images.
+
+    A frequency above half the rate of the images appears at its alias; images at irregular times tell them apart.
+    """
+
+    effect = "mirror-vibration"
+    port = "mirror"
+    places = ("mirror",)
+    needs = ("time_s",)
+    equation = "dphi = A cos(w t) + B sin(w t)"
+    source = "harmonic motion; least-squares periodogram: Lomb, Astrophys. Space Sci. 39 (1976)"
+    reads = needs
+
+    def __init__(self, where: str, angular_frequency: Annotated[float, Field(gt=0)] = 1.0):
+        super().__init__(where)
+        self.angular_frequency = angular_frequency
+
+    @classmethod
+    def candidates(cls, chain):
+        """None by itself: frequencies are a grid."""
+        return ()
+
+    @classmethod
+    def grids(cls, chain):
+        """Frequencies (rad/s) from three periods in the recording up to the rate of the images."""
+        times = np.unique(np.asarray(getattr(chain, "times", ()), float))
+        if len(times) < 12:
+            return
+        duration, step = float(np.ptp(times)), float(np.median(np.diff(times)))
+        count = int(min(_MOST, _FINEST * duration / max(step, 1e-9)))
+        values = np.linspace(6 * np.pi / duration, 2 * np.pi / max(step, duration / _MOST), count)
+        even = np.full(len(values), 1 / max(len(values), 1))
+        for where in chain.places("mirror") if len(values) else ():
+            label = "{:.4g} rad/s"
+            yield Grid(cls, where, "angular_frequency", "wave", "time_s", values, even, 1e-4, label)
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(wave, "rad", 1e-4, f"the mirror's vibration, {wave}ine")
+            for wave in ("cos", "sin")
+        )
+
+    def basis(self, state):
+        phase = self.angular_frequency * state.covariate("time_s")
+        return np.stack([np.cos(phase), np.sin(phase)])[:, None]
+
+
+class RollingShutter(Effect):
+    """The rows of an image are read one after the other while the mirror turns."""
+
+    effect = "rolling-shutter"
+    port = "mirror"
+    places = ("time",)
+    needs = ("mirror_speed_deg_s",)
+    equation = "dphi = omega * T * (row / height - 1/2)"
+    source = "line delay of a rolling shutter: Geyer, Meingast, Sastry, OMNIVIS (2005)"
+    reads = ("mirror_speed_deg_s", "v")
+    of_session = True
+
+    def table(self, chain):
+        return (self.parameter("readout", "s", 1e-3, "the time in which an image is read out"),)
+
+    def basis(self, state):
+        row = state.pixels[1] / state.camera.size[1] - 0.5
+        return (known(row) * np.deg2rad(state.covariate("mirror_speed_deg_s")))[None, None]
+
+
+class RecordedColumn(Effect):
+    """The stripe moves in proportion to a recorded column that no other effect reads, as exposure time.
+
+    At the mirror it turns all light planes, at the laser it shifts them along their normals. `spread` is the standard
+    deviation of the column, by which the size of the parameter is judged.
+    """
+
+    effect = "recorded-column"
+    port = "mirror"
+    places = ("mirror", "laser")
+    equation = "dphi = c x at the mirror, db = c x at the laser; x = the column"
+    source = "first-order dependence on a covariate"
+
+    def __init__(
+        self,
+        where: str,
+        column: str = "exposure_ms",
+        spread: Annotated[float, Field(gt=0)] = 1.0,
+    ):
+        super().__init__(where)
+        self.column, self.spread = column, spread
+        self.needs = (column,)
+        self.port = "mirror" if where == "mirror" else "plane"
+        self.components = (0,) if where == "mirror" else (3,)
+
+    @property
+    def reads(self):
+        return (self.column,)
+
+    @classmethod
+    def candidates(cls, chain):
+        """Every recorded column that varies and that no other effect reads, at mirror and laser."""
+        columns = {
+            name: spread
+            for name, spread in getattr(chain, "spreads", ())
+            if name not in _KNOWN and not name.startswith("temperature")
+        }
+        for place in cls.places:
+            for where in chain.places(place):
+                for name, spread in columns.items():
+                    yield Variant(cls(where, name, spread), name, 1 / len(columns))
+
+    def table(self, chain):
+        unit, size = ("rad", 1e-4) if self.where == "mirror" else ("mm", 0.02)
+        label = f"what one unit of {self.column} moves the stripe by"
+        return (self.parameter("slope", f"{unit}/unit", size / self.spread, label),)
+
+    def basis(self, state):
+        return state.covariate(self.column)[None, None]
+
+
+class BoardPointErrors(Effect):
+    """One printed row or column of the board's points is displaced in the plane of the board."""
+
+    effect = "board-point-errors"
+    port = "target"
+    places = ("artefact",)
+    components = (0, 1)
+    coexists = True
+    equation = "dx, dy of all points with y = at_mm (row) or x = at_mm (column)"
+    source = "calibration with an inaccurate target: Strobl & Hirzinger, ICCV Workshops (2011)"
+    reads = ("board_x", "board_y")
+
+    def __init__(self, where: str, line: Literal["row", "column"] = "row", at_mm: float = 0.0):
+        super().__init__(where)
+        self.line, self.at_mm = line, at_mm
+
+    @classmethod
+    def candidates(cls, chain):
+        """Every row and every column of the board."""
+        columns, rows = getattr(chain, "board_lines", ((), ()))
+        lines = [("column", x) for x in columns] + [("row", y) for y in rows]
+        for where in chain.places("artefact"):
+            for line, at in lines:
+                label = f"{line} at {at:g} mm"
+                yield Variant(cls(where, line, float(at)), label, 1 / len(lines))
+
+    def table(self, chain):
+        name = f"{self.line}{self.at_mm:g}".replace(".", "p").replace("-", "m")
+        return tuple(
+            self.parameter(f"{name}_{axis}", "mm", 0.02, f"the {self.line}'s shift in {axis}")
+            for axis in "xy"
+        )
+
+    def basis(self, state):
+        place = state.target[1 if self.line == "row" else 0]
+        mine = (np.abs(place - self.at_mm) < 1e-3).astype(float)
+        return np.eye(2)[:, :, None] * mine

@@ -1,0 +1,67 @@
+"""Light planes of mirror steps that no board saw, from the mirror that fits all others."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sensors.scanner.calibration import ScannerCalibration
+from sensors.scanner.model import Scanner
+
+_BEYOND = 0.5  # of the calibrated sweep, up to which it is extended at each end
+_LINEAR = 1e-6  # rad, by which angles may differ from a law that is linear in the commanded angle or the step
+
+
+def with_unseen_steps(
+    calibration: ScannerCalibration, commanded: Mapping[int, float | None]
+) -> tuple[Scanner, tuple[int, ...]]:
+    """The scanner with planes of further steps, and the steps that were added.
+
+    commanded: commanded mirror angle (rad) by step, None where it is not known; steps that have a plane are ignored.
+    Without a mirror in the scanner nothing is added. The covariance of the new planes is that of the mirror, so that
+    planes beyond the calibrated sweep are less certain; those farther than half of it beyond are not added.
+    """
+    scanner = calibration.scanner
+    new = {step: angle for step, angle in commanded.items() if step not in set(scanner.steps)}
+    if scanner.mirror is None or not new:
+        return scanner, ()
+    angles = _angles(calibration, new)
+    low, high = float(scanner.angles.min()), float(scanner.angles.max())
+    reach = _BEYOND * (high - low)
+    kept = {step: angle for step, angle in angles.items() if low - reach <= angle <= high + reach}
+    if not kept:
+        return scanner, ()
+    every = np.append(scanner.angles, list(kept.values()))
+    planes = scanner.mirror.planes(every)
+    sheets = replace(calibration.made.sheets, angles=every, planes=planes)
+    apart = replace(calibration.made, sheets=sheets).apart(calibration.volume)
+    made = replace(
+        scanner,
+        steps=np.append(scanner.steps, list(kept)),
+        planes=planes,
+        angles=every,
+        covariance=apart.planes,
+        frame=apart.frame,
+    )
+    return made, tuple(kept)
+
+
+def _angles(calibration: ScannerCalibration, new: Mapping[int, float | None]) -> dict[int, float]:
+    """Mirror angle (rad) of each new step, by the law of those that have a plane."""
+    scanner = calibration.scanner
+    known = calibration.commanded
+    if known is not None and all(angle is not None for angle in new.values()):
+        law = _law(known, scanner.angles)
+        return {
+            step: float(np.polyval(law, angle)) for step, angle in new.items() if law is not None
+        }
+    law = _law(scanner.steps.astype(float), scanner.angles)
+    return {step: float(np.polyval(law, step)) for step in new if law is not None}
+
+
+def _law(given: np.ndarray, angles: np.ndarray) -> np.ndarray | None:
+    """Slope and offset of angles that are linear in what was given, None where they are not."""
+    if len(given) < 2 or np.ptp(given) == 0:
+        return None
+    law = np.polyfit(given, angles, 1)
+    return law if np.abs(np.polyval(law, given) - angles).max() < _LINEAR else None

@@ -1,0 +1,135 @@
+"""Asymmetry of the laser line's profile: evidence of a second line, blooming or stray light that no residual shows.
+
+The centre of a symmetric line is the same by every definition. An asymmetric one has its mode at another place than
+its centroid, so that its centre depends on how it is fitted, on its width and on its brightness. Residuals against
+light planes do not show this: planes and scans are displaced alike, as long as the line looks alike.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.stripe.find import Stripes
+
+_REACH = 4.0  # widths each side of the centre
+_BINS = 32
+_EDGES = np.linspace(-_REACH, _REACH, _BINS + 1)
+_PLACES = (_EDGES[1:] + _EDGES[:-1]) / 2
+_NEAR = 0.8  # widths each side within which the mode is read
+_FEWEST = 8  # images
+_SIGNIFICANT = 5.0  # standard errors
+_RELEVANT = 0.5  # of the noise of a single centre
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Profiles of the line in F images: `sums` and `weights` (F, bins) over bins, `width` (F,) px."""
+
+    sums: np.ndarray
+    weights: np.ndarray
+    width: np.ndarray
+
+    @classmethod
+    def of(cls, stack: np.ndarray, stripes: Stripes, background: np.ndarray | None = None):
+        """Of images (F, H, W) and their centres; background (F, H, W): grey values without the laser."""
+        turned = stripes.along == "columns"
+        images = stack.transpose(0, 2, 1) if turned else stack
+        under = (
+            None if background is None else background.transpose(0, 2, 1) if turned else background
+        )
+        kept = np.flatnonzero(~stripes.saturated & (stripes.peak > 0))
+        width = float(np.median(stripes.width[kept])) if kept.size else 1.0
+        half = int(np.ceil(_REACH * width)) + 1
+        columns = np.rint(stripes.centre[kept]).astype(int)[:, None] + np.arange(-half, half + 1)
+        inside = (columns[:, 0] >= 0) & (columns[:, -1] < images.shape[2])
+        kept, columns = kept[inside], columns[inside]
+        place = stripes.frame[kept][:, None], stripes.line[kept][:, None], columns
+        values = images[place].astype(float)
+        if under is not None:
+            values -= under[place]
+        values -= stripes.background[kept][:, None]
+        return cls._binned(values, columns, stripes, kept, len(stack))
+
+    @classmethod
+    def _binned(cls, values, columns, stripes, kept, frames):
+        """Sums over bins of the distance from the centre, in widths of the line; rows count by their squared peak."""
+        peak = stripes.peak[kept][:, None]
+        away = (columns - stripes.centre[kept][:, None]) / stripes.width[kept][:, None]
+        bins = np.floor((away + _REACH) / (2 * _REACH) * _BINS).astype(int)
+        label = stripes.frame[kept][:, None] * _BINS + bins
+        good = (bins >= 0) & (bins < _BINS)
+        weight = np.broadcast_to(peak**2, values.shape)[good]
+        size = frames * _BINS
+        sums = np.bincount(label[good], (values * peak)[good], size)
+        weights = np.bincount(label[good], weight, size)
+        count = np.maximum(np.bincount(stripes.frame[kept], minlength=frames), 1)
+        width = np.bincount(stripes.frame[kept], stripes.width[kept], frames) / count
+        return cls(sums.reshape(frames, -1), weights.reshape(frames, -1), width)
+
+    @classmethod
+    def joined(cls, parts: Iterable["Profiles"]) -> "Profiles":
+        """Those of several stacks as one."""
+        every = list(parts)
+        return cls(
+            np.concatenate([part.sums for part in every]),
+            np.concatenate([part.weights for part in every]),
+            np.concatenate([part.width for part in every]),
+        )
+
+
+@dataclass(frozen=True)
+class Asymmetry:
+    """`ambiguity_px` distance between mode and centroid of the mean profile, with standard error `std_px`.
+
+    `odd` largest odd part of the profile over its peak.
+    """
+
+    ambiguity_px: float
+    std_px: float
+    odd: float
+
+    def is_relevant(self, noise_px: float) -> bool:
+        """Whether it is significant and not small beside the noise of a single centre (px)."""
+        certain = abs(self.ambiguity_px) > _SIGNIFICANT * self.std_px
+        return certain and abs(self.ambiguity_px) > _RELEVANT * noise_px
+
+    def as_json(self) -> dict:
+        """The object `line_asymmetry` of the JSON contract."""
+        return {"ambiguity_px": self.ambiguity_px, "std_px": self.std_px, "odd_share": self.odd}
+
+
+def asymmetry(profiles: Profiles) -> Asymmetry | None:
+    """Of the mean profile of all images; standard error by the jackknife over images. None where there are too few."""
+    used = (profiles.weights > 0).all(1)
+    if used.sum() < _FEWEST:
+        return None
+    sums, weights = profiles.sums[used], profiles.weights[used]
+    width = float(profiles.width[used].mean())
+    whole = _ambiguity(sums.sum(0), weights.sum(0))
+    left = np.array(
+        [
+            _ambiguity(sums.sum(0) - own, weights.sum(0) - weight)
+            for own, weight in zip(sums, weights)
+        ]
+    )
+    std = np.sqrt((len(left) - 1) * left.var())
+    odd = np.abs(_odd(sums.sum(0) / weights.sum(0))).max()
+    return Asymmetry(float(whole * width), float(std * width), float(odd))
+
+
+def _odd(profile: np.ndarray) -> np.ndarray:
+    """(bins,) odd part of a profile about the fitted centre."""
+    return (profile - profile[::-1]) / 2
+
+
+def _ambiguity(sums: np.ndarray, weights: np.ndarray) -> float:
+    """Centroid less mode, in widths, of the mean profile: a unit Gaussian with a small odd part.
+
+    The mode of g + o is at o'(0), since g'' = -1 there; the centroid at the first moment of o over sqrt(2 pi).
+    """
+    odd = _odd(sums / weights)
+    near = np.abs(_PLACES) < _NEAR
+    slope = (odd[near] @ _PLACES[near]) / (_PLACES[near] @ _PLACES[near])
+    moment = (odd @ _PLACES) * (_EDGES[1] - _EDGES[0]) / np.sqrt(2 * np.pi)
+    return float(moment - slope)

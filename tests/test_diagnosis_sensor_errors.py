@@ -1,0 +1,106 @@
+"""The sensor's held-out errors hide nothing: poses held by corners, errors by kind, ball centres before and after."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import sensor_virtual
+from sensors.effects import CATALOGUE
+from workbench.diagnosis import sensor
+from workbench.diagnosis.answer import _is_placed
+from workbench.diagnosis.problem import Located
+from workbench.diagnosis.result import verdict_of
+from workbench.diagnosis.sensor_errors import ball_centres, errors_by_kind
+from workbench.diagnosis.sensor_simulate import simulated
+
+SHIFT = 0.3  # px
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return sensor.SensorBench(simulated(sensor_virtual.chains(), (), {}, 5))
+
+
+def displaced(placement: int) -> sensor.SensorBench:
+    """A bench on whose board pose `placement` all stripes are displaced, which a board pose absorbs in part."""
+    chains = simulated(sensor_virtual.chains(), (), {}, 5)
+    moved = SHIFT * (chains.sheets.labels["placement"] == placement)
+    sheets = replace(chains.sheets, pixels=chains.sheets.pixels + chains.sheets.scan * moved)
+    # stripes weigh as much as thousands of blurred corners do: a pose fitted to both follows the stripes
+    corners = replace(chains.corners, sigma=100 * chains.corners.sigma)
+    return sensor.SensorBench(replace(chains, sheets=sheets, corners=corners))
+
+
+def test_a_held_out_board_pose_does_not_absorb_the_error_of_its_stripes():
+    wrong = displaced(3)
+    error = wrong.held_out((), np.where(wrong.pose == 3, 0, -1))
+    first = wrong.chains.counts[0]
+    stripes = np.arange(wrong.n)[(wrong.pose == 3) & (np.arange(wrong.n) >= first)]
+    seen = np.sqrt((error[stripes] ** 2).mean())
+    assert seen > 0.9 * SHIFT
+
+
+def test_the_noise_beside_a_clean_held_out_error_is_of_its_size(bench):
+    folds = bench.pose % 3
+    error = bench.held_out((), folds)
+    usual = np.ones(bench.n, bool)
+    noise, source = bench.noise(usual)
+    weighted = np.sqrt(np.average(error**2, weights=bench.sigma**-2.0))
+    assert weighted == pytest.approx(noise, rel=0.25)
+    assert source == "from neighbouring points"
+
+
+def test_errors_by_kind_are_near_the_noise_of_their_kind_on_clean_data(bench):
+    error = bench.held_out((), bench.pose % 3)
+    proof = SimpleNamespace(errors=np.stack([error, error]))
+    rows = errors_by_kind(bench, proof, np.ones(bench.n, bool))
+    assert [row["kind"] for row in rows] == ["corners", "stripes on boards", "stripes on balls"]
+    for row in rows:
+        assert row["before_px"] == pytest.approx(row["noise_px"], rel=0.35)
+
+
+def test_ball_centres_are_nearer_to_the_truth_with_the_effect_that_was_missing():
+    """A scanner with an encoder harmonic: distances between balls are off before, and right with the effect."""
+    effect = CATALOGUE["mirror-encoder-harmonic"]("mirror", order=12)
+    values = {
+        "mirror.mirror-encoder-harmonic.cos12": 4e-4,
+        "mirror.mirror-encoder-harmonic.sin12": 3e-4,
+    }
+    true = sensor_virtual.chains(corner_px=0.001, stripe_px=0.003)
+    true = replace(true, scans=tuple(name for name in true.scans for _ in sensor_virtual.RADII))
+    wrong = sensor.SensorBench(simulated(true, (effect,), values, 2))
+    recording = SimpleNamespace(
+        balls={k + 1: (*place, 10.0) for k, place in enumerate(sensor_virtual.PLATE.T)}
+    )
+    term = SimpleNamespace(finding=SimpleNamespace(effects=(effect,)))
+    said = ball_centres(wrong, recording, [term])
+    before, after = (
+        np.array([row[key] for row in said["centres"]]) for key in ("before_mm", "after_mm")
+    )
+    assert said["moved_rms_mm"] == pytest.approx(np.sqrt(((after - before) ** 2).sum(1).mean()))
+    distances = said["distance_error_rms_mm"]
+    assert distances["after"] < 0.6 * distances["before"]
+    # the camera's frame is common to all centres: what remains about their mean is the centres' own error
+    errors = [
+        one - true.balls.centres - (one - true.balls.centres).mean(0) for one in (before, after)
+    ]
+    assert (errors[1] ** 2).sum() < 0.5 * (errors[0] ** 2).sum()
+
+
+def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
+    """The best of many candidates has a small p-value by chance: with no place and no gain nothing is unexplained."""
+    empty = Located("sensor", "point", ("u",), 0.0, 1.0, 0.0)
+    real = Located("sensor", "point", ("u",), 0.2, 1e-6, 0.1)
+    assert not _is_placed(bench, SimpleNamespace(located=(empty,)), ())
+    assert _is_placed(bench, SimpleNamespace(located=(empty, real)), ())
+    refused = SimpleNamespace(t=4.0, finding=SimpleNamespace(p_value=1e-5))
+    assert _is_placed(bench, SimpleNamespace(located=(empty,)), (refused,))
+    assert not _is_placed(bench, SimpleNamespace(located=(empty,)), (replace_t(refused, 0.3),))
+    assert verdict_of((), 1e-9, is_placed=False) == "consistent"
+    assert verdict_of((), 1e-9, is_placed=True) == "unexplained"
+
+
+def replace_t(term, t):
+    return SimpleNamespace(t=t, finding=term.finding)

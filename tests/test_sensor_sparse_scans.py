@@ -1,0 +1,78 @@
+"""Balls in scans of few light planes: found from the arcs of single stripes, or refused with a reason."""
+
+import numpy as np
+import pytest
+
+from sensors.ball.arcs import Arcs
+from sensors.ball.search import find_balls
+from workbench.jobs.scan import _seen_instead
+
+RADIUS, CENTRE = 15.0, np.array([2.0, -3.0, 200.0])
+
+
+def scan(offsets, noise=0.01, seed=0, floor=True, radius=RADIUS):
+    """Points (3, n) mm and light planes (n,) of a ball before a floor, cut by planes x = offset + 0.3 (z - 200)."""
+    rng = np.random.default_rng(seed)
+    points, stripe = [], []
+    normal = np.array([1.0, 0.0, -0.3]) / np.hypot(1, 0.3)
+    for label, offset in enumerate(offsets):
+        away = normal @ (np.array([offset, 0.0, 200.0]) - CENTRE)
+        if abs(away) < radius:
+            points.append(_arc(CENTRE + away * normal, np.sqrt(radius**2 - away**2), normal))
+            stripe.append(np.full(points[-1].shape[1], label))
+        if floor:
+            y = np.concatenate([np.arange(-60, -22, 0.3), np.arange(20, 60, 0.3)])
+            points.append(np.stack([np.full_like(y, offset + 0.3 * 30), y, np.full_like(y, 230.0)]))
+            stripe.append(np.full(len(y), label))
+    made = np.hstack(points)
+    return made + noise * rng.normal(size=made.shape), np.concatenate(stripe)
+
+
+def _arc(middle, size, normal):
+    """The side of a circle that a camera at the origin sees, to 60 degrees from the line of sight."""
+    towards = -middle / np.linalg.norm(middle)
+    towards = towards - normal * (normal @ towards)
+    towards /= np.linalg.norm(towards)
+    across = np.cross(normal, towards)
+    angle = np.linspace(-np.pi / 3, np.pi / 3, 100)
+    return middle[:, None] + size * (
+        np.outer(towards, np.cos(angle)) + np.outer(across, np.sin(angle))
+    )
+
+
+@pytest.mark.parametrize("planes", [2, 3, 4, 8, 16])
+def test_a_ball_is_found_however_few_planes_cut_it(planes):
+    points, stripe = scan(np.linspace(-9, 9, planes) + CENTRE[0])
+    found = find_balls(points, RADIUS, free=True, stripe=stripe)
+    assert len(found) == 1
+    assert np.linalg.norm(found[0].centre - CENTRE) < 0.1
+
+
+def test_two_planes_are_too_few_without_the_arcs():
+    """Neighbours of a point lie on its own stripe: there are no normals, and the arcs are what finds the ball."""
+    points, stripe = scan(np.array([-9.0, 9.0]) + CENTRE[0])
+    assert find_balls(points, RADIUS, free=True) == []
+    assert find_balls(points, RADIUS, free=True, stripe=stripe)
+
+
+def test_arcs_give_the_centre_among_their_candidates():
+    points, stripe = scan([CENTRE[0] + 6.0], noise=0.0)
+    candidates = Arcs(points, stripe).candidates(RADIUS)
+    assert min(np.linalg.norm(centre - CENTRE) for _, centre, _ in candidates) < 0.01
+
+
+def test_a_floor_alone_is_no_ball_and_says_what_was_seen():
+    points, stripe = scan([-40.0, -35.0, -30.0], radius=0.0)
+    refused = []
+    assert find_balls(points, RADIUS, stripe=stripe, refused=refused) == []
+    said = _seen_instead(points, stripe, refused)
+    assert "3 light planes" in said and "no surface that curves like a ball" in said
+
+
+def test_a_ball_of_another_size_is_refused_with_the_requirement_that_fails():
+    points, stripe = scan(np.linspace(-10, 10, 12) + CENTRE[0])
+    refused = []
+    found = find_balls(points, 21.0, stripe=stripe, refused=refused)
+    assert found == []
+    said = _seen_instead(points, stripe, refused)
+    assert "nearest candidate, a ball of radius 21 mm" in said and "refused:" in said
