@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from sensors.effects.covariates import known
+from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 
 _TIME_CONSTANTS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0)  # s
