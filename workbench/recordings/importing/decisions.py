@@ -20,7 +20,7 @@ from workbench.core.errors import InputError
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 from workbench.recordings.importing.questions import Ask, Question, choose
 
-_SHOWN = 5
+_SHOWN, _REFINED = 5, 8
 _SCREENED = 40
 _PAIRS = 400
 _SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
@@ -74,7 +74,7 @@ def decide_robot(
     fits = []
     for place, name in enumerate(names):
         robot, build = build_with(name)
-        found = _compared(robot, list(_unit_readings(mapping, stated_only=True)), build)
+        found = _compared(robot, list(_unit_readings(mapping, stated_only=True)), build, 1)
         if found and found[0][1].is_good:
             best = found[0][1]
             fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
@@ -106,7 +106,7 @@ def _unit_lines(mapping: Mapping) -> str:
     return f'unit = "{mapping.joints.unit}" under [joints]{point}'
 
 
-def _compared(robot, readings, build: Build) -> list[tuple[int, CandidateFit]]:
+def _compared(robot, readings, build: Build, refined: int = _REFINED) -> list[tuple[int, CandidateFit]]:
     """Fits of the readings whose numbers can be what they say."""
     recordings, places = [], []
     for place, (title, mapping) in enumerate(readings):
@@ -115,7 +115,7 @@ def _compared(robot, readings, build: Build) -> list[tuple[int, CandidateFit]]:
             places.append(place)
         except InputError:
             continue  # such as a quaternion that has no length 1
-    return [(places[k], fit) for k, fit in compare_readings(robot, recordings)]
+    return [(places[k], fit) for k, fit in compare_readings(robot, recordings, refined)]
 
 
 def _contradicted_units(robot, mapping, build, called, fits) -> Decision:

@@ -17,7 +17,7 @@ from workbench.fitting.plausibility.fitting import fit_recording, nominal_scale
 from workbench.fitting.plausibility.sampling import even_rows
 
 _ROWS = 100
-_REFINED, _USUAL = 8, 6
+_USUAL = 6
 _WINDOW = 20.0
 _DECISIVE_LOG = 20.0
 _DECISIVE_RATIO = 1.25
@@ -55,7 +55,7 @@ class CandidateFit:
 
 
 def compare_readings(
-    robot: Robot, readings: Sequence[tuple[str, Recording]], refined: int = _REFINED
+    robot: Robot, readings: Sequence[tuple[str, Recording]], refined: int = 8
 ) -> list[tuple[int, CandidateFit]]:
     """Index and fit of the readings worth comparing, the most probable first.
 
@@ -67,7 +67,7 @@ def compare_readings(
     order = [k for k in np.argsort(quick, kind="stable") if np.isfinite(quick[k])]
     if not order:
         return []
-    usual = [k for k in range(_USUAL) if k in order[refined:]]
+    usual = [k for k in range(min(_USUAL, refined)) if k in order[refined:]]
     limit = _WINDOW * max(quick[order[0]], 1.0)
     kept = [k for k in (*order[:refined], *usual) if quick[k] <= limit]
     fitted = []
