@@ -1,6 +1,7 @@
 """Import of every kind of source, each read from a file that the test writes; and the refusals of the import."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -632,3 +633,70 @@ def test_no_built_in_robot_is_forced_on_another_arm(truth, tmp_path):
     path = write_rows(tmp_path / "t.csv", [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"], rows)
     with pytest.raises(InputError, match="robot.toml or a URDF"):
         import_recording([path], tmp_path / "out", ImportOptions())
+
+
+def test_ball_centres_in_the_frame_of_the_sensor_are_not_taken_for_tracker_points(tmp_path):
+    from workbench.recordings.templates.examples import ball_centre
+
+    truth = ball_centre({"builtin": "ur10"})
+    path = joints_and_points(truth.select(truth.ball == 1), tmp_path / "t.csv")
+    with pytest.raises(InputError, match='measures = "ball-centre"'):
+        import_recording([path], tmp_path / "out", UR10)
+    (tmp_path / "map.toml").write_text('measures = "ball-centre"\n')
+    options = ImportOptions(robot="ur10", mapping=read_mapping(tmp_path / "map.toml"))
+    assert import_recording([path], tmp_path / "out", options).recording.measures == "ball-centre"
+
+
+def spoil_sign(joints, points):
+    joints[:, 2] *= -1
+
+
+def spoil_hand(joints, points):
+    points[:, 1] *= -1
+
+
+def spoil_rows(joints, points):
+    points[:] = np.roll(points, 1, axis=0)
+
+
+def spoil_order(joints, points):
+    joints[:, [3, 4]] = joints[:, [4, 3]]
+
+
+@pytest.mark.parametrize("spoil", [spoil_sign, spoil_hand, spoil_rows, spoil_order])
+def test_mistakes_in_the_table_are_refused_and_nothing_is_written(spoil, truth, tmp_path):
+    joints, points = degrees(truth).copy(), truth.points.copy()
+    spoil(joints, points)
+    path = write_rows(
+        tmp_path / "t.csv",
+        [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"],
+        np.column_stack([joints, points]),
+    )
+    with pytest.raises(InputError):
+        import_recording([path], tmp_path / "out", UR10)
+    assert not (tmp_path / "out").exists()
+
+
+def test_at_a_terminal_the_preview_is_confirmed(truth, tmp_path):
+    """A person sees the preview and answers; "n" keeps nothing."""
+    import pty
+    import subprocess
+    import sys
+
+    path = joints_and_points(truth, tmp_path / "t.csv")
+    for answer, status, exists in (("n", 2, False), ("y", 0, True)):
+        master, slave = pty.openpty()
+        words = ["import", str(path), "--robot", "ur10", "--out", str(tmp_path / "out")]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "workbench", *words],
+            stdin=slave,
+            stdout=subprocess.PIPE,
+            stderr=slave,
+        )
+        os.write(master, f"{answer}\n".encode())
+        said = process.communicate(timeout=120)[0].decode()
+        os.close(slave)
+        os.close(master)
+        assert process.returncode == status
+        assert "Fit to the robot" in said
+        assert (tmp_path / "out").exists() == exists

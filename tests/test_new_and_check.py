@@ -49,7 +49,11 @@ def calibrated(folder, tmp_path) -> dict:
 
 
 @pytest.mark.parametrize(
-    "kind", ["external-point", *(pytest.param(k, marks=pytest.mark.slow) for k in TABLES if k != "external-point")]
+    "kind",
+    [
+        "external-point",
+        *(pytest.param(k, marks=pytest.mark.slow) for k in TABLES if k != "external-point"),
+    ],
 )
 def test_template_calibrates_as_it_is(kind, templates, tmp_path, capsys):
     told = calibrated(templates(kind), tmp_path)
@@ -75,7 +79,11 @@ def test_template_of_a_board_has_poses_and_is_judged_by_its_images(templates):
     made = inspect_recording(recording)
     assert made.is_sufficient and made.images.found == 14
     assert recording.flange is not None
-    lonely = replace(recording, columns={}, images=tuple({"image": r["image"], "role": "board"} for r in recording.images))
+    lonely = replace(
+        recording,
+        columns={},
+        images=tuple({"image": r["image"], "role": "board"} for r in recording.images),
+    )
     needs = inspect_recording(lonely).needs
     assert [(need.command, need.is_required) for need in needs][0] == ("handeye", True)
 
@@ -90,7 +98,9 @@ def repeated(recording, noise_mm, seed=1):
     columns["repeat"] = columns["sample"]
     columns["sample"] = np.arange(1.0, len(columns["sample"]) + 1)
     for axis in "xyz":
-        columns[f"{axis}_mm"] = columns[f"{axis}_mm"] + noise_mm * rng.normal(size=len(columns["sample"]))
+        columns[f"{axis}_mm"] = columns[f"{axis}_mm"] + noise_mm * rng.normal(
+            size=len(columns["sample"])
+        )
     return replace(recording, columns=columns)
 
 
@@ -117,7 +127,10 @@ def test_too_few_poses_a_still_joint_and_one_orientation_are_named(templates):
     assert not few.is_sufficient and "4 poses" in few.sentence
     still = replace(recording, columns={**recording.columns, "q4_deg": np.full(recording.n, 12.0)})
     assert any("q4_deg does not move" in need.what for need in inspect_recording(still).needs)
-    small = {name: cells * 0.02 if name.startswith("q") and name.endswith("_deg") else cells for name, cells in recording.columns.items()}
+    small = {
+        name: cells * 0.02 if name.startswith("q") and name.endswith("_deg") else cells
+        for name, cells in recording.columns.items()
+    }
     named = [need.what for need in inspect_recording(replace(recording, columns=small)).needs]
     assert any("orientation" in what for what in named)
     assert any("q1_deg moves over" in what for what in named)
@@ -125,7 +138,9 @@ def test_too_few_poses_a_still_joint_and_one_orientation_are_named(templates):
 
 def test_command_writes_a_page_and_the_contract_keys(templates, tmp_path, capsys):
     out, answer = tmp_path / "out", tmp_path / "a.json"
-    assert run(["check", str(templates("ball-centre")), "--out", str(out), "--json", str(answer)]) == 0
+    assert (
+        run(["check", str(templates("ball-centre")), "--out", str(out), "--json", str(answer)]) == 0
+    )
     told = json.loads(answer.read_text())
     assert {"coverage", "repeats", "noise_from_repeats_mm", "missing", "verdict"} <= set(told)
     assert len(told["coverage"]["joints"]) == 6

@@ -39,7 +39,7 @@ from workbench.recordings.importing.robots import read_artefact, robot_keys
 
 MAPPING_FILE = "import.toml"
 _EXTERNAL = ("external-point", "external-pose", "partial-pose")
-_IMAGES = ("board-images",)
+_OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
 
 @dataclass(frozen=True)
@@ -218,6 +218,8 @@ def _import_table(found: Found, options: ImportOptions, progress):
     mapping = replace(mapping, robot=named)
     decision = decisions.decide_units(robot, mapping, builder.positions, table.file, options.ask)
     fits = decision.fits
+    if options.mapping.measures is None and fits and not fits[0].is_good:
+        _refuse_other_kind(robot, mapping, builder, fits[0])
     if mapping.rotation is not None and measures == "external-pose":
         progress("testing rotation conventions on the robot")
         decision = decisions.decide_rotation(
@@ -227,6 +229,24 @@ def _import_table(found: Found, options: ImportOptions, progress):
     recording = builder.complete(decision.mapping)
     said = (*said, *check_fit(robot, recording, fits, options.trust_data))
     return recording, decision.mapping, fits, said
+
+
+def _refuse_other_kind(robot, mapping: Mapping, builder: "Builder", found: CandidateFit) -> None:
+    """Raise InputError where points fit in the frame of the other side: a sensor on the flange or an instrument."""
+    if mapping.measures not in _OTHER_KIND:
+        return
+    other = _OTHER_KIND[mapping.measures]
+    readings = [
+        (title, replace(made, measures=other, rotation=None))
+        for title, made in decisions.unit_readings(mapping)
+    ]
+    best = decisions.compare(robot, readings, builder.complete)
+    if best and best[0][1].is_good:
+        raise InputError(
+            f"{builder.table.file}: expected points of kind {mapping.measures}, which fit with "
+            f"{found.rms_mm:.3g} mm, found that they fit as {other} ({best[0][1].words}); add "
+            f'measures = "{other}" to a mapping file and name it with --map.'
+        )
 
 
 def _robot_that_fits(table: RawTable, mapping: Mapping, options: ImportOptions) -> str:

@@ -53,8 +53,8 @@ def decide_units(
     build: makes the recording of positions. called: file, for sentences. Raises InputError where the data do not
     decide and nobody can be asked, or where no unit fits.
     """
-    readings = list(_unit_readings(mapping, stated_only=True))
-    fits = _compared(robot, readings, build)
+    readings = list(unit_readings(mapping, stated_only=True))
+    fits = compare(robot, readings, build)
     is_stated = len(readings) == 1
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(robot, mapping, build, called, fits)
@@ -74,7 +74,7 @@ def decide_robot(
     fits = []
     for place, name in enumerate(names):
         robot, build = build_with(name)
-        found = _compared(robot, list(_unit_readings(mapping, stated_only=True)), build, 1)
+        found = compare(robot, list(unit_readings(mapping, stated_only=True)), build, 1)
         if found and found[0][1].is_good:
             best = found[0][1]
             fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
@@ -88,7 +88,7 @@ def decide_robot(
     return names[choose_reading(lines, ordered, f"{where}, robot", ask)]
 
 
-def _unit_readings(mapping: Mapping, stated_only: bool):
+def unit_readings(mapping: Mapping, stated_only: bool = True):
     """(title, mapping) for every combination of units."""
     lengths = length_units(mapping.point, stated_only) if mapping.point is not None else (None,)
     for angle in angle_units(mapping.joints, stated_only):
@@ -106,7 +106,9 @@ def _unit_lines(mapping: Mapping) -> str:
     return f'unit = "{mapping.joints.unit}" under [joints]{point}'
 
 
-def _compared(robot, readings, build: Build, refined: int = _REFINED) -> list[tuple[int, CandidateFit]]:
+def compare(
+    robot, readings, build: Build, refined: int = _REFINED
+) -> list[tuple[int, CandidateFit]]:
     """Fits of the readings whose numbers can be what they say."""
     recordings, places = [], []
     for place, (title, mapping) in enumerate(readings):
@@ -120,9 +122,9 @@ def _compared(robot, readings, build: Build, refined: int = _REFINED) -> list[tu
 
 def _contradicted_units(robot, mapping, build, called, fits) -> Decision:
     """Units that the headers state and that do not fit: another unit may, and is named; else the misfit is kept."""
-    others = list(_unit_readings(mapping, stated_only=False))
-    better = _compared(robot, others, build)
-    stated = next(iter(_unit_readings(mapping, stated_only=True)))
+    others = list(unit_readings(mapping, stated_only=False))
+    better = compare(robot, others, build)
+    stated = next(iter(unit_readings(mapping, stated_only=True)))
     if better and better[0][1].is_good and others[better[0][0]][0] != stated[0]:
         found = f"{fits[0][1].words}, but {better[0][1].words}" if fits else better[0][1].words
         raise InputError(
@@ -213,7 +215,7 @@ def _rotation_fits(robot, mapping, table, turns: Sequence[Turn], build: Build):
         _flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
     )
     chosen = [readings[k] for k in kept]
-    return _compared(robot, chosen, build), chosen
+    return compare(robot, chosen, build), chosen
 
 
 def _flange_rotations(robot: Robot, recording: Recording) -> np.ndarray:
