@@ -376,6 +376,7 @@ def test_folder_of_images_with_a_pose_table_in_inches(hand_eye, tmp_path):
     assert np.abs(made.recording.flange - flange).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_inverse_poses_are_not_taken_silently(hand_eye, tmp_path):
     folder, truth = hand_eye
     flange = np.linalg.inv(truth.flange)
@@ -622,12 +623,14 @@ def test_a_built_in_robot_is_found_where_none_is_named(tmp_path):
     assert any("staubli_tx60 fits" in sentence for sentence in made.warnings)
 
 
+@pytest.mark.slow
 def test_two_built_in_robots_that_are_nearly_equal_lead_to_a_question(truth, tmp_path):
     path = joints_and_points(truth, tmp_path / "t.csv")
     with pytest.raises(InputError, match="ur10.*ur10e"):
         import_recording([path], tmp_path / "out", ImportOptions())
 
 
+@pytest.mark.slow
 def test_no_built_in_robot_is_forced_on_another_arm(truth, tmp_path):
     rows = np.column_stack([degrees(truth) * 0.7 + 11, truth.points])
     path = write_rows(tmp_path / "t.csv", [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"], rows)
@@ -677,6 +680,7 @@ def test_mistakes_in_the_table_are_refused_and_nothing_is_written(spoil, truth, 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_at_a_terminal_the_preview_is_confirmed(truth, tmp_path):
     """A person sees the preview and answers; "n" keeps nothing."""
     import pty

@@ -126,6 +126,7 @@ def test_variant_is_right(k, form, joint, length, angle, separator, truth, tmp_p
     assert is_same(made.recording, truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("k", "form", "joint", "length", "angle", "separator"), VARIANTS[::20])
 def test_variant_of_few_noisy_rows_is_right_or_asked(
     k, form, joint, length, angle, separator, truth, tmp_path

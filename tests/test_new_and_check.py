@@ -74,6 +74,7 @@ def test_template_of_scans_is_rendered_and_sufficient(tmp_path):
     assert made.job == "scanner" and made.is_sufficient
 
 
+@pytest.mark.slow
 def test_template_of_a_board_has_poses_and_is_judged_by_its_images(templates):
     recording = datasets.read(templates("board-images"))
     made = inspect_recording(recording)
