@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from robot_model.effects import CATALOGUE as ROBOT
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.core.common_effects import NoiseHeteroscedastic
+from workbench.core.common_effects import NoiseLaw
 from workbench.diagnosis.problem import Finding
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.scatter import ALONG
@@ -60,7 +60,7 @@ BY_POSE = (
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
-_OF_DATA = ("outliers", NoiseHeteroscedastic.effect, "encoder-quantisation")
+_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation")
 _EITHER = "with temperature, or with time where none was recorded"
 
 
@@ -279,7 +279,7 @@ def _of_data(found: Finding) -> str:
     """What is wrong with the data, or moves by chance: nothing of it can be fitted."""
     if found.effect == "outliers":
         return f"{found.label} samples come from another process: they lie farther off than the others' spread allows."
-    if found.effect == NoiseHeteroscedastic.effect:
+    if found.effect == NoiseLaw.effect:
         depends = listed([covariate(name) for name in found.depends_on])
         return f"The noise is not the same everywhere: its spread goes with {depends}."
     if found.effect == "encoder-quantisation":
