@@ -90,11 +90,7 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     if found is None or found[1] > CLAIMED:
         return ()
     name, p = found
-    return (
-        Finding(
-            NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)
-        ),
-    )
+    return (Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
 
 
 __all__ = ["CLAIMED", "evened_out", "far_off", "of_data", "unevenly"]
