@@ -76,6 +76,11 @@ class Covariate:
         """Whether it is the reading of a joint as it stands in samples.csv."""
         return self.kind == "q" and self.unit in ("deg", "mm")
 
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is the reading of a revolute joint as it stands in samples.csv."""
+        return self.is_reading and self.unit == "deg"
+
 
 @cache
 def _read(name: str) -> Covariate:

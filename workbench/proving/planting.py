@@ -8,7 +8,7 @@ import numpy as np
 from robot_model.effects.transmission import TransmissionHarmonic, turning_joints
 from workbench.core.effect import NUMBERED, Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
-from workbench.core.vocabulary import Place
+from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.library import compliances, names
 from workbench.proving.oracle import Bench
 
@@ -117,7 +117,7 @@ def jittered(recording, rng):
     """A copy in which nothing is changed but the last digit: readings by 5e-5 deg, points by 5e-5 mm."""
     columns = dict(recording.columns)
     for name in columns:
-        if name in ("x_mm", "y_mm", "z_mm") or (name.startswith("q") and name.endswith("_deg")):
+        if name in ("x_mm", "y_mm", "z_mm") or Covariate.of(name).is_angle:
             columns[name] = columns[name] + rng.uniform(-5e-5, 5e-5, recording.n)
     return replace(recording, columns=columns)
 
