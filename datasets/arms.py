@@ -7,9 +7,10 @@ from xml.etree import ElementTree
 
 from datasets.errors import complaint
 from datasets.files import inside, label, read_text, read_toml
-from datasets.keys import JOINT, ROBOT, check_keys, shown
+from datasets.keys import shown
+from workbench.core.robot_file import checked_robot_file
 
-RADIANS = tuple(k * math.pi / 2 for k in (-3, -2, -1, 1, 2, 3))
+_UNIT = 1e-3  # by which the length of a unit vector may differ from 1
 
 
 def read_robot(folder: Path, section: Mapping, called: str) -> dict:
@@ -48,19 +49,13 @@ def read_robot(folder: Path, section: Mapping, called: str) -> dict:
 
 def check_robot(robot: Mapping, called: str) -> None:
     """Raise InputError where the keys of a robot.toml are incomplete or cannot describe an arm."""
-    check_keys(robot, ROBOT, called)
-    for number, joint in enumerate(robot["joint"], 1):
-        where = f"{called}, [[joint]] {number}"
-        check_keys(joint, JOINT, where)
-        _check_coupling(joint, len(robot["joint"]), number, where)
-        _check_radians(joint, where)
-    reach = nominal_reach(robot)
-    if 0 < reach < 10 and not any(j.get("kind") == "prismatic" for j in robot["joint"]):
+    file = checked_robot_file(robot, called)
+    if abs(math.hypot(*file.gravity) - 1) > _UNIT:
         raise complaint(
-            f"{called}, keys a_mm and d_mm",
-            "lengths in mm",
-            f"an arm that is {reach:.3g} mm long in all, as if in metres",
-            "multiply them by 1000",
+            f"{called}: key gravity",
+            "three numbers, a unit vector",
+            shown(file.gravity),
+            "correct the value",
         )
 
 
@@ -72,29 +67,6 @@ def nominal_reach(robot: Mapping) -> float:
     if "joint" not in robot:
         return math.nan
     return sum(abs(j["a_mm"]) + abs(j["d_mm"]) for j in robot["joint"])
-
-
-def _check_coupling(joint: Mapping, count: int, number: int, where: str) -> None:
-    if "coupled" in joint and not (
-        joint["coupled"]["joint"] <= count and joint["coupled"]["joint"] != number
-    ):
-        raise complaint(
-            f"{where}, key coupled.joint",
-            f"another joint, 1 to {count}",
-            str(joint["coupled"]["joint"]),
-            "name the joint whose motion is added",
-        )
-
-
-def _check_radians(joint: Mapping, where: str) -> None:
-    for key in ("theta_deg", "alpha_deg"):
-        if any(abs(joint[key] - r) < 1e-3 for r in RADIANS):
-            raise complaint(
-                f"{where}, key {key}",
-                "an angle in degrees",
-                f"{joint[key]}, a multiple of pi/2 as if in radians",
-                "multiply it by 57.29578",
-            )
 
 
 def _urdf(path: Path, section: Mapping) -> dict:

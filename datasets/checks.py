@@ -25,6 +25,7 @@ from datasets.columns import (
 )
 from datasets.errors import complaint
 from datasets.formats.table import Table
+from workbench.core.vocabulary import Covariate
 
 
 @dataclass(frozen=True)
@@ -226,7 +227,7 @@ def physical_bounds(table: Table, context: Context | None = None) -> None:
     for name, values in table.columns.items():
         is_load, is_temperature = (
             name == "payload_kg",
-            name.startswith("temperature_") and name.endswith("_c"),
+            Covariate.of(name).kind == "temperature",
         )
         if not (is_load or is_temperature) or values.dtype.kind != "f":
             continue
@@ -243,7 +244,7 @@ def physical_bounds(table: Table, context: Context | None = None) -> None:
 def approach_is_a_sign(table: Table, context: Context) -> None:
     """approach1 … approachN is -1, 0 or 1."""
     for name in table.columns:
-        if name.startswith("approach"):
+        if Covariate.of(name).kind == "approach":
             row = first(~np.isin(table.columns[name], (-1, 0, 1)))
             if row is not None:
                 raise complaint(

@@ -1,4 +1,4 @@
-"""Which keys recording.toml and robot.toml have, what each must hold, and the walk that checks it."""
+"""Which keys recording.toml has, what each must hold, and the walk that checks it."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -45,10 +45,6 @@ def _is_unit(value) -> bool:
     return _numbers(3)(value) and abs(math.hypot(*value) - 1) < 1e-3
 
 
-def _is_range(value) -> bool:
-    return _numbers(2)(value) and value[0] < value[1]
-
-
 def _is_count(value) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 10**6
 
@@ -59,9 +55,6 @@ def _above_zero(value) -> bool:
 
 TEXT = Key(_is_text, "text in quotes")
 TABLE = Key(_is_table, "a table in square brackets")
-NUMBER = Key(is_number, "a number")
-LENGTH = Key(is_number, "a number in mm", True)
-ANGLE = Key(is_number, "a number in degrees", True)
 WORDS = ", ".join(KINDS)
 _SIMILARITY = 0.9
 """From which a key counts as misspelt; lower would refuse keys that a recording may hold for its own use."""
@@ -121,42 +114,6 @@ SECTIONS = {
         ),
     },
     "guess": {},
-}
-ROBOT = {
-    "name": TEXT,
-    "source": TEXT,
-    "convention": Key(_one_of("distal", "craig"), '"distal" or "craig"'),
-    "gravity": Key(_is_unit, "three numbers, a unit vector"),
-    "payload": TABLE,
-    "joint": Key(
-        lambda v: isinstance(v, list) and bool(v) and all(map(_is_table, v)),
-        "one [[joint]] or more",
-        True,
-    ),
-}
-JOINT = {
-    "theta_deg": ANGLE,
-    "d_mm": LENGTH,
-    "a_mm": LENGTH,
-    "alpha_deg": ANGLE,
-    "beta_deg": Key(is_number, "a number in degrees"),
-    "hayati": Key(lambda v: isinstance(v, bool), "true or false"),
-    "kind": Key(_one_of("revolute", "prismatic"), '"revolute" or "prismatic"'),
-    "limits_deg": Key(_is_range, "[lowest, highest] in degrees"),
-    "limits_mm": Key(_is_range, "[lowest, highest] in mm"),
-    "sign": Key(lambda v: is_number(v) and v in (-1, 1), "1 or -1"),
-    "coupled": Key(
-        lambda v: (
-            _is_table(v)
-            and set(v) == {"joint", "ratio"}
-            and _is_count(v["joint"])
-            and is_number(v["ratio"])
-        ),
-        "{ joint = number, ratio = number }",
-    ),
-    "gear_ratio": Key(lambda v: is_number(v) and v != 0, "a number other than 0"),
-    "mass_kg": Key(lambda v: is_number(v) and v >= 0, "a mass of 0 or more, in kg"),
-    "com_mm": Key(_numbers(3), "three numbers in mm"),
 }
 
 

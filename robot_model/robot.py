@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.errors import InputError
+from workbench.core.errors import InputError, complaint
 
 PARALLEL = np.sin(np.deg2rad(1))
 """sin of the angle below which two axes are parallel: their common normal is then ill-defined."""
@@ -56,4 +56,4 @@ class Robot:
 
 def wrong(where: object, expected: str, found: object, remedy: str) -> InputError:
     """One sentence: where it stands, what was expected, what was found, what to do."""
-    return InputError(f"{where}: expected {expected}, found {found}; {remedy}.")
+    return complaint(where, expected, found, remedy)

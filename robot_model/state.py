@@ -1,7 +1,7 @@
 """What an effect may read: readings, torques, bending moments and covariates of n samples."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -120,18 +120,20 @@ class State:
         gravity, moments = self.gravity.copy(), np.zeros(3 * self.robot.joints + 3)
         for port, slots, delta in changes:
             np.add.at(gravity if port == "gravity" else moments, np.asarray(slots), delta[:, 0])
-        altered = replace(self, gravity=gravity)
-        altered.__dict__["frames"] = self.frames  # the rest of the state does not change with them
-        body = np.repeat(np.arange(self.robot.joints + 1), 3)
-        for name, mine in (
-            ("link_levers", body < self.robot.joints),
-            ("load_levers", body == self.robot.joints),
-        ):
-            own, levers = np.where(mine, moments, 0), getattr(self, name)
-            if own.any():
-                levers = levers + moment_levers(self.robot, self.frames, own.reshape(-1, 3))
-            altered.__dict__[name] = levers
-        return altered
+        of_link = np.repeat(np.arange(self.robot.joints + 1), 3) < self.robot.joints
+        levers = (
+            self._more(self.link_levers, np.where(of_link, moments, 0)),
+            self._more(self.load_levers, np.where(of_link, 0, moments)),
+        )
+        kept = {field.name: getattr(self, field.name) for field in fields(State)}
+        kept |= {"gravity": gravity, "same_frames": self.frames, "levers": levers}
+        return _Altered(**kept)
+
+    def _more(self, levers: Levers, moments: np.ndarray) -> Levers:
+        """The levers with (3 J + 3,) kg mm of first moments more."""
+        if not moments.any():
+            return levers
+        return levers + moment_levers(self.robot, self.frames, moments.reshape(-1, 3))
 
     @cached_property
     def unit_moments(self) -> "tuple[State, ...]":
@@ -151,6 +153,26 @@ class State:
                 f"add the column or take the effect out of the plan"
             )
         return self.covariates[name]
+
+
+@dataclass(frozen=True)
+class _Altered(State):
+    """A state under changed gravity or masses: its frames are those of the original, its `levers` given."""
+
+    same_frames: Frames | None = None
+    levers: tuple[Levers, Levers] | None = None
+
+    @property
+    def frames(self) -> Frames:
+        return self.same_frames
+
+    @property
+    def link_levers(self) -> Levers:
+        return self.levers[0]
+
+    @property
+    def load_levers(self) -> Levers:
+        return self.levers[1]
 
 
 def moved(

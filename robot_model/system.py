@@ -15,6 +15,7 @@ from workbench.core.effect import NUMBERED
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
+from workbench.core.vocabulary import Place
 
 _GEOMETRY = (
     ("theta", "rad", 0.01, "zero offset (theta)"),
@@ -130,18 +131,18 @@ class RobotChain:
 
     def slots(self, port: str, where: str, components: tuple[int, ...] = ()) -> tuple[int, ...]:
         """Row numbers of a port at a place of the vocabulary; all components where none are named."""
-        kind, _, number = where.rpartition("-")
+        place = Place.of(where)
         width = {"joint": 1, "geometry": 5, "frame": 6, "mass": 3}.get(port)
         if width is None or where == "time":
             return components or tuple(range(self.robot.joints if port == "joint" else 3))
         first = {"geometry": 0, "joint": 0, "mass": 0, "frame": 1}[port]
         end = {"base": 0, "tool": self.robot.joints + first}
-        if kind and int(number) > self.robot.joints:
+        if place.number is not None and place.number > self.robot.joints:
             raise InputError(
                 f"there is no '{where}': {self.robot.name} has {self.robot.joints} joints; correct it"
             )
-        place = int(number) - 1 + first if kind else end[where]
-        return tuple(width * place + c for c in components or range(width))
+        row = end[where] if place.number is None else place.number - 1 + first
+        return tuple(width * row + c for c in components or range(width))
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Base pose (6,), geometry (J, 5) and the measurement's own values."""

@@ -65,8 +65,8 @@ class SensorState:
 
         InputError for a column that was not recorded.
         """
-        if name in _OF_THE_OBSERVATION:
-            return _OF_THE_OBSERVATION[name](self)
+        if name in OF_THE_OBSERVATION:
+            return OF_THE_OBSERVATION[name](self)
         if name not in self.covariates:
             raise InputError(
                 f"images.csv: expected a column {name}, found none; record it or take the effect out"
@@ -74,13 +74,13 @@ class SensorState:
         return self.covariates[name]
 
 
-_OF_THE_OBSERVATION = {
+OF_THE_OBSERVATION = {
     "incidence_deg": lambda state: np.rad2deg(state.incidence),
     "range_mm": lambda state: np.linalg.norm(state.points, axis=0),
     "u_px": lambda state: state.pixels[0],
     "v_px": lambda state: state.pixels[1],
 }
-"""`workbench.core.common_effects.OF_THE_OBSERVATION`: what the state knows without a column."""
+"""Covariates that the state gives without a column, by name."""
 
 
 def stripe_direction(planes: np.ndarray) -> np.ndarray:

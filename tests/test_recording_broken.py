@@ -278,7 +278,11 @@ CASES = [
     ),
     # robot.toml
     Case("no robot.toml", remove(ROBOT), (ROBOT, "no such file", "put it there")),
-    Case("robot without joints", write(ROBOT, b'name = "x"'), (ROBOT, "key joint", "add joint")),
+    Case(
+        "robot without joints",
+        write(ROBOT, b'name = "x"\nconvention = "distal"'),
+        (ROBOT, "key joint", "add joint"),
+    ),
     Case(
         "unknown convention",
         sub(ROBOT, "distal", "proximal"),
@@ -290,27 +294,27 @@ CASES = [
     Case(
         "joint without alpha",
         sub(ROBOT, r"alpha_deg = -90\n", ""),
-        (ROBOT, "[[joint]] 1", "alpha_deg", "add alpha_deg"),
+        (ROBOT, "joint 1", "alpha_deg", "add alpha_deg"),
     ),
     Case(
         "joint with another unit",
         sub(ROBOT, "a_mm", "a_m"),
-        (ROBOT, "[[joint]] 1", "key a_mm", "rename a_m"),
+        (ROBOT, "joint 1", "key a_m ", "rename it to a_mm"),
     ),
     Case(
         "length as text",
         sub(ROBOT, "d_mm = 330", 'd_mm = "330"'),
-        (ROBOT, "[[joint]] 1", "d_mm", "correct"),
+        (ROBOT, "joint 1", "d_mm", "correct"),
     ),
     Case(
         "angle not finite",
         sub(ROBOT, "theta_deg = -90", "theta_deg = nan"),
-        (ROBOT, "[[joint]] 2", "theta_deg", "correct"),
+        (ROBOT, "joint 2", "theta_deg", "correct"),
     ),
     Case(
         "robot in radians",
         sub(ROBOT, "alpha_deg = -90", "alpha_deg = -1.5708"),
-        (ROBOT, "[[joint]] 1", "alpha_deg", "57.29578"),
+        (ROBOT, "joint 1", "alpha_deg", "write -90"),
     ),
     Case(
         "robot in metres",
@@ -320,22 +324,22 @@ CASES = [
     Case(
         "limits reversed",
         sub(ROBOT, r"\[-190, 190\]", "[190, -190]"),
-        (ROBOT, "[[joint]] 1", "limits_deg", "correct"),
+        (ROBOT, "joint 1", "limits_deg", "swap"),
     ),
     Case(
         "sign is two",
         sub(ROBOT, "hayati = false", "hayati = false\nsign = 2"),
-        (ROBOT, "[[joint]] 1", "sign", "correct"),
+        (ROBOT, "joint 1", "sign", "correct"),
     ),
     Case(
         "hayati is a word",
         sub(ROBOT, "hayati = false", 'hayati = "no"'),
-        (ROBOT, "[[joint]] 1", "hayati", "correct"),
+        (ROBOT, "joint 1", "hayati", "correct"),
     ),
     Case(
         "coupled to no joint",
         sub(ROBOT, "joint = 2", "joint = 9"),
-        (ROBOT, "[[joint]] 3", "coupled", "name the joint"),
+        (ROBOT, "joint 3", "coupled", "name the joint"),
     ),
     Case(
         "negative mass",

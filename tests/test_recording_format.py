@@ -17,6 +17,7 @@ from robot_model.measurements import samples_of
 from robot_model.system import bind
 from test_recording_good import write_good
 from workbench.core.errors import InputError
+from workbench.core.robot_file import Joint, RobotFile
 
 PAGE = (Path(__file__).parents[1] / "docs" / "recording-format.md").read_text(encoding="utf-8")
 BOARD = {"kind": '"chessboard"', "columns": "11", "rows": "8", "square_mm": "5.0"}
@@ -91,8 +92,8 @@ def test_readings_become_joint_variables_as_the_page_says():
 def test_the_page_names_every_key_and_column():
     known = {
         *keys.RECORDING,
-        *keys.ROBOT,
-        *keys.JOINT,
+        *RobotFile.model_fields,
+        *Joint.model_fields,
         *BOOKKEEPING,
         *FLANGE,
         *ROLES,
@@ -114,7 +115,7 @@ def test_a_key_of_the_robot_in_other_words_names_the_key(tmp_path):
     text = (tmp_path / "robot.toml").read_text()
     (tmp_path / "robot.toml").write_text(text.replace('kind = "prismatic"', 'type = "prismatic"'))
     with pytest.raises(
-        InputError, match=r"\[\[joint\]\] 3, key type: expected the key kind, found type"
+        InputError, match="joint 3, key type is not known .* found type; rename it to kind"
     ):
         datasets.read(tmp_path)
 

@@ -68,7 +68,7 @@ BROKEN = {
     "nothing near": (
         "sign = -1",
         "colour = 1",
-        ["joint 2", "key colour is not known, expected one of"],
+        ["joint 2", "key colour is not known: expected one of"],
     ),
     "unknown payload key": (
         "mass_kg = 1.5",

@@ -11,6 +11,7 @@ from datasets.columns import INTEGERS
 from datasets.errors import complaint
 from datasets.recording import Recording
 from workbench.core.text.csv_text import write_rows
+from workbench.core.vocabulary import Covariate
 
 _AT_A_TIME = 5_000  # rows of a CSV file: a cell as text takes ten times the room of a number
 
@@ -138,7 +139,7 @@ def write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def _cell(name: str, value) -> str:
-    whole = name in INTEGERS or name.startswith("approach")
+    whole = name in INTEGERS or Covariate.of(name).kind == "approach"
     return str(int(value)) if whole and not isinstance(value, str) else str(value)
 
 

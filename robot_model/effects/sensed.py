@@ -6,7 +6,7 @@ from workbench.core.common_effects import (
     ArtefactExpansionLaw,
     BallPositionLaw,
     FieldBiasLaw,
-    NoiseHeteroscedastic,
+    NoiseLaw,
     RangeScaleLaw,
 )
 from workbench.core.covariates import missing_temperature
@@ -52,4 +52,5 @@ class ArtefactExpansion(ArtefactExpansionLaw, Effect):
             yield Variant(made, missing=missing_temperature(chain.state, cls.column))
 
 
-__all__ = ["ArtefactExpansion", "BallPosition", "FieldBias", "NoiseHeteroscedastic", "RangeScale"]
+class NoiseHeteroscedastic(NoiseLaw, Effect):
+    """The spread, not the mean, depends on a covariate."""

@@ -1,6 +1,5 @@
 """Tilts that an accelerometer on the machine has measured: of the ground under it, or of a part that bends."""
 
-import re
 from typing import Annotated
 
 import numpy as np
@@ -8,6 +7,7 @@ from pydantic import StringConstraints
 
 from robot_model.statics import STANDARD_GRAVITY
 from workbench.core.effect import Effect, Variant
+from workbench.core.vocabulary import Covariate
 
 
 class MeasuredTilt(Effect):
@@ -46,8 +46,8 @@ class MeasuredTilt(Effect):
     @classmethod
     def candidates(cls, chain):
         """Of the base and every link, by every accelerometer: it measures the tilt of what it is mounted on."""
-        names = [re.fullmatch(r"accel_(\w+)_[xyz]_m_s2", name) for name in chain.state.covariates]
-        sensors = dict.fromkeys(found[1] for found in names if found)
+        known = map(Covariate.of, chain.state.covariates)
+        sensors = dict.fromkeys(str(one.place) for one in known if one.kind == "acceleration")
         for sensor in sensors:
             axes = level_axes(chain.state.covariates, sensor)
             if axes is None:

@@ -56,7 +56,7 @@ class TransmissionHarmonic(Effect):
     def grids(cls, chain):
         """The orders from 4.5 to 200 at the same joints, and those of the motor where the gear ratio is stated."""
         for where in turning_joints(chain, _MOVES_RAD):
-            number = int(where.rpartition("-")[2])
+            number = cls(where).number
             orders, weights = high_orders(chain.robot.gear_ratio[number - 1])
             yield Grid(
                 cls,

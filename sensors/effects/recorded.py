@@ -7,6 +7,7 @@ from pydantic import Field
 
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
+from workbench.core.vocabulary import Covariate
 
 _TIME_CONSTANTS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0)  # s
 _FINEST = 2.0  # values of the frequency per 1 / duration
@@ -158,7 +159,7 @@ class RecordedColumn(Effect):
         columns = {
             name: spread
             for name, spread in getattr(chain, "spreads", ())
-            if name not in _KNOWN and not name.startswith("temperature")
+            if name not in _KNOWN and Covariate.of(name).kind != "temperature"
         }
         for place in cls.places:
             for where in chain.places(place):

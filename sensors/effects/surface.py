@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from workbench.core.common_effects import FieldBiasLaw, NoiseHeteroscedastic, RangeScaleLaw
+from sensors.state import OF_THE_OBSERVATION
+from workbench.core.common_effects import FieldBiasLaw, NoiseLaw, RangeScaleLaw
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Variant
 
@@ -89,4 +90,9 @@ class SubsurfaceScatter(Effect):
         return np.where(mine, known(np.stack([rays, inward])), 0.0)
 
 
-__all__ = ["FieldBias", "IncidenceBias", "NoiseHeteroscedastic", "RangeScale", "SubsurfaceScatter"]
+class NoiseHeteroscedastic(NoiseLaw, Effect):
+    """The spread, not the mean, depends on a covariate: a column, or incidence_deg, range_mm, u_px, v_px."""
+
+    @property
+    def needs(self):
+        return () if self.covariate in OF_THE_OBSERVATION else (self.covariate,)

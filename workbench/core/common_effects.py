@@ -12,10 +12,6 @@ import numpy as np
 from pydantic import Field
 
 from workbench.core.covariates import known, warmth, warmth_sizes
-from workbench.core.effect import Effect
-
-OF_THE_OBSERVATION = ("incidence_deg", "range_mm", "u_px", "v_px")
-"""Covariates that a scanner's state gives without a column."""
 
 
 class RangeScaleLaw:
@@ -105,11 +101,8 @@ class ArtefactExpansionLaw:
         return (known(state.target) * warmth(state, self.column))[None]
 
 
-class NoiseHeteroscedastic(Effect):
-    """The spread, not the mean, depends on a covariate.
-
-    A recorded column, or of a scanner also incidence_deg, range_mm, u_px, v_px.
-    """
+class NoiseLaw:
+    """The spread, not the mean, depends on a covariate."""
 
     effect = "noise-heteroscedastic"
     port = "noise"
@@ -129,10 +122,12 @@ class NoiseHeteroscedastic(Effect):
 
     @property
     def needs(self):
-        return () if self.covariate in OF_THE_OBSERVATION else (self.covariate,)
+        """The covariate."""
+        return (self.covariate,)
 
     @property
     def reads(self):
+        """The covariate."""
         return (self.covariate,)
 
     @classmethod
@@ -141,12 +136,15 @@ class NoiseHeteroscedastic(Effect):
         return ()
 
     def table(self, chain):
+        """One slope, per spread of the covariate."""
         label = f"the growth of the noise with {self.covariate}"
         return (self.parameter(self.covariate, "1", 0.3, label),)
 
     def slots(self, chain):
+        """The noise has one slot."""
         return (0,)
 
     def basis(self, state):
+        """(1, 1, n) the covariate from its mean over its spread."""
         values = state.covariate(self.covariate)
         return known((values - self.mean) / self.spread)[None, None]

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
+from workbench.core.vocabulary import Place
 
 
 class Recorded(Protocol):
@@ -169,9 +170,14 @@ class Effect:
         raise NotImplementedError
 
     @property
+    def place(self) -> Place:
+        """`where` as a place."""
+        return Place.of(self.where)
+
+    @property
     def number(self) -> int:
         """K of `joint-K`, `link-K`, `ball-K`."""
-        return int(self.where.rpartition("-")[2])
+        return self.place.number
 
     def parameters(self, chain) -> tuple[Parameter, ...]:
         """The P parameters, keys `<where>.<effect>.<name>`; InputError where the chain has no such place."""
@@ -184,7 +190,7 @@ class Effect:
 
     def check(self, chain) -> None:
         """InputError where this chain has no such joint, link or ball, or a slide for a turning joint."""
-        place = self.where.rpartition("-")[0]
+        place = self.place.kind
         if place in NUMBERED and self.number not in (known := chain.numbers(place)):
             raise InputError(
                 f"{self.title}: expected {place}-K with K one of {', '.join(map(str, known))}, "
@@ -276,10 +282,10 @@ def _sits(kind, where) -> bool:
     """Whether `where` is one of the effect's places, with a number from 1 where places are numbered."""
     if not isinstance(where, str):
         return False
-    place, _, number = where.rpartition("-")
-    if place in NUMBERED:
-        return place in kind.places and number.isdecimal() and int(number) > 0
-    return where in kind.places and where not in NUMBERED
+    place = Place.of(where)
+    if place.kind not in kind.places or str(place) != where:
+        return False
+    return (place.number or 0) > 0 if place.kind in NUMBERED else place.number is None
 
 
 def _make(catalogue, name, where, options) -> Effect:

@@ -12,5 +12,14 @@ class InputError(ValueError):
         super().__init__(sentence if sentence.endswith(".") else f"{sentence}.")
 
 
+def complaint(where: object, expected: str, found: object, do: str) -> InputError:
+    """The error, to be raised, that says what a user has to change.
+
+    where: file, row and key ("cell-4/samples.csv, row 7, column q3_deg"); expected, found and do
+    are parts of one sentence, without a full stop.
+    """
+    return InputError(" ".join(f"{where}: expected {expected}, found {found}; {do}".split()) + ".")
+
+
 class Stopped(Exception):
     """Work that a person stopped; the message says, in one sentence, what is kept and how it goes on."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.core.common_effects import NoiseHeteroscedastic
+from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
 from workbench.diagnosis import against, proof, replicates, stated_noise, words
 from workbench.diagnosis.experiment import missing_of, next_experiment
@@ -36,7 +36,7 @@ NO_MASSES = (
     "for: write mass_kg and com_mm of every joint."
 )
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
-_UNEVEN = NoiseHeteroscedastic.effect
+_UNEVEN = NoiseLaw.effect
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
 _GAINED = (
     2.0  # t of the held-out gain of a refused term from which on it counts as evidence of structure

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import logsumexp
 
-from workbench.core.common_effects import NoiseHeteroscedastic
+from workbench.core.common_effects import NoiseLaw
 from workbench.diagnosis.contaminated import contaminated
 from workbench.diagnosis.outliers import evened, spread_along, spread_with
 from workbench.diagnosis.problem import Finding, Problem
@@ -90,11 +90,7 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     if found is None or found[1] > CLAIMED:
         return ()
     name, p = found
-    return (
-        Finding(
-            NoiseHeteroscedastic.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)
-        ),
-    )
+    return (Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
 
 
 __all__ = ["CLAIMED", "evened_out", "far_off", "of_data", "unevenly"]

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from workbench.core.effect import Effect, Grid, Recorded, Variant
+from workbench.core.vocabulary import Place
 from workbench.diagnosis.problem import Scan
 
 Catalogue = Mapping[str, type[Effect]]
@@ -35,8 +36,8 @@ def _order(variant: Variant) -> tuple[float, bool]:
 
 
 def _grid_order(grid: Grid) -> tuple[float, str]:
-    kind, _, number = grid.where.rpartition("-")
-    return int(number) if kind else np.inf, grid.shape
+    number = Place.of(grid.where).number
+    return np.inf if number is None else number, grid.shape
 
 
 def grids(catalogue: Catalogue, chain: Recorded) -> list[Grid]:

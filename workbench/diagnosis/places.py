@@ -7,6 +7,7 @@ import numpy as np
 from robot_model.effects import CATALOGUE
 from workbench.core.covariates import clock
 from workbench.core.effect import Grid
+from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.library import grids, scan_of
 from workbench.diagnosis.problem import Scan, Site
 from workbench.diagnosis.rivals import Wave
@@ -15,7 +16,8 @@ _TYPICAL = {"rad": 3e-4, "mm": 0.05}
 _FRAME = np.array([0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4])
 _GROWTH = 1e-4  # of a link's length, ten kelvin
 # covariates that belong to one place, or stand here under another name
-_PARTICULAR = ("approach", "q", "tau", "move", "seen", "down", "moment", "time_s", "payload_kg")
+_PARTICULAR = ("approach", "q", "qdot", "tau", "move", "seen", "down", "moment")
+_ALSO_AS = ("row", "time_s", "payload_kg")
 
 
 def scans(chain, rows) -> tuple[Scan, ...]:
@@ -39,9 +41,7 @@ def _scan(grid: Grid, chain, rows) -> Scan:
 def sites(chain, rows) -> tuple[Site, ...]:
     """Every place that may move, with the covariates that it may move with; rows as in `scans`."""
     own = chain.state.covariates
-    general = tuple(
-        c for c in own if c != "row" and np.ptp(own[c]) > 0 and not c.startswith(_PARTICULAR)
-    )
+    general = tuple(c for c in own if np.ptp(own[c]) > 0 and _is_general(c))
     angles = tuple(f"q{k}" for k in range(1, chain.robot.joints + 1) if np.ptp(own[f"q{k}"]) > 0)
     made = _joint_sites(chain, rows, angles, general)
     turns = _FRAME
@@ -80,6 +80,11 @@ def sites(chain, rows) -> tuple[Site, ...]:
     return tuple(made)
 
 
+def _is_general(name: str) -> bool:
+    """Whether a covariate belongs to no place and stands for itself."""
+    return Covariate.of(name).kind not in _PARTICULAR and name not in _ALSO_AS
+
+
 def _joint_sites(chain, rows, angles, general) -> list[Site]:
     """The joints, each with the covariates that its angle may be wrong with."""
     own = chain.state.covariates
@@ -89,7 +94,7 @@ def _joint_sites(chain, rows, angles, general) -> list[Site]:
             c for c in (f"tau{k}", f"move{k}", f"approach{k}") if c in own and np.ptp(own[c]) > 0
         )
         pairs = tuple((a, b) for i, a in enumerate(angles) for b in angles[i + 1 :])
-        sides = [c for c in mine if not c.startswith("tau")]
+        sides = [c for c in mine if Covariate.of(c).kind != "tau"]
         pairs += tuple((a, b) for a in (f"q{k}", f"tau{k}") if a in (*angles, *mine) for b in sides)
         unit = "mm" if chain.slides(k) else "rad"
         made.append(

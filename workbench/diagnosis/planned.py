@@ -6,6 +6,7 @@ import numpy as np
 
 from robot_model.system import bind
 from workbench.core.model import Model
+from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.robot import covariates_of
 
 POOL = 120
@@ -41,9 +42,10 @@ class Plan:
         made = covariates_of(chain, np.arange(chain.n))
         extra = np.arange(chain.n) >= chain.n - len(self.pose)
         for name in list(made):
-            if not self.sides.any() or not name.startswith(("approach", "move")):
+            kind = Covariate.of(name).kind
+            if not self.sides.any() or kind not in ("approach", "move"):
                 continue
-            size = _MOVED_RAD if name.startswith("move") else 1.0
+            size = _MOVED_RAD if kind == "move" else 1.0
             made[name] = made[name].copy()
             made[name][extra] = size * self.sides
         return made
@@ -52,13 +54,7 @@ class Plan:
         """Joint readings (k, J), in the recording's own units, of the chosen poses of the pool."""
         first = self.recording.n - len(self.pose)
         rows = [first + int(np.flatnonzero(self.pose == k)[0]) for k in chosen]
-        columns = [
-            c
-            for c in self.recording.columns
-            if c.startswith("q")
-            and c.rpartition("_")[2] in ("deg", "mm")
-            and c[1:].rpartition("_")[0].isdecimal()
-        ]
+        columns = [c for c in self.recording.columns if Covariate.of(c).is_reading]
         return np.stack([self.recording.columns[c][rows] for c in columns], 1)
 
 
@@ -128,7 +124,7 @@ def _both_sides(recording, rows, pose) -> Plan:
     twice = np.concatenate([rows, rows])
     sides = np.repeat([-1.0, 1.0], len(rows))
     order = np.argsort(np.concatenate([pose, pose]), kind="stable")
-    changed = {name: sides[order] for name in recording.columns if name.startswith("approach")}
+    changed = {name: sides[order] for name in recording.columns if Covariate.of(name).is_signed}
     words = "come to {poses} of these poses from both sides of every joint"
     return Plan(
         SIDES,
@@ -144,9 +140,7 @@ def _both_sides(recording, rows, pose) -> Plan:
 def _more(bench, rows, pose, rng) -> Plan:
     """New poses: at random among those measured for a sensor that must see its ball, else in the joints' ranges."""
     recording = bench.recording
-    names = [
-        c for c in recording.columns if c.startswith("q") and c[1:].rpartition("_")[0].isdecimal()
-    ]
+    names = [c for c in recording.columns if Covariate.of(c).is_reading]
     readings = np.stack([recording.columns[c] for c in names])
     low, high = readings.min(1), readings.max(1)
     count = pose.max() + 1

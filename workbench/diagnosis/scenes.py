@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from robot_model.effects import CATALOGUE
 from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.core.vocabulary import Covariate
 
 _KINDS = ("external-point", "external-pose", "ball-centre")
 SCENE, ROBOT = "next-experiment.toml", "next-experiment.robot.toml"
@@ -112,7 +113,7 @@ def _held(recording) -> dict:
             float(columns["temperature_c"].min()),
             float(columns["temperature_c"].max()),
         ]
-    if any(name.startswith("approach") for name in columns):
+    if any(Covariate.of(name).is_signed for name in columns):
         held["approach"] = True
-    speeds = [np.abs(columns[c]).max() for c in columns if c.startswith("qdot")]
+    speeds = [np.abs(columns[c]).max() for c in columns if Covariate.of(c).kind == "qdot"]
     return held | ({"speeds_deg_s": float(max(speeds))} if speeds else {})

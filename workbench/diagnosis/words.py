@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 
 from robot_model.effects import CATALOGUE as ROBOT
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.core.common_effects import NoiseHeteroscedastic
+from workbench.core.common_effects import NoiseLaw
+from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.problem import Finding
 from workbench.diagnosis.result import Term
 from workbench.diagnosis.scatter import ALONG
@@ -23,13 +24,12 @@ _PLACES = {
     "world": "the floor",
 }
 _KINDS = {
-    "approach": "the side from which joint {} came",
-    "tau": "the gravity torque on joint {}",
-    "q": "the angle of joint {}",
-    "qdot": "the speed of joint {}",
-    "move": "the last move of joint {}",
-    "temperature_j": "the temperature of joint {}",
-    "temperature_link": "the temperature of link {}",
+    "approach": "the side from which {} came",
+    "tau": "the gravity torque on {}",
+    "q": "the angle of {}",
+    "qdot": "the speed of {}",
+    "move": "the last move of {}",
+    "temperature": "the temperature of {}",
 }
 _NAMES = {
     "moment_x": "the overturning moment about x",
@@ -60,28 +60,29 @@ BY_POSE = (
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
-_OF_DATA = ("outliers", NoiseHeteroscedastic.effect, "encoder-quantisation")
+_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation")
 _EITHER = "with temperature, or with time where none was recorded"
 
 
 def place(where: str) -> str:
     """'joint-3' as a sentence says it: 'joint 3'; 'base': 'the base'."""
-    kind, dash, number = where.rpartition("-")
-    return f"{kind} {number}" if dash else _PLACES.get(where, f"the {where}")
+    found = Place.of(where)
+    if found.number is None:
+        return _PLACES.get(where, f"the {where}")
+    return f"{found.kind} {found.number}"
 
 
 def covariate(name: str) -> str:
     """'approach3' as a sentence says it: 'the side from which joint 3 came'."""
     if name in _NAMES:
         return _NAMES[name]
-    if bent := re.fullmatch(r"moment(\d+)_([xyz])", name):
-        return f"the bending moment of link {bent[1]} about {bent[2]}"
-    found = re.fullmatch(r"([a-z_]+?)_?(\d+)(?:_[a-z_]+)?", name)
-    return (
-        _KINDS[found[1]].format(found[2])
-        if found and found[1] in _KINDS
-        else name.replace("_", " ")
-    )
+    known = Covariate.of(name)
+    if known.place is None or known.place.number is None:
+        return name.replace("_", " ")
+    at = f"{known.place.kind} {known.place.number}"
+    if known.kind == "moment":
+        return f"the bending moment of {at} about {known.component}"
+    return _KINDS[known.kind].format(at) if known.kind in _KINDS else name.replace("_", " ")
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -115,16 +116,15 @@ def _kind(effect, where):
         for kind in catalogue.values()
         if kind.effect == effect
     ]
-    fitting = [
-        kind for kind in kinds if where.rpartition("-")[0] in kind.places or where in kind.places
-    ]
+    fitting = [kind for kind in kinds if Place.of(where).kind in kind.places]
     return (fitting or kinds or [None])[0]
 
 
 def _placed(said: str, where: str) -> str:
-    kind, _, number = where.rpartition("-")
-    if not kind:
+    known = Place.of(where)
+    if known.number is None:
         return said
+    kind, number = known.kind, known.number
     there = f"{kind} {number}"
     said = re.sub(
         rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, said, flags=re.IGNORECASE
@@ -279,7 +279,7 @@ def _of_data(found: Finding) -> str:
     """What is wrong with the data, or moves by chance: nothing of it can be fitted."""
     if found.effect == "outliers":
         return f"{found.label} samples come from another process: they lie farther off than the others' spread allows."
-    if found.effect == NoiseHeteroscedastic.effect:
+    if found.effect == NoiseLaw.effect:
         depends = listed([covariate(name) for name in found.depends_on])
         return f"The noise is not the same everywhere: its spread goes with {depends}."
     if found.effect == "encoder-quantisation":

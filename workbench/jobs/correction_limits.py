@@ -15,6 +15,7 @@ from datasets.errors import complaint
 from robot_model.state import sliding
 from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
+from workbench.core.vocabulary import Covariate
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.compensate import covariates_read
 
@@ -288,7 +289,7 @@ def _other_covariates(arm, programme):
     read = covariates_read(arm)
     for name, (low, high) in arm.fitted_range.items():
         values = programme.covariates.get(name)
-        is_temperature = name.startswith("temperature_")
+        is_temperature = Covariate.of(name).kind == "temperature"
         if name == _LOAD or values is None or not (name in read or is_temperature):
             continue
         outside = _outside(values, low, high, high - low)

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from workbench.core.vocabulary import Place
 from workbench.proving.scoring import NAMED
 
 SEEN = 0.3
@@ -219,7 +220,7 @@ def _outside(rows):
 
 
 def _withheld(rows):
-    at_joints = [r for r in rows if r["effects"][0]["where"].startswith("joint")]
+    at_joints = [r for r in rows if Place.of(r["effects"][0]["where"]).kind == "joint"]
     return [
         rate(
             "covariate-withheld", "located, effects at joints", at_joints, _located, "≥ 90 %", 0.90

@@ -8,6 +8,7 @@ import numpy as np
 from robot_model.effects.transmission import TransmissionHarmonic, turning_joints
 from workbench.core.effect import NUMBERED, Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
+from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.library import compliances, names
 from workbench.proving.oracle import Bench
 
@@ -116,7 +117,7 @@ def jittered(recording, rng):
     """A copy in which nothing is changed but the last digit: readings by 5e-5 deg, points by 5e-5 mm."""
     columns = dict(recording.columns)
     for name in columns:
-        if name in ("x_mm", "y_mm", "z_mm") or (name.startswith("q") and name.endswith("_deg")):
+        if name in ("x_mm", "y_mm", "z_mm") or Covariate.of(name).is_angle:
             columns[name] = columns[name] + rng.uniform(-5e-5, 5e-5, recording.n)
     return replace(recording, columns=columns)
 
@@ -176,7 +177,7 @@ def _mixing(recording) -> np.ndarray:
 
 def _read_off(recording, effect: Mapping, wave):
     """The readings that a controller would have shown had the joint stood where it stood with the effect in it."""
-    joint = int(effect["where"].rpartition("-")[2]) - 1
+    joint = Place.of(effect["where"]).number - 1
     off = np.zeros((recording.joints.shape[1], recording.n))
     off[joint] = wave
     moved = np.rad2deg(np.linalg.pinv(_mixing(recording)) @ off)
@@ -199,7 +200,7 @@ class Geometry:
 def _surviving(geometry: Geometry, effect, wave) -> tuple[float, float]:
     """RMS a coordinate, mm, of what a fit of the geometry leaves of a small effect, and of what it really leaves."""
     basis, chain = geometry.basis, geometry.model.chain
-    joint = int(effect["where"].rpartition("-")[2]) - 1
+    joint = Place.of(effect["where"]).number - 1
     own = geometry.values[: len(chain.parameters)]
     rows = chain.evaluate(own, {}).rows("joint", np.array([joint]))[0]
     change = (rows * (_SMALL * wave)).ravel()

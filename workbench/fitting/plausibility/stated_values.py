@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from robot_model.system import geometry_free
+from workbench.core.vocabulary import Covariate
 from workbench.fitting.plausibility.fitting import reach_of
 from workbench.fitting.plausibility.rounding import lattice_step
 from workbench.fitting.plausibility.suspicion import Suspicion
@@ -66,7 +67,7 @@ def _payload(robot, recording):
 
 def _temperature(robot, recording):
     for name, values in recording.columns.items():
-        if not name.startswith("temperature"):
+        if Covariate.of(name).kind != "temperature":
             continue
         limit = _WARMEST_AMBIENT_C if name == "temperature_c" else _WARMEST_C
         if np.median(values) > limit:

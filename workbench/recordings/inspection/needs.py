@@ -8,6 +8,7 @@ import numpy as np
 from datasets.columns import KINDS, joint_columns
 from datasets.recording import Recording
 from robot_model import load_robot
+from workbench.core.vocabulary import Covariate
 from workbench.recordings.inspection.coverage import Coverage, ImageCoverage
 from workbench.recordings.inspection.repeats import Repeats
 
@@ -127,10 +128,11 @@ def _diagnosis_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
         yield Need(
             "diagnose", False, what, "measure some poses with a second load (column payload_kg)"
         )
-    if not any(name.startswith("approach") for name in columns):
+    kinds = {Covariate.of(name).kind for name in columns}
+    if "approach" not in kinds:
         what = "directions of approach are not recorded: backlash cannot be tested directly"
         yield Need("diagnose", False, what, "reach poses from both sides and record approach1 ...")
-    if not any(name.startswith("temperature") for name in columns):
+    if "temperature" not in kinds:
         what = "no temperature: thermal growth can only be described as drift"
         yield Need("diagnose", False, what, "record temperature_c")
     if "time_s" not in columns:

@@ -3,6 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
+from workbench.core.vocabulary import Place
 from workbench.diagnosis import words as said
 from workbench.diagnosis.result import Diagnosis
 from workbench.report import style
@@ -26,11 +27,14 @@ def chain(made: Diagnosis) -> go.Figure:
     return drawn.update_layout(margin=dict(l=8, r=8, t=8, b=8), showlegend=False)
 
 
+_SHORT = {"joint": "J", "link": "L", "ball": "ball "}
+
+
 def places_of(made: Diagnosis) -> list[str]:
     """Places of the chain in order, and any other that something was found at."""
     known = list(made.views.chain) if made.views else []
     more = [one.where for one in made.located] + [term.finding.where for term in made.terms]
-    balls = sorted({where for where in more if where.startswith("ball-")})
+    balls = sorted({where for where in more if Place.of(where).kind == "ball"})
     return [*known, *balls, *(w for w in dict.fromkeys(more) if w not in known and w not in balls)]
 
 
@@ -74,7 +78,7 @@ def _marks(drawn, places, x, y, share):
             cmin=0,
             cmax=max(100 * float(values.max(initial=0)), 1.0),
             line=dict(color=style.GREY, width=1),
-            symbol=["square" if w.startswith("link") else "circle" for w in places],
+            symbol=["square" if Place.of(w).kind == "link" else "circle" for w in places],
         ),
         customdata=[f"{said.place(w)}: {100 * share[w]:.0f} % of the mismatch" for w in places],
         hovertemplate="%{customdata}<extra></extra>",
@@ -99,12 +103,10 @@ def _marks(drawn, places, x, y, share):
 
 
 def _short(where: str) -> str:
-    kind, dash, number = where.rpartition("-")
-    return (
-        f"{ {'joint': 'J', 'link': 'L', 'ball': 'ball '}.get(kind, kind) }{number}"
-        if dash
-        else where
-    )
+    place = Place.of(where)
+    if place.number is None:
+        return where
+    return f"{_SHORT.get(place.kind, place.kind)}{place.number}"
 
 
 def _names(drawn, made, places, x, y):

@@ -6,6 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from workbench.core.vocabulary import Covariate
 from workbench.diagnosis import words as said
 from workbench.diagnosis.result import Diagnosis
 from workbench.report import style
@@ -237,9 +238,10 @@ def extent(values) -> tuple[float, float]:
 def shown_covariate(name: str, x: np.ndarray) -> tuple[np.ndarray, str]:
     """Values as a person reads them, and the axis's title."""
     words = said.covariate(name)
-    if name.startswith(("q", "move")) and name.lstrip("qmove").isdecimal():
+    known = Covariate.of(name)
+    if known.kind in ("q", "move") and known.place and not known.unit:
         return np.rad2deg(x), f"{words} (°)"
-    return x, f"{words} (N m)" if name.startswith("tau") else words
+    return x, f"{words} (N m)" if known.kind == "tau" else words
 
 
 def _panel(drawn, k, x, row, shown, when):
@@ -286,7 +288,7 @@ def mattering(made: Diagnosis) -> list[str]:
     wide = [
         name
         for name, x in views.covariates.items()
-        if len(np.unique(x[:_LOOKED])) > 2 or name.startswith("approach")
+        if len(np.unique(x[:_LOOKED])) > 2 or Covariate.of(name).is_signed
     ]
     removed = {name: fall(views, name) for name in wide if name not in ("time", "time_s")}
     best: list[str] = []
