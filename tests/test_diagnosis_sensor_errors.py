@@ -12,7 +12,11 @@ from workbench.diagnosis import sensor
 from workbench.diagnosis.answer import _is_placed
 from workbench.diagnosis.problem import Located
 from workbench.diagnosis.result import verdict_of
-from workbench.diagnosis.sensor_errors import ball_centres, errors_by_kind
+from workbench.diagnosis.sensor_errors import (
+    ball_centres,
+    errors_by_kind,
+    random_image_error,
+)
 from workbench.diagnosis.sensor_simulate import simulated
 
 SHIFT = 0.3  # px
@@ -104,3 +108,26 @@ def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
 
 def replace_t(term, t):
     return SimpleNamespace(t=t, finding=term.finding)
+
+
+def moved_by(shift_of_stripe) -> sensor.SensorBench:
+    """A bench whose stripes are displaced by shift_of_stripe(placement, step) px."""
+    chains = simulated(sensor_virtual.chains(), (), {}, 5)
+    labels = chains.sheets.labels
+    moved = shift_of_stripe(labels["placement"], labels["step"])
+    sheets = replace(chains.sheets, pixels=chains.sheets.pixels + chains.sheets.scan * moved)
+    return sensor.SensorBench(replace(chains, sheets=sheets))
+
+
+def test_jitter_of_single_images_is_said_and_a_clean_recording_is_silent(bench):
+    table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
+    said = random_image_error(moved_by(lambda placement, step: table[placement, step]), ())
+    assert "at random from image to image" in said
+    size = float(said.split(" px")[0].rpartition(" ")[2])
+    assert size == pytest.approx(0.1, rel=0.25)
+    assert random_image_error(bench, ()) == ""
+
+
+def test_a_displacement_that_follows_the_board_pose_is_no_jitter():
+    by_pose = 0.1 * np.random.default_rng(4).normal(size=20)
+    assert random_image_error(moved_by(lambda placement, step: by_pose[placement]), ()) == ""

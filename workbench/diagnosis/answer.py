@@ -26,7 +26,11 @@ from workbench.diagnosis.result import (
 from workbench.diagnosis.robot import RobotBench, bench_of
 from workbench.diagnosis.scatter import CLAIMED, scattered, unrecorded
 from workbench.diagnosis.select import LEVEL, find
-from workbench.diagnosis.sensor_errors import ball_centres, errors_by_kind
+from workbench.diagnosis.sensor_errors import (
+    ball_centres,
+    errors_by_kind,
+    random_image_error,
+)
 from workbench.diagnosis.visible import smallest
 from workbench.files.provenance import provenance
 
@@ -149,7 +153,7 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
         shares,
         last.outliers(),
         missing_of(terms),
-        _warnings(bench, recording),
+        _warnings(bench, recording, terms),
         dict(provenance(recording)),
         fixed_points(recording, bench, terms),
         *_for_sensor(bench, recording, proved, terms, ~found.outliers),
@@ -218,9 +222,12 @@ def _with_stated_noise(last: "_Final", proved, terms, refused):
     return proved, terms
 
 
-def _warnings(bench, recording) -> tuple[str, ...]:
+def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
     """What is in doubt about this recording, and what could not be asked of it at all."""
     on_data = getattr(bench, "warnings", recording.warnings)
+    if hasattr(bench, "chains"):
+        random = random_image_error(bench, terms)
+        return (*on_data, random) if random else tuple(on_data)
     chain = getattr(bench, "chain", None)
     if chain is None or chain.robot.mass.any() or chain.state.payload.any():
         return on_data

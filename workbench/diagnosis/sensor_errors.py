@@ -1,13 +1,17 @@
-"""What a diagnosis of a sensor means for the user: errors by kind of measurement, and ball centres before and after."""
+"""What a diagnosis of a sensor means for the user: errors by kind, ball centres, random errors of single images."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from datasets.recording import Recording
+from workbench.core.least_squares.adjustment_tests import neighbour_test
 from workbench.diagnosis.heldout import rms
 from workbench.diagnosis.result import Proof, Term
 
+_LEVEL = 1e-3
+_RELEVANT = 1.0  # of the noise of a stripe's averaged point, from which a displacement of whole stripes matters
+_FEWEST_STRIPES = 20
 _KINDS = {"corners": "corners", "sheets": "stripes on boards", "balls": "stripes on balls"}
 
 
@@ -60,6 +64,77 @@ def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | N
         else {"before": errors[0], "after": errors[1]},
         "centres": rows,
     }
+
+
+def random_image_error(bench, terms: Sequence[Term]) -> str:
+    """A sentence where whole stripes are displaced at random from image to image, "" where they are not.
+
+    The means of single stripes scatter by more than their own noise (chi-square test), and depend neither on the step
+    nor on the board pose nor on the order of the images: no law of a recorded covariate predicts that.
+    """
+    sheets = bench.chains.sheets
+    if sheets is None:
+        return ""
+    chains, fit = bench.solve([e for term in terms for e in term.finding.effects])
+    residual = fit.residual[list(chains.parts).index("sheets")][0]
+    labels = sheets.labels
+    code = labels["placement"] * sheets.planes.shape[1] + labels["step"]
+    _, first, stripe = np.unique(code, return_index=True, return_inverse=True)
+    weight = np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0
+    total = np.bincount(stripe, weight)
+    means = np.bincount(stripe, weight * residual) / total
+    size = _scatter(means, total)
+    if size < _RELEVANT * float(np.median(weight**-0.5)) or len(means) < _FEWEST_STRIPES:
+        return ""
+    groups = [labels["step"][first], labels["placement"][first]]
+    if any(_depends(means, group) for group in groups) or _drifts(
+        means, bench.order[_of(bench)][first]
+    ):
+        return ""
+    return (
+        f"Whole stripes are displaced at random from image to image by {size:.2g} px (1 sigma): jitter or vibration of "
+        "the mirror or the arm, or irregular timing. No recorded covariate predicts it, so no correction can remove "
+        "it; average several sweeps, let the arm settle, or record what changes between images."
+    )
+
+
+def _of(bench) -> slice:
+    """Where the stripes on boards stand among the samples of a bench."""
+    first = bench.chains.counts[0]
+    return slice(first, first + bench.chains.sheets.n)
+
+
+def _scatter(means: np.ndarray, weight: np.ndarray) -> float:
+    """Standard deviation (px) of the stripes' own displacement; 0 where their noise explains the scatter.
+
+    Method of moments: DerSimonian and Laird, Controlled Clinical Trials 7 (1986).
+    """
+    from scipy.stats import chi2
+
+    away = means - np.average(means, weights=weight)
+    degrees = len(means) - 1
+    statistic = float(weight @ away**2)
+    if chi2.sf(statistic, degrees) > _LEVEL:
+        return 0.0
+    unit = weight.sum() - (weight**2).sum() / weight.sum()
+    return float(np.sqrt(max(statistic - degrees, 0.0) / unit))
+
+
+def _depends(means: np.ndarray, group: np.ndarray) -> bool:
+    """One-way analysis of variance: whether the means of stripes differ between groups."""
+    from scipy.stats import f_oneway
+
+    parts = [means[group == label] for label in np.unique(group)]
+    parts = [part for part in parts if len(part) > 1]
+    return len(parts) > 1 and bool(f_oneway(*parts).pvalue < _LEVEL)
+
+
+def _drifts(means: np.ndarray, order: np.ndarray) -> bool:
+    """Whether stripes that follow one another are displaced alike (von Neumann's ratio)."""
+    ordered = np.argsort(order, kind="stable")
+    previous = np.maximum(np.arange(len(means)) - 1, 0)
+    previous[0] = 1
+    return neighbour_test(means[ordered][None], previous).p_value < _LEVEL
 
 
 def _distance_error(

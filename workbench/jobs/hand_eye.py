@@ -21,6 +21,7 @@ from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.imaging.flange import flange_poses, rows_of_samples
 from workbench.imaging.images import by_role, check_size
 from workbench.jobs import camera as cameras
+from workbench.jobs import hand_eye_clouds
 from workbench.machine.progress import paced
 
 FILE = "hand-eye.toml"
@@ -67,7 +68,9 @@ def calibrate(
     the data cannot is reported and does not refuse the recording. Raises InputError.
     """
     if recording.measures == "ball-surface":
-        return _from_profiles(recording, kind, progress)
+        return _from_surface(recording, kind, progress)
+    if recording.measures == "ball-centre":
+        return _from_centres(recording, kind, progress)
     by_role(recording, "board")
     kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
     flange = flange_poses(recording)
@@ -140,6 +143,37 @@ def _camera(recording, sensor, found, progress):
     return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD
 
 
+def _from_centres(recording, kind, progress) -> HandEyeRun:
+    _check_in_hand(recording, kind)
+    flange = flange_poses(recording)
+    made, poses, names = hand_eye_clouds.from_ball_centres(recording, flange, progress)
+    return HandEyeRun(recording, made, poses, names)
+
+
+def _from_surface(recording, kind, progress) -> HandEyeRun:
+    """From points on one ball: clouds of a 3-D camera, or profiles of a laser profiler in its plane y = 0."""
+    if not hand_eye_clouds.is_cloud(recording):
+        return _from_profiles(recording, kind, progress)
+    _check_in_hand(recording, kind)
+    balls = np.unique(recording.ball)
+    if len(balls) > 1:
+        raise InputError(
+            f"{recording.name}, samples.csv, column ball: expected clouds of one ball, found {len(balls)}; "
+            "split the recording, one ball each"
+        )
+    flange = flange_poses(recording)
+    made, poses, names = hand_eye_clouds.from_clouds(recording, flange, progress)
+    return HandEyeRun(recording, made, poses, names)
+
+
+def _check_in_hand(recording, kind) -> None:
+    if kind == TO_HAND:
+        raise InputError(
+            f"{recording.name}: expected a sensor on the flange that measures a ball, found --kind to-hand; leave the "
+            "option out"
+        )
+
+
 def _from_profiles(recording, kind, progress) -> HandEyeRun:
     from sensors.hand_eye.profiles import hand_eye_from_profiles
 
@@ -157,6 +191,9 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
     labels, first, pose = np.unique(recording.poses, return_index=True, return_inverse=True)
     progress(f"hand-eye from {len(labels)} profiles of a ball")
     ball = recording.balls.get(int(balls[0]))
+    hand_eye_clouds.check_unit(
+        recording, recording.points[pose == 0].T, None if ball is None else float(ball[3])
+    )
     flange = flange_poses(recording)[first]
     made = hand_eye_from_profiles(
         recording.points.T, pose, flange, None if ball is None else ball[3]

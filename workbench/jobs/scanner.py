@@ -29,6 +29,8 @@ from workbench.machine.progress import paced
 FILE = "scanner.toml"
 _FRAMES = 16
 _BEYOND = 1.5  # steps of the grid that a board may reach beyond its outermost corners
+_OUTLINED = 12  # corners that place the rest of a board
+_FAR_PX = 30_000.0  # px beyond which an outline is cut
 _TRIED = 3  # placements from which the direction of the stripes is read
 
 
@@ -260,18 +262,43 @@ def _told(found, rows, placement) -> BoardStripes:
 
 
 def region_of(view: View, board: Board) -> np.ndarray:
-    """(H, W) bool: the board's part of the picture, with a margin, where a laser's line is looked for."""
+    """(H, W) bool: the board's part of the image, with a margin, where a laser's line is looked for.
+
+    Where some corners were not seen (a board cut by the border, or covered in part), the whole board counts, placed by
+    the corners that were.
+    """
     import cv2
 
     width, height = view.size
     middle = view.pixels.mean(1, keepdims=True)
     wider = 1 + 2 * _BEYOND / (min(board.columns, board.rows) - 1)
-    hull = cv2.convexHull(
-        np.ascontiguousarray((middle + wider * (view.pixels - middle)).T, np.float32)
-    )
+    parts = [middle + wider * (view.pixels - middle)]
+    if len(view.index) < board.count:
+        parts += _outline(view, board)
     mask = np.zeros((height, width), np.uint8)
-    cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 1)
+    for part in parts:
+        hull = cv2.convexHull(np.ascontiguousarray(part.T, np.float32))
+        cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 1)
     return mask.astype(bool)
+
+
+def _outline(view: View, board: Board) -> list[np.ndarray]:
+    """Outline (2, 4) px of the whole board by the homography of the corners that were seen; none without one."""
+    import cv2
+
+    if len(view.index) < _OUTLINED:
+        return []
+    seen = board.points[:2, view.index]
+    homography, _ = cv2.findHomography(seen.T, view.pixels.T)
+    if homography is None:
+        return []
+    low, high = board.points[:2].min(1), board.points[:2].max(1)
+    low, high = low - _BEYOND * board.square_mm, high + _BEYOND * board.square_mm
+    ends = np.array([[low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]])
+    placed = homography @ np.vstack([ends, np.ones(4)])
+    if (placed[2] <= 0).any():
+        return []  # the extrapolated board reaches behind the camera
+    return [np.clip(placed[:2] / placed[2], -_FAR_PX, _FAR_PX)]
 
 
 def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:

@@ -58,7 +58,7 @@ def command(
         from workbench.jobs import hand_eye
 
         read = datasets.read(recording, trust_data)
-        is_profile = read.measures == "ball-surface"
+        is_profile = read.measures in ("ball-surface", "ball-centre")
         units = hand_eye_verdict.PROFILE_UNITS if is_profile else hand_eye_verdict.UNITS
         tolerances = verdict.parse_tolerances(tolerance, units)
         made = hand_eye.calibrate(read, camera or scanner, kind and kind.value, say, trust_data)

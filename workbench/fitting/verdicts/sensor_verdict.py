@@ -8,7 +8,7 @@ stated uncertainty cannot: a warning says so.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -180,52 +180,86 @@ def _poor_camera(calibration) -> bool:
 
 
 def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
-    """Verdict on `Scans`: points of all balls from their balls, mm. One pass over the scans, whose sums are kept."""
-    squares, expected, count = _ball_sums(made)
-    if not count:
+    """Verdict on `Scans`: points of all balls from their balls, mm. One pass over the scans, whose sums are kept.
+
+    The noise is that of neighbouring centres of each stripe, so that lack of fit does not count as noise.
+    """
+    sums = _ball_sums(made)
+    if not sums.points:
         return no_verdict("No ball was fitted, so no residual can be judged.")
+    size = math.sqrt(sums.squares / sums.points)
+    significant = None if not sums.tested else sums.doubtful > 0
     residual = Residual(
-        math.sqrt(squares / count), "mm", "RMS distance of ball points from their balls", count
+        size, "mm", "RMS distance of ball points from their balls", sums.points, significant
+    )
+    noise = Noise(
+        math.sqrt(sums.noise_squares / sums.points), _NEIGHBOURS if sums.tested else _POINTS
     )
     advice = "the calibration of the scanner, the certified radius or the ball's form is off by more than the noise"
-    verdict = judge(residual, Noise(math.sqrt(expected / count), _POINTS), tolerances, advice)
-    return _refused(verdict) if _poor_scans(verdict) else verdict
+    verdict = judge(residual, noise, tolerances, advice)
+    return _refused(verdict) if sums.is_poor else verdict
 
 
 def scan_warnings(made) -> list[str]:
     """Why scans or their stated uncertainty are not trustworthy, if they are not."""
-    verdict = scan_verdict(made)
-    if _poor_scans(verdict):
+    sums = _ball_sums(made)
+    if sums.points and sums.is_poor:
+        size = math.sqrt(sums.squares / sums.points)
         return [
-            f"{_POOR_WORDS}: points lie {verdict.residual:.3g} mm from their balls, "
-            f"{verdict.residual_over_noise:.3g} times the noise; see that the scanner file belongs to these images, "
-            "and check the radii in artefact.csv"
+            f"{_POOR_WORDS}: points lie {size:.3g} mm from their balls, {sums.over_stated:.3g} times the noise; see "
+            "that the scanner file belongs to these images, and check the radii in artefact.csv"
         ]
-    tested, doubtful, worst = _ball_misfits(made)
-    if not doubtful:
+    if not sums.doubtful:
         return []
     return [
-        f"{_DOUBT_WORDS} for {doubtful} of {tested} balls: {worst.sentence}: {_DIAGNOSE}, and check radius and form "
-        "of the ball"
+        f"{_DOUBT_WORDS} for {sums.doubtful} of {sums.tested} balls: {sums.worst.sentence}: {_DIAGNOSE}, and check "
+        "radius and form of the ball"
     ]
 
 
-def _poor_scans(verdict: Verdict) -> bool:
-    ratio = verdict.residual_over_noise
-    return ratio is not None and ratio > _POOR
+@dataclass
+class _BallSums:
+    """Over the points of all fitted balls: `squares` of distances (mm^2), what the stated noise (`stated_squares`) and
+    that of neighbouring centres (`noise_squares`) make of them, and number of `points`; number of balls `tested` for
+    lack of fit and of those where it is relevant (`doubtful`), and the `worst` of these."""
+
+    squares: float = 0.0
+    stated_squares: float = 0.0
+    noise_squares: float = 0.0
+    points: float = 0.0
+    tested: int = 0
+    doubtful: int = 0
+    worst: Misfit | None = None
+
+    def add(self, fit, misfit: Misfit | None) -> None:
+        """The sums with one more ball."""
+        number = float(fit.inliers.sum())
+        stated = (fit.rms / fit.sigma_scale) ** 2
+        self.squares += number * fit.rms**2
+        self.stated_squares += number * stated
+        self.points += number
+        if misfit is None:
+            self.noise_squares += number * stated
+            return
+        share = misfit.noise_px**2 / (misfit.noise_px**2 + misfit.total_px**2)
+        self.noise_squares += number * fit.rms**2 * share
+        self.tested += 1
+        self.doubtful += misfit.is_relevant
+        if misfit.is_relevant and (self.worst is None or _ratio(misfit) > _ratio(self.worst)):
+            self.worst = misfit
+
+    @property
+    def over_stated(self) -> float:
+        """Residual over the noise that the stated sigmas make."""
+        return math.sqrt(self.squares / max(self.stated_squares, 1e-300))
+
+    @property
+    def is_poor(self) -> bool:
+        return self.over_stated > _POOR
 
 
-def _ball_misfits(made) -> tuple[int, int, Misfit | None]:
-    """Number of balls whose lack of fit was tested, of those where it is relevant, and the largest of these."""
-    if "ball_misfits" not in made.told:
-        tested, found = 0, []
-        for misfit in (ball.misfit for one in made.scans for ball in one.balls if ball.fit):
-            tested += misfit is not None
-            if misfit is not None and misfit.is_relevant:
-                found.append(misfit)
-        worst = max(found, key=lambda one: one.total_px / one.noise_px, default=None)
-        made.told["ball_misfits"] = tested, len(found), worst
-    return made.told["ball_misfits"]
+def _ratio(misfit: Misfit) -> float:
+    return misfit.total_px / misfit.noise_px
 
 
 def _refused(verdict: Verdict) -> Verdict:
@@ -234,17 +268,14 @@ def _refused(verdict: Verdict) -> Verdict:
     return replace(verdict, passed=False, sentence=sentence)
 
 
-def _ball_sums(made):
-    """Sums over the points of all fitted balls: squared distances, squares that the noise makes, and their number."""
+def _ball_sums(made) -> _BallSums:
+    """The sums over all balls of all scans, made once."""
     if "ball_sums" not in made.told:
-        squares = expected = count = 0.0
-        for fit in (ball.fit for one in made.scans for ball in one.balls):
-            if fit and fit.sigma_scale > 0 and math.isfinite(fit.rms):
-                number = float(fit.inliers.sum())
-                squares += number * fit.rms**2
-                expected += number * (fit.rms / fit.sigma_scale) ** 2
-                count += number
-        made.told["ball_sums"] = squares, expected, count
+        sums = _BallSums()
+        for ball in (ball for one in made.scans for ball in one.balls):
+            if ball.fit and ball.fit.sigma_scale > 0 and math.isfinite(ball.fit.rms):
+                sums.add(ball.fit, ball.misfit)
+        made.told["ball_sums"] = sums
     return made.told["ball_sums"]
 
 

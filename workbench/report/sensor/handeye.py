@@ -35,6 +35,7 @@ def page(run: HandEyeRun) -> Page:
         "in-hand": "camera on the flange",
         "to-hand": "camera beside the arm",
         "profiles": "profiler on the flange",
+        "clouds": "3-D sensor on the flange",
     }
     sections = (
         Section("poses", "Pose by pose", tuple(_poses(run))),
@@ -91,6 +92,8 @@ def lead(run: HandEyeRun) -> list[str]:
     what = (
         "the board, which never moved, seems to move from image to image"
         if made.radius is None
+        else "measured centres of the ball scatter in the base"
+        if made.kind == "clouds"
         else "points of a profile lie from the one ball"
     )
     spread = made.robot_sigma
@@ -102,14 +105,20 @@ def lead(run: HandEyeRun) -> list[str]:
         if "rotation_deg" in spread
         else (
             "The flange poses are taken as measured with error; these data say 1 σ = "
-            f"{rounded(spread['position_mm'])} mm; the radius that profiles show differs by "
-            f"{rounded(spread['radius_mm'])} mm from one to the next."
+            f"{rounded(spread['position_mm'])} mm{_of_radius(spread)}."
         )
     )
     return [
         f"By how much {what}, over {poses}; held out, each pose is predicted from the others alone.",
         robot,
     ]
+
+
+def _of_radius(spread) -> str:
+    """How much the radius differs between profiles; nothing for sensors that measure whole centres."""
+    if "radius_mm" not in spread:
+        return ""
+    return f"; the radius that profiles show differs by {rounded(spread['radius_mm'])} mm from one to the next"
 
 
 def _poses(run):

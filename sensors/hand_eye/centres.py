@@ -1,0 +1,214 @@
+"""Hand-eye from centres of balls that stand still, as a 3-D camera or a scanner on the flange measures them.
+
+With T_base_flange = (R_i, p_i) and the centre c_i in the sensor frame, ball k stands at
+
+    b_k = R_i (X c_i + t) + p_i
+
+in the base. For a rotation X the rest is linear; the rotation is found from a grid over SO(3) and then by Gauss-Newton.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.hand_eye.poses import checked_flange
+from sensors.hand_eye.profiles_start import turns
+from sensors.hand_eye.result import HandEye, PoseRow, placement
+from workbench.core.errors import InputError
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.core.parameters import Parameter, Parameters
+from workbench.core.rigid import nearest_rotation, rotation_matrix, rotation_vector, skew
+
+_LEAST = 4
+_STARTS, _STEPS = 12, 50
+_SETTLED = 1e-10
+_UNDETERMINED = 1e-9  # eigenvalue of the scaled normal matrix, relative to the largest
+_LEVER = 100.0  # mm: a rotation by 1 rad counts as much as a shift by this
+_NAMES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class Centres:
+    """n centres: `points` (3, n) mm in the sensor frame; `flange` (n, 4, 4) T_base_flange; `ball` (n,) its label from
+    0; `sigma` mm of one coordinate, as each measurement by itself shows it, nan where unknown."""
+
+    points: np.ndarray
+    flange: np.ndarray
+    ball: np.ndarray
+    sigma: float = float("nan")
+
+
+def hand_eye_from_centres(
+    centres: Centres, radius: float, residual_mm: np.ndarray | None = None
+) -> HandEye:
+    """Hand-eye and the balls' places, without a guess.
+
+    radius: mm, of the first ball, handed on. residual_mm (n,): RMS distance of each cloud from its own ball, handed on
+    as noise. Sigmas come from the residuals of the centres, so that they hold errors of the robot too. InputError for
+    fewer than four poses.
+    """
+    flange = checked_flange(centres.flange, "ball centres")
+    if centres.points.shape[1] < _LEAST:
+        raise InputError(
+            f"ball centres: expected at least {_LEAST} poses, found {centres.points.shape[1]}; take more, with "
+            "rotations about two axes"
+        )
+    solution = _solve(centres.points, flange, centres.ball)
+    return _result(centres, solution, radius, residual_mm)
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """`turn` (3, 3), `shift` (3,) and `places` (K, 3) mm; residual (3, n) and rows (3 n, 6 + 3 K) there."""
+
+    turn: np.ndarray
+    shift: np.ndarray
+    places: np.ndarray
+    residual: np.ndarray
+    rows: np.ndarray
+    converged: bool
+
+
+def _solve(points, flange, ball) -> _Solution:
+    rotations = turns()
+    costs = [_linear(turn, points, flange, ball)[2] for turn in rotations]
+    best = np.argsort(costs)[:_STARTS]
+    made = [_descend(rotations[k], points, flange, ball) for k in best]
+    return min(made, key=lambda one: float((one.residual**2).sum()))
+
+
+def _design(flange, ball) -> np.ndarray:
+    """(3 n, 3 + 3 K) derivative of the residual by shift and places."""
+    n, count = len(flange), int(ball.max()) + 1
+    rows = np.zeros((n, 3, 3 + 3 * count))
+    rows[:, :, :3] = flange[:, :3, :3]
+    for axis in range(3):
+        rows[np.arange(n), axis, 3 + 3 * ball + axis] = -1
+    return rows.reshape(3 * n, -1)
+
+
+def _linear(turn, points, flange, ball):
+    """Shift (3,), places (K, 3) and sum of squares for one rotation; least length where they are not determined."""
+    moved = np.einsum("nij,jn->ni", flange[:, :3, :3] @ turn, points) + flange[:, :3, 3]
+    design = _design(flange, ball)
+    found = np.linalg.lstsq(design, -moved.ravel(), rcond=1e-10)[0]
+    left = moved.ravel() + design @ found
+    return found[:3], found[3:].reshape(-1, 3), float(left @ left)
+
+
+def _descend(turn, points, flange, ball) -> _Solution:
+    """Gauss-Newton from one rotation."""
+    shift, places, _ = _linear(turn, points, flange, ball)
+    converged = False
+    for _ in range(_STEPS):
+        residual, rows = _linearised(turn, shift, places, points, flange, ball)
+        step = np.linalg.lstsq(rows / _scale(rows), -residual.T.ravel(), rcond=1e-10)[0]
+        step = step / _scale(rows)
+        turn = nearest_rotation(rotation_matrix(step[:3]) @ turn)
+        shift, places = shift + step[3:6], places + step[6:].reshape(-1, 3)
+        converged = bool(np.abs(step).max() < _SETTLED * _LEVER)
+        if converged:
+            break
+    residual, rows = _linearised(turn, shift, places, points, flange, ball)
+    return _Solution(turn, shift, places, residual, rows, converged)
+
+
+def _scale(rows) -> np.ndarray:
+    return np.where(np.arange(rows.shape[1]) < 3, _LEVER, 1.0)
+
+
+def _linearised(turn, shift, places, points, flange, ball):
+    """Residual (3, n) mm and its derivative (3 n, 6 + 3 K) by a small rotation, the shift and the places."""
+    turned = turn @ points
+    seen = np.einsum("nij,jn->in", flange[:, :3, :3], turned + shift[:, None]) + flange[:, :3, 3].T
+    residual = seen - places[ball].T
+    by_turn = -np.einsum("nij,njk->nik", flange[:, :3, :3], skew(turned.T))
+    rows = np.concatenate([by_turn.reshape(-1, 3), _design(flange, ball)], axis=1)
+    return residual, rows
+
+
+def _result(centres, made: _Solution, radius, residual_mm) -> HandEye:
+    rows, n = made.rows, centres.points.shape[1]
+    degrees = max(3 * n - rows.shape[1], 1)
+    variance = float((made.residual**2).sum()) / degrees
+    covariance, loose = _covariance(rows, variance)
+    held = _held_out(made.residual, rows)
+    keys = [f"sensor.{name}" for name in _NAMES] + [f"target.{name}" for name in "xyz"]
+    values = np.concatenate([made.shift, rotation_vector(made.turn), made.places[0]])
+    units = ("mm",) * 3 + ("rad",) * 3 + ("mm",) * 3
+    sensor = np.r_[3:6, 0:3]  # x y z before the rotation
+    std = np.sqrt(np.diag(covariance))
+    order = np.r_[sensor, 6:9]
+    table = Parameters.of(
+        [
+            Parameter(key, unit, float(value), 1.0, key)
+            for key, unit, value in zip(keys, units, values)
+        ]
+    )
+    own = np.sqrt((made.residual**2).sum(0))
+    noise = float("nan") if residual_mm is None else float(np.sqrt(np.mean(residual_mm**2)))
+    robot = np.sqrt(max(variance - np.nan_to_num(centres.sigma) ** 2, 0.0))
+    return HandEye(
+        kind="clouds",
+        sensor=_matrix(made.turn, made.shift),
+        covariance=covariance[np.ix_(sensor, sensor)],
+        target=placement(made.places[0]),
+        target_covariance=covariance[6:9, 6:9],
+        parameters=table,
+        std=dict(zip(keys, std[order].tolist())) | {"target.radius": None},
+        noise=noise,
+        unit="mm",
+        robot_sigma={"position_mm": float(robot)},
+        fit={"rms_mm": _rms(own), "pose_rms_mm": _rms(own), "points": n},
+        held_out={"rms_mm": _rms(held), "pose_rms_mm": _rms(held), "folds": n},
+        poses=tuple(
+            PoseRow(k, float(own[k]), float(held[k]), 0.0, 0.0, float("nan"), False)
+            for k in range(n)
+        ),
+        undetermined=loose,
+        suspicions=(),
+        outcome="converged" if made.converged else "not converged",
+        converged=made.converged,
+        radius=radius,
+    )
+
+
+def _matrix(turn, shift) -> np.ndarray:
+    made = np.eye(4)
+    made[:3, :3], made[:3, 3] = turn, shift
+    return made
+
+
+def _rms(lengths) -> float:
+    return float(np.sqrt(np.mean(np.square(lengths))))
+
+
+def _covariance(rows, variance) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Covariance of rotation (rad), shift and places (mm); inf with a sentence for what is not determined."""
+    scale = _scale(rows)
+    values, vectors = symmetric_eigen((rows / scale).T @ (rows / scale))
+    loose = values < _UNDETERMINED * values.max()
+    inverse = np.where(loose, 0.0, 1 / np.where(loose, 1.0, values))
+    covariance = (vectors * inverse) @ vectors.T * variance / np.outer(scale, scale)
+    hidden = ((vectors[:, loose] ** 2).sum(1) > 1e-6) if loose.any() else np.zeros(len(scale), bool)
+    covariance[hidden, hidden] = np.inf
+    if not hidden.any():
+        return covariance, ()
+    names = [("rotation", "shift")[k] for k in range(2) if hidden[3 * k : 3 * k + 3].any()]
+    what = " and ".join(names) if names else "place of the ball"
+    return covariance, (
+        f"{what} of the sensor: not determined in {int(loose.sum())} directions, because the flange rotates too "
+        "little or about one axis only; add poses with rotations about two axes",
+    )
+
+
+def _held_out(residual, rows) -> np.ndarray:
+    """(n,) mm: distance of each centre from the prediction of all others, (1 - H)^-1 e (Cook & Weisberg, 1982)."""
+    basis, sizes, _ = np.linalg.svd(rows / _scale(rows), full_matrices=False)
+    basis = basis[:, sizes > 1e-8 * sizes.max()]
+    held = np.empty(residual.shape[1])
+    for k in range(len(held)):
+        own = basis[3 * k : 3 * k + 3]
+        left = np.eye(3) - own @ own.T
+        held[k] = np.linalg.norm(np.linalg.lstsq(left, residual[:, k], rcond=1e-6)[0])
+    return held

@@ -1,0 +1,69 @@
+"""Effects of recorded columns are named: exposure, warm-up of the laser, rolling shutter, vibration, a board line."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import sensor_virtual
+from sensors.effects import CATALOGUE
+from workbench.diagnosis import sensor
+from workbench.diagnosis.select import find
+from workbench.diagnosis.sensor_simulate import simulated
+
+CASES = {
+    "recorded-column": ("mirror", {"column": "exposure_ms"}, {"slope": 1e-4}),
+    "laser-drift": ("laser", {"time_constant_s": 120.0}, {"amplitude": 1e-3}),
+    "rolling-shutter": ("time", {}, {"readout": 4e-3}),
+    "mirror-vibration": ("mirror", {"angular_frequency": 0.31}, {"cos": 2e-4, "sin": 1e-4}),
+    "board-point-errors": ("artefact", {"line": "row", "at_mm": 24.0}, {"row24_x": 0.03}),
+}
+
+
+@cache
+def true():
+    """Measurements with the exposure and the time of every image."""
+    chains = sensor_virtual.chains()
+    rng = np.random.default_rng(8)
+    parts, start = {}, 0.0
+    for name in ("sheets", "balls"):
+        chain = getattr(chains, name)
+        group = chain.labels["placement" if name == "sheets" else "ball"]
+        code = group * chain.planes.shape[1] + chain.labels["step"]
+        _, image = np.unique(code, return_inverse=True)
+        time = start + np.cumsum(rng.uniform(1.5, 2.5, image.max() + 1))
+        exposure = rng.choice([2.0, 4.0, 6.0], image.max() + 1)
+        columns = {"exposure_ms": exposure[image], "time_s": time[image]}
+        parts[name] = replace(chain, covariates={**chain.covariates, **columns})
+        start = float(time[-1])
+    corners = chains.corners
+    still = np.full(corners.pixels.shape[1], 4.0)
+    corners = replace(corners, covariates={**corners.covariates, "exposure_ms": still})
+    return replace(chains, corners=corners, **parts)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "recorded-column",
+        pytest.param("laser-drift", marks=pytest.mark.slow),
+        pytest.param("rolling-shutter", marks=pytest.mark.slow),
+        pytest.param("mirror-vibration", marks=pytest.mark.slow),
+        pytest.param("board-point-errors", marks=pytest.mark.slow),
+    ],
+)
+def test_an_effect_of_a_recorded_column_is_named(name):
+    where, options, values = CASES[name]
+    effect = CATALOGUE[name](where, **options)
+    values = {f"{where}.{name}.{key}": value for key, value in values.items()}
+    bench = sensor.SensorBench(simulated(true(), (effect,), values, 3))
+    found = find(bench)
+    named = [(one.effect, one.where) for one in found.findings]
+    assert named == [(name, where)], found
+    assert found.findings[0].probability > 0.4
+
+
+def test_clean_measurements_with_many_columns_are_silent():
+    found = find(sensor.SensorBench(simulated(true(), (), {}, 4)))
+    assert found.p_first > 0.005 and not found.findings
