@@ -1,8 +1,8 @@
 """Run folders: the output of a command appears in one place, as a whole or not at all.
 
 A run is written under a temporary name next to its final place and renamed when all of it is
-there. No reader ever meets half a result, and no earlier run is overwritten. The temporary folder
-holds a lock that ends with its process, so that what a killed run left behind is recognised and
+there. No reader ever meets half a result, and no earlier run is overwritten. A lock next to
+the temporary folder ends with its process, so that what a killed run left behind is recognised and
 replaced.
 """
 
@@ -23,7 +23,6 @@ except ImportError:  # Windows: a temporary folder that is left behind has to be
     fcntl = None
 
 RUNS = Path("runs")
-_LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Run:
     """One run: `partial` is written to while it lasts, `path` is where it stands afterwards.
 
     `made`: folders above it that were not there before, innermost first. `lock`: file descriptor of
-    the lock in `partial`, which belongs to this process.
+    the lock file next to `partial`.
     """
 
     path: Path
@@ -55,6 +54,7 @@ def opened(command: str, subject: str | Path, out: Path | None = None) -> Iterat
     finally:
         shutil.rmtree(run.partial, ignore_errors=True)
         if run.lock is not None:
+            _lock_of(run.partial).unlink(missing_ok=True)
             os.close(run.lock)
         for folder in run.made:
             with suppress(OSError):  # it holds something, as it should after a run that ended well
@@ -138,18 +138,22 @@ def _reserve(partial: Path) -> tuple[tuple[Path, ...], int | None]:
         partial.mkdir(parents=True, exist_ok=fcntl is not None)
         if fcntl is None:
             return missing, None
-        lock = os.open(partial / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+        lock = os.open(_lock_of(partial), os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
         raise InputError(_refused(partial.parent, error)) from error
-    if not _is_ours(lock, partial / _LOCK):
+    if not _is_ours(lock, _lock_of(partial)):
         os.close(lock)
         return missing, None
     for left in partial.iterdir():
         if left.is_dir() and not left.is_symlink():
             shutil.rmtree(left, ignore_errors=True)
-        elif left.name != _LOCK:
+        else:
             left.unlink(missing_ok=True)
     return missing, lock
+
+
+def _lock_of(partial: Path) -> Path:
+    return partial.with_name(f"{partial.name}.lock")
 
 
 def _is_ours(lock: int, path: Path) -> bool:
@@ -163,7 +167,6 @@ def _is_ours(lock: int, path: Path) -> bool:
 
 def _move_into_place(run: Run) -> None:
     try:
-        (run.partial / _LOCK).unlink(missing_ok=True)
         if run.path.is_dir():
             run.path.rmdir()  # it was empty; where it no longer is, this refuses
         run.partial.rename(run.path)
