@@ -19,6 +19,7 @@ from workbench.app.jobs import CANCELLED, DONE, FAILED, Job
 from workbench.app.workspace import EXTEND, REMOVE, Workspace, stage_items
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
+from workbench.report.text import p_value
 
 STAGES = (
     Stage("geometry", "lengths", free=("base.*", "sensor.*", "joint-*.theta*"), earn=False),
@@ -265,7 +266,7 @@ def test_places_of_a_diagnosis_carry_share_and_findings():
     ]
     assert diagnosis.candidates(found["joint-5"])[0]["why"] == "the held-out error does not fall"
     values = dict(diagnosis.evidence(found["joint-2"].found[0]))
-    assert values["p-value"] == "< 1e-6" and values["control: permuted"] == "passed, p 0.005"
+    assert values["p-value"] == "< 1e-6" and values["control: permuted"] == "passed, p 0.0050"
 
 
 def test_ticked_terms_become_effects_of_a_plan_that_calibrate_reads(tmp_path):
@@ -303,9 +304,9 @@ def test_a_diagnosis_run_is_opened_with_its_views(tmp_path):
 
 
 def test_p_values_below_a_millionth_are_not_written_out():
-    assert diagnosis.p_value_text(9e-159) == "< 1e-6"
-    assert diagnosis.p_value_text(0.0123) == "0.012"
-    assert diagnosis.p_value_text(None) == "–"
+    assert p_value(9e-159) == p_value(0.0) == "< 1e-6"
+    assert p_value(0.0123) == "0.012"
+    assert p_value(None) == p_value(float("nan")) == "–"
 
 
 @pytest.fixture

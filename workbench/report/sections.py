@@ -79,6 +79,11 @@ def thumbnails(images: Sequence[tuple[Path, str]]) -> dict:
     return {"kind": "thumbnails", "images": [(thumbnail(path), text) for path, text in images]}
 
 
+def images(sources: Sequence[tuple[str, str]]) -> dict:
+    """Images as data addresses, each with its sentence."""
+    return {"kind": "images", "images": [(source, text) for source, text in sources if source]}
+
+
 def links(lines: Sequence[tuple[str, str]]) -> dict:
     """A list of addresses, each with its words."""
     return {"kind": "links", "lines": list(lines)}

@@ -118,3 +118,18 @@ def thinned_sentence(n: int) -> str:
     if n <= MOST_POINTS:
         return ""
     return f"{MOST_POINTS:,} of {n:,} samples are drawn, chosen at random; every number uses all of them."
+
+
+def legend_above(axes, columns: int = 3, size: float = 8.5) -> None:
+    """The legend of a matplotlib plot between its title and its frame, where no curve can be."""
+    entries = len(axes.get_legend_handles_labels()[1])
+    lines = -(-entries // columns)
+    axes.set_title(axes.get_title(), pad=8 + lines * (size + 6))
+    axes.legend(
+        frameon=False,
+        loc="lower left",
+        bbox_to_anchor=(0, 1),
+        borderaxespad=0.2,
+        ncols=columns,
+        fontsize=size,
+    )

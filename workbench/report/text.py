@@ -18,6 +18,13 @@ def rounded(value: float | None, digits: int = 3) -> str:
     return fixed(value, digits - 1 - math.floor(math.log10(abs(value))))
 
 
+def p_value(value: float | None) -> str:
+    """A p-value with two significant digits; below a millionth "< 1e-6", where no test is that exact."""
+    if value is not None and math.isfinite(value) and value < 1e-6:
+        return "< 1e-6"
+    return rounded(value, 2)
+
+
 def fixed(value: float, decimals: int) -> str:
     """`value` with so many decimals and a true minus sign."""
     shown = f"{value:z.{max(decimals, 0)}f}"

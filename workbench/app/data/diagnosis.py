@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from workbench.report.text import p_value
+
 _OUTSIDE = ("time", "noise", "samples")
 
 
@@ -88,13 +90,6 @@ def _rounded(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
-def p_value_text(p: float | None) -> str:
-    """A p-value for people: "< 1e-6" below a millionth."""
-    if p is None:
-        return "–"
-    return "< 1e-6" if p < 1e-6 else f"{p:.2g}"
-
-
 def evidence(term: Mapping) -> list[tuple[str, str]]:
     """Name and value of what speaks for a term."""
     unit = "mm" if "held_out_gain_mm" in term else "px"
@@ -102,14 +97,14 @@ def evidence(term: Mapping) -> list[tuple[str, str]]:
     again = term.get("found_again") or term.get("reselected") or {}
     rows = [
         ("statement", term.get("statement", "")),
-        ("p-value", p_value_text(term.get("p_value"))),
+        ("p-value", p_value(term.get("p_value"))),
         ("reduction of the held-out RMS error", "–" if gain is None else f"{gain:.3g} {unit}"),
         ("t over poses", _rounded(term.get("t"), 1)),
         ("reselected in folds", f"{again.get('folds', '–')} of {again.get('of', '–')}"),
     ]
     for one in term.get("controls", ()):
         passed = {True: "passed", False: "failed", None: "cannot decide"}[one["passed"]]
-        rows.append((f"control: {one['control']}", f"{passed}, p {p_value_text(one['p_value'])}"))
+        rows.append((f"control: {one['control']}", f"{passed}, p {p_value(one['p_value'])}"))
     for row in term.get("parameters", ()):
         std = "" if row.get("std") is None else f" ± {row['std']:.2g}"
         rows.append((row.get("label") or row["name"], f"{row['value']:.4g}{std} {row['unit']}"))

@@ -55,6 +55,7 @@ class Page:
 
     def refresh(self) -> None:
         """Send what the shown tab shows."""
+        self.tabs["edit"].show_changes()
         tab = self.tabs.get(self.state.tab)
         if tab is not None:
             tab.refresh()

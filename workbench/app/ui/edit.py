@@ -135,8 +135,7 @@ class EditTab(Tab):
         for one in effects:
             one["label"] = one["name"]
         state.stages, state.effects = stages, effects
-        state.changes = [change.sentence for change in work.session.changes]
-        state.can_undo, state.can_redo = work.history.can_undo, work.history.can_redo
+        self.show_changes()
         state.comparison = work.comparison()
         state.session_file = f"Repeat without the app: workbench calibrate --session {work.path}"
         lengths = work.lengths()
@@ -145,6 +144,12 @@ class EditTab(Tab):
             state.threshold = state.threshold_top
         self._show_threshold()
         self.draw("comparison", residuals.comparison(work))
+
+    def show_changes(self) -> None:
+        """Send the list of changes; also called while another tab is shown, so that it never lags behind."""
+        history = self.work.history
+        self.state.changes = [change.sentence for change in history.session.changes]
+        self.state.can_undo, self.state.can_redo = history.can_undo, history.can_redo
 
     def _show_threshold(self) -> None:
         value = number_of(self.state.threshold, "threshold")

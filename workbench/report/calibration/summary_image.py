@@ -91,7 +91,7 @@ def _spread(axes, calibration, errors):
         axes.ecdf(distance[np.isfinite(distance)], label=name, color=colour, lw=2)
     axes.set(xscale="log", xlabel="3-D distance (mm)", title="share of samples that err by less")
     axes.yaxis.set_major_formatter("{x:.0%}")
-    axes.legend(frameon=False, loc="lower right")
+    style.legend_above(axes)
     both = np.concatenate([nominal, errors.distance[errors.held]])
     _quiet(axes, both[both > 0].min(), np.nanmax(both))
 

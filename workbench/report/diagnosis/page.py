@@ -15,7 +15,7 @@ from workbench.diagnosis.scenes import SCENE
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.chain import chain
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
-from workbench.report.text import counted, rounded, sentence
+from workbench.report.text import counted, p_value, rounded, sentence
 
 VERDICTS = {
     CONSISTENT: "Nothing is missing that these data can show",
@@ -142,7 +142,7 @@ def _row(term: Term):
     return (
         name,
         said.place(found.where),
-        rounded(found.p_value, 2),
+        p_value(found.p_value),
         f"{found.probability:.2f}",
         rounded(term.size),
         rounded(term.t, 2),
@@ -171,7 +171,7 @@ def _place(made: Diagnosis):
                 one.port,
                 said.listed([said.covariate(c) for c in one.depends_on]),
                 f"{100 * one.share:.0f} %",
-                rounded(one.p_value, 2),
+                p_value(one.p_value),
             )
             for one in told[:12]
         ]
@@ -264,7 +264,7 @@ def _lack_of_fit(lack, unit):
         (
             name,
             rounded(row["f"]),
-            rounded(row["p_value"], 2),
+            p_value(row["p_value"]),
             rounded(row["means_rms"]),
             rounded(row["pure_error_rms"]),
         )
@@ -277,7 +277,7 @@ def _lack_of_fit(lack, unit):
 
 def _control(term: Term, one):
     share = "–" if one.share is None else f"{100 * one.share:.1f} %"
-    return term.title, one.kind, share, rounded(one.p_value, 2), _PASSED[one.passed], one.why
+    return term.title, one.kind, share, p_value(one.p_value), _PASSED[one.passed], one.why
 
 
 def _residuals(made: Diagnosis):

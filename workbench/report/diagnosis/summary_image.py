@@ -113,7 +113,7 @@ def _errors(axes, made):
     if positive:
         axes.set_xscale("log")
     axes.yaxis.set_major_formatter("{x:.0%}")
-    axes.legend(frameon=False, loc="upper left")
+    style.legend_above(axes)
     _quiet(axes)
 
 
@@ -135,7 +135,7 @@ def _over(axes, made):
         title=f"residual in {made.views.names[k]} ({made.unit})",
         ylim=extent(made.views.before[k]),
     )
-    axes.legend(frameon=False)
+    style.legend_above(axes)
     _quiet(axes)
 
 

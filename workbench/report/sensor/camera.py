@@ -12,6 +12,7 @@ from workbench.report.sections import (
     Section,
     facts,
     figure,
+    images,
     note,
     pair,
     table,
@@ -19,6 +20,7 @@ from workbench.report.sections import (
     words,
 )
 from workbench.report.sensor import field
+from workbench.report.sensor.overlays import overlays
 from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence
 
 _THUMBNAILS = 24
@@ -89,6 +91,11 @@ def _images(made: CameraRun, prefix: str):
         field.bars(names, rms, "RMS distance (px)", rms > 2 * np.median(rms)),
         "RMS distance of each image’s corners, as OpenCV counts. Orange: more than twice the median.",
     )
+    yield words(
+        "The images with the largest errors: detected corners as circles, arrows from the detected to the predicted "
+        "corner."
+    )
+    yield images(overlays(made))
     if not made.rejected:
         yield words("No image was rejected.")
         return

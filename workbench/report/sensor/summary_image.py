@@ -85,7 +85,7 @@ def scanner(run) -> tuple[Panel, ...]:
         axes.set(
             xlabel="mirror step", ylabel="mm", title="light plane by light plane", ylim=(0, None)
         )
-        axes.legend(frameon=False)
+        style.legend_above(axes)
 
     def spread(axes):
         _ecdf(axes, np.abs(made.residual_mm[~made.wrong]), "fit", style.GREEN)
@@ -94,7 +94,7 @@ def scanner(run) -> tuple[Panel, ...]:
         axes.set(
             xlabel="distance from the plane (mm)", title="share of stripe points that err by less"
         )
-        axes.legend(frameon=False, loc="lower right")
+        style.legend_above(axes)
 
     return steps, spread
 
@@ -122,7 +122,7 @@ def scan(run) -> tuple[Panel, ...]:
             title="share of points that err by less, ball by ball",
         )
         if 0 < len(balls) <= 12:
-            axes.legend(frameon=False, loc="lower right", fontsize=7)
+            style.legend_above(axes, 6, 7)
 
     def centres(axes):
         place = np.arange(1, len(balls) + 1)
@@ -135,8 +135,7 @@ def scan(run) -> tuple[Panel, ...]:
                 label=axis,
             )
         axes.set(xlabel=f"ball{of}", ylabel="1 sigma (um)", title="how well the centres are known")
-        axes.margins(y=0.18)  # room for the legend above the bars
-        axes.legend(frameon=False, ncol=3, loc="upper center")
+        style.legend_above(axes)
 
     return form, centres
 
@@ -154,7 +153,7 @@ def handeye(run) -> tuple[Panel, ...]:
         axes.set(
             xlabel="pose", ylabel=f"RMS ({unit})", title="error pose by pose, robot held exact"
         )
-        axes.legend(frameon=False)
+        style.legend_above(axes)
 
     def moved(axes):
         axes.bar(place, [row.moved_mm for row in rows], color=style.ORANGE)
