@@ -41,6 +41,7 @@ COMMANDS = (
     "datasets",
     "doctor",
     "demo",
+    "open",
 )
 
 

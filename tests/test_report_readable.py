@@ -1,0 +1,138 @@
+"""Report pages can be read: images with overlays, legends clear of curves, p-values, tables at 800 px."""
+
+import base64
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import datasets
+from app_browser import chromium
+from workbench.core.solution import Stage
+from workbench.report import style
+from workbench.report.calibration import summary_image
+from workbench.report.calibration.errors import errors_of
+from workbench.report.page import write_report
+from workbench.report.sensor.overlays import overlay, overlays
+from workbench.report.text import p_value
+
+STAGES = (
+    Stage("geometry", "lengths", free=("base.*", "sensor.*", "joint-*.theta*"), earn=False),
+    Stage("compliance", "joints deflect", (("joint-compliance", "joint-2", {}),)),
+)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    from workbench.jobs.calibrate import calibrate
+
+    return calibrate(datasets.read("elastic-arm"), STAGES, folds=2)
+
+
+def _overlaps(figure) -> list[str]:
+    """Titles of plots whose legend covers a part of the plot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure).draw()
+    found = []
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        if legend is not None and legend.get_window_extent().overlaps(axes.get_window_extent()):
+            found.append(axes.get_title())
+    return found
+
+
+def test_no_legend_of_the_summary_covers_a_curve(calibration):
+    assert _overlaps(summary_image.picture(calibration, errors_of(calibration))) == []
+
+
+@pytest.mark.parametrize("entries", [1, 3, 4, 12])
+def test_a_legend_above_a_plot_is_clear_of_plot_and_title(entries):
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 4))
+    axes = figure.add_axes((0.15, 0.15, 0.8, 0.55))
+    axes.set_title("title")
+    for k in range(entries):
+        axes.plot([0, 1], [0, k], label=f"curve {k}")
+    style.legend_above(axes)
+    assert _overlaps(figure) == []
+    assert not axes.get_legend().get_window_extent().overlaps(axes.title.get_window_extent())
+
+
+def test_p_values_below_a_millionth_are_not_written_out():
+    assert p_value(0.0) == p_value(9.99e-7) == "< 1e-6"
+    assert p_value(1e-6) != "< 1e-6" and p_value(0.25) == "0.25"
+
+
+@pytest.fixture
+def camera_run(tmp_path):
+    """Two grey images with four corners each; those of the second are three times as far off."""
+    import cv2
+
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(tmp_path / name), np.full((120, 160), 60, np.uint8))
+    corners = np.array([[30.0, 120, 30, 120], [30.0, 30, 90, 90]])
+    residual = np.tile([[0.1], [0.0]], 8)
+    residual[:, 4:] *= 3
+    made = SimpleNamespace(
+        camera=SimpleNamespace(size=(160, 120)),
+        residual=residual,
+        view=np.repeat([0, 1], 4),
+        view_rms_px=np.array([0.1, 0.3]),
+        views=[SimpleNamespace(image="a.png"), SimpleNamespace(image="b.png")],
+        chain=SimpleNamespace(pixels=np.hstack([corners, corners])),
+    )
+    return SimpleNamespace(calibration=made, recording=SimpleNamespace(folder=tmp_path))
+
+
+def _decoded(source: str) -> np.ndarray:
+    import cv2
+
+    code = base64.b64decode(source.removeprefix("data:image/jpeg;base64,"))
+    return cv2.imdecode(np.frombuffer(code, np.uint8), cv2.IMREAD_COLOR)
+
+
+def test_images_with_the_largest_errors_come_first_with_their_corners(camera_run):
+    found = overlays(camera_run)
+    assert [caption.partition(":")[0] for _, caption in found] == ["b.png", "a.png"]
+    image = _decoded(found[0][0]).astype(int)
+    coloured = np.abs(image[..., 2] - image[..., 0]) > 60
+    assert coloured[20:40, 20:60].any() and not coloured[50:70, 60:100].any()
+
+
+def test_an_arrow_is_as_long_as_the_caption_says(camera_run):
+    image = _decoded(
+        overlay(
+            camera_run.recording.folder / "a.png",
+            np.array([[40.0], [60]]),
+            np.array([[0.5], [0]]),
+            100,
+        )
+    )
+    magenta = (image[..., 0].astype(int) > 120) & (image[..., 1] < 120)
+    columns = np.flatnonzero(magenta.any(0))
+    assert columns.max() == pytest.approx(90, abs=3)
+
+
+def test_an_image_that_is_gone_is_left_out(camera_run):
+    (camera_run.recording.folder / "b.png").unlink()
+    assert overlays(camera_run)[0][0] == ""
+
+
+@pytest.mark.slow
+def test_no_table_is_clipped_at_800_px(calibration, tmp_path):
+    path = write_report(calibration, tmp_path)
+    started, browser = chromium()
+    try:
+        page = browser.new_page(viewport={"width": 800, "height": 900})
+        page.goto(path.as_uri())
+        clipped = page.evaluate(
+            "() => [...document.querySelectorAll('details')].map((one) => { one.open = true; }) &&"
+            " [...document.querySelectorAll('.wide')].filter((one) => one.scrollWidth > one.clientWidth + 1)"
+            ".map((one) => one.innerText.slice(0, 60))"
+        )
+        assert page.locator("table").count() > 3 and clipped == []
+    finally:
+        browser.close()
+        started.stop()
