@@ -25,7 +25,14 @@ _THEME = {
     "theme": {
         "defaultTheme": "light",
         "themes": {
-            "light": {"colors": {"primary": "#1565a8", "error": "#b3261e", "success": "#0b6b3a"}}
+            "light": {
+                "colors": {
+                    "primary": "#1565a8",
+                    "error": "#b3261e",
+                    "info": "#0b4a7a",
+                    "success": "#0b6b3a",
+                }
+            }
         },
     }
 }
