@@ -12,6 +12,7 @@ from workbench.core.solution import Stage
 from workbench.report import style
 from workbench.report.calibration import summary_image
 from workbench.report.calibration.errors import errors_of
+from workbench.report.calibration.residuals import against, group_ticks, overview, quantities
 from workbench.report.page import write_report
 from workbench.report.sensor.overlays import overlay, overlays
 from workbench.report.text import p_value
@@ -63,6 +64,31 @@ def test_a_legend_above_a_plot_is_clear_of_plot_and_title(entries):
 def test_p_values_below_a_millionth_are_not_written_out():
     assert p_value(0.0) == p_value(9.99e-7) == "< 1e-6"
     assert p_value(1e-6) != "< 1e-6" and p_value(0.25) == "0.25"
+
+
+def test_named_groups_stand_at_the_axis_by_their_names():
+    names = {"reflector": ("left", "right")}
+    assert group_ticks("reflector (number)", np.array([1.0, 2.0, 3.0]), names) == [
+        "left",
+        "right",
+        "3",
+    ]
+    assert group_ticks("ball (number)", np.array([1.0]), names) == ["1"]
+
+
+def test_the_overview_names_groups(calibration):
+    from dataclasses import replace
+
+    errors = errors_of(calibration)
+    found = [pair for pair in quantities(calibration.recording) if pair[0] == "ball (number)"]
+    every = [against(label, x, errors) for label, x in found]
+    named = replace(calibration.recording, group_names={"ball": ("A", "B", "C", "D")})
+    assert list(overview(every, errors, named.group_names).layout.xaxis.ticktext) == [
+        "A",
+        "B",
+        "C",
+        "D",
+    ]
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """A `workbench` command in a process of its own: its progress line by line, and a way to stop it."""
 
+import atexit
 import os
 import signal
 import subprocess
@@ -38,6 +39,7 @@ class Job:
             errors="replace",
             start_new_session=os.name == "posix",
         )
+        atexit.register(self.cancel)  # a run does not go on without the app that shows it
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -75,6 +77,7 @@ class Job:
     def wait(self, timeout: float | None = None) -> str:
         """Wait until the command has ended; its state."""
         self._process.wait(timeout)
+        atexit.unregister(self.cancel)
         self._reader.join(_PATIENCE_S)
         return self.state
 

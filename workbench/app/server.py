@@ -32,7 +32,6 @@ def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
     from workbench.app.ui.page import build
 
     server = get_server(f"workbench-{new_token()[:8]}", client_type="vue3")
-    server.cli.set_defaults(port=options.port)
     build(server, opened, options.session)
     token = new_token()
     add_gate(server, token, opened.folder)

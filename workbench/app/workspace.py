@@ -329,6 +329,8 @@ def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
     """Label with unit -> (m,) values of joints, time, covariates and targets, one for each row of the residuals."""
     from workbench.report.calibration.residuals import quantities
 
+    if not opened.samples.n:  # images alone
+        return {}
     return {label: values[opened.rows] for label, values in quantities(opened.samples)}
 
 

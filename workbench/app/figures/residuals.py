@@ -16,6 +16,7 @@ _NAMES = {
     "before": "before",
     "after": "after",
 }
+_MOST_NAMES = 12
 _COLOURS = {
     FIT: style.GREEN,
     HELD_OUT: style.BLUE,
@@ -122,6 +123,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     if name not in work.quantities:
         return made
     x, y, kept = work.quantities[name], work.lengths(kind), work.kept
+    _name_groups(made, work, name)
     drawn = work.drawn(MOST_POINTS, kind or "")
     chosen = work.selected[drawn]
     for label, rows, colour, symbol in (
@@ -150,6 +152,18 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
         hoverinfo="skip",
     )
     return made
+
+
+def _name_groups(made: go.Figure, work: Workspace, name: str) -> None:
+    """Names of the recording at the axis, where the groups of a column have names."""
+    from workbench.report.calibration.residuals import group_ticks
+
+    names = work.opened.samples.group_names
+    known = names.get(name.removesuffix(" (number)"), ())
+    if 0 < len(known) <= _MOST_NAMES:
+        numbers = np.arange(1.0, len(known) + 1)
+        texts = [style.plain(text) for text in group_ticks(name, numbers, names)]
+        made.update_xaxes(tickvals=numbers, ticktext=texts)
 
 
 def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figure:

@@ -1,7 +1,9 @@
 """The residual against everything that was recorded: what still depends on something is not noise."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import plotly.graph_objects as go
@@ -33,10 +35,10 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
 
     errors: of the position; rotation: of the orientation, where it is measured.
     """
-    found = quantities(calibration.recording)
+    found, names = quantities(calibration.recording), calibration.recording.group_names
     constant = [name for name, x in calibration.recording.covariates.items() if not _varies(x)]
     return {
-        "kinds": [_of_kind(found, one) for one in (errors, rotation) if one is not None],
+        "kinds": [_of_kind(found, one, names) for one in (errors, rotation) if one is not None],
         "menu": [label for label, _ in found],
         "thinned": style.thinned_sentence(len(errors.held)),
         "constant": constant,
@@ -45,14 +47,14 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
     }
 
 
-def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors) -> dict:
+def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors, names: Mapping) -> dict:
     every = [against(label, x, errors) for label, x in found]
     shown = int(np.argmax([one.share for one in every]))
     drawn = style.thinned(len(errors.held))
     return {
         "id": errors.kind.prefix,
         "title": errors.kind.name,
-        "overview": style.packed(overview(every, errors)),
+        "overview": style.packed(overview(every, errors, names)),
         "detail": style.packed(detail(every[shown], errors, drawn)),
         "shown": shown,
         "data": menu_data(every, drawn),
@@ -90,8 +92,13 @@ def against(label: str, x: np.ndarray, errors: Errors) -> Against:
     return Against(label, x, np.bincount(bins, x) / count, means, max(float(adjusted), 0.0))
 
 
-def overview(every: list[Against], errors: Errors) -> go.Figure:
-    """Small multiples: mean residual of each bin, all on one scale."""
+def overview(
+    every: list[Against], errors: Errors, names: Mapping = MappingProxyType({})
+) -> go.Figure:
+    """Small multiples: mean residual of each bin, all on one scale.
+
+    names: column of groups -> their names in the recording, which then stand at the axis instead of numbers.
+    """
     rows = -(-len(every) // _PANELS_ACROSS)
     titles = [
         f"{one.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(one.share)}"
@@ -135,10 +142,15 @@ def overview(every: list[Against], errors: Errors) -> go.Figure:
     made.update_xaxes(nticks=5, tickfont_size=10.5)
     for k, one in enumerate(every):
         if one.label.endswith("(number)") and len(one.centres) <= 8:
-            made.update_xaxes(
-                tickvals=one.centres, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1
-            )
+            ticks = dict(tickvals=one.centres, ticktext=group_ticks(one.label, one.centres, names))
+            made.update_xaxes(**ticks, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1)
     return made
+
+
+def group_ticks(label: str, numbers: np.ndarray, names: Mapping) -> list[str]:
+    """Names of the groups `numbers` of the quantity "reflector (number)", the number where it has no name."""
+    known = names.get(label.removesuffix(" (number)"), ())
+    return [known[int(k) - 1] if 0 < k <= len(known) else f"{k:g}" for k in numbers]
 
 
 def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
