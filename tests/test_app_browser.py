@@ -368,7 +368,7 @@ def test_a_recording_alone_is_opened_without_residuals(browser, tmp_path):
         page = open_page(browser, made)
         assert "Sample 1 (1 of 300)" in wait_for_text(page, "row", "Sample 1")
         show_tab(page, "Residuals")
-        page.get_by_text("There are no residuals yet").wait_for()
+        page.get_by_text("This run has no residuals of an arm").wait_for()
         page.close()
     finally:
         stop(made)

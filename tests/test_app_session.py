@@ -13,6 +13,40 @@ from workbench.app.edits.session import Session, read_session
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 
+
+@pytest.fixture(scope="module")
+def board_recording(tmp_path_factory):
+    """A recording of eight images of a chessboard, rendered by a pinhole camera."""
+    import cv2
+
+    folder = tmp_path_factory.mktemp("board")
+    (folder / "images").mkdir()
+    matrix = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+    rows = ["image,role,placement"]
+    rng = np.random.default_rng(4)
+    for k in range(8):
+        turn, shift = (
+            cv2.Rodrigues(rng.uniform(-0.45, 0.45, 3))[0],
+            np.array([-45.0, -30, 170 + 8 * k]),
+        )
+        image = np.full((480, 640), 200, np.uint8)
+        for i in range(10):
+            for j in range(7):
+                square = np.array(
+                    [[i, j, 0], [i + 1, j, 0], [i + 1, j + 1, 0], [i, j + 1, 0]]
+                ) * 10.0 - [10, 10, 0]
+                seen = matrix @ (turn @ (square - [35, 25, 0]).T + (shift + [45, 30, 0])[:, None])
+                corners = np.round(16 * (seen[:2] / seen[2]).T).astype(int)
+                cv2.fillConvexPoly(image, corners, 30 if (i + j) % 2 == 0 else 230, cv2.LINE_AA, 4)
+        cv2.imwrite(str(folder / "images" / f"{k}.png"), cv2.GaussianBlur(image, (0, 0), 0.8))
+        rows.append(f"images/{k}.png,board,{k}")
+    (folder / "images.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    board = "[board]\nkind = 'chessboard'\ncolumns = 9\nrows = 6\nsquare_mm = 10.0\n"
+    head = "format = 'recording/1'\nmeasures = 'board-images'\n[images]\nfile = 'images.csv'\n"
+    (folder / "recording.toml").write_text(head + board, encoding="utf-8")
+    return folder
+
+
 CHANGES = (
     Change(EXCLUDE, "samples", (3, 7), 'residual above 0.2 mm, "large"'),
     Change(EXCLUDE, "poses", (12,)),
@@ -192,4 +226,25 @@ def test_a_session_and_a_recording_exclude_one_another(tmp_path, workbench):
     done = workbench("calibrate", "elastic-arm", "--session", "session.toml")
     assert done.returncode == 2 and "RECORDING" in done.stderr
     done = workbench("calibrate")
+    assert done.returncode == 2 and "--session" in done.stderr
+
+
+def test_a_session_of_a_camera_leaves_images_out(tmp_path, workbench, board_recording):
+    names = [row["image"] for row in datasets.read(board_recording).images]
+    excluded = Change(EXCLUDE, "images", (names[0],))
+    Session(str(board_recording), changes=(excluded,), command="camera").save(
+        tmp_path / "session.toml"
+    )
+    done = workbench("camera", "--session", "session.toml", "--out", "run", "--no-report")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads((tmp_path / "run" / "answer.json").read_text(encoding="utf-8"))
+    assert names[0] not in [row["image"] for row in answer["images"]]
+    assert len(answer["images"]) + len(answer["rejected"]) == len(names) - 1
+    assert read_session(tmp_path / "run" / "session.toml").command == "camera"
+    done = workbench("calibrate", "--session", "session.toml")
+    assert done.returncode == 2 and "workbench camera --session" in done.stderr
+
+
+def test_a_camera_needs_a_recording_or_a_session(workbench):
+    done = workbench("camera")
     assert done.returncode == 2 and "--session" in done.stderr

@@ -29,11 +29,19 @@ from workbench.app.edits.changes import (
     Change,
 )
 from workbench.app.edits.history import History
-from workbench.app.edits.session import NAME, Session, read_session
+from workbench.app.edits.session import CALIBRATE, CAMERA, NAME, Session, read_session
 from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
 
-CALIBRATE, DIAGNOSE = "calibrate", "diagnose"
+DIAGNOSE = "diagnose"
+_COMPARED = {
+    CALIBRATE: (
+        ("samples", "samples"),
+        ("RMS of the fit (mm)", "fit"),
+        ("held-out RMS (mm)", "held_out"),
+    ),
+    CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
+}
 _MOST_KNOWN = 24
 REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
 
@@ -254,7 +262,9 @@ class Workspace:
             raise InputError("A run is in progress; wait for it or cancel it")
         self._save()
         folder = self.path.parent.resolve()
-        words = [CALIBRATE, "--session", str(self.path.resolve())]
+        if command != DIAGNOSE:
+            command = self.session.command
+        words = [command, "--session", str(self.path.resolve())]
         if command == DIAGNOSE:
             words = [DIAGNOSE, self.session.recording]
         self.job = Job(words, self._free_folder(folder, command), folder)
@@ -283,11 +293,7 @@ class Workspace:
         if self.previous is None:
             return []
         rows = []
-        for name, key in (
-            ("samples", "samples"),
-            ("RMS of the fit (mm)", "fit"),
-            ("held-out RMS (mm)", "held_out"),
-        ):
+        for name, key in _COMPARED[self.session.command]:
             before, after = (_figure(run.answer, key) for run in (self.previous, self.opened))
             rows.append({"name": name, "before": before, "after": after})
         return rows
@@ -361,6 +367,7 @@ def _first_session(opened: Opened, path: Path) -> Session:
         options.get("scanner") or "",
         int(options.get("folds") or 10),
         bool(options.get("trust_data")),
+        command=CAMERA if opened.recording.measures == "board-images" else CALIBRATE,
     )
 
 

@@ -4,6 +4,7 @@
 """
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,9 +12,11 @@ from workbench.app.edits.changes import ADD, EXCLUDE, KINDS, Change, change_line
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 
+CALIBRATE, CAMERA = "calibrate", "camera"
 FORMAT, NAME = "session/1", "session.toml"
 _TYPES = {
     "format": str,
+    "command": str,
     "recording": str,
     "plan": str,
     "scanner": str,
@@ -28,7 +31,7 @@ class Session:
     """What `workbench calibrate --session` does.
 
     `recording`: folder or known name; `plan` and `scanner`: files, "" for none; `folds` of the
-    cross-validation; `changes` in the order in which they were made.
+    cross-validation; `changes` in the order in which they were made; `command` "calibrate" or "camera".
     """
 
     recording: str
@@ -37,6 +40,7 @@ class Session:
     folds: int = 10
     trust_data: bool = False
     changes: tuple[Change, ...] = ()
+    command: str = CALIBRATE
 
     def with_change(self, change: Change) -> "Session":
         """The session with one more change."""
@@ -73,6 +77,7 @@ class Session:
 
         head = {
             "format": FORMAT,
+            "command": self.command,
             "recording": self.recording,
             "folds": self.folds,
             "trust_data": self.trust_data,
@@ -81,7 +86,7 @@ class Session:
             key: value for key, value in (("plan", self.plan), ("scanner", self.scanner)) if value
         }
         lines = [f"  {change_line(change)},\n" for change in self.changes]
-        note = "# Repeat without the app: workbench calibrate --session FILE\n"
+        note = "# Repeat without the app: workbench {self.command} --session FILE\n"
         return f"{note}{tomli_w.dumps(head)}changes = [\n{''.join(lines)}]\n"
 
     def save(self, path: Path) -> None:
@@ -89,8 +94,11 @@ class Session:
         replace_file(Path(path), self.as_toml())
 
 
-def read_session(path: Path) -> Session:
-    """The session of a session.toml. Raises InputError with the file, the key and what to do."""
+def read_session(path: Path, command: str = "") -> Session:
+    """The session of a session.toml. Raises InputError with the file, the key and what to do.
+
+    command: the command that repeats it, "" where any will do.
+    """
     path = Path(path)
     try:
         keys = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -105,6 +113,7 @@ def read_session(path: Path) -> Session:
         )
     for key, value in keys.items():
         _check_key(path, key, value)
+    _check_command(path, keys, command)
     if not keys.get("recording"):
         raise InputError(
             f"session {path}, key recording: expected a folder or a known name, found none; add it"
@@ -119,6 +128,18 @@ def read_session(path: Path) -> Session:
     ]
     options = {key: value for key, value in keys.items() if key not in ("format", "changes")}
     return Session(**options, changes=tuple(changes))
+
+
+def _check_command(path: Path, keys: Mapping, command: str) -> None:
+    found = keys.get("command", CALIBRATE)
+    if found not in (CALIBRATE, CAMERA):
+        raise InputError(
+            f"session {path}, key command: expected {CALIBRATE} or {CAMERA}, found '{found}'; correct it"
+        )
+    if command and found != command:
+        raise InputError(
+            f"session {path}, key command: expected '{command}', found '{found}'; use workbench {found} --session"
+        )
 
 
 def _check_key(path: Path, key: str, value) -> None:

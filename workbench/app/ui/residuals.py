@@ -128,7 +128,7 @@ class ResidualsTab(Tab):
         state.no_residuals = (
             ""
             if has
-            else "There are no residuals yet. Start a calibration in the tab Edit and rerun."
+            else "This run has no residuals of an arm. Calibrate one in the tab Edit and rerun."
         )
         state.quantities = list(work.quantities)
         if state.quantity not in work.quantities:

@@ -22,11 +22,11 @@ def calibrate_session(
     Raises InputError.
     """
     from workbench.app.edits.apply import EditedPlan, edited_recording
-    from workbench.app.edits.session import NAME, read_session
+    from workbench.app.edits.session import CALIBRATE, NAME, read_session
     from workbench.commands.robot.calibrate import check_scanner, deliver, solve_into
 
-    _check_unused(path, options)
-    session = read_session(path)
+    check_unused(path, options)
+    session = read_session(path, CALIBRATE)
     with answer.progress(f"reading {session.recording}") as say:
         import datasets
 
@@ -55,7 +55,8 @@ def calibrate_session(
     deliver(result, run, json)
 
 
-def _check_unused(path: Path, options: Mapping) -> None:
+def check_unused(path: Path, options: Mapping) -> None:
+    """Raise InputError where an option (name -> value, None where left out) is given that the session states."""
     for name, value in options.items():
         if value is not None:
             raise InputError(

@@ -1,11 +1,13 @@
 """`workbench camera`: images of a board in, a calibrated camera with its uncertainty and a report page out."""
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from workbench.commands.shared import answer, flow, sensor_tables
+from workbench.core.errors import InputError
 
 
 class Lens(StrEnum):
@@ -16,7 +18,8 @@ class Lens(StrEnum):
 
 
 Recording = Annotated[
-    str, typer.Argument(help="Folder of a recording with images of a board, or a known name.")
+    str | None,
+    typer.Argument(help="Folder of a recording with images of a board, or a known name."),
 ]
 Model = Annotated[
     Lens,
@@ -26,24 +29,42 @@ Model = Annotated[
 ]
 
 
+SessionFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--session",
+        metavar="FILE",
+        help="Repeat an edit session of `workbench open` (session.toml); replaces RECORDING.",
+    ),
+]
+
+
 def command(
-    recording: Recording,
+    recording: Recording = None,
     model: Model = Lens.BROWN,
     out: answer.OutFolder = None,
     tolerance: answer.Tolerance = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
+    session: SessionFile = None,
 ) -> None:
     """Calibrate the camera of a recording from its images of a board, and say how sure each number is."""
     from workbench.fitting.verdicts import sensor_verdict, verdict
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.CAMERA_UNITS)
+    edits = _edits(session, recording)
+    recording = recording if edits is None else edits.recording
 
     def work(run, say) -> dict:
         import datasets
+        from workbench.app.edits.apply import edited_recording
+        from workbench.app.edits.session import NAME
         from workbench.jobs import camera
 
         read = datasets.read(recording)
+        if edits is not None:
+            read = edited_recording(edits, read)
+            edits.save(run.partial / NAME)
         made = camera.calibrate(read, model.value, say)
         camera.save(made, run.partial)
         if not no_report:
@@ -57,6 +78,21 @@ def command(
         return flow.with_reading_warnings(result, read)
 
     flow.run("camera", recording, out, json, work, sensor_tables.camera)
+
+
+def _edits(path: Path | None, recording: str | None):
+    """The edit session that is repeated; None without one. Raises InputError."""
+    from workbench.app.edits.session import CAMERA, read_session
+    from workbench.commands.robot.edit_session import check_unused
+
+    if path is None and recording is None:
+        raise InputError(
+            "workbench camera: expected a recording or --session FILE, found neither; name one."
+        )
+    if path is None:
+        return None
+    check_unused(path, {"RECORDING": recording})
+    return read_session(path, CAMERA)
 
 
 def _report(made, folder) -> None:
