@@ -55,7 +55,9 @@ def page(served):
 def _choose_image(page, name: str) -> str:
     show_tab(page, "Recording")
     field = page.get_by_role("combobox", name="Image")
-    field.fill(name)
+    field.click()
+    field.press("Control+a")
+    field.press_sequentially(name)
     page.get_by_role("option", name=name).first.click()
     return wait_for_text(page, "image", name)
 
