@@ -44,7 +44,7 @@ def _overlaps(figure) -> list[str]:
 
 
 def test_no_legend_of_the_summary_covers_a_curve(calibration):
-    assert _overlaps(summary_image.picture(calibration, errors_of(calibration))) == []
+    assert _overlaps(summary_image.draw_summary(calibration, errors_of(calibration))) == []
 
 
 @pytest.mark.parametrize("entries", [1, 3, 4, 12])
