@@ -165,7 +165,7 @@ class Workspace:
     def drawn(self, most: int, kind: str = "") -> np.ndarray:
         """Rows that a figure of at most about `most` marks shows: the selected, the largest, and some evenly spread."""
         fixed = self._memo(("drawn", most, kind), lambda: drawn_always(self.lengths(kind), most))
-        return np.union1d(fixed, self.selected_rows[:most])
+        return np.union1d(fixed, self.selected_rows[: most // 4])
 
     def means(self, name: str, kind: str = "") -> tuple[np.ndarray, np.ndarray]:
         """Mean quantity and mean length of the residual, over bins of equal count, of the rows that are kept."""

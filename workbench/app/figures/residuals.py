@@ -100,7 +100,7 @@ def _top(lengths: np.ndarray) -> float:
 
 
 def _add_selected(made, work: Workspace) -> None:
-    rows = work.selected_rows[:MOST_POINTS]
+    rows = work.selected_rows[: MOST_ARROWS // 4]
     x, y, z = np.round(work.opened.residuals.points[:, rows], 2)
     made.add_scatter3d(
         x=x,
