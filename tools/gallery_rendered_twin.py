@@ -13,7 +13,15 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from twin import BOW, plane_whitened, rms, small_scene, twin, without_bow, ye_scene  # noqa: E402
+from rendered_scanner import (  # noqa: E402
+    BOW,
+    plane_whitened,
+    render_scanner,
+    rms,
+    small_scene,
+    without_bow,
+    ye_scene,
+)
 
 SEEDS = range(101, 111)
 SWEPT = {"both_ways": True, "speed_deg_s": (2.0, 10.0)}
@@ -43,7 +51,7 @@ MIRROR = {"steps": 24, "first_deg": -3.5, "last_deg": 3.5}
 
 def whole() -> dict:
     """The full twin."""
-    made = twin(ye_scene())
+    made = render_scanner(ye_scene())
     balls, flat, start = made.ball_errors(), without_bow(made), made.found.start
     plain = {key: list(value) for key, value in made.camera_errors().items()}
     return {
@@ -73,7 +81,7 @@ def whole() -> dict:
 
 def seed(number: int) -> dict:
     """One small twin of another seed: standardised errors."""
-    made = twin(small_scene(number, scans={"count": 4}))
+    made = render_scanner(small_scene(number, scans={"count": 4}))
     balls = made.ball_errors()
     return {
         "camera": [e / s for e, s in made.camera_errors().values()],
@@ -91,7 +99,7 @@ def effect(name: str) -> dict:
     cause = {"effect": name, "where": where, "values": values, **options}
     causes = [cause] if name == "board-bow" else [BOW, cause]
     more = {key: {**MIRROR, **value} if key == "mirror" else value for key, value in more.items()}
-    made = twin(small_scene(5, effect=causes, **more))
+    made = render_scanner(small_scene(5, effect=causes, **more))
     row = figures(made) | {"recovered": None}
     if name not in ("board-bow", "subsurface-scatter"):
         row |= recovered(made.again([(name, where, options)]), f"{where}.{name}.", values, made)
@@ -139,7 +147,7 @@ def recovered(found, start: str, values: dict, made) -> dict:
 
 def parts() -> dict:
     """What is to be made, by its name."""
-    made = {"whole": whole, "none": lambda: figures(twin(small_scene(5)))}
+    made = {"whole": whole, "none": lambda: figures(render_scanner(small_scene(5)))}
     made |= {f"seed-{k}": lambda k=k: seed(k) for k in SEEDS}
     return made | {row[0]: lambda name=row[0]: effect(name) for row in EFFECTS}
 
