@@ -184,7 +184,7 @@ def test_the_page_of_markdown_lists_figures_failures_and_pictures(tmp_path, monk
         and "| library | 2 | 5 |" in text
         and "skipped: no pictures" in text
     )
-    assert "| real-withheld | 0 | not held |" in text and "the same call continues" in text
+    assert "| real-withheld | 0 | not run |" in text and "the same call continues" in text
     assert (
         "`bad`" in text
         and "`good`" not in text
