@@ -1,6 +1,6 @@
-"""Writes docs/gallery/rendered-twin.md with its image: the whole chain on rendered images, truth known.
+"""Writes docs/gallery/rendered-scanner.md with its image: the complete chain on rendered images with known truth.
 
-`python tools/gallery.py rendered-twin` keeps the figures of each part as JSON and makes the missing
+`python tools/gallery.py rendered-scanner` keeps the figures of each part as JSON and makes the missing
 ones: some ten minutes in all on two cores.
 """
 
@@ -50,7 +50,7 @@ MIRROR = {"steps": 24, "first_deg": -3.5, "last_deg": 3.5}
 
 
 def whole() -> dict:
-    """The full twin."""
+    """The scanner of Ye at full size."""
     made = render_scanner(ye_scene())
     balls, flat, start = made.ball_errors(), without_bow(made), made.found.start
     plain = {key: list(value) for key, value in made.camera_errors().items()}
@@ -80,7 +80,7 @@ def whole() -> dict:
 
 
 def seed(number: int) -> dict:
-    """One small twin of another seed: standardised errors."""
+    """A small rendered scanner of another seed: standardised errors."""
     made = render_scanner(small_scene(number, scans={"count": 4}))
     balls = made.ball_errors()
     return {
@@ -94,7 +94,7 @@ def seed(number: int) -> dict:
 
 
 def effect(name: str) -> dict:
-    """One small twin with one effect, without and with it in the model."""
+    """A small rendered scanner with one effect, without and with it in the model."""
     _, where, options, values, more = next(row for row in EFFECTS if row[0] == name)
     cause = {"effect": name, "where": where, "values": values, **options}
     causes = [cause] if name == "board-bow" else [BOW, cause]
