@@ -51,8 +51,8 @@ steeply.
 
 ## Coverage of the stated standard deviations
 
-{seeds} small rendered scanners (half the pixels, 24 planes, 12 boards, 8 of them swept, 4 scans) of other seeds. 68 % is correct;
-z² is the mean
+{seeds} small rendered scanners (half the pixels, 24 planes, 12 boards, 8 of them swept, 4 scans) of other
+seeds. 68 % is correct; z² is the mean
 of the squares of independent standardised errors, 1 is right.
 
 | | within 1 σ | z² | numbers |

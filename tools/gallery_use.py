@@ -77,7 +77,7 @@ class Pool(NamedTuple):
 
 
 class Used(NamedTuple):
-    """RMS, mm, of one arm: `before`, `after` the correction and the held-out RMS without (`free`) and with noise (`held_out`)."""
+    """RMS, mm, of one arm: `before` and `after` the correction; held-out RMS without (`free`) and with noise."""
 
     before: np.ndarray
     after: np.ndarray
