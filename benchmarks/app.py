@@ -20,7 +20,7 @@ SIZES = (10_000, 100_000, 1_000_000)
 
 
 def make_run(folder: Path, samples: int) -> None:
-    """A run folder with residuals and arrows of all samples, and the recording beside it."""
+    """A run folder with residuals and arrows of all samples, and its recording."""
     import pyarrow as pa
     import pyarrow.csv as table
     import pyarrow.parquet as pq

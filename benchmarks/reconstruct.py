@@ -1,7 +1,7 @@
 """Speed of reconstruction against cv2.undistortPoints and numpy, in one run on one core; and of its exactness.
 
 Run `python benchmarks/reconstruct.py`; status 1 where the ratio is missed or the answers differ.
-Needs nothing beside the workbench itself.
+Needs only the workbench.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def comparisons() -> list:
 
 
 def scanner(steps: int):
-    """A scanner like Ye's: 1280 x 1024 px, fx 3421, sheets from 69 mm beside it to points 115 to 135 mm away."""
+    """A scanner like Ye's: 1280 x 1024 px, fx 3421, light planes from 69 mm off it to points 115 to 135 mm away."""
     import numpy as np
 
     from sensors.camera.model import Camera

@@ -1,4 +1,4 @@
-"""Measured data: the recording format, readers of other people's files, and where they come from.
+"""Measured data: the recording format, readers of public data sets, and their sources.
 
 `read` and `write` are what everyone needs; they are looked up when first used, so that importing
 this package costs nothing.

@@ -121,7 +121,7 @@ def flange_is_whole(table: Table, context: Context) -> None:
         do = (
             f"convert {other} and rename it to {missing[0]}"
             if other
-            else f"add it beside {near[0]}"
+            else f"add it next to {near[0]}"
         )
         raise complaint(
             f"{table.called}, column {missing[0]}",

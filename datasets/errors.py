@@ -1,4 +1,4 @@
-"""The one error of everything that a user can get wrong in a file, and how its sentence is built."""
+"""The error for all mistakes in the user's files, and the construction of its message."""
 
 from workbench.core.errors import InputError, complaint
 

@@ -1,4 +1,4 @@
-"""Opening what a user hands over: limits, encodings, TOML, and paths that stay in their folder."""
+"""Reading of the user's files: size limits, encodings, TOML, and paths confined to their folder."""
 
 import codecs
 import tomllib
@@ -73,7 +73,7 @@ def read_toml(path: Path, called: str) -> dict:
         ) from None
     except (RecursionError, ValueError):
         raise complaint(
-            called, "valid TOML", "nested or oversized values", "write it anew"
+            called, "valid TOML", "nested or oversized values", "write it again"
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""images.csv and the images that it names: there, whole, and of a kind that can be read."""
+"""images.csv and its images: checked to exist, to be complete and to be readable."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,13 +22,12 @@ UNITS = {
     "temperature": "temperature_c",
     "mirror_speed": "mirror_speed_deg_s",
 }
-"""Columns without their unit, or in another one, and what they were probably meant to be."""
+"""Column names without a unit or with another one -> the expected name."""
 MARKS = {
     "PNG": (b"\x89PNG", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"IEND\xaeB`\x82"),
     "JPEG": (b"\xff\xd8", b"\xff\xd8\xff", b"\xff\xd9"),
 }
-"""How an image is known, what its header must be, and how it ends; other kinds
-are left to OpenCV's own look at the header."""
+"""Signature, header and end of each image format; OpenCV checks the header of other formats."""
 
 
 def read_images(folder: Path, name: str, called: str, samples) -> Rows:
@@ -92,7 +91,7 @@ def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
             table.where(k, "sweep"),
             "-1, 0 or 1",
             f"{row['sweep']:g}",
-            "write only the direction in which the mirror turned",
+            "write only the direction of the mirror's rotation",
         )
     if "sample" in row and row["sample"] not in samples:
         raise complaint(
@@ -104,7 +103,7 @@ def _check_row(table: Table, k: int, row: Mapping, samples) -> None:
 
 
 def _check_together(table: Table, rows: Rows) -> None:
-    """Every image and every step of a scan once, and a board image at every placement of the laser."""
+    """Check that images and steps of a scan are unique, and that every laser placement has a board image."""
     same = np.fromiter(
         (hash(str(PurePosixPath(name))) for name in table.columns["image"]), np.int64, len(rows)
     )
@@ -143,7 +142,7 @@ def _check_together(table: Table, rows: Rows) -> None:
 
 
 def _repeated(keys: np.ndarray) -> tuple[int, int] | None:
-    """The first row of keys (n, k) that stood before, and where it stood: (before, row); None where none did."""
+    """The first repeated row of keys (n, k), as (first occurrence, row); None without one."""
     order = np.lexsort(keys.T)
     again = np.flatnonzero((keys[order[1:]] == keys[order[:-1]]).all(1))
     if not len(again):

@@ -1,7 +1,7 @@
-"""Units and mixed-up balls: numbers that are numbers, but cannot have been measured so.
+"""Plausibility checks of units and ball numbers.
 
-Each rule only speaks where physics leaves it no other choice, or where the alternative is a
-recording from which nothing could be learnt. `small_range = true` under [samples] in
+A rule applies only if the values are physically impossible, or if the recording would otherwise be
+useless. `small_range = true` under [samples] in
 recording.toml says that the arm really moved so little, and silences the rules about units.
 """
 
@@ -23,11 +23,11 @@ TOOL_MM = 1000.0
 """No reflector is expected farther from the flange."""
 
 MOST_BALLS = 16
-"""Rows of one standstill that are compared with one another."""
+"""Number of rows of one static pose that are compared with each other."""
 
 
 def joints_are_degrees(table: Table, context: Context) -> None:
-    """Readings that all lie within one turn of 2 pi are radians.
+    """Readings that all lie within one revolution of 2 pi are radians.
 
     An arm whose every joint stays within 6.3 degrees of zero is stretched out and hardly moves;
     no calibration comes from that. Needs three rows and some motion, so that a recording at the
@@ -50,7 +50,7 @@ def joints_are_degrees(table: Table, context: Context) -> None:
 def motion_fits_joints(table: Table, context: Context) -> None:
     """Points in an external frame cannot move farther than the joints can carry them.
 
-    A turn of dq moves no point by more than reach * dq; twice the sum over the joints is the bound.
+    A rotation of dq moves no point by more than reach * dq; twice the sum over the joints is the bound.
     """
     points, reach = points_of(table), nominal_reach(context.robot)
     names = [c for c in joint_columns(table.columns) if c.endswith("_deg")]
@@ -84,7 +84,7 @@ def points_are_millimetres(table: Table, context: Context) -> None:
         return
     largest = np.abs(points).max()
     if context.balls and largest < 1 < min(b[3] for b in context.balls.values()):
-        raise _metres(table, largest, "a ball around the sensor's origin")
+        raise _metres(table, largest, "no ball surrounds the sensor's origin")
     reach, moving = nominal_reach(context.robot), _moving(table)
     outside = context.measures in ("external-point", "external-pose", "partial-pose")
     if not outside or not np.isfinite(reach) or largest > 20 or moving.sum() < 3:
@@ -96,20 +96,22 @@ def points_are_millimetres(table: Table, context: Context) -> None:
     ]
     spread = np.ptp(points[moving], axis=0).max()
     if turns and spread < reach * np.deg2rad(max(turns)) / 50:
-        raise _metres(table, spread, f"a reach of {reach:.0f} mm turned by {max(turns):.0f} deg")
+        raise _metres(
+            table, spread, f"an arm with a reach of {reach:.0f} mm rotated by {max(turns):.0f} deg"
+        )
 
 
-def _metres(table: Table, size: float, beside: str) -> InputError:
+def _metres(table: Table, size: float, expected: str) -> InputError:
     return complaint(
         f"{table.called}, columns x_mm, y_mm, z_mm",
         "points in mm",
-        f"points within {size:.3g} beside {beside}, as if in metres",
+        f"points within {size:.3g} although {expected}, as if in metres",
         "multiply them by 1000, or write small_range = true under [samples] if they are right",
     )
 
 
 def balls_keep_their_distance(table: Table, context: Context) -> None:
-    """Balls seen from one standstill are as far apart as the artefact says."""
+    """Distances of balls seen from one static pose agree with the artefact."""
     if context.measures != "ball-centre" or "pose" not in table.columns or len(context.balls) < 2:
         return
     points, ball, pose = points_of(table), table.columns["ball"].astype(int), table.columns["pose"]

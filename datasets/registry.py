@@ -1,7 +1,7 @@
 """The real recordings that this project knows: their source, terms and checksums; finding and fetching them.
 
 The files themselves are not part of the project. They are looked for in the folder that the
-environment variable WORKBENCH_RECORDINGS names, else in `../shared/recordings` beside the project,
+environment variable WORKBENCH_RECORDINGS names, else in `../shared/recordings` next to the project,
 else in the cache that `get` fills.
 """
 

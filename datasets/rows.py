@@ -1,4 +1,4 @@
-"""Rows of a table as mappings that are made when one is asked for: a session of many images stands as columns."""
+"""Rows of a table as lazily created mappings; a session of many images is stored as columns."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

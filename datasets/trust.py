@@ -1,10 +1,10 @@
-"""The option --trust-data: how a refusal names it, and how a warning says that it was used."""
+"""The option --trust-data in the texts of refusals and warnings."""
 
 TRUST_DATA = "--trust-data"
 
 
 def naming_option(sentence: str) -> str:
-    """The sentence of a refusal with the way to calibrate all the same."""
+    """The text of a refusal, with the option that accepts the data."""
     return (
         f"{sentence.removesuffix('.')}; if the recorded data are right, repeat with {TRUST_DATA}."
     )

@@ -34,25 +34,25 @@ def test_a_truth_that_was_changed_by_one_byte_fails(tmp_path):
     protocol.check(exam, seals)
     path = exam.truth("b")
     path.write_bytes(path.read_bytes().replace(b"[]", b"[ ", 1))
-    with pytest.raises(InputError, match="changed after it was sealed"):
+    with pytest.raises(InputError, match="changed after its hash was published"):
         protocol.check(exam, seals)
-    with pytest.raises(InputError, match="changed after it was sealed"):
+    with pytest.raises(InputError, match="changed after its hash was published"):
         protocol.seal(exam)
 
 
-def test_a_truth_is_sealed_before_its_answer_and_opened_after_it(tmp_path):
+def test_a_truth_is_committed_before_its_answer_and_read_after_it(tmp_path):
     exam = exam_of(tmp_path, "a")
-    with pytest.raises(InputError, match="no seal or no answer"):
+    with pytest.raises(InputError, match="published hash or its answer is missing"):
         protocol.opened(exam, "a", protocol.seal(exam))
     protocol.run(tmp_path, "a", lambda folder: {})
     assert protocol.opened(exam, "a", protocol.published(exam)) == {"effects": []}
     exam_of(tmp_path, "b")
     exam.answer("b").write_text("{}")
-    with pytest.raises(InputError, match="before its truth was sealed"):
+    with pytest.raises(InputError, match="before the hash of its truth was published"):
         protocol.seal(exam)
 
 
-def test_a_case_is_concealed_once_and_whole(tmp_path):
+def test_a_case_is_created_once_and_completely(tmp_path):
     exam = exam_of(tmp_path, "a")
     before = exam.truth("a").read_bytes()
     exam_of(tmp_path, "a", truth="{}")

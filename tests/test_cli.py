@@ -258,7 +258,7 @@ def test_a_terminated_command_ends_as_an_interrupted_one(tmp_path):
 
 def test_nothing_is_overwritten(tmp_path):
     (tmp_path / "a.txt").write_text("mine")
-    with pytest.raises(InputError, match="already holds files"), runs.opened("demo", "x", tmp_path):
+    with pytest.raises(InputError, match="contains files"), runs.opened("demo", "x", tmp_path):
         pass
     with pytest.raises(InputError, match="is a file"), runs.opened("demo", "x", tmp_path / "a.txt"):
         pass

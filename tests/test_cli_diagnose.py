@@ -135,7 +135,7 @@ def test_the_run_folder_holds_page_picture_and_tables(found, home):
         "smallest-visible.csv",
     } <= {path.name for path in run.iterdir()}
     page = (run / "report.html").read_text(encoding="utf-8")
-    assert "What was missing has a name" in page and "Joint 3 stops short" in page
+    assert "The unmodelled effects are identified" in page and "Joint 3 stops short" in page
     rows = (run / "residuals.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 81 and rows[0].startswith("sample,before_x_mm")
 

@@ -48,7 +48,7 @@ OUTCOMES = [
 
 
 @pytest.mark.parametrize(("outcome", "said"), OUTCOMES)
-def test_outcomes_of_one_concealed_effect(outcome, said):
+def test_outcomes_of_one_planted_effect(outcome, said):
     assert scoring.score({"effects": [TRUE]}, said)["outcome"] == outcome
 
 
@@ -320,12 +320,12 @@ def test_a_folder_of_ones_own_is_checked(tmp_path):
     own = own_folder(tmp_path)
     exam = protocol.Examination(tmp_path / "exam")
     (own / "SHA256SUMS").write_text(f"{'0' * 64}  sealed/mine.json\n")
-    with pytest.raises(InputError, match="changed after it was sealed"):
+    with pytest.raises(InputError, match="changed after its hash was published"):
         prove.bring(exam, own)
     (own / "SHA256SUMS").unlink()
     assert prove.bring(exam, own) == ["mine"]
     (own / "sealed" / "other.json").write_text("{}")
-    with pytest.raises(InputError, match="other/recording.toml is not there"):
+    with pytest.raises(InputError, match="has no recordings/other/recording.toml"):
         prove.bring(exam, own)
     (own / "sealed" / "other.json").unlink()
     (own / "sealed" / "mine.json").write_text('{"effects": [{"effect": "backlash"}]}')
@@ -338,16 +338,16 @@ def test_an_examination_is_not_mixed_with_another(tmp_path):
     (tmp_path / "exam" / "settings.json").write_text(
         json.dumps({"seed": 1, "own": None, "planned": {}})
     )
-    with pytest.raises(InputError, match="holds an examination of seed 1"):
+    with pytest.raises(InputError, match="contains a benchmark run of seed 1"):
         prove.prove(tmp_path / "exam", ["clean"], 1, seed=2)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter.txt").write_text("dear")
-    with pytest.raises(InputError, match="already holds other files"):
+    with pytest.raises(InputError, match="contains other files"):
         prove.prove(tmp_path / "full", ["clean"], 1)
 
 
 def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
-    """Sealed before, diagnosed with the recording alone, scored; a second call does nothing twice.
+    """Committed first, diagnosed from the recording only, scored; a second call repeats nothing.
 
     The seed is one whose cases have few samples.
     """
@@ -365,13 +365,13 @@ def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
     assert stamps == {p: p.stat().st_mtime_ns for p in folder.glob("cases/*/*.json")}
     truth = next((folder / "sealed").glob("*.json"))
     truth.write_bytes(truth.read_bytes().replace(b"0", b"1", 1))
-    with pytest.raises(InputError, match="changed after it was sealed"):
+    with pytest.raises(InputError, match="changed after its hash was published"):
         prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1)
 
 
 @pytest.mark.slow
 def test_the_proof_in_small(tmp_path):
-    """Seven cases: no confident wrong name, no false alarm, and most of what is concealed is found.
+    """Seven cases: no confident wrong name, no false alarm, and most planted effects are found.
 
     The seed is one whose cases have few samples.
     """

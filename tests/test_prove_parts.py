@@ -28,12 +28,12 @@ def test_suites_may_have_counts_of_their_own():
     plan = tasks.plan(["clean=3", "pairs"], 2, 1)
     assert plan.counts == {"clean": 3, "pairs": 2}
     for word in ("clean=", "clean=0", "clean=-1", "clean=few"):
-        with pytest.raises(InputError, match="a number of cases from 1"):
+        with pytest.raises(InputError, match="expected a number of cases from 1"):
             tasks.plan([word], None, 1)
 
 
 def test_parts_of_an_examination_add_up(tmp_path):
-    """No time is left, so that cases are concealed and sealed and none is diagnosed; later calls plan more."""
+    """With no time left, cases are created and committed but not diagnosed; later calls plan more."""
     pytest.importorskip("mujoco")
     folder = tmp_path / "exam"
     first = prove.prove(folder, ["clean=2"], seed=5, jobs=1, minutes=0)
@@ -67,7 +67,7 @@ def test_an_answer_stays_as_it_was_when_its_case_was_opened(tmp_path):
         and stages.row_of(exam, "a", seals)["program"] == "p1"
     )
     exam.answer("a").write_text(exam.answer("a").read_text().replace("consistent", "unexplained"))
-    with pytest.raises(InputError, match="changed after its case was opened"):
+    with pytest.raises(InputError, match="changed after its case was unblinded"):
         stages.row_of(exam, "a", seals)
 
 
@@ -182,9 +182,9 @@ def test_the_page_of_markdown_lists_figures_failures_and_pictures(tmp_path, monk
         "workbench prove --seed 4" in text
         and "| library | confidently wrong | ≤ 1 % | 0.0% | 0 of 2 |" in text
         and "| library | 2 | 5 |" in text
-        and "left out: no pictures" in text
+        and "skipped: no pictures" in text
     )
-    assert "| real-withheld | 0 | not held |" in text and "the same call goes on" in text
+    assert "| real-withheld | 0 | not run |" in text and "the same call continues" in text
     assert (
         "`bad`" in text
         and "`good`" not in text
@@ -220,7 +220,7 @@ def test_a_planted_case_without_the_set_as_it_is_proves_nothing():
     assert real.score(bare, mine, other)["outcome"] == "false alarm"
 
 
-def test_twins_of_a_supported_term_yield_too_and_predict_as_well():
+def test_confounded_compliances_of_a_supported_term_predict_equally_well():
     def predicts(rms):
         return SimpleNamespace(rms=rms, beats=lambda other: other.rms > 1.1 * rms)
 
@@ -234,5 +234,5 @@ def test_twins_of_a_supported_term_yield_too_and_predict_as_well():
         [planting.Term(*row) for row in rows],
         [predicts(rms) for rms in (1.0, 1.05, 1.5, 1.02)],
     )
-    assert planting._twins(terms, tried, 0) == (("link-compliance", "link-1"),)
-    assert planting._twins(terms, tried, 3) == ()
+    assert planting._confounded(terms, tried, 0) == (("link-compliance", "link-1"),)
+    assert planting._confounded(terms, tried, 3) == ()

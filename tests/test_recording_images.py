@@ -378,7 +378,7 @@ FLANGES = [
     Case(
         "flange without a quaternion",
         drop("flange_qz"),
-        (CSV, "column flange_qz", "no such column", "add it beside"),
+        (CSV, "column flange_qz", "no such column", "add it next to"),
     ),
     Case("flange without a place", drop("flange_y_mm"), (CSV, "column flange_y_mm", "add it")),
     Case(

@@ -232,18 +232,15 @@ def test_text_of_a_recording_cannot_become_markup(written):
     assert "Why geometry &lt;is&gt; there" in written[1]
 
 
-def test_stage_that_did_not_earn_its_place_is_grey_and_said_so(written):
+def test_stage_that_is_not_retained_is_grey_and_named(written):
     made = stages.chart(fake())
-    grey = [trace for trace in made.data if trace.name == "held out, not earned"]
+    grey = [trace for trace in made.data if trace.name == "held out, not retained"]
     assert list(grey[0].y) == ["transmission"] and list(grey[0].x) == [0.31]
-    assert (
-        "1 stage did not lower the held-out error beyond chance" in written[1]
-        and "not earned, left out" in written[1]
-    )
+    assert "1 stage is not retained" in written[1] and "<small>not retained</small>" in written[1]
 
 
-def test_all_earned_is_said_too():
-    assert stages.left_out([stage("geometry", 0.3)]).startswith("Every stage lowered")
+def test_retention_of_all_stages_is_stated():
+    assert stages.left_out([stage("geometry", 0.3)]).startswith("Every stage lowers")
 
 
 def test_solve_that_did_not_converge_is_a_warning(tmp_path):
@@ -252,7 +249,7 @@ def test_solve_that_did_not_converge_is_a_warning(tmp_path):
         null_sentences=(), converged=False, outcome="did not converge: allow more steps"
     )
     page = own_text(write_report(made, tmp_path).read_text(encoding="utf-8"))
-    assert '<p class="warning">The solve did not converge: allow more steps.</p>' in page
+    assert '<p class="warning">The solver did not converge: allow more steps.</p>' in page
 
 
 def test_parameters_are_shown_in_degrees_to_two_digits_of_their_sigma():
@@ -316,8 +313,11 @@ def test_share_of_variance_is_that_which_was_put_in_and_nothing_on_noise():
     x, noise = random.uniform(-1, 1, 6000), random.normal(0, 1, (3, 6000))
     step = np.where(x > 0, 1.0, -1.0)
     dependent = spread.Errors(noise + step, np.ones(6000, bool), None)
-    assert residuals.against("x", x, dependent).share == pytest.approx(0.5, abs=0.02)
-    assert residuals.against("x", x, spread.Errors(noise, np.ones(6000, bool), None)).share < 0.005
+    assert residuals.bin_residuals("x", x, dependent).share == pytest.approx(0.5, abs=0.02)
+    assert (
+        residuals.bin_residuals("x", x, spread.Errors(noise, np.ones(6000, bool), None)).share
+        < 0.005
+    )
 
 
 def test_row_never_held_out_shows_its_fit_residual():
@@ -370,9 +370,7 @@ def test_page_is_complete_where_the_image_cannot_be_drawn(tmp_path, monkeypatch,
     monkeypatch.setattr(summary_image, "draw_summary", no_library)
     with caplog.at_level(logging.WARNING):
         path = write_report(fake(), tmp_path)
-    assert [p.name for p in tmp_path.iterdir()] == [
-        path.name
-    ] and "was not drawn, because" in caplog.text
+    assert [p.name for p in tmp_path.iterdir()] == [path.name] and "was not drawn:" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -409,5 +407,5 @@ def test_long_list_of_ties_is_cut_and_says_how_much():
     words = "a cannot be told from " + ", ".join("bcdefghijklm") + " and n"
     assert (
         parameters.shortened(words)
-        == "a cannot be told from b, c, d, e, f, g, h, i and 5 more, which the JSON names"
+        == "a cannot be told from b, c, d, e, f, g, h, i and 5 more (listed in the JSON)"
     )

@@ -147,9 +147,9 @@ def test_text_of_a_recording_cannot_become_markup(pages):
 def test_camera_page_says_what_opencv_counts_and_what_is_held_out(pages):
     text = own_text(pages("camera"))
     assert (
-        "RMS as OpenCV counts" in text
+        "RMS distance (OpenCV)" in text
         and "cv2.calibrateCamera" in text
-        and "Highest over lowest point" in text
+        and "Height difference between highest and lowest point" in text
     )
 
 
@@ -159,7 +159,7 @@ def test_scan_page_says_what_is_not_determined(pages):
     assert "clouds/1.ply" in text
 
 
-def test_blocks_are_drawn_as_they_are_told(tmp_path):
+def test_blocks_are_drawn_in_their_order(tmp_path):
     blocks = (
         sections.words("plain <b>"),
         sections.words("soft", quiet=True),

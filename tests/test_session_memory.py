@@ -100,7 +100,7 @@ def test_the_command_needs_no_more_memory_the_longer_the_session(few, found, tmp
         list(form["parts"]) == [f"scan {k}, ball-1" for k in range(1, 301)]
         and form["n"] == 300 * 400
     )
-    assert "288 more scans: other sentences" in capsys.readouterr().out
+    assert "288 more scans have other remarks" in capsys.readouterr().out
 
 
 def test_the_report_needs_no_more_memory_the_longer_the_session(few, found, tmp_path):
@@ -144,7 +144,7 @@ def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(
     )
     assert ball_centres.centres_of(made) is ball_centres.centres_of(made)
     assert ("scans", "90", "") in shown.numbers and ("balls found", "90", "") in shown.numbers
-    assert "And 78 more, which the JSON holds." in str(shown)
+    assert "The JSON holds 78 more." in str(shown)
     whole = json.loads(answer.as_text(told))
     assert (
         whole["acceptance"] == json.loads(json.dumps(whole["acceptance"]))

@@ -136,7 +136,7 @@ def test_a_study_is_whole_or_not_there_and_is_found_again(study, tmp_path):
     again = carried_out(path, tmp_path / "out", 1, None, quiet)
     assert again.done is None and again.path == first.path
     changed = scenes.written(tmp_path, ("runs = 40", "runs = 7"))
-    with pytest.raises(InputError, match="already holds something"):
+    with pytest.raises(InputError, match="contains other files"):
         carried_out(changed, tmp_path / "out", 1, None, quiet)
 
 
@@ -147,7 +147,7 @@ def test_an_interrupt_says_what_is_kept_and_the_next_start_ends_it(study, tmp_pa
         if "run 15 of" in line:
             raise KeyboardInterrupt
 
-    with pytest.raises(Stopped, match=r"15 of 40 runs are kept in .*; the same command goes on"):
+    with pytest.raises(Stopped, match=r"15 of 40 runs are kept in .*. The same command continues"):
         carried_out(path, tmp_path / "out", 1, None, stop)
     assert not (tmp_path / "out").exists() and (tmp_path / ".partial-out").is_dir()
     done = carried_out(path, tmp_path / "out", 1, None, quiet)

@@ -64,7 +64,7 @@ WRONG = {
         ("[test]", "[tasks]\njoints_deg = [[0, 0, 0]]\n[test]"),
         "expected 6 readings a pose",
     ),
-    "not TOML": (("seed = 3", "seed = "), "found what cannot be read"),
+    "not TOML": (("seed = 3", "seed = "), "found an unreadable file"),
     "saltelli of one": (('"sobol"', '"saltelli"'), "expected at least two parameters for saltelli"),
 }
 
@@ -121,7 +121,7 @@ def test_a_full_disk_keeps_the_parts_that_are_whole_and_ends_in_one_sentence(tmp
         write(table, where, **options)
 
     monkeypatch.setattr(pq, "write_table", full)
-    with pytest.raises(InputError, match="because the disk is full; make room"):
+    with pytest.raises(InputError, match=": the disk is full. Free space"):
         carried_out(path, tmp_path / "out", 1, None, lambda line: None)
     kept = tmp_path / ".partial-out" / tables.PARTS
     assert not (tmp_path / "out").exists()

@@ -1,6 +1,6 @@
-"""Entries of the catalogue page: an effect added to a perfect recording, fitted without it, and what that leaves.
+"""Entries of the catalogue page: an effect in an ideal recording, and the residual of a fit without it.
 
-Sizes, twins and, for the robot, the experiment that separates them come out of the diagnosis.
+Sizes, confounded effects and, for the robot, the experiment that separates them come from the diagnosis.
 """
 
 from collections.abc import Sequence
@@ -14,17 +14,18 @@ from workbench.diagnosis.problem import Problem
 SURVIVING = 6.0
 """Sigmas of one coordinate, RMS, that each effect is made so large as to leave."""
 _MOST = 40.0  # typical sizes: larger than that nothing is made
-_TWINS, _LEAST = 3, 0.3
-_BROAD = 10.0  # typical sizes that a twin may well have
+_CONFOUNDED, _LEAST = 3, 0.3
+_BROAD = 10.0  # prior of a confounded effect, in typical sizes
 FAINT = 8.0
-"""Sigmas of all samples together at which twins are hard to tell: where the experiment that separates them is asked."""
+"""Size of the effect for the separating experiment, in sigmas of all samples together: hardly distinguishable."""
 
 
 @dataclass(frozen=True)
 class Entry:
     """One effect at one place. Sizes in `unit`; `survives` the share of the square that a fit without it leaves.
 
-    `twins`: (what, share of what survives that it makes). `separates`: a sentence. `problem`: of the fit without it.
+    `confounded`: (effect, share of the surviving signature that it explains). `separates`: a sentence. `problem`: of
+    the fit without it.
     `points` (3, n) mm or (2, n) px: where its samples are, for the image.
     """
 
@@ -36,7 +37,7 @@ class Entry:
     left: float
     survives: float
     unit: str
-    twins: tuple[tuple[str, float], ...]
+    confounded: tuple[tuple[str, float], ...]
     separates: str
     problem: Problem
     points: np.ndarray
@@ -63,12 +64,12 @@ def sizes(problem: Problem, values: np.ndarray) -> tuple[float, float, float]:
     moved = problem.added[0] @ values
     left = problem.clear(moved)
     scale = unwhitened(problem)
-    whole, rest = (float(np.sqrt(((x * scale) ** 2).sum() / problem.n)) for x in (moved, left))
-    return whole, rest, float((left**2).sum() / (moved**2).sum())
+    whole, remaining = (float(np.sqrt(((x * scale) ** 2).sum() / problem.n)) for x in (moved, left))
+    return whole, remaining, float((left**2).sum() / (moved**2).sum())
 
 
-def twins(problem: Problem, values: np.ndarray, family: str) -> list[tuple[object, float]]:
-    """(candidate, share of the surviving signature that it makes), the most alike first, one a family."""
+def confounded(problem: Problem, values: np.ndarray, family: str) -> list[tuple[object, float]]:
+    """(candidate, share of the surviving signature that it explains), largest first, one per family."""
     own = problem.clear(problem.added[0] @ values)
     best: dict[str, tuple[object, float]] = {}
     for c in problem.candidates:
@@ -77,7 +78,7 @@ def twins(problem: Problem, values: np.ndarray, family: str) -> list[tuple[objec
         share = made_by(problem, c.columns * c.typical, own)
         if share > best.get(c.family, (None, 0.0))[1]:
             best[c.family] = c, share
-    ranked = sorted(best.values(), key=lambda row: -row[1])[:_TWINS]
+    ranked = sorted(best.values(), key=lambda row: -row[1])[:_CONFOUNDED]
     return [row for row in ranked if row[1] >= _LEAST]
 
 
@@ -93,7 +94,7 @@ def made_by(problem: Problem, columns: np.ndarray, own: np.ndarray) -> float:
 
 
 def listed(candidates: Sequence[tuple[object, float]]) -> tuple[tuple[str, float], ...]:
-    """Names of twins with their shares."""
+    """Names of confounded effects with their shares."""
     return tuple(
         (f"`{c.effect}`{f' ({c.label})' if c.label else ''} at {c.where}", share)
         for c, share in candidates

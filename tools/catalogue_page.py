@@ -1,7 +1,7 @@
-"""Writes docs/catalogue.md and its images: what each effect leaves behind when a fit does not know of it.
+"""Writes docs/catalogue.md and its images: the residual that each effect leaves in a fit without it.
 
-`python tools/catalogue_page.py` writes the page; `--check` says whether its text is up to date (status 1). Every entry
-is made by the workbench: a perfect recording is simulated, the effect added, the baseline fitted without it.
+`python tools/catalogue_page.py` writes the page; `--check` tests whether its text is up to date (else status 1). Each
+entry is computed: an ideal recording is simulated, the effect is added, the baseline is fitted without it.
 """
 
 import sys
@@ -15,17 +15,18 @@ from workbench.diagnosis.words import law, length
 
 ROOT = Path(__file__).parents[1]
 PAGE, IMAGES = ROOT / "docs" / "catalogue.md", ROOT / "docs" / "catalogue"
-HEAD = f"""# What each effect leaves behind
+HEAD = f"""# Residuals of each effect
 
-Made by `python tools/catalogue_page.py`. For each effect a perfect recording is simulated, the effect is added so large
-that {SURVIVING:g} σ survive (at most 40 times what is usual), and the baseline is fitted without it: geometry, base
-and tool of an ABB IRB 120 with 240 random poses, loads of 0-2 kg, both sides of approach and 12 K of warming; of the
-scanner camera, mirror and poses of the boards, from a rendered recording. The image shows what is left.
+Written by `python tools/catalogue_page.py`. For each effect an ideal recording is simulated. The effect is added at
+the size whose residual is {SURVIVING:g} σ (at most 40 times its typical size), and the baseline is fitted without it:
+geometry, base and tool of an ABB IRB 120 with 240 random poses, loads of 0-2 kg, both directions of approach and 12 K
+of warming; for the scanner, camera, mirror and board poses from a rendered recording. The image shows the residual.
 
-- *Survives* is the share of the effect's square that the baseline has not swallowed: the rest hides in wrong lengths.
-- *Taken for* names what would make the same image in these poses, and how much of it.
-- *Separated by* is what `workbench diagnose` would propose to measure next, for an effect so small that its twins are
-  hard to tell.
+- *Orthogonal to the baseline* is the share of the squared effect that the baseline does not absorb. The baseline
+  absorbs the remaining share, mostly in link lengths.
+- *Confounded with* names effects with a similar residual in these poses, and the share that each explains.
+- *Separated by* is the next measurement that `workbench diagnose` proposes for an effect so small that it is hardly
+  distinguishable from the confounded ones.
 
 """
 
@@ -46,9 +47,9 @@ def _section(entry: Entry, images: bool, prefix: str = "") -> str:
     file = f"{prefix}{entry.name}.png"
     if images:
         draw(entry, IMAGES / file)
-    taken = (
-        ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in entry.twins)
-        or "nothing in these poses"
+    confounded = (
+        ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in entry.confounded)
+        or "no other effect in these poses"
     )
     numbers = "; ".join(entry.values[:3]) + (
         f"; and {len(entry.values) - 3} more" if len(entry.values) > 3 else ""
@@ -61,8 +62,8 @@ def _section(entry: Entry, images: bool, prefix: str = "") -> str:
 ![{entry.name}](catalogue/{file})
 
 - Here at {entry.where}: {numbers}.
-- By itself {size} RMS, of which {left} are left: {100 * entry.survives:.2g} % of its square survives.
-- Taken for: {taken}.
+- Size {size} RMS, residual {left} RMS: {100 * entry.survives:.2g} % of its square is orthogonal to the baseline.
+- Confounded with: {confounded}.
 - Separated by: {entry.separates}
 
 """
@@ -75,8 +76,8 @@ def main() -> int:
         PAGE.write_text(page(True), encoding="utf-8")
         return 0
     fresh = PAGE.is_file() and PAGE.read_text(encoding="utf-8") == page(False)
-    told = "is up to date" if fresh else "is stale: run python tools/catalogue_page.py"
-    print(f"docs/catalogue.md {told}")
+    state = "is up to date" if fresh else "is stale: run python tools/catalogue_page.py"
+    print(f"docs/catalogue.md {state}")
     return 0 if fresh else 1
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from catalogue_entries import FAINT, Entry, large_enough, listed, sizes, twins
+from catalogue_entries import FAINT, Entry, confounded, large_enough, listed, sizes
 from robot_model.effects import CATALOGUE
 from workbench.core.effect import make_effects
 from workbench.core.model import NOISE
@@ -117,7 +117,7 @@ def _entry(name, kind) -> Entry:
         _with(scene, name, effect, dict(zip((p.key for p in table), values.tolist()))), baseline
     )
     whole, left, survives = sizes(start, values)
-    near = twins(start, values, f"{kind.effect} {where}")
+    near = confounded(start, values, f"{kind.effect} {where}")
     numbers = tuple(f"{p.label} {measured(v, None, p.unit)}" for p, v in zip(table, values))
     return Entry(
         name,
@@ -182,9 +182,9 @@ def _simulated(text: str, baseline: str):
 
 
 def _separates(bench, effect, problem, values, near) -> str:
-    """What tells the effect from its nearest twin, as the diagnosis works it out."""
+    """The experiment that separates the effect from its most confounded one, by the diagnosis."""
     if not near or near[0][1] < 0.5:
-        return "Nothing is needed: no other effect makes half of what it leaves."
+        return "Nothing is needed: no other effect explains half of its residual."
     other, _ = near[0]
     left = np.sqrt((problem.clear(problem.added[0] @ values) ** 2).sum())
     known = Doubt(

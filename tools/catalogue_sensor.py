@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import datasets
-from catalogue_entries import Entry, large_enough, listed, sizes, twins
+from catalogue_entries import Entry, confounded, large_enough, listed, sizes
 from sensors.effects import CATALOGUE
 from sensors.rendering import Scene, make_recording
 from workbench.diagnosis.sensor import SensorBench, bench_of
@@ -91,7 +91,7 @@ def _entry(perfect: SensorBench, name, kind) -> Entry:
     true = dict(zip((row["key"] for row in rows), values.tolist()))
     bench = SensorBench(simulated(perfect.chains, (effect,), true, _SEED))
     whole, left, survives = sizes(start, values)
-    near = twins(start, values, f"{kind.effect} {where}")
+    near = confounded(start, values, f"{kind.effect} {where}")
     numbers = tuple(
         f"{row['label']} {measured(true[row['key']], None, row['unit'])}" for row in rows
     )

@@ -72,16 +72,16 @@ def _row(name, kind) -> str:
 
 
 def _tested(kind) -> str:
-    """Which variants the diagnosis tests, as the effect's own methods say it."""
-    told = [_own_text(kind, name) for name in ("candidates", "grids")]
-    if told[1] and told[0].startswith("None"):
-        told[0] = ""
-    if not any(told):
+    """Text on the variants that the diagnosis tests, from the docstrings of the effect."""
+    sentences = [_own_text(kind, name) for name in ("candidates", "grids")]
+    if sentences[1] and sentences[0].startswith("None"):
+        sentences[0] = ""
+    if not any(sentences):
         needs = kind.needs if isinstance(kind.needs, tuple) else ()
-        told = [f"Where {' and '.join(needs)} varies." if needs else "At every place."]
+        sentences = [f"Where {' and '.join(needs)} varies." if needs else "At every place."]
     if kind.needs_compliance:
-        told.append("Only where the model holds a compliance.")
-    return " ".join(filter(None, told))
+        sentences.append("Only where the model holds a compliance.")
+    return " ".join(filter(None, sentences))
 
 
 def _own_text(kind, method: str) -> str:

@@ -2,7 +2,7 @@
 
 `python tools/gallery.py` writes every page, `python tools/gallery.py touch-point unified` the named ones.
 Each page runs the commands that it shows, so that text, numbers and images come from the present code.
-`rendered-twin` keeps its parts in docs/gallery/.parts and resumes there; all pages together take hours.
+`rendered-scanner` keeps its parts in docs/gallery/.parts and resumes there; all pages together take hours.
 """
 
 import sys
@@ -65,10 +65,10 @@ def unified() -> None:
     figures.PAGE.write_text(page, encoding="utf-8")
 
 
-def rendered_twin() -> None:
-    """docs/gallery/rendered-twin.md: the scanner of Ye et al. 2024 on rendered images."""
-    import gallery_rendered_twin as figures
-    import gallery_rendered_twin_page as text
+def rendered_scanner() -> None:
+    """docs/gallery/rendered-scanner.md: a rendered scanner after Ye et al. 2024."""
+    import gallery_rendered_scanner as figures
+    import gallery_rendered_scanner_page as text
 
     text.write(figures.collect(PARTS), figures.EFFECTS)
 
@@ -79,7 +79,7 @@ PAGES: dict[str, Callable[[], None]] = {
     "partial-pose": partial_pose,
     "poses-and-compensation": poses_and_compensation,
     "unified": unified,
-    "rendered-twin": rendered_twin,
+    "rendered-scanner": rendered_scanner,
 }
 
 

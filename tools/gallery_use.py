@@ -77,11 +77,11 @@ class Pool(NamedTuple):
 
 
 class Used(NamedTuple):
-    """RMS, mm, of one arm: `before`, `after` the correction and what is true (`free` of noise) and `told` held out."""
+    """RMS, mm, of one arm: `before` and `after` the correction; held-out RMS without (`free`) and with noise."""
 
     before: np.ndarray
     after: np.ndarray
-    told: float
+    held_out: float
     free: float
     sigma: float
 
@@ -131,7 +131,7 @@ def measured_errors(
     """True errors at 60 poses of `grid` of an arm with wrong lengths alone, calibrated on sets of a pool's poses.
 
     pool: grid of the candidates, None for anywhere; size: how many; repeats: how often one may be measured. Noise
-    and random sets are drawn anew each time. compared: also as many by D, and as many at random.
+    and random sets are drawn for every draw. compared: also as many by D, and as many at random.
     """
     rigid = ye.SECOND._replace(
         compliance=(0.0,) * 6, **dict.fromkeys(("k0", "ka1", "ka2", "kb1", "kb2"), (0.0,) * 3)

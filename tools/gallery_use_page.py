@@ -64,9 +64,9 @@ standard error of that; in brackets what was predicted.
 ![Error in the cell by set of poses, and an arm before and after correction](poses-and-compensation.png)
 
 By what is predicted {chosen} chosen poses are better than {twice} random ones in {where}; measured,
-in {clearly}, counting what two standard errors tell. So the choice replaces twice as many measurements
-where candidates differ in what they say of the tasks: in place and attitude, and in thousands. The wider the tasks, the
-less it saves. With the tool always upright candidates are too much alike, and no search would help: in parts of what
+in {clearly} by more than two standard errors. The choice therefore replaces twice as many measurements
+if candidates differ in their information on the tasks: in position and orientation, and in large numbers.
+The wider the tasks, the less it saves. With the tool always upright candidates are too much alike, and no search would help: in parts of what
 {twice} at random have, the bound is {short}.
 `--repeats` lets one pose be measured several times, which pays where candidates are few and the noise of each
 measurement is its own. A single draw may go either way, since the noise of one calibration is luck; what is predicted
@@ -114,11 +114,12 @@ not converge, whose recording was in doubt, or that is no better than the nomina
 def page(said, answers, gains, pools, cases) -> str:
     """The page's text; pools: name -> a `gallery_use.Pool` in the cell and one in the box; cases: a `Used` an arm."""
     after = rms([rms(c.after) for c in cases])
-    told, free = (rms([getattr(c, name) for c in cases]) for name in ("told", "free"))
-    told_out = [
+    held_out = rms([case.held_out for case in cases])
+    free = rms([case.free for case in cases])
+    printed = [
         " ".join(said[c].split("\n")[:-2]).replace("  ", " ") for c in EXPORTS if " export " in c
     ]
-    kept = [text.strip() for text in dict.fromkeys(told_out) if text.strip()]
+    kept = [text.strip() for text in dict.fromkeys(printed) if text.strip()]
     return _TEXT.format(
         noise=NOISE,
         chosen=CHOSEN,
@@ -138,8 +139,8 @@ def page(said, answers, gains, pools, cases) -> str:
         ),
         before=rms([rms(c.before) for c in cases]),
         after=after,
-        ratio=after / told,
-        worst=max(rms(c.after) / c.told for c in cases),
+        ratio=after / held_out,
+        worst=max(rms(c.after) / c.held_out for c in cases),
         free=after / free,
         **_pools(said, pools),
         sigma=rms([c.sigma for c in cases]),
@@ -147,20 +148,20 @@ def page(said, answers, gains, pools, cases) -> str:
 
 
 def _pools(said, pools) -> dict:
-    """What is told of the sets that are chosen for tasks."""
+    """Text on the sets that are chosen for tasks."""
     every = [
         (name, tasks, pool)
         for name, both in pools.items()
         for tasks, pool in zip(("cell", "box"), both)
     ]
-    told = [pool.chosen.predicted() for *_, pool in every]
-    beaten = [error for error in told if error["chosen_mm"] < error["random_twice_mm"]]
+    predicted = [pool.chosen.predicted() for *_, pool in every]
+    beaten = [error for error in predicted if error["chosen_mm"] < error["random_twice_mm"]]
     clearly = [
         pool for *_, pool in every if _clearly(*list(pool.errors.values())[:: len(pool.errors) - 1])
     ]
     over = [
         f"{error['bound_mm'] / error['random_twice_mm']:.3f} in the {tasks}"
-        for (name, tasks, _), error in zip(every, told)
+        for (name, tasks, _), error in zip(every, predicted)
         if name.endswith("upright")
     ]
     return {
@@ -170,19 +171,19 @@ def _pools(said, pools) -> dict:
         "anywhere": _predicted(said[TASKS[-2]]),
         "upright": _predicted(said[TASKS[-1]]),
         "short": " and ".join(over),
-        "slack": 100 * max(error["chosen_mm"] / error["bound_mm"] - 1 for error in told),
+        "slack": 100 * max(error["chosen_mm"] / error["bound_mm"] - 1 for error in predicted),
     }
 
 
 def _row(name, tasks, pool) -> str:
-    told, errors = pool.chosen.predicted(), list(pool.errors.values())
+    predicted, errors = pool.chosen.predicted(), list(pool.errors.values())
     mine, twice = errors[0], errors[-1]
     cells = [
-        f"{rms(e):.4f} ± {spread(e):.4f} ({told[key]:.4f})"
+        f"{rms(e):.4f} ± {spread(e):.4f} ({predicted[key]:.4f})"
         for e, key in ((mine, "chosen_mm"), (twice, "random_twice_mm"))
     ]
     wins = f"{int((mine < twice).sum())} of {len(mine)}"
-    return f"| {name} | {tasks} | {' | '.join(cells)} | {told['bound_mm']:.4f} | {wins} |"
+    return f"| {name} | {tasks} | {' | '.join(cells)} | {predicted['bound_mm']:.4f} | {wins} |"
 
 
 def _clearly(mine, twice) -> bool:
@@ -245,7 +246,7 @@ def draw_image(pools, case, path: Path) -> None:
     edges = np.geomspace(1, 1e3 * case.before.max() * 1.1, 40)
     right.hist(case.before * 1e3, edges, color="#b9bec4", label="sent as programmed")
     right.hist(case.after * 1e3, edges, color="#1f83c4", label="sent corrected")
-    right.axvline(case.told * 1e3, color="#d9730d", ls="--", label="held-out RMS, with noise")
+    right.axvline(case.held_out * 1e3, color="#d9730d", ls="--", label="held-out RMS, with noise")
     right.set(xscale="log", xlabel="true error, µm", ylabel="targets of 100")
     right.legend(frameon=False, fontsize=8)
     for axes in (left, middle, right):

@@ -72,7 +72,7 @@ The noise floor is {floor1:.4f} and {floor2:.4f} mm; the wide box is counted as 
 Without noise, fitted to many poses: RMS in mm that each model leaves of the printed parameters. *NTM after MDH* has
 the kinematics held while the waves are fitted to what they left, as the paper's stage 2 does (eq. 29). *RFCM, load
 alone* leaves the links' own weight out: what the RFCM that the paper compares itself with holds, it does not say.
-*Published* is what its tables say beside the whole model: √(RMS² − RMS of all²).
+*Published*: difference to the complete model in its tables, √(RMS² − RMS of all²).
 
 {readings}
 
@@ -115,7 +115,7 @@ _REAL = """## A real arm: IRB 120 and a FARO arm, 3000 points
 {table}
 
 Held out by ten blocks of consecutive configurations. The paper's simplified self-weight terms fit their robot's
-frames; full torques with all joints, bearings that tilt and a base that wanders are in the default plan.
+frames; full torques with all joints, bearing compliance and a drift of the base are in the default plan.
 """
 
 
@@ -189,18 +189,18 @@ def _both(first, second) -> str:
     )
 
 
-def _told(k) -> dict[str, float]:
-    """Model -> RMS, mm, that the paper says it leaves beside the whole one."""
+def _published(k) -> dict[str, float]:
+    """Model -> RMS, mm, that it leaves in addition to the complete model, by the paper."""
     table = {name: row["rms"] for name, row in PAPER[EXPERIMENT[k]]["check_mm"].items()}
     return {name: np.sqrt(rms**2 - table["all"] ** 2) for name, rms in table.items()}
 
 
 def _close(readings) -> float:
-    """By what part the wide box is off what is published, at most."""
-    left, told = next(left for _, text, left in readings if "wide box" in text), _told(2)
+    """Largest relative difference of the wide box from the published values."""
+    left, published = next(left for _, text, left in readings if "wide box" in text), _published(2)
     return max(
-        abs(left[mine] / told[name] - 1)
-        for mine, name in (("MDH", "MDH"), (AFTER, "NTM"), ("RFCM", "RFCM"))
+        abs(left[fitted] / published[name] - 1)
+        for fitted, name in (("MDH", "MDH"), (AFTER, "NTM"), ("RFCM", "RFCM"))
     )
 
 
@@ -214,7 +214,7 @@ def _order(root, models=tuple(MODELS)) -> str:
 
 
 def _read_draws(read) -> str:
-    """Ratios to MDH beside the published ones."""
+    """Ratios to MDH in comparison with the published ones."""
     lines = [
         "| experiment | model | published ratio | held-out RMS, mm | ratio |",
         "|---|---|---|---|---|",
@@ -223,10 +223,10 @@ def _read_draws(read) -> str:
         table = PAPER[EXPERIMENT[k]]["check_mm"]
         for name in ("ye-mdh", "ye-ntm", AFTER, "ye-rfcm", LOAD, "ye-2024", "arm-torsion"):
             model = {AFTER: "NTM", LOAD: "RFCM"}.get(name, MODELS.get(name))
-            told = f"{table[model]['rms'] / table['MDH']['rms']:.3f}" if model else ""
+            published = f"{table[model]['rms'] / table['MDH']['rms']:.3f}" if model else ""
             shown = MODELS.get(name, name if name in (AFTER, LOAD) else f"`{name}`")
             lines.append(
-                f"| {k} | {shown} | {told} | {read[k][name]:.4f} | {read[k][name] / read[k]['ye-mdh']:.3f} |"
+                f"| {k} | {shown} | {published} | {read[k][name]:.4f} | {read[k][name] / read[k]['ye-mdh']:.3f} |"
             )
     return "\n".join(lines)
 
@@ -276,9 +276,9 @@ def _readings(rows) -> str:
             if j == k
         ]
         lines += [f"| {k} | {text} | {cells} |" for text, cells in mine]
-        told = _told(k)
+        published = _published(k)
         lines.append(
-            f"| {k} | *published* | {told['MDH']:.4f} | | {told['NTM']:.4f} | {told['RFCM']:.4f} | | |"
+            f"| {k} | *published* | {published['MDH']:.4f} | | {published['NTM']:.4f} | {published['RFCM']:.4f} | | |"
         )
     return "\n".join(lines)
 

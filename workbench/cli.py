@@ -1,7 +1,7 @@
-"""The command line: which commands there are, and what a failure looks like to a person.
+"""The command line: its commands and the handling of failures.
 
-Exit status: 0 done; 1 the command ran and the answer is "no"; 2 the input or the call is wrong,
-with one sentence on standard error; 70 a fault of the workbench itself, whose traceback goes to a
+Exit status: 0 success; 1 the command ran and the answer is "no"; 2 the input or the call is wrong,
+with one message on standard error; 70 an internal error of the workbench, with its traceback in a
 file; 130 interrupted.
 """
 
@@ -47,10 +47,10 @@ from workbench.machine.doctor import missing_package
 BUG = 70
 INTERRUPTED = 130
 _STOPPED = "Interrupted; nothing was written."
-# What the machine refuses is the person's to put right, not a fault of the code.
+# Errors of the system that the user can correct; they are not internal errors.
 _REFUSALS = {errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EROFS, errno.EDQUOT}
 
-# rich's frames cost a quarter of a second to load; a pipe does without.
+# rich takes a quarter of a second to load; without a terminal it is not used.
 app = typer.Typer(
     name="workbench",
     help="Calibrate a robot that carries a scanner, from real recordings, and see how good it is.",
@@ -64,27 +64,29 @@ app.command("import", short_help="Tables, logs, bags, images or clouds in, a rec
 )
 app.command("check", short_help="Is a recording good enough, before any fit?")(check.command)
 app.command("calibrate", short_help="A recording in, held-out errors in mm out.")(calibrate.command)
-app.command("calibrate-large", short_help="The same of millions of samples.")(
+app.command("calibrate-large", short_help="Calibrate from millions of samples.")(
     calibrate_large.command
 )
 app.command("compare", short_help="Several plans on one recording, same splits.")(compare.command)
 app.command("camera", short_help="Images of a board in, a camera out.")(camera.command)
 app.command("scanner", short_help="Boards under the laser in, a scanner out.")(scanner.command)
 app.command("scan", short_help="Images of scans in, clouds and balls out.")(scan.command)
-app.command("handeye", short_help="Where the sensor sits on the flange.")(handeye.command)
+app.command(
+    "handeye", short_help="Images or profiles at flange poses in, a hand-eye transform out."
+)(handeye.command)
 app.command("render", short_help="A scene in, rendered images out.")(render.command)
 app.command("simulate", short_help="A scene in, a recording out.")(simulate.command)
-app.command("study", short_help="Many runs of one thing, something varied.")(study.command)
-app.command("diagnose", short_help="Which physics the model left out, with proof.")(
+app.command("study", short_help="Many runs with varied parameters.")(study.command)
+app.command("diagnose", short_help="Identify unmodelled effects, with cross-validation.")(
     diagnose.command
 )
-app.command("prove", short_help="Concealed effects: found, or not.")(prove.command)
+app.command("prove", short_help="Blind benchmark of the diagnosis.")(prove.command)
 app.command("poses", short_help="Which poses to measure.")(poses.command)
 app.command("compensate", short_help="Targets in, corrected targets out.")(compensate.command)
 app.command("export", short_help="URDF, MDH tables, camera files of other programs.")(
     export.command
 )
-app.command("identifiability", short_help="What a recording determines, in words.")(
+app.command("identifiability", short_help="Which parameters a recording identifies.")(
     identifiability.command
 )
 app.command("significance", short_help="Which parameters move the end of an arm.")(
@@ -92,8 +94,8 @@ app.command("significance", short_help="Which parameters move the end of an arm.
 )
 app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
 app.command("open", short_help="A run or a recording in a local web page.")(open.command)
-app.command("doctor", short_help="What this machine lacks, and what to type.")(doctor.command)
-app.command("demo", short_help="The main job on a recording that is at hand.")(demo.command)
+app.command("doctor", short_help="Check the installation.")(doctor.command)
+app.command("demo", short_help="A complete example, from images to a calibrated arm.")(demo.command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -106,19 +108,21 @@ def _print_version(wanted: bool) -> None:
 def _options(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
 ) -> None:
     """Calibrate a robot that carries a scanner, from real recordings, and see how good it is."""
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run one command line and return its exit status; nothing ever escapes as a traceback.
+    """Run one command line and return its exit status; all exceptions become messages.
 
     arguments: the words after `workbench`; None takes them from the process.
     """
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # numpy's asides would bury the one sentence
+        warnings.simplefilter("ignore")  # warnings of numpy would hide the message
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         status = int(app(args=words, prog_name="workbench", standalone_mode=False) or 0)
@@ -143,23 +147,23 @@ def _failed(error: Exception) -> int:
         return _say(sentence, 2)
     if isinstance(error, OSError) and error.errno in _REFUSALS and error.filename:
         return _say(
-            f"{error.filename} cannot be used, because the system says "
-            f"'{error.strerror}'; choose another place or see to its permissions.",
+            f"{error.filename} cannot be used ('{error.strerror}'). "
+            "Choose another path or change its permissions.",
             2,
         )
     return _say(
-        f"This is a bug of the workbench, not of your input ({type(error).__name__}); "
-        f"please report it with {_traceback_file(error)}, which says where.",
+        f"This is a bug of the workbench, not of your input ({type(error).__name__}). "
+        f"Please report it with the file {_traceback_file(error)}, which holds the traceback.",
         BUG,
     )
 
 
 def _wrong_call(error: typer.TyperException) -> str:
-    """One sentence from what the command-line parser found wrong with the call."""
+    """One sentence on the error that the command-line parser reports."""
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "workbench"
     found = " ".join(error.format_message().split()).rstrip(".?")
-    return f"{path}: {found}; `{path} --help` lists what it takes."
+    return f"{path}: {found}; `{path} --help` lists the arguments and options."
 
 
 def _traceback_file(error: Exception) -> Path:

@@ -16,7 +16,7 @@ REPEAT_MM = 0.05
 
 
 def read(folder: Path, variant: str) -> Recording:
-    """`repeat` is the configuration, 1-24; `pose` the standstill, 1-240; reflectors 1-3 are markers A-C."""
+    """`repeat` is the configuration, 1-24; `pose` the static pose, 1-240; reflectors 1-3 are markers A-C."""
     paths = checked(folder, "calibration_dataset.mat")
     q = np.rad2deg(load_matrix(paths[0], "q"))
     markers = np.stack([load_matrix(paths[0], name) for name in ("mA", "mB", "mC")], axis=1) * 1000

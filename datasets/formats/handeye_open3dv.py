@@ -1,4 +1,4 @@
-"""Images of a board with flange poses: a camera on the hand (8), and a camera beside the arm (5).
+"""Images of a board with flange poses: a camera on the flange (8), and a stationary camera (5).
 
 Poses `posN.txt`: Rx Ry Rz in degrees (about the fixed axes, x first), then X Y Z in mm. The board has
 asymmetric circles, white on dark, 7 in each of 11 rows; neighbours in a row are 20 mm apart in the
@@ -18,7 +18,7 @@ SETS = {"in-hand": ("input_EyeInHand", 8, 10.0), "to-hand": ("input_EyeToHand", 
 
 
 def read(folder: Path, variant: str) -> Recording:
-    """One sample an image. In the `to-hand` set the arm holds the board: board key fixed_to is "tool"."""
+    """One sample per image. In the `to-hand` set the arm holds the board: board key fixed_to is "tool"."""
     name, count, step = SETS[variant]
     images = [f"{name}/pos{k}.png" for k in range(count)]
     paths = checked(

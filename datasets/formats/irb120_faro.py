@@ -1,4 +1,4 @@
-"""ABB IRB 120 with a FARO laser tracker: 1000 configurations, three reflectors on the tool, three beside the base.
+"""ABB IRB 120 with a FARO laser tracker: 1000 configurations, three reflectors on the tool, three near the base.
 
 Text files, one row a configuration in order of acquisition: joints in degrees, points in mm in
 the tracker's frame. `irb120_faro` takes the commanded joints, `irb120_faro:read-back` what the
@@ -15,7 +15,7 @@ from datasets.recording import Recording
 TRACKER_MM = 0.005
 """1 sigma of a coordinate: reflectors on one tool keep their distance to 4-7 um."""
 LOST_MM = 0.5
-"""A base reflector farther than this from its median was not found, or another one was."""
+"""Largest distance of a base reflector from its median; farther points are lost or wrong reflectors."""
 JOINTS = {"": "commanded_joints_deg.txt", "read-back": "measured_joints.txt"}
 
 

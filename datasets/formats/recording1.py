@@ -1,4 +1,4 @@
-"""Reader of recording/1 folders: every file checked, and one sentence for whatever is wrong."""
+"""Reader of recording/1 folders: every file is checked; an error is reported in one message."""
 
 import hashlib
 from collections.abc import Mapping

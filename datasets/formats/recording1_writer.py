@@ -1,4 +1,4 @@
-"""Writer of recording/1 folders: complete or not at all."""
+"""Writer of recording/1 folders; writes are atomic."""
 
 import shutil
 import tempfile
@@ -19,10 +19,10 @@ _AT_A_TIME = 5_000  # rows of a CSV file: a cell as text takes ten times the roo
 def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Path:
     """Write `recording` as a new folder in recording/1 and return the folder.
 
-    samples: "csv" or "parquet". Everything is written beside it under a temporary name and then
-    moved, so that a broken-off write leaves nothing. Where `folder` is the recording's own and holds
-    its images but no recording.toml yet, the other files are put beside the images. Raises
-    InputError where `folder` exists and holds files otherwise.
+    samples: "csv" or "parquet". The files are written under a temporary name in the parent folder and
+    then renamed; an interrupted write leaves no files. If `folder` is that of the recording and holds
+    its images but no recording.toml yet, the other files are added to the images. Raises
+    InputError if `folder` exists and holds other files.
     """
     folder = Path(folder)
     if _holds_its_images(recording, folder):

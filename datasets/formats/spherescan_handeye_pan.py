@@ -2,7 +2,7 @@
 
 `scan_line` of each YAML file: x, 0, z in mm again and again, .Nan where nothing came back. Poses: X Y Z in
 mm, W P R in degrees, the flange's rotation Rz(R) Ry(P) Rx(W). There are no joint angles. Rows are all
-that came back, the table beside the ball too.
+that came back, including points on the table.
 """
 
 import json

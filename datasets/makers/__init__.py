@@ -1,1 +1,1 @@
-"""Scripts that make the bundled and the paper-like recordings, each from its seed."""
+"""Generators of the bundled recordings, of recordings after papers, and of blind cases, each from its seed."""

@@ -1,8 +1,8 @@
-"""Concealed images: a whole recording of a scanner by the maker's own small ray-tracer, and its sealed truth.
+"""Blind image recordings: a complete recording of a scanner from an independent ray tracer, and its truth.
 
-`make` draws a scanner, boards and balls from a seed, builds one flaw (or none) into the light, the
+`make` draws a scanner, boards and balls from a seed, plants one effect (or none) in the light, the
 mirror, the lens, the board or the balls, writes the folder of a recording and returns the truth,
-which is for whoever examines and not for the folder. No module of the workbench's physics is used.
+which is not written to the folder. No module of the workbench's physics is used.
 """
 
 import csv
@@ -33,7 +33,7 @@ EFFECTS = {
     "subsurface-scatter": "sensor",
     "frame-sync": "time",
 }
-"""What can be concealed, and where it sits."""
+"""Effects that can be planted, and their places."""
 COLUMNS, ROWS, SQUARE = 11, 8, 8.0
 _SWEEP = np.deg2rad(12.0)
 _TRIES = 400
@@ -63,7 +63,7 @@ class Counts:
 
 @dataclass(frozen=True)
 class Chance:
-    """Chance of two kinds: of places and speeds, the same whatever is concealed, and of the noise of images."""
+    """Chance of two kinds: of places and speeds, the same for every planted effect, and of the noise of images."""
 
     places: np.random.Generator
     noise: np.random.Generator
@@ -214,17 +214,17 @@ def _swept(world, scene, lamp, chance: Chance, start: Path, steps: int, clock: f
         image = start.with_name(f"{start.name}-{step:02d}.png")
         _save(image, developed(lamp + stripe, chance.noise))
         since = step if way > 0 else steps - 1 - step
-        told = {
+        row = {
             "mirror_deg": round(float(np.rad2deg(commanded)), 9),
             "mirror_speed_deg_s": round(way * speed, 6),
         }
-        told |= {
+        row |= {
             "image": f"images/{image.name}",
             "step": step,
             "sweep": way,
             "time_s": round(clock + every * since, 4),
         }
-        rows.append(told)
+        rows.append(row)
     return rows, clock + every * steps
 
 
@@ -277,7 +277,7 @@ def _save(path: Path, image: np.ndarray) -> None:
 
 
 def _write(folder: Path, rows: list[Mapping]) -> None:
-    """recording.toml, images.csv and artefact.csv; nothing in them tells what is concealed."""
+    """recording.toml, images.csv and artefact.csv; they do not reveal the planted effect."""
     text = [
         'format = "recording/1"',
         'title = "A scanner before boards and balls"',

@@ -1,4 +1,4 @@
-"""A small ray-tracer for concealed images: boards and balls, the lamp's light, a laser's stripe, a chip's noise."""
+"""A small ray tracer for blind image recordings: boards and balls, lamp, laser stripe, image noise."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,7 +39,7 @@ class Board:
         return _sag(first, self.bend) + _sag(second, self.across)
 
     def meet(self, rays):
-        """Points (3, n) mm where rays (3, n) meet the board, nan beside it, and the albedo (n,) there."""
+        """Points (3, n) mm where rays (3, n) meet the board, nan outside it, and the albedo (n,) there."""
         local, eye = self.turn.T @ rays, -self.turn.T @ self.place
         height, flat = 0.0, None
         for _ in range(4 if self.bend or self.across else 1):
@@ -73,7 +73,7 @@ class Balls:
     depth: float = 0.0
 
     def meet(self, rays):
-        """Points (3, n) mm where rays (3, n) meet the nearest ball, nan beside all, and the albedo (n,)."""
+        """Points (3, n) mm where rays (3, n) meet the nearest ball, nan outside all balls, and the albedo (n,)."""
         nearest = np.full(rays.shape[1], np.inf)
         for centre, radius in zip(self.centres.T, self.radii):
             along = centre @ rays
@@ -112,7 +112,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Scene:
-    """What every part of every pixel sees of one standstill: points (3, N), normals (3, N), albedo (N,); N = parts x
+    """What every part of every pixel sees of one static scene: points (3, N), normals (3, N), albedo (N,); N = parts x
     those pixels (P,) that see anything."""
 
     thing: Board | Balls

@@ -1,8 +1,8 @@
-"""The true scanner of a concealed image: a lens, a laser whose light is a fan or a cone, and a mirror that turns it.
+"""The true scanner of a blind image recording: lens, laser with a planar or conical fan, and rotating mirror.
 
-The maker's own geometry, in millimetres and radians, camera frame (x right, y down, z forward); it
-shares no code and no law with the workbench that will look at the images. Every flaw is built in
-where it arises: a cone instead of a plane, a face that leans as it turns, glass that is not round.
+Independent geometry in millimetres and radians, camera frame (x right, y down, z forward); it
+shares no code and no law with the workbench. Every effect is modelled at its physical origin: a cone
+instead of a plane, a mirror face that tilts during its rotation, a lens that is not rotationally symmetric.
 """
 
 from dataclasses import dataclass, field
@@ -58,7 +58,7 @@ class Lens:
 
 @dataclass(frozen=True)
 class Light:
-    """A laser line, thrown by a turning mirror.
+    """A laser line, deflected by a rotating mirror.
 
     The laser stands at `source` (3,) and fans out across `normal` (3,); with a `cone` angle (rad) the fan is
     a cone: every ray of it leaves at that angle from the plane. The mirror turns about `axis` through
@@ -104,10 +104,10 @@ class Light:
 
 
 def light_of(rng: np.random.Generator) -> Light:
-    """A mirror beside the camera that sweeps the field at about 125 mm, none of its lengths a round number."""
-    beside, reach = rng.uniform(64, 74), rng.uniform(120, 130)
-    pivot = np.array([beside, rng.uniform(-3, 3), rng.uniform(-4, 4)])
-    away = np.array([-beside, 0.0, reach]) / np.hypot(beside, reach)
+    """A mirror next to the camera that sweeps the field at about 125 mm, with random lengths."""
+    lateral, reach = rng.uniform(64, 74), rng.uniform(120, 130)
+    pivot = np.array([lateral, rng.uniform(-3, 3), rng.uniform(-4, 4)])
+    away = np.array([-lateral, 0.0, reach]) / np.hypot(lateral, reach)
     coming = np.array([-1.0, 0.0, 0.0])
     tilt = rng.uniform(-0.01, 0.01, 2)
     axis = np.array([tilt[0], 1.0, tilt[1]])

@@ -2,10 +2,10 @@
 
 A small six-axis arm carries a scanner around four balls. The engine gives it
 wrong link geometry, elastic joints, links and pedestal, masses that differ from
-the nominal ones, a changing payload, and one fault that nobody is told of: a
-joint that slipped at some instant, or one with play in its gear. Which, where,
-when and how much are drawn from SEED here, so `make().truth` is the sealed
-answer; the recording's files do not hold it.
+the nominal ones, a changing payload, and one undisclosed fault: a joint that
+slipped at some instant, or one with backlash in its gear. Kind, place, instant
+and size are drawn from SEED here. `make().truth` holds them; the files of the
+recording do not.
 
 The arm is like a FANUC LR Mate 200iD in its link lengths (data sheet; the same
 nominal rows as Ye 2024 starts from). Masses and compliances are invented, of
@@ -90,10 +90,10 @@ def true_arm(rng: np.random.Generator) -> Arm:
     )
 
 
-def _concealed(rng: np.random.Generator) -> Slip | Gap:
-    """The fault that nobody is told of.
+def _fault(rng: np.random.Generator) -> Slip | Gap:
+    """The undisclosed fault.
 
-    Never at joint 1: its slip is the same as the base turning about that axis.
+    Never at joint 1: its slip is equivalent to a rotation of the base about that axis.
     """
     joint = int(rng.integers(2, 5))
     size = float(rng.choice([-1, 1]) * rng.uniform(2.5e-4, 4e-4))
@@ -117,11 +117,11 @@ def _covariates(rng: np.random.Generator, joints_deg: np.ndarray) -> dict[str, n
 
 
 def make(seed: int = SEED) -> folder.Made:
-    """The recording, with the sealed truth beside it."""
+    """The recording and its truth."""
     rng = np.random.default_rng(seed)
     joints_deg, ball, plate = _visits(rng)
     columns = _covariates(rng, joints_deg)
-    arm, fault = true_arm(rng), _concealed(rng)
+    arm, fault = true_arm(rng), _fault(rng)
     hand_eye = _nudged(rng, pose(*_HAND_EYE), 0.5, 0.3)
     points = _measure(arm, fault, joints_deg, columns, ball, plate, hand_eye)
     points = points + rng.normal(0, SIGMA_MM, points.shape)

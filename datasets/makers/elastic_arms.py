@@ -166,7 +166,7 @@ def _true_arm(rng, nominal: Arm, joints, mass_share: float) -> Arm:
 
 
 def _truth(arm: Arm) -> dict:
-    """{(effect, where): compliance}, rad/(N m), of all that yields."""
+    """{(effect, where): compliance}, rad/(N m), of all compliant elements."""
     truth = {("joint-compliance", f"joint-{k}"): c for k, c in enumerate(arm.joint_compliance, 1)}
     length = np.hypot(arm.geometry[:, 1], arm.geometry[:, 2])
     links = enumerate(zip(arm.link_compliance, length), 1)

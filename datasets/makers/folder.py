@@ -14,9 +14,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Made:
-    """Columns of a recording in file units (mm, deg), with what goes beside them.
+    """Columns of a recording in file units (mm, deg), with its further files.
 
-    `truth` is everything that the engine was told. It is for scoring and is
+    `truth` is the complete input of the simulation. It is for scoring and is
     never written to the folder.
     """
 

@@ -2,9 +2,9 @@
 
 `python -m datasets.makers.lengths OUT [--pairs N] [--noise MM] [--seed N] [--reach MM] [--stiff]`.
 
-The arm of `datasets.makers.elastic_arm`, with its wrong lengths and its joints, links and pedestal that yield,
-drives a reflector from place to place; a ball bar or an interferometer reads how far apart two of them are.
-Nobody knows where the arm stands.
+The arm of `datasets.makers.elastic_arm`, with its length errors and its compliant joints, links and pedestal,
+moves a reflector from place to place; a ball bar or an interferometer measures the distance of two places.
+The pose of the base is unknown.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def lengths(
     reach_mm: float = 1e4,
     stiff: bool = False,
 ) -> folder.Made:
-    """`pairs` lengths of 50 mm to `reach_mm`, each with 1 sigma `noise_mm`; stiff: an arm that does not yield.
+    """`pairs` lengths of 50 mm to `reach_mm`, each with 1 sigma `noise_mm`; stiff: a rigid arm.
 
     Raises ValueError where too few of the poses tried lie so near to one another.
     """
@@ -95,7 +95,7 @@ def main() -> None:
         metavar="MM",
         help="longest length, such as a ball bar's",
     )
-    parser.add_argument("--stiff", action="store_true", help="an arm that does not yield")
+    parser.add_argument("--stiff", action="store_true", help="a rigid arm")
     args = parser.parse_args()
     made = lengths(args.pairs, args.seed, args.noise, args.reach, args.stiff)
     datasets.write(made.recording(), args.out)

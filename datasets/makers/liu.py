@@ -10,7 +10,7 @@ themselves come from a solve that had failed, and eq. 7 does not converge with t
 position there is no sphere: one fixed detector.
 
 Table 3's columns run together in our copy. Its rows go theta, d, a, alpha of joint after joint, and
-the column "actual" agrees with what the second objective found beside it: d3 -0.05 (-0.0501),
+the column "actual" agrees with the result of the second objective in the next column: d3 -0.05 (-0.0501),
 a3 -0.04 (-0.0400), d4 0.04 (0.0399), d5 0.04 (0.0430), a1 0.05 (0.0491), all certain. Taken with
 less certainty: a2 -0.1 (-0.1105), d2 0.05 (printed apart). The twists of joints 1 to 4 were found as
 -0.0480, -0.0494, -0.0499 and -0.0500 deg, while "-0.3" and "-0.06" stand in the column of the actual

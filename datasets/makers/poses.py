@@ -96,7 +96,7 @@ def scanning(
     balls_base: (B, 3) mm; hand_eye: (4, 4) sensor in flange; start: (J,) posture
     near which the inverse starts. Returns joints (n, J) and ball index (n,).
     Views come from above, up to `tilt` rad off, with the ball `stand_off` mm along
-    the sensor's axis and up to `half_field` mm beside it each way; what is given
+    the sensor's axis and up to `half_field` mm off it each way; what is given
     here is how the sensor of Ye 2024 works. Raises ValueError where too few can be
     reached.
     """

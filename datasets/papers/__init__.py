@@ -1,7 +1,7 @@
 """Numbers of published tables, with their source: facts to compare with, copied as printed.
 
-One TOML file a paper, named after first author and year; a key `csv` of a table names a CSV file
-beside it, which `load` puts in its place as arrays.
+One TOML file per paper, named after first author and year. A key `csv` of a table names a CSV file in
+the same folder; `load` replaces it by arrays.
 """
 
 import csv

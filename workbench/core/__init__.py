@@ -1,1 +1,1 @@
-"""The ground floor: parameters, effects, models and solves, for any measuring chain."""
+"""Core: parameters, effects, models and solvers for any measuring chain."""

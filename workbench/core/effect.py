@@ -80,7 +80,7 @@ class Effect:
     the chain says: it alone knows how its ports are numbered.
 
     Class attributes: `effect` and `port` (words of the vocabulary), `needs` (covariates that must
-    be recorded), `surface` (what it must be told of the surface: "normals", "ball"), `equation`,
+    be recorded), `surface` (required knowledge of the surface: "normals", "ball"), `equation`,
     `source`, `places` (what `where` may be: "joint", "link", "base", ...).
 
     For the diagnosis, which holds no list of effects of its own:
@@ -241,7 +241,7 @@ class Effect:
 
     @property
     def options(self) -> dict:
-        """What its constructor was given beside its place, so that a file can say it; each is kept by its own name."""
+        """Constructor arguments other than the place, by name, for files."""
         return {
             name: getattr(self, name) for name in list(inspect.signature(type(self)).parameters)[1:]
         }

@@ -1,4 +1,4 @@
-"""The exception that a user's mistake may raise, and the one of work that was stopped and can go on."""
+"""Exceptions for unusable input and for interrupted work that can be continued."""
 
 
 class InputError(ValueError):
@@ -22,4 +22,4 @@ def complaint(where: object, expected: str, found: object, do: str) -> InputErro
 
 
 class Stopped(Exception):
-    """Work that a person stopped; the message says, in one sentence, what is kept and how it goes on."""
+    """Work that the user interrupted; the message states what is saved and how to continue."""

@@ -1,4 +1,4 @@
-"""Freed memory is kept for the next arrays: a setting of the C library, made once by a program."""
+"""Setting of the C library that keeps freed memory for later arrays; made once per program."""
 
 import ctypes
 import sys

@@ -1,7 +1,7 @@
-"""Effects on the noise: the spread of the residuals fitted by maximum likelihood.
+"""Effects on the noise: a variance model of the residuals, fitted by maximum likelihood.
 
-The mean does not depend on them, so they are found between solves of the mean: Fisher scoring of a
-log-linear variance model, whose overall level is left to the solve's own scale.
+The mean does not depend on them; they are estimated between fits of the mean by Fisher scoring of a
+log-linear variance model. The overall level is the sigma scale of the fit.
 Harvey, Econometrica 44 (1976); Aitkin, Applied Statistics 36 (1987).
 """
 

@@ -19,7 +19,7 @@ class Parameter:
     `null` is the value at which the parameter does nothing or is nominal. `typical` is the size,
     in `unit`, that somebody would expect before measuring; it scales the columns of the Jacobian,
     so that millimetres and radians can be compared. `label` is how a sentence calls it. `prior` is
-    the 1 sigma, in `unit`, of what is known about it (about `null`) beside the data; None: nothing.
+    the 1 sigma, in `unit`, of its prior about `null`; None: no prior.
     """
 
     key: str

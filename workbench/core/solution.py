@@ -1,4 +1,4 @@
-"""What a calibration hands on: parameters with what is known of them, residuals, provenance."""
+"""Result of a calibration: parameters with their identifiability, residuals, provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -103,7 +103,7 @@ class Solution:
 
     @property
     def null_sentences(self) -> tuple[str, ...]:
-        """What the data cannot tell apart, in words."""
+        """Parameters that are not identifiable, in words."""
         return tuple(self.all_known.sentences())
 
     @property

@@ -1,4 +1,4 @@
-"""Where a result comes from: versions, data and day."""
+"""Provenance of a result: versions, data and date."""
 
 import platform
 from datetime import UTC, datetime

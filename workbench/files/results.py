@@ -1,4 +1,4 @@
-"""What a calibration answers and leaves on disk: the JSON contract, tables and files."""
+"""Answer and files of a calibration: the JSON contract, tables and files."""
 
 import json
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class StageResult:
-    """Errors of one stage; `earned` False: it did not lower the held-out error and was left out.
+    """Errors of one stage; `earned` False: cross-validation does not retain it.
 
     The rotation errors are None where the recording measures no orientation.
     """
@@ -29,12 +29,12 @@ class StageResult:
 
 
 ESTIMATED, NOT_IDENTIFIABLE, HELD = "estimated", "not identifiable", "held"
-"""What a parameter can be: its `status` in the JSON."""
+"""Values of `status` of a parameter in the JSON."""
 _WITHOUT_NOMINAL = ("base", "tool", "sensor", "artefact")
 
 
 def parameter_rows(solution) -> list[dict]:
-    """One row a parameter of the JSON contract.
+    """One row per parameter of the JSON contract.
 
     `status`: "estimated" with a standard deviation; "not identifiable" where the data do not determine
     the parameter, which is then free and confounded with others, or held at nominal because others

@@ -1,8 +1,8 @@
-"""Run folders: the output of a command appears in one place, as a whole or not at all.
+"""Run folders: the output of a command is written atomically to one folder.
 
-A run is written under a temporary name next to its final place and renamed when all of it is
-there. No reader ever meets half a result, and no earlier run is overwritten. A lock next to
-the temporary folder ends with its process, so that what a killed run left behind is recognised and
+A run is written under a temporary name next to its final folder and renamed when it is complete.
+Incomplete results are never visible, and no earlier run is overwritten. A lock next to the
+temporary folder ends with its process; the leftovers of a killed run are recognised and
 replaced.
 """
 
@@ -101,8 +101,7 @@ def _named(out: Path) -> Run:
         raise InputError(f"{out} is a file, where --out expects a folder; name a new folder.")
     if path.is_dir() and any(path.iterdir()):
         raise InputError(
-            f"{out} already holds files, where --out expects a folder that is new or "
-            "empty, so that nothing is overwritten; name another folder."
+            f"{out} contains files. To protect them, --out expects a new or empty folder; name another folder."
         )
     partial = path.with_name(f".partial-{path.name}")
     made, lock = _reserve(partial)
@@ -176,6 +175,5 @@ def _move_into_place(run: Run) -> None:
 
 def _refused(path: Path, error: OSError) -> str:
     return (
-        f"{path} cannot be written, because the system says '{error.strerror}'; "
-        "name a place that you may write with --out or --json."
+        f"{path} cannot be written ('{error.strerror}'); name a writable path with --out or --json."
     )

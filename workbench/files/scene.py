@@ -92,7 +92,7 @@ class Scene(_Table):
 
 
 def unreadable(path: Path, problem: Exception) -> InputError:
-    """The sentence for a scene file that is not there, or not TOML."""
+    """The error for a scene file that is missing or not TOML."""
     if isinstance(problem, FileNotFoundError):
         return InputError(f"{path}: expected a scene (TOML), found no such file; correct its name.")
     return InputError(

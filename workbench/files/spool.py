@@ -1,4 +1,4 @@
-"""A long sequence of which only the first few stand in memory: the rest waits in a nameless file of its own."""
+"""A long sequence with only its first items in memory; the others are in an anonymous temporary file."""
 
 import pickle
 import tempfile
@@ -11,17 +11,17 @@ from workbench.core.errors import InputError
 
 
 class Spool(Sequence):
-    """Things in the order in which they came; the first `kept` stay in memory, later ones are read back when asked for.
+    """A sequence of items; the first `kept` stay in memory, the others are read from disk on access.
 
-    The file has no name, so that nobody else can write what is read back, and it goes with the process. It lies in
-    `folder`: that for temporary files, which is asked where None is given, is in memory on many systems.
+    The file is anonymous: no other process can write to it, and it ends with this process. It is in `folder`, or in
+    the default folder for temporary files, which is in memory on many systems.
     """
 
     def __init__(self, things: Iterable[Any] = (), kept: int = 64, folder: Path | None = None):
         self._first: list[Any] = []
         self._places = array(
             "q"
-        )  # where each begins in the file: 8 bytes a thing are all that grows
+        )  # start of each item in the file: memory grows by 8 bytes per item
         self._file, self._folder = None, folder
         for thing in things:
             self._append(thing, kept)
@@ -36,10 +36,10 @@ class Spool(Sequence):
             place = self._file.seek(0, 2)
             pickle.dump(thing, self._file, pickle.HIGHEST_PROTOCOL)
             self._file.flush()
-        except OSError as error:  # a file without a name cannot say which disk is full
+        except OSError as error:  # the error on an anonymous file does not name the disk
             raise InputError(
-                f"{self._folder or tempfile.gettempdir()}: room is expected there for what does not stay in memory, "
-                f"and the system says '{error.strerror}'; make room or choose another place."
+                f"{self._folder or tempfile.gettempdir()}: temporary data cannot be written there "
+                f"('{error.strerror}'); free space or choose another folder."
             ) from error
         self._places.append(place)
 
@@ -90,7 +90,7 @@ class Parts(Mapping):
 
 
 class Made(Sequence):
-    """What `make` makes of each of a sequence's things, made anew whenever it is asked for and not kept."""
+    """Lazy sequence of `make(item)`; items are computed on every access and not stored."""
 
     def __init__(self, things: Sequence[Any], make: Callable[[Any], Any]):
         self._things, self._make = things, make

@@ -1,4 +1,4 @@
-"""What the workbench needs of a machine, looked at one by one, each with what to type about it."""
+"""Checks of the installation, each with the command that fixes it."""
 
 import ctypes
 import os
@@ -42,7 +42,7 @@ class Extra:
 
     @property
     def command(self) -> str:
-        """What to type to install it."""
+        """The command that installs it."""
         return f"{Path(sys.executable).name} -m pip install '{PROJECT}[{self.extra}]'"
 
 
@@ -75,7 +75,7 @@ SHARED = {
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at: what was found, whether that will do, and what to do where not."""
+    """One check: the finding, whether it is sufficient, and advice if it is not."""
 
     name: str
     ok: bool
@@ -85,7 +85,7 @@ class Check:
 
 
 def examine() -> list[Check]:
-    """Look at everything; loads each library once, which takes some seconds."""
+    """Run all checks; loads each library once, which takes some seconds."""
     return [
         _python(),
         *_shared_libraries(),

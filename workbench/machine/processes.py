@@ -1,4 +1,4 @@
-"""Processes of this machine for work that falls into parts: one thread each, and as many as there are cores."""
+"""Worker processes on this machine: one thread each, by default one per core."""
 
 import multiprocessing
 import os
@@ -13,7 +13,7 @@ THREADS = (
 
 
 def one_thread() -> None:
-    """Keep the numerical libraries of this process to one thread: runs fill the cores, threads would only push."""
+    """Limit the numerical libraries of this process to one thread: the processes already use all cores."""
     import sys
 
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read when the libraries are loaded
@@ -29,15 +29,15 @@ def cores() -> int:
 
 @contextmanager
 def local(workers: int, loaded: str, begin: Callable = one_thread, *given) -> Iterator[Executor]:
-    """Processes of this machine, each with one thread, of which none inherits what this one has open.
+    """Pool of single-threaded processes on this machine; they inherit no open files of this process.
 
-    Where the system can fork, they come from a server that has loaded the module `loaded` once. Each calls `begin` with
-    what is `given`.
+    If the system can fork, they come from a server that has loaded the module `loaded` once. Each calls `begin` with
+    the arguments `given`.
     """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(
         dict.fromkeys(THREADS, "1")
-    )  # a fresh process takes them over before it loads anything
+    )  # a new process inherits them before it loads libraries
     pool = ProcessPoolExecutor(
         workers, mp_context=_context(loaded), initializer=begin, initargs=given
     )

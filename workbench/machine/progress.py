@@ -1,4 +1,4 @@
-"""How far long work has come, and about how long it will still take, as one line for a person."""
+"""Progress of long work and remaining time, as one line."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ _BEFORE_A_GUESS_S = 2.0
 
 
 def paced(say: Callable[[str], None], what: str, clock: Callable[[], float] = time.monotonic):
-    """A function of (done, total) that says `what`, how many of how many, and the time left.
+    """A function of (done, total) that reports `what`, the counts, and the remaining time.
 
     say: takes one line; what: "image", "scan" …; clock: seconds.
     """
@@ -24,7 +24,7 @@ def paced(say: Callable[[str], None], what: str, clock: Callable[[], float] = ti
 
 
 def duration(seconds: float) -> str:
-    """'40 s', '3 min', '2 h': as exactly as a guess deserves."""
+    """Rounded duration: '40 s', '3 min', '2 h'."""
     if seconds < 90:
         return f"{max(1, round(seconds))} s"
     return f"{round(seconds / 60)} min" if seconds < 5400 else f"{round(seconds / 3600)} h"

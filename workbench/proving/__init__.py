@@ -1,1 +1,1 @@
-"""The examination that a diagnosis must pass in public: suites, fixed rules of scoring, the scoreboard's figures."""
+"""Blind benchmark of the diagnosis: suites of cases, fixed scoring rules, figures of the scoreboard."""

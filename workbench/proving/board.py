@@ -1,4 +1,4 @@
-"""The scoreboard: every case, the failed ones first, every figure beside what is asked, and the files of both."""
+"""The scoreboard: all cases (failed ones first), all figures with their acceptance criteria, and the files of both."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -64,9 +64,9 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class Board:
-    """`rows` of all cases, the failed ones first; `figures`; `skipped` suite -> why; `command` that makes it again.
+    """`rows` of all cases, failed ones first; `figures`; `skipped` suite -> reason; `command` that repeats the run.
 
-    `planned`: suite -> cases concealed and sealed, of which those are rows that have been diagnosed.
+    `planned`: suite -> number of committed cases; the diagnosed ones among them are rows.
     """
 
     rows: tuple[Mapping, ...]
@@ -78,14 +78,14 @@ class Board:
 
     @property
     def held(self) -> dict[str, int]:
-        """Suite -> cases diagnosed, of every suite that was planned."""
+        """Suite -> number of diagnosed cases, for every planned suite."""
         count = Counter(dict.fromkeys(self.planned, 0))
         count.update(row["suite"] for row in self.rows)
         return {suite: count[suite] for suite in sorted(count, key=_place)}
 
     @property
     def programs(self) -> list[str]:
-        """Checksums of the programs that gave the answers; of one examination it should be one."""
+        """Checksums of the programs that gave the answers; a consistent benchmark run has one."""
         return sorted({row.get("program", "") for row in self.rows})
 
     def as_json(self) -> dict:
@@ -118,7 +118,7 @@ def board(
     checks: Sequence[figures.Figure] = (),
     planned: Mapping[str, int] | None = None,
 ) -> Board:
-    """The scoreboard of opened cases; checks: figures of the examination itself."""
+    """The scoreboard of unblinded cases; checks: figures on the benchmark run itself."""
     ordered = sorted(rows, key=lambda row: (_rank(row), row["suite"], row["index"]))
     return Board(
         tuple(ordered), (*figures.table(ordered), *checks), skipped, seed, command, planned or {}
@@ -126,18 +126,18 @@ def board(
 
 
 def _rank(row) -> tuple:
-    """Failed ones first; a confident wrong name stands before all others of its outcome."""
+    """Sort key: confidently wrong cases first, then by outcome, failed ones first."""
     place = _ORDER.index(row["outcome"]) if row["outcome"] in _ORDER else len(_ORDER)
     return (0 if row.get("confidently_wrong") else 1, place)
 
 
 def _place(suite: str) -> int:
-    """Where a suite stands in the examination; one of somebody's own stands last."""
+    """Position of a suite in the benchmark; a user's own suite comes last."""
     return [*COUNTS, suite].index(suite)
 
 
 def save(made: Board, folder: Path) -> None:
-    """Write results.csv and results.parquet, one row a case, and the summary image."""
+    """Write results.csv and results.parquet, one row per case."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 
@@ -193,7 +193,7 @@ def _flat(row) -> dict:
 
 
 def publish_seals(folder: Path, seals: Mapping[str, str]) -> str:
-    """A page of its own that holds every seal before anything is diagnosed; the checksum of all of them together."""
+    """Write SHA256SUMS, the hashes of all truths, before any diagnosis. Returns the checksum of this file."""
     import hashlib
 
     lines = [f"{seal}  {name}" for name, seal in sorted(seals.items())]

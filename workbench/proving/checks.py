@@ -1,4 +1,4 @@
-"""What the examination checks of itself: makers that stand alone, seals that hold, which program gave the answers."""
+"""Integrity checks of a benchmark run: independent case generators, unchanged truths, version of the program."""
 
 import ast
 import hashlib
@@ -18,9 +18,9 @@ _APART = ("robot_model", "sensors", "workbench")
 
 @lru_cache(maxsize=1)
 def program() -> str:
-    """Checksum of the sources that a diagnosis runs, so that answers of two programs are never taken for one's.
+    """Checksum of the source files of the diagnosis. It marks answers of different versions of the program.
 
-    Taken once a process, for a process goes on with what it has loaded.
+    Computed once per process, because a process keeps the code that it has loaded.
     """
     every = hashlib.sha256()
     for place in _PROGRAM:
@@ -33,7 +33,7 @@ def program() -> str:
 
 
 def checks(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Figure]:
-    """The figures of independence and honesty, each counted anew from the files that are there."""
+    """The figures on independence and integrity, counted from the present files."""
     makers, seals = maker_files(), protocol.published(exam)
     names = [row["case"] for row in rows]
     return [
@@ -41,15 +41,15 @@ def checks(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Figure]:
             "independence",
             "modules of the makers that import nothing of the model",
             makers,
-            lambda path: not _strangers(path),
+            lambda path: not _forbidden_imports(path),
             "all",
             1.0,
         ),
         rate(
             "honesty",
-            "sealed truths in which one changed byte fails the run",
+            "committed truths in which one changed byte fails the run",
             names,
-            _refuser(exam, seals),
+            _tamper_test(exam, seals),
             "all",
             1.0,
         ),
@@ -65,20 +65,20 @@ def checks(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Figure]:
 
 
 def maker_files() -> list[Path]:
-    """Source files of the makers of concealed cases, and of all within `datasets` that they import."""
+    """Source files of the generators of blind cases, and of all modules of `datasets` that they import."""
     found = [
         path
         for place in protocol.MAKERS
         for path in ([place] if place.is_file() else place.glob("*.py"))
     ]
-    for path in found:  # grows while it is gone through
-        mine = (_file(name) for name in _imported(path) if name.startswith("datasets."))
-        found += [other for other in mine if other is not None and other not in found]
+    for path in found:  # the list grows during the loop
+        imported = (_file(name) for name in _imported(path) if name.startswith("datasets."))
+        found += [other for other in imported if other is not None and other not in found]
     return sorted(set(found))
 
 
 def _imported(path: Path) -> Iterator[str]:
-    """Every module that a file imports anywhere, and what it takes from a package, with dots."""
+    """Dotted names of all modules that a file imports, including names imported from a package."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (one.name for one in node.names)
@@ -92,12 +92,12 @@ def _file(name: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def _strangers(path: Path) -> list[str]:
+def _forbidden_imports(path: Path) -> list[str]:
     return [name for name in _imported(path) if name.split(".")[0] in _APART]
 
 
-def _refuser(exam: protocol.Examination, seals: Mapping[str, str]):
-    """A function that tells of a case whether its truth, copied with one byte changed, is refused."""
+def _tamper_test(exam: protocol.Examination, seals: Mapping[str, str]):
+    """A predicate over case names: true if a copy of the truth with one changed byte is rejected."""
 
     def refused(name: str) -> bool:
         with TemporaryDirectory() as place:

@@ -1,4 +1,4 @@
-"""The scoreboard's figures: rates with Wilson intervals beside what is asked of them, and curves over all cases."""
+"""Figures of the scoreboard: rates with Wilson intervals and acceptance criteria, and curves over all cases."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -10,15 +10,15 @@ from workbench.core.vocabulary import Place
 from workbench.proving.scoring import NAMED
 
 SEEN = 0.3
-"""Surviving size, in sigma of a coordinate, from which an effect must be seen."""
+"""Effect size orthogonal to the baseline, in sigma of a coordinate, from which an effect must be detected."""
 _Z = 1.959964  # two-sided 95 %
 
 
 @dataclass(frozen=True)
 class Figure:
-    """`value`: a rate (hits of cases) or a median; `low`, `high`: 95 %; `reached`: None where nothing is asked.
+    """`value`: a rate (hits of cases) or a median; `low`, `high`: its 95 % interval; `asked`: acceptance criterion.
 
-    `least`: how many cases are asked for as well; with fewer, nothing is reached, though the value may be `within`.
+    `within`: True if the value meets the limit, None without a criterion. `least`: required number of cases.
     """
 
     suite: str
@@ -34,12 +34,12 @@ class Figure:
 
     @property
     def reached(self) -> bool | None:
-        """Whether the value and the number of cases are what is asked."""
+        """True if value and number of cases meet the criterion; None without a criterion."""
         return None if self.within is None else self.within and self.cases >= self.least
 
     @property
     def word(self) -> str:
-        """Reached, too few cases or short; empty where nothing is asked."""
+        """`reached`, `too few cases` or `short`; empty without a criterion."""
         return {None: "", True: "reached", False: "too few cases" if self.within else "short"}[
             self.reached
         ]
@@ -68,7 +68,7 @@ def rate(
     at_most: bool = False,
     least: int = 0,
 ) -> Figure:
-    """Share of rows for which `hit`; within where it is at least, or at most, the limit."""
+    """Share of rows for which `hit` is true. It is `within` if at least (`at_most`: at most) the limit."""
     hits, cases = sum(bool(hit(row)) for row in rows), len(rows)
     value = hits / cases if cases else None
     within = (
@@ -78,12 +78,12 @@ def rate(
 
 
 def table(rows: Sequence[Mapping]) -> list[Figure]:
-    """All figures of the suites that there are cases of, in the order of the suites."""
+    """All figures of the suites that have cases, in the order of the suites."""
     made: list[Figure] = []
     for suite, of in _SUITES.items():
-        own = [row for row in rows if row["suite"] == suite]
-        if own:
-            made += of(own)
+        suite_rows = [row for row in rows if row["suite"] == suite]
+        if suite_rows:
+            made += of(suite_rows)
     return made + _asks_for_nothing(rows) + gain(rows)
 
 
@@ -315,13 +315,13 @@ _SUITES = {
 
 
 def gain(rows: Sequence[Mapping]) -> list[Figure]:
-    """The median share of the oracle's held-out gain, over all cases in which the oracle gains what can be told."""
+    """Median share of the oracle's held-out gain, over all cases in which this gain is large enough to measure."""
     shares = [share for share in map(gain_share, rows) if share is not None]
-    told = rate(
+    stated = rate(
         "gain",
-        "held-out error told before and after, mm (px in suite sensor), of all cases answered",
+        "held-out error stated before and after, mm (px in suite sensor), of all cases answered",
         [r for r in rows if r["verdict"]],
-        _told,
+        _states_errors,
         "every case",
         1.0,
     )
@@ -330,11 +330,11 @@ def gain(rows: Sequence[Mapping]) -> list[Figure]:
         if shares
         else []
     )
-    return made + [told] if told.cases else made
+    return made + [stated] if stated.cases else made
 
 
 def _asks_for_nothing(rows) -> list[Figure]:
-    """The control of what is withheld: an answer that asks for something always is no answer."""
+    """Control for withheld covariates: share of answers that request a covariate although none is withheld."""
     whole = [
         r for r in rows if r["suite"] in ("clean", "library", "swallowed", "pairs") and r["verdict"]
     ]
@@ -344,16 +344,16 @@ def _asks_for_nothing(rows) -> list[Figure]:
     return [rate("covariate-withheld", name, whole, lambda r: r.get("asks"))]
 
 
-def _told(row: Mapping) -> bool:
-    """Whether an answer states its held-out error before and after."""
+def _states_errors(row: Mapping) -> bool:
+    """True if the answer states its held-out error before and after."""
     units = ("mm", "px") if row["suite"] == "sensor" else ("mm",)
     return any(None not in (row.get(f"before_{u}"), row.get(f"after_{u}")) for u in units)
 
 
 def gain_share(row: Mapping) -> float | None:
-    """Fall of the held-out RMS over the oracle's fall; None where the oracle gains less than 1.5 %.
+    """Reduction of the held-out RMS over that of the oracle; None if the oracle gains less than 1.5 %.
 
-    A case without an answer gains nothing.
+    A case without an answer has gain 0.
     """
     before, after = row.get("before_mm"), row.get("after_mm")
     known, best = row.get("oracle_before_mm"), row.get("oracle_after_mm")
@@ -372,7 +372,7 @@ def _part_gain(row: Mapping) -> float | None:
 
 
 def _silent(row: Mapping) -> bool:
-    """Whether nothing was named, of a size that the answer itself calls too small to be seen here."""
+    """True if nothing is named and the effect is below the minimal detectable bias that the answer states."""
     return (
         bool(row.get("below_visible")) and not row.get("wrong_name") and row["outcome"] != "failed"
     )
@@ -409,7 +409,7 @@ def _right(row) -> bool:
 
 
 def _kept(row) -> bool:
-    """Whether a case in which nothing is concealed, or a rule that was to be kept, came out right."""
+    """True if a case without a planted effect, or a case with a rule, has a correct answer."""
     return row["outcome"] == "right"
 
 
@@ -423,46 +423,46 @@ def _located(row) -> bool:
 def detection(
     rows: Sequence[Mapping], edges: Sequence[float] = (0, 0.15, 0.2, 0.3, 0.5, 1, 2, 4, 20)
 ) -> list[dict]:
-    """Share detected, and named right of all, by surviving size in sigma; a row a bin that has cases."""
+    """Share detected and share correctly named, by effect size in sigma; one row per bin with cases."""
     single = [r for r in rows if r["suite"] in ("library", "sensor") and r["survives_sigma"]]
     made = []
     for low, high in pairwise(edges):
-        own = [r for r in single if low <= r["survives_sigma"] < high]
-        if own:
-            seen, named = sum(bool(r.get("detected")) for r in own), sum(map(_right, own))
+        in_bin = [r for r in single if low <= r["survives_sigma"] < high]
+        if in_bin:
+            count = len(in_bin)
+            seen, named = sum(bool(r.get("detected")) for r in in_bin), sum(map(_right, in_bin))
+            log_sizes = np.log([r["survives_sigma"] for r in in_bin])
             made.append(
                 {
                     "from_sigma": low,
                     "to_sigma": high,
-                    "cases": len(own),
-                    "middle_sigma": float(
-                        np.exp(np.mean(np.log([r["survives_sigma"] for r in own])))
-                    ),
-                    "detected": seen / len(own),
-                    "detected_interval": wilson(seen, len(own)),
-                    "named": named / len(own),
-                    "named_interval": wilson(named, len(own)),
+                    "cases": count,
+                    "middle_sigma": float(np.exp(np.mean(log_sizes))),
+                    "detected": seen / count,
+                    "detected_interval": wilson(seen, count),
+                    "named": named / count,
+                    "named_interval": wilson(named, count),
                 }
             )
     return made
 
 
 def reliability(rows: Sequence[Mapping]) -> list[dict]:
-    """How often claims are right, by the probability that they state; a row a bin that has claims."""
+    """Share of correct claims by their stated probability; one row per bin with claims."""
     beliefs = [pair for row in rows for pair in row.get("beliefs", ())]
     made = []
     for low, high in pairwise((0, 0.3, 0.5, 0.7, 0.85, 0.95, 0.99, 2)):
-        own = [(p, right) for p, right in beliefs if low <= p < high]
-        if own:
-            hits = sum(bool(right) for _, right in own)
-            stated = float(np.mean([p for p, _ in own]))
+        in_bin = [(p, right) for p, right in beliefs if low <= p < high]
+        if in_bin:
+            hits = sum(bool(right) for _, right in in_bin)
+            stated = float(np.mean([p for p, _ in in_bin]))
             made.append(
                 {
                     "from": low,
                     "to": min(high, 1.0),
-                    "claims": len(own),
-                    "right": hits / len(own),
-                    "interval": wilson(hits, len(own)),
+                    "claims": len(in_bin),
+                    "right": hits / len(in_bin),
+                    "interval": wilson(hits, len(in_bin)),
                     "stated": stated,
                 }
             )
@@ -470,9 +470,9 @@ def reliability(rows: Sequence[Mapping]) -> list[dict]:
 
 
 def confusion(rows: Sequence[Mapping], of: str) -> tuple[list[str], list[str], np.ndarray]:
-    """Concealed (rows) against said (columns), counts, for cases of one effect; of: "effect" or "where".
+    """Confusion matrix (counts) of truths (rows) and claims (columns), cases with one effect; of: "effect" or "where".
 
-    What is said is the first claim; a declared group counts as the truth that it holds.
+    The claim is the first one; a declared group counts as the truth that it contains.
     """
     single = [r for r in rows if len(r["effects"]) == 1 and r.get("first") is not None]
     pairs = [(r["effects"][0][of], _said(r, of)) for r in single]

@@ -1,4 +1,4 @@
-"""Held-out errors of every sample before and after what a diagnosis claimed, for a few cases, to be drawn."""
+"""Held-out errors by sample, with the baseline and with the claimed effects, for a few cases."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _LARGEST = 600  # samples: more take long, and an image does not show them
 
 @dataclass(frozen=True)
 class Map:
-    """One case: `points` (3, n) mm as measured, `before` and `after` (n,) mm 3-D held-out errors; `title`."""
+    """One case: measured `points` (3, n) mm, 3-D held-out errors `before` and `after` (n,) mm, `title`."""
 
     title: str
     points: np.ndarray
@@ -22,9 +22,9 @@ class Map:
 
 
 def maps(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Map]:
-    """A map of one case of each suite of named effects: of those named right, the one of middle size.
+    """A map for each suite of named effects: the correctly named case of median effect size.
 
-    Only of points in an instrument's frame, for those of a sensor's lie all before the sensor.
+    Only cases with points in the frame of an external instrument are used.
     """
     chosen = (_chosen([row for row in rows if row["suite"] == suite]) for suite in _SUITES)
     return [_map(exam, row) for row in chosen if row is not None]

@@ -1,7 +1,7 @@
-"""The oracle: a fit that knows which effect was concealed, and how well it predicts what it was not fitted to.
+"""The oracle: a fit with the true effects of a case, and its held-out error.
 
-Runs after a case was opened. It uses the workbench's own models, as the diagnosis does, so that the share of its
-gain that a diagnosis reaches says how good the diagnosis is and not how good the models are.
+It runs after unblinding. Oracle and diagnosis use the same models; the share of the oracle's gain therefore measures
+the quality of the diagnosis, not that of the models.
 """
 
 import json
@@ -18,17 +18,17 @@ _FOLDS = 5
 
 
 def weigh(folder: Path, name: str) -> None:
-    """Write the held-out errors of baseline and oracle on one opened case, and those on its part not fitted."""
+    """Write the held-out errors of baseline and oracle on an unblinded case, and those on its validation part."""
     exam = protocol.Examination(folder)
     truth = protocol.opened(exam, name, protocol.published(exam))
     record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
     try:
         found = _weighed(exam.recording(name), truth, record["answer"])
-    except Exception as error:  # an oracle that fails leaves its figures out, and says so
+    except Exception as error:  # a failed oracle gives a note instead of figures
         found = {"oracle_note": f"{type(error).__name__}: {error}"}
     found["answer_seal"] = protocol.checksum(
         exam.answer(name)
-    )  # the case is open now: its answer stays as it is
+    )  # the case is unblinded: its answer must not change from now on
     replace_file(exam.weighed(name), json.dumps(found, indent=1) + "\n")
 
 
@@ -54,7 +54,7 @@ def _weighed(recording: Path, truth: Mapping, answer: Mapping | None) -> dict:
 
 
 class Bench:
-    """A recording with a baseline, to which effects of the catalogue are added."""
+    """A recording with a baseline model; effects of the catalogue can be added."""
 
     def __init__(self, recording, baseline: str):
         from robot_model import load_robot
@@ -68,20 +68,21 @@ class Bench:
         self.baseline = tuple((one.effect.effect, one.effect.where, {}) for one in known)
 
     def model(self, rows: Sequence[tuple]):
-        """Model and start, with base, geometry, tool and all of the effects free; effects start near their null."""
+        """Model and start values; base, geometry, tool and all effects are estimated, effects start near zero."""
         from robot_model.effects import CATALOGUE
         from workbench.core.effect import make_effects
         from workbench.core.model import Model
         from workbench.fitting.plans import geometry, stage_mask
 
-        own = [row for row in self.baseline if row[:2] not in {r[:2] for r in rows}]
-        model = Model(self.chain, make_effects(CATALOGUE, [*own, *rows]))
+        added = {row[:2] for row in rows}
+        kept = [row for row in self.baseline if row[:2] not in added]
+        model = Model(self.chain, make_effects(CATALOGUE, [*kept, *rows]))
         mask = stage_mask(model.parameters, geometry(self.robot), (), self.chain)
         mask[len(self.chain.parameters) :] = True
         return model, model.parameters.only(mask).nudged()
 
     def held_out(self, rows: Sequence[tuple]) -> float:
-        """RMS of 3-D distances, mm, over blocks of consecutive poses."""
+        """Held-out RMS of 3-D distances, mm; the folds are blocks of consecutive poses."""
         return self.predicted(rows).rms
 
     def predicted(self, rows: Sequence[tuple]):
@@ -92,7 +93,7 @@ class Bench:
         return cross_validate(model, start, blocks(self.recording.poses, _FOLDS), "linear")
 
     def part(self, rows: Sequence[tuple], part: np.ndarray) -> float:
-        """RMS of 3-D distances, mm, on the samples `part` (n,) bool of a fit of all others."""
+        """RMS of 3-D distances, mm, on the samples `part` (n,) bool after a fit to all others."""
         from workbench.fitting.cross_validation import hold_out
 
         model, start = self.model(rows)
@@ -100,7 +101,7 @@ class Bench:
 
 
 def rows_of(effects: Sequence[Mapping]) -> tuple[tuple, ...] | None:
-    """Rows of the catalogue for what is true; None where it has none for one of them. What only scatters needs none."""
+    """Catalogue rows of the true effects; None if one of them is not in the catalogue or is a random effect."""
     if any(not _is_modelled(one["effect"]) for one in effects) or not effects:
         return None
     return tuple(
@@ -109,7 +110,7 @@ def rows_of(effects: Sequence[Mapping]) -> tuple[tuple, ...] | None:
 
 
 def _is_modelled(effect: str) -> bool:
-    """Whether the catalogue has an effect of this name, and it changes more than the noise."""
+    """True if the catalogue has an effect of this name and it is not on the noise port."""
     from robot_model.effects import CATALOGUE
     from workbench.core.model import NOISE
 
@@ -117,7 +118,7 @@ def _is_modelled(effect: str) -> bool:
 
 
 def _typed(effect: str, stated: Mapping) -> dict:
-    """Those of the stated values that are options of the effect, as its constructor takes them."""
+    """The stated values that are options of the effect, with the types of its constructor."""
     from robot_model.effects import CATALOGUE
 
     taken = option_types(CATALOGUE[effect])
@@ -129,14 +130,14 @@ def _typed(effect: str, stated: Mapping) -> dict:
 
 
 def claimed_rows(answer: Mapping | None) -> tuple[tuple, ...]:
-    """Rows of the catalogue for what was claimed. A claim that the answer does not tell wholly predicts nothing."""
+    """Catalogue rows of the claims. Claims without their options are dropped."""
     claims = answer["effects"] if answer else ()
     rows = ((c["effect"], c["where"], _options(c)) for c in claims if _is_modelled(c["effect"]))
     return tuple((effect, where, options) for effect, where, options in rows if options is not None)
 
 
 def _options(claim: Mapping) -> dict | None:
-    """Options of a claim's effect; None where the answer states none and the effect has some."""
+    """Options of the claimed effect; None if the effect has options and the answer states none."""
     from robot_model.effects import CATALOGUE
 
     stated = claim.get("options")

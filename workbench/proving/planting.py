@@ -1,4 +1,4 @@
-"""Takes fitted terms out of real readings, and plants effects into them, so that noise and structure stay real."""
+"""Removes fitted terms from real recordings and plants effects into them; real noise and structure remain."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,23 +13,25 @@ from workbench.diagnosis.library import compliances, names
 from workbench.proving.oracle import Bench
 
 _SUPPORT = 0.9
-"""A term is supported where it lowers the held-out RMS of all terms before it to this share, and not by luck."""
+"""A term is supported if it lowers the held-out RMS significantly and at least to this share."""
 _MOST_TERMS = 3
 _SMALL = 1e-4
-_CYCLES = 2.0  # a revolution, of the transmission error that is fitted
+_CYCLES = 2.0  # order of the fitted transmission-error harmonic, cycles per revolution
 _kept: dict[str, tuple] = {}
 _LOADED_NM, _TURNS_RAD = 0.5, 1.0
 
 
 @dataclass(frozen=True)
 class Term:
-    """An effect that data support: name, place, options as pairs, and `twins`, (effect, place) of what yields to the
-    same load and predicts the samples that were left out as well."""
+    """An effect that data support: name, place, options as pairs.
+
+    `confounded`: (effect, place) of compliances that predict the held-out samples equally well.
+    """
 
     effect: str
     where: str
     options: tuple = ()
-    twins: tuple[tuple[str, str], ...] = ()
+    confounded: tuple[tuple[str, str], ...] = ()
 
     @property
     def row(self) -> tuple:
@@ -38,7 +40,7 @@ class Term:
 
 
 def supported(recording, name: str) -> tuple[Term, ...]:
-    """Terms that these data support, the strongest first: each lowers the held-out error beside those before it."""
+    """Supported terms, strongest first: each lowers the held-out error conditional on the terms before it."""
     if name not in _kept:
         bench = Bench(recording, "geometry")
         left, terms, best = _possible(bench), [], bench.predicted(())
@@ -48,21 +50,21 @@ def supported(recording, name: str) -> tuple[Term, ...]:
             if tried[k].rms > _SUPPORT * best.rms or not tried[k].beats(best):
                 break
             best = tried[k]
-            terms.append(replace(left[k], twins=_twins(left, tried, k)))
+            terms.append(replace(left[k], confounded=_confounded(left, tried, k)))
             left.pop(k)
         _kept[name] = tuple(terms)
     return _kept[name]
 
 
-def _twins(terms, tried, k: int) -> tuple[tuple[str, str], ...]:
-    """Of what yields, what the k-th does not predict better than."""
-    yielding = names(_compliances())
-    if terms[k].effect not in yielding:
+def _confounded(terms, tried, k: int) -> tuple[tuple[str, str], ...]:
+    """Compliances that predict the held-out samples as well as the compliance k."""
+    compliant = names(_compliances())
+    if terms[k].effect not in compliant:
         return ()
     return tuple(
         (one.effect, one.where)
-        for one, made in zip(terms, tried)
-        if one is not terms[k] and one.effect in yielding and not tried[k].beats(made)
+        for one, predicted in zip(terms, tried)
+        if one is not terms[k] and one.effect in compliant and not tried[k].beats(predicted)
     )
 
 
@@ -74,7 +76,7 @@ def _compliances() -> list[type[Effect]]:
 
 
 def _possible(bench: Bench) -> list[Term]:
-    """All that yields to a load where masses are known, and waves twice a turn of the joints that turn far."""
+    """Candidates: all loaded compliances, and transmission harmonics of order 2 of joints with a large range."""
     chain, terms = bench.chain, []
     for kind in _compliances():
         for made in map(kind, chain.places(kind.places[0])):
@@ -86,7 +88,7 @@ def _possible(bench: Bench) -> list[Term]:
 
 
 def without(recording, name: str, terms):
-    """The recording with the fitted contribution of `terms` taken out of its points, all supported terms fitted."""
+    """The recording without the contribution of `terms` to its points; all supported terms are fitted jointly."""
     model, fitted = _fitted(name, recording)
     bare = fitted
     for one in terms:
@@ -114,7 +116,7 @@ def _moved(recording, change):
 
 
 def jittered(recording, rng):
-    """A copy in which nothing is changed but the last digit: readings by 5e-5 deg, points by 5e-5 mm."""
+    """A copy with uniform noise in the last digit only: readings ±5e-5 deg, points ±5e-5 mm."""
     columns = dict(recording.columns)
     for name in columns:
         if name in ("x_mm", "y_mm", "z_mm") or Covariate.of(name).is_angle:
@@ -123,9 +125,9 @@ def jittered(recording, rng):
 
 
 def plant(recording, rng: np.random.Generator, times: float):
-    """The recording with an effect put into its joint readings, and its truth.
+    """The recording with an effect planted into its joint readings, and its truth.
 
-    times: what survives of it after a fit of the geometry, RMS a coordinate, over the same of what is really left.
+    times: RMS per coordinate of the effect after a fit of the geometry, over that of the real residual.
     """
     geometry = _fitted_geometry(recording)
     for _ in range(50):
@@ -136,7 +138,7 @@ def plant(recording, rng: np.random.Generator, times: float):
         if change < 1e-3 * _SMALL:
             continue
         size = times * real / change * _SMALL * float(rng.choice([-1, 1]))
-        if abs(size) * np.abs(wave).max() < 0.02:  # rad: more than any drive errs by
+        if abs(size) * np.abs(wave).max() < 0.02:  # rad: upper limit of plausible drive errors
             truth = {**effect, "value": size, "unit": unit, "survives_sigma": None, "times": times}
             return _read_off(recording, effect, size * wave), truth
     raise ValueError("no effect of a size that a drive could have can be planted here")
@@ -144,7 +146,7 @@ def plant(recording, rng: np.random.Generator, times: float):
 
 @dataclass(frozen=True)
 class Readings:
-    """What an effect sees of a recording that it is planted into: `angles` (J, n) rad, `poses` (n,), its `columns`."""
+    """Data of a recording that a planted effect depends on: `angles` (J, n) rad, `poses` (n,), `columns`."""
 
     angles: np.ndarray
     poses: np.ndarray
@@ -152,7 +154,7 @@ class Readings:
 
 
 def _drawn(recording, rng) -> tuple[dict, np.ndarray, str]:
-    """Effect, what it does to its joint's angle (n,) for a size of 1, and the unit of its size."""
+    """Effect, its change of the joint angle (n,) for unit size, and the unit of its size."""
     from robot_model.effects import CATALOGUE
 
     joint = int(rng.integers(recording.joints.shape[1])) + 1
@@ -165,7 +167,7 @@ def _drawn(recording, rng) -> tuple[dict, np.ndarray, str]:
 
 
 def _angles(recording) -> np.ndarray:
-    """(J, n) rad: joint angles after sign and coupling."""
+    """(J, n) rad: joint angles with sign and coupling applied."""
     return _mixing(recording) @ recording.joints.T
 
 
@@ -176,7 +178,7 @@ def _mixing(recording) -> np.ndarray:
 
 
 def _read_off(recording, effect: Mapping, wave):
-    """The readings that a controller would have shown had the joint stood where it stood with the effect in it."""
+    """The recording with the readings that a controller shows if the effect causes part of the true joint angle."""
     joint = Place.of(effect["where"]).number - 1
     off = np.zeros((recording.joints.shape[1], recording.n))
     off[joint] = wave
@@ -189,7 +191,7 @@ def _read_off(recording, effect: Mapping, wave):
 
 @dataclass(frozen=True)
 class Geometry:
-    """The fitted geometry of a recording: orthonormal `basis` (N, R) of its derivative, `residual` (m, n) mm."""
+    """The fitted geometry of a recording: orthonormal `basis` (N, R) of its Jacobian, `residual` (m, n) mm."""
 
     model: object
     values: np.ndarray
@@ -198,7 +200,7 @@ class Geometry:
 
 
 def _surviving(geometry: Geometry, effect, wave) -> tuple[float, float]:
-    """RMS a coordinate, mm, of what a fit of the geometry leaves of a small effect, and of what it really leaves."""
+    """RMS per coordinate, mm, after a fit of the geometry: of a small effect, and of the real residual."""
     basis, chain = geometry.basis, geometry.model.chain
     joint = Place.of(effect["where"]).number - 1
     own = geometry.values[: len(chain.parameters)]

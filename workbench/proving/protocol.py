@@ -1,12 +1,12 @@
-"""The protocol of the blind proof: conceal, seal, run, open. Enforced here, and not by promise.
+"""Protocol of the blind benchmark: create the cases, commit the truths by hash, diagnose, unblind.
 
-An examination is a folder:
+A benchmark run is a folder:
 
-    seals.json            case -> SHA-256 of its sealed truth, written before any diagnosis starts
-    cases/<case>/         recording/, the only thing a diagnosis is given, and answer.json, what it said
-    sealed/<case>.json    the truth, which nobody opens before the answer is there
+    seals.json            case -> SHA-256 of its truth, written before any diagnosis starts
+    cases/<case>/         recording/, the only input of a diagnosis, and answer.json
+    sealed/<case>.json    the truth, read only after the answer is written
 
-Names of cases are drawn from their numbers by a checksum, so that not even a path tells the suite.
+The name of a case is a checksum of its number; it does not reveal the suite.
 """
 
 import hashlib
@@ -24,13 +24,13 @@ from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 
 PATIENCE_S = 1200
-"""A diagnosis that has not answered after so long, in time of its own processor, has not answered."""
-_WAIT = 6  # times as long by the clock: others may use the machine
+"""Limit of processor time for a diagnosis; without an answer the case counts as failed."""
+_WAIT = 6  # limit of wall-clock time, in multiples of PATIENCE_S: the machine may be shared
 
 
 @dataclass(frozen=True)
 class Examination:
-    """Where everything of one examination lies."""
+    """Paths of the files of a benchmark run."""
 
     folder: Path
 
@@ -39,40 +39,40 @@ class Examination:
         return self.folder / "seals.json"
 
     def recording(self, name: str) -> Path:
-        """The folder that a diagnosis of the case is given."""
+        """The input folder of the diagnosis of a case."""
         return self.folder / "cases" / name / "recording"
 
     def answer(self, name: str) -> Path:
-        """What the diagnosis said, how long it took, and what it opened that it should not have."""
+        """Answer of the diagnosis, its duration, and files that it opened against the rules."""
         return self.folder / "cases" / name / "answer.json"
 
     def weighed(self, name: str) -> Path:
-        """Held-out errors of the fit that knows the truth, made after the case was opened."""
+        """Held-out errors of the oracle, computed after unblinding."""
         return self.folder / "cases" / name / "oracle.json"
 
     def truth(self, name: str) -> Path:
         return self.folder / "sealed" / f"{name}.json"
 
     def names(self) -> list[str]:
-        """Every case that has been concealed, in order of their names, which is an order by chance."""
+        """Names of all committed cases in alphabetical order, which is a random order of the cases."""
         return sorted(path.stem for path in (self.folder / "sealed").glob("*.json"))
 
 
 def name_of(suite: str, index: int, seed: int) -> str:
-    """The name of a case's folder, which tells nothing."""
+    """The folder name of a case; it reveals neither suite nor number."""
     return hashlib.sha256(f"{seed} {suite} {index}".encode()).hexdigest()[:12]
 
 
-# ------------------------------------------------------------- conceal and seal
+# ------------------------------------------------------------- create and commit
 
 
 def conceal(
     exam: Examination, name: str, write: Callable[[Path], None], truth: Callable[[], str]
 ) -> None:
-    """Put a case in its two places, whole or not at all. Kept where it is there.
+    """Write recording and truth of a case to their separate folders; a complete case is kept.
 
-    `write` makes the recording's folder, and `truth` then gives the text to be sealed. The recording comes first: a
-    case without its truth is made again, one with it is complete.
+    `write` writes the recording's folder; `truth` then returns the text of the truth. The truth comes last: a case
+    without a truth is incomplete and is written again.
     """
     if exam.truth(name).exists() and exam.recording(name).is_dir():
         return
@@ -90,9 +90,9 @@ def conceal(
 
 
 def seal(exam: Examination) -> dict[str, str]:
-    """Publish the checksum of every truth that has none yet, and return all of them.
+    """Publish the checksum of every truth that has none yet, and return all checksums.
 
-    Call it before a diagnosis starts. Raises InputError where a published one no longer fits.
+    Call it before a diagnosis starts. Raises InputError if a truth does not match its published checksum.
     """
     known = published(exam)
     check(exam, known)
@@ -100,8 +100,8 @@ def seal(exam: Examination) -> dict[str, str]:
     early = [name for name in fresh if exam.answer(name).exists()]
     if early:
         raise InputError(
-            f"{exam.answer(early[0])} was written before its truth was sealed, where a seal comes first; "
-            "remove that file, and the case is diagnosed again."
+            f"{exam.answer(early[0])} was written before the hash of its truth was published, so the answer is not "
+            "blind. Remove this file to diagnose the case again."
         )
     if fresh:
         replace_file(exam.seals, json.dumps(known | fresh, indent=1, sort_keys=True) + "\n")
@@ -109,39 +109,38 @@ def seal(exam: Examination) -> dict[str, str]:
 
 
 def published(exam: Examination) -> dict[str, str]:
-    """Case -> checksum, as published so far."""
+    """Case -> published checksum."""
     return json.loads(exam.seals.read_text(encoding="utf-8")) if exam.seals.exists() else {}
 
 
 def checksum(path: Path) -> str:
-    """SHA-256 of a file. Raises InputError where it is gone."""
+    """SHA-256 of a file. Raises InputError if the file is not readable."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise InputError(
-            f"{path} is expected to hold a sealed truth, found '{error.strerror}'; "
-            "begin the examination again in a new folder."
+            f"{path}: expected the truth of a case, found '{error.strerror}'. "
+            "Start the benchmark again in a new folder."
         ) from error
 
 
 def check(exam: Examination, seals: Mapping[str, str]) -> None:
-    """Raise InputError where one byte of a sealed truth is not what was published."""
+    """Raise InputError if a truth does not match its published checksum."""
     for name, seal_of in seals.items():
         found = checksum(exam.truth(name))
         if found != seal_of:
             raise InputError(
-                f"{exam.truth(name)} was changed after it was sealed: SHA-256 {seal_of[:12]}… was "
-                f"published, found {found[:12]}…; this examination proves nothing, begin it again in "
-                "a new folder."
+                f"{exam.truth(name)} was changed after its hash was published: expected SHA-256 {seal_of[:12]}…, "
+                f"found {found[:12]}…. This benchmark run is invalid. Start it again in a new folder."
             )
 
 
 def opened(exam: Examination, name: str, seals: Mapping[str, str]) -> dict:
-    """The truth of a case whose answer is there. Raises InputError where seal or answer is missing or broken."""
+    """The truth of an answered case. Raises InputError if hash or answer is missing, or the hash does not match."""
     if name not in seals or not exam.answer(name).exists():
         raise InputError(
-            f"case {name} of {exam.folder} is to be opened, and has no seal or no answer yet; "
-            "diagnose it first."
+            f"case {name} of {exam.folder} cannot be unblinded: its published hash or its answer is missing. "
+            "Diagnose it first."
         )
     check(exam, {name: seals[name]})
     return json.loads(exam.truth(name).read_text(encoding="utf-8"))
@@ -152,10 +151,10 @@ def opened(exam: Examination, name: str, seals: Mapping[str, str]) -> dict:
 
 @dataclass
 class Watch:
-    """What a process may open: nothing but its recording, the Python installation, the project and the system's own.
+    """Files that a process may open: its recording, the Python installation, the project and system files.
 
-    `given` is the recording; `barred` come first: places inside what is allowed that are not, such as the
-    rest of the examination and the code of the makers. `found` is what was opened in spite of it.
+    `given` is the recording. `barred` takes precedence: folders inside the allowed ones that are forbidden, such as
+    the other files of the benchmark run and the code of the case generators. `found` lists violations.
     """
 
     given: Path
@@ -164,7 +163,7 @@ class Watch:
     active: bool = False
 
     def see(self, event: str, arguments: tuple) -> None:
-        """An event of the interpreter: opening and listing files, starting processes, using the network."""
+        """Check an audit event: opening and listing files, starting processes, using the network."""
         if event in _FORBIDDEN:
             self.found.append(f"{event} {arguments[0]!r}")
         elif event in _FILES and isinstance(arguments[0], str | bytes | os.PathLike):
@@ -173,7 +172,7 @@ class Watch:
                 self.found.append(path)
 
     def searched(self, path: str) -> bool:
-        """Whether the import system lists this folder when it looks for a module, which tells no file's content."""
+        """True if the import system lists this folder in its search for modules; this reads no file content."""
         return path in {os.path.abspath(place) for place in sys.path} and not self._is_barred(
             os.path.realpath(path)
         )
@@ -182,7 +181,7 @@ class Watch:
         return any(_inside(real, place) for place in self.barred)
 
     def allowed(self, path: str) -> bool:
-        """Whether an absolute path may be opened."""
+        """True if an absolute path may be opened."""
         real = os.path.realpath(path)
         if _inside(real, self.given):
             return True
@@ -221,7 +220,7 @@ def _inside(path: str, place: Path) -> bool:
 def _hook(event: str, arguments: tuple) -> None:
     if _watch and _watch[0].active:
         watch = _watch[0]
-        watch.active = False  # what the watch itself looks up is no fault of the watched
+        watch.active = False  # file accesses of the check itself do not count
         try:
             watch.see(event, arguments)
         finally:
@@ -230,10 +229,10 @@ def _hook(event: str, arguments: tuple) -> None:
 
 @contextmanager
 def watched(given: Path, barred: Iterable[Path]) -> Iterator[list[str]]:
-    """Inside the block, everything that this process opens against the rules is put on the list.
+    """Inside the block, violations by this process are appended to the yielded list.
 
-    An audit hook of the interpreter (PEP 578) sees what Python opens; files that a compiled library
-    opens by itself it does not see.
+    An audit hook of the interpreter (PEP 578) reports files that Python opens. It does not report files that a
+    compiled library opens.
     """
     if not _watch:
         sys.addaudithook(_hook)
@@ -248,21 +247,21 @@ def watched(given: Path, barred: Iterable[Path]) -> Iterator[list[str]]:
 
 
 def run(folder: Path, name: str, diagnose: Callable[[Path], Mapping], program: str = "") -> dict:
-    """Diagnose a case, watched, and write its answer; what `diagnose` returns for the recording's folder is the answer.
+    """Diagnose a case under watch and write its answer, the return value of `diagnose` for the recording's folder.
 
-    One answer: "answer" the JSON, or None with "refused" (a sentence to the user) or "failed" (an error);
-    "seconds" by the clock and "cpu_s" of its processor; "opened", the files that it should not have opened; and
-    "program", a checksum of what gave the answer. A case is not diagnosed twice.
+    The record holds "answer", the JSON, or None with "refused" (a message to the user) or "failed" (an error);
+    "seconds" of wall-clock time and "cpu_s" of processor time; "opened", files opened against the rules; and
+    "program", the checksum of the program. An answered case is not diagnosed again.
     """
     exam = Examination(folder)
     if not exam.answer(name).exists():
         barred = (exam.folder, *MAKERS)
         began, used = time.monotonic(), time.process_time()
         with watched(exam.recording(name), barred) as found:
-            told = _answered(diagnose, exam.recording(name))
-        told |= {"seconds": time.monotonic() - began, "cpu_s": time.process_time() - used}
-        told |= {"opened": sorted(set(found)), "program": program}
-        replace_file(exam.answer(name), json.dumps(told, indent=1, allow_nan=False) + "\n")
+            record = _answered(diagnose, exam.recording(name))
+        record |= {"seconds": time.monotonic() - began, "cpu_s": time.process_time() - used}
+        record |= {"opened": sorted(set(found)), "program": program}
+        replace_file(exam.answer(name), json.dumps(record, indent=1, allow_nan=False) + "\n")
     return json.loads(exam.answer(name).read_text(encoding="utf-8"))
 
 
@@ -272,7 +271,7 @@ def _answered(diagnose, recording: Path) -> dict:
             return {"answer": diagnose(recording), "refused": "", "failed": ""}
     except InputError as sentence:
         return {"answer": None, "refused": str(sentence), "failed": ""}
-    except Exception as error:  # whatever it is, the case counts as not answered
+    except Exception as error:  # any error counts as no answer
         return {
             "answer": None,
             "refused": "",
@@ -281,7 +280,7 @@ def _answered(diagnose, recording: Path) -> dict:
 
 
 def _place(error: BaseException) -> str:
-    """Where an error came from: the innermost line of ours."""
+    """Innermost source line of this project in the traceback of an error."""
     import traceback
 
     lines = [
@@ -292,9 +291,9 @@ def _place(error: BaseException) -> str:
 
 @contextmanager
 def _patience() -> Iterator[None]:
-    """TimeoutError after PATIENCE_S of the process's own time, or _WAIT times as long by the clock.
+    """Raise TimeoutError after PATIENCE_S of processor time, or _WAIT times this wall-clock time.
 
-    Where the system has such alarms and this is the main thread.
+    Without effect if the system has no interval timers or this is not the main thread.
     """
     import signal
     import threading
@@ -305,8 +304,8 @@ def _patience() -> Iterator[None]:
     ):
         yield
         return
-    own, clock = (signal.SIGPROF, signal.ITIMER_PROF), (signal.SIGALRM, signal.ITIMER_REAL)
-    alarms = ((*own, PATIENCE_S), (*clock, _WAIT * PATIENCE_S))
+    processor, clock = (signal.SIGPROF, signal.ITIMER_PROF), (signal.SIGALRM, signal.ITIMER_REAL)
+    alarms = ((*processor, PATIENCE_S), (*clock, _WAIT * PATIENCE_S))
     before = [signal.signal(kind, _too_long) for kind, *_ in alarms]
     for _, timer, seconds in alarms:
         signal.setitimer(timer, seconds)

@@ -1,4 +1,4 @@
-"""The blind proof from end to end: cases concealed, sealed, diagnosed, opened, scored, and a scoreboard of them."""
+"""The complete blind benchmark: cases are created, committed by hash, diagnosed, unblinded and scored."""
 
 import hashlib
 import json
@@ -24,25 +24,24 @@ def prove(
     say: Callable[[str], None] = lambda text: None,
     minutes: float | None = None,
 ) -> board.Board:
-    """Hold the examination in `folder`, or go on with the one that lies there, and return its scoreboard.
+    """Run the benchmark in `folder`, or continue the run that is there, and return its scoreboard.
 
-    suites: names of `workbench.proving.tasks.COUNTS`, all where none is named; `name=count` for so many of one.
-    cases: of each suite without a count; None: as many as the whole examination has. own: a folder of recordings and
-    sealed answers of one's own, and then no suite is made. jobs: processes, one a core where not given. minutes: no
-    diagnosis begins later. The scoreboard is of every case of the folder that has been diagnosed, in this call or in
-    an earlier one. Raises InputError, also where a sealed truth was changed.
+    suites: names of `workbench.proving.tasks.COUNTS`, or `name=count`; all suites if empty. cases: number for each
+    suite without a count; None: the full number. own: a folder with the user's recordings and truths, instead of the
+    suites. jobs: number of processes; default: one per core. minutes: no diagnosis starts later. The scoreboard covers
+    all diagnosed cases of the folder, of this and of earlier calls. Raises InputError, also if a truth was changed.
     """
     count = stages.workers(jobs)
     plan = tasks.Plan(()) if own else tasks.plan(suites, cases, seed)
     if own is None and not plan.tasks:
         raise InputError(
-            "prove: no case can be made here, because "
+            "prove: no case can be created here: "
             + "; ".join(f"suite {suite}: {why}" for suite, why in plan.skipped.items())
-            + "; name another suite."
+            + ". Name another suite."
         )
     planned = _settle(folder, seed, str(own.resolve()) if own else None, plan.counts)
     exam = protocol.Examination(folder)
-    names = _sealed(exam, plan, own, count, say)
+    names = _commit(exam, plan, own, count, say)
     stages.run(folder, names, count, say, minutes)
     rows = stages.open_all(
         folder, [name for name in exam.names() if exam.answer(name).exists()], count, say
@@ -54,10 +53,10 @@ def prove(
     return made
 
 
-def _sealed(
+def _commit(
     exam: protocol.Examination, plan: tasks.Plan, own: Path | None, count: int, say
 ) -> list[str]:
-    """Names of the cases of this call, concealed and with their seals published."""
+    """Create the cases of this call, publish the hashes of their truths, and return their names."""
     if own is None:
         stages.conceal(exam.folder, plan, count, say)
         names = sorted(task.name for task in plan.tasks)
@@ -65,14 +64,14 @@ def _sealed(
         names = bring(exam, own)
         stages.publish(exam.folder)
     digest = board.publish_seals(exam.folder, protocol.published(exam))
-    say(f"{len(names)} truths sealed, SHA-256 of all seals {digest[:16]}…")
+    say(f"hashes of {len(names)} truths published, SHA-256 of all hashes {digest[:16]}…")
     return names
 
 
 def default_folder(seed: int, own: Path | None) -> Path:
-    """Where an examination lies when no folder is named, so that the same call goes on with it.
+    """Default folder of a benchmark run; the same call continues the run in the same folder.
 
-    Folders of one's own that share their last name have examinations of their own.
+    The name of a run on the user's recordings contains a checksum of their path.
     """
     if own is None:
         return runs.RUNS / f"prove-seed-{seed}"
@@ -83,28 +82,28 @@ def default_folder(seed: int, own: Path | None) -> Path:
 
 
 def bring(exam: protocol.Examination, own: Path) -> list[str]:
-    """Take over recordings and sealed answers of somebody's own: `recordings/<case>/` and `sealed/<case>.json`.
+    """Copy the user's recordings and truths: `recordings/<case>/` and `sealed/<case>.json`.
 
-    Where the folder has a SHA256SUMS, every truth must fit it. Returns the names of the cases. Raises InputError.
+    If the folder has a SHA256SUMS, every truth must match it. Returns the names of the cases. Raises InputError.
     """
     truths = sorted((own / "sealed").glob("*.json"))
     if not truths:
         raise InputError(
-            f"--folder {own}: sealed/<case>.json is expected for every recordings/<case>/, found none; "
-            'write them as {"effects": [{"effect": …, "where": …}]}.'
+            f"--folder {own}: expected sealed/<case>.json for every recordings/<case>/, found none. "
+            'Write them as {"effects": [{"effect": …, "where": …}]}.'
         )
-    told = _sums(own / "SHA256SUMS")
+    checksums = _sums(own / "SHA256SUMS")
     for path in truths:
         name, source = path.stem, own / "recordings" / path.stem
         if not (source / "recording.toml").exists():
             raise InputError(
-                f"--folder {own}: {path.name} is sealed, and recordings/{name}/recording.toml is not "
-                "there; add the recording or remove the answer."
+                f"--folder {own}: sealed/{path.name} has no recordings/{name}/recording.toml. "
+                "Add the recording or remove the truth."
             )
-        if told and told.get(name) != protocol.checksum(path):
+        if checksums and checksums.get(name) != protocol.checksum(path):
             raise InputError(
-                f"{path}: SHA256SUMS of {own} has another checksum, so this truth was changed after it "
-                "was sealed; bring back the sealed one."
+                f"{path}: SHA256SUMS of {own} has another checksum: the truth was changed after its hash was "
+                "published. Restore the original file."
             )
         text = path.read_text(encoding="utf-8")
         _check_truth(path, text)
@@ -122,7 +121,7 @@ def _check_truth(path: Path, text: str) -> None:
     if not complete:
         raise InputError(
             f'{path}: expected an object with a list "effects" of objects with "effect" and "where" '
-            "(an empty list where nothing is concealed), found something else; correct it."
+            "(an empty list if no effect is planted), found something else. Correct the file."
         )
 
 
@@ -134,18 +133,18 @@ def _sums(path: Path) -> dict[str, str]:
 
 
 def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int]) -> dict[str, int]:
-    """Begin an examination, or go on with one of the same seed and source; cases of each suite in all calls so far."""
+    """Start a benchmark run, or continue one of the same seed and source. Returns the planned cases of each suite."""
     path = folder / _SETTINGS
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
     if known is None and folder.is_dir() and any(folder.iterdir()):
         raise InputError(
-            f"{folder} already holds other files, where an examination expects a folder that is new, "
-            "empty or its own; name another one with --out."
+            f"{folder} contains other files. A benchmark run needs a new folder, an empty one, or its own. "
+            "Name another folder with --out."
         )
     if known and (known["seed"], known["own"]) != (seed, own):
         raise InputError(
-            f"{folder} holds an examination of seed {known['seed']}, found --seed {seed}; "
-            "name another folder with --out."
+            f"{folder} contains a benchmark run of seed {known['seed']}, found --seed {seed}. "
+            "Name another folder with --out."
         )
     before = known["planned"] if known else {}
     planned = {

@@ -1,7 +1,7 @@
-"""Real recordings in the examination: terms knocked out, effects planted into the readings, clues withheld.
+"""Real recordings in the benchmark: fitted terms removed, effects planted into the readings, covariates withheld.
 
-The sets are other people's and no part of this project; where one is absent, its cases are left out and the
-suite says so. What was made of them lies only in the folder of the examination.
+The recordings are public data of third parties and not part of this project. If one is absent, its cases are skipped
+and the suite states this. Derived recordings are written only to the folder of the benchmark run.
 """
 
 import json
@@ -25,31 +25,31 @@ ROBOT_SETS = (
 PLANTED_SETS = ("irb120_faro", "motoman_leica_ctu:right", "motoman_leica_ctu:left", "irb120_wu_arm")
 _FARO = "irb120_faro"
 _THIN, _FIRST = 6, 200
-"""Of the tracker's thousand configurations a case takes every sixth, or the first where one move follows another."""
+"""A case uses every sixth of the tracker's configurations, or the first 200 if the sequence of moves matters."""
 WITHHELD = (
     ("elastic-first", _FARO, False, "commanded joints, base reflectors left out"),
     ("moves", f"{_FARO}:read-back", False, "joints as read back, base reflectors left out"),
     ("no-time", _FARO, True, "commanded joints, rows shuffled"),
     ("no-time", f"{_FARO}:read-back", True, "joints as read back, rows shuffled"),
 )
-"""Rule, set, whether the rows are shuffled, and what it is in words."""
+"""Rule, recording, whether the rows are shuffled, and description."""
 
 _TIMES = (1.0, 1.0, 0.5, 2.0, 0.25)
-"""What survives of planted effects over what is really left, one round of all sets after another."""
+"""RMS of planted effects over the RMS of the real residual; the index advances after each round of all recordings."""
 
 Made = tuple[Callable[[Path], None], Callable[[], str]]
 
 
 def present(sets) -> list[str]:
-    """Those of the sets whose files are here."""
+    """The recordings whose files are present."""
     from datasets import find
 
     return [name for name in sets if find(name.partition(":")[0]) is not None]
 
 
 def available(suite: str) -> tuple[int, str]:
-    """Most cases of a real suite here, and why it has none."""
-    reason = "its recordings are not on this machine: name their folder in WORKBENCH_RECORDINGS, or fetch them with "
+    """Largest number of cases of a real suite here, and the reason if it has none."""
+    reason = "its recordings are not on this machine: set WORKBENCH_RECORDINGS to their folder, or download them with "
     reason += "`workbench datasets get`"
     if suite == "real-withheld":
         count = len([1 for _, name, *_ in WITHHELD if present([name])])
@@ -61,7 +61,7 @@ def available(suite: str) -> tuple[int, str]:
 
 
 def made(suite: str, index: int, seed: int) -> Made:
-    """How a case's recording is written, and its truth."""
+    """A function that writes the recording of a case, and one that returns its truth."""
     recording, truth = {
         "real-knocked-out": _knocked_out,
         "real-planted": _planted,
@@ -93,7 +93,7 @@ def _write(recording, folder: Path) -> None:
 
 @lru_cache(maxsize=8)
 def _moving(name: str):
-    """The rows of a set that move with the arm: reflectors on the base are left out."""
+    """The samples of a recording that move with the arm, without reflectors on the base."""
     import datasets
 
     found = datasets.read(name)
@@ -103,17 +103,17 @@ def _moving(name: str):
 
 @lru_cache(maxsize=8)
 def _thinned(name: str):
-    """Few enough rows for a diagnosis of minutes."""
+    """A recording thinned to a size that is diagnosed in minutes."""
     found = _moving(name)
     return found.select(found.poses % _THIN == 0) if name.startswith(_FARO) else found
 
 
-# ------------------------------------------------------------------ knocked out
+# ------------------------------------------------------------------ removed terms
 
 
 @lru_cache(maxsize=1)
 def _knockable() -> tuple[tuple[str, int | None], ...]:
-    """(set, number of the term) of every supported term; at None all of the terms are in."""
+    """(recording, number of the term) of every supported term; None stands for all terms removed."""
     rows = []
     for name in present(ROBOT_SETS):
         terms = planting.supported(_thinned(name), name)
@@ -122,48 +122,48 @@ def _knockable() -> tuple[tuple[str, int | None], ...]:
 
 
 def _knocked_out(index: int, seed: int):
-    """All supported terms but one are taken out of the readings; or all, and none may be named again."""
+    """All supported terms but one are removed from the readings; or all, and none of them may be named."""
     name, term = _knockable()[index]
     recording = _thinned(name)
     terms = planting.supported(recording, name)
     kept = None if term is None else terms[term]
     corrected = planting.without(recording, name, tuple(t for t in terms if t != kept))
-    told = {"terms": [[t.effect, t.where] for t in terms], "set": name}
+    common = {"terms": [[t.effect, t.where] for t in terms], "set": name}
     if kept is None:
-        return corrected, {"rule": "not-again", "effects": [], **told}
+        return corrected, {"rule": "not-again", "effects": [], **common}
     effect = {
         "effect": kept.effect,
         "where": kept.where,
         "detail": dict(kept.options),
-        "accept": list(kept.twins),
-        "places": [where for _, where in kept.twins],
+        "accept": list(kept.confounded),
+        "places": [where for _, where in kept.confounded],
     }
-    return corrected, {"rule": "named", "effects": [effect], **told}
+    return corrected, {"rule": "named", "effects": [effect], **common}
 
 
 # --------------------------------------------------------------------- planted
 
 
 def _planted(index: int, seed: int):
-    """First every set as it is, then a copy of each with nothing planted, then effects planted into them in turn."""
+    """First every recording unchanged, then a copy of each without a planted effect, then planted effects in turn."""
     from workbench.proving.protocol import name_of
 
     here = present(PLANTED_SETS)
     which = index % len(here)
-    recording, twin = _thinned(here[which]), name_of("real-planted", which, seed)
+    recording, original = _thinned(here[which]), name_of("real-planted", which, seed)
     rng = np.random.default_rng([seed, 77, index])
     if index < len(here):
         return recording, {"rule": "as-it-is", "effects": [], "set": here[which]}
     if index < 2 * len(here):
         copy = planting.jittered(recording, rng)
-        return copy, {"rule": "unplanted", "effects": [], "set": here[which], "twin": twin}
+        return copy, {"rule": "unplanted", "effects": [], "set": here[which], "twin": original}
     times = _TIMES[(index // len(here) - 2) % len(_TIMES)]
     planted, effect = planting.plant(recording, rng, times)
     return planted, {
         "rule": "planted",
         "effects": [effect],
         "set": here[which],
-        "twin": twin,
+        "twin": original,
         "times": times,
     }
 
@@ -189,8 +189,8 @@ def _withheld(index: int, seed: int):
 _CLOCKED = ("time", "approach", "step", "last")
 
 
-def score(truth: Mapping, record: Mapping, twin: Mapping | None = None) -> dict:
-    """One row of the scoreboard for a case that goes by a rule; twin: the record of the same set as it is."""
+def score(truth: Mapping, record: Mapping, original: Mapping | None = None) -> dict:
+    """One row of the scoreboard for a case with a rule; original: the record of the unchanged recording."""
     from workbench.proving import scoring
 
     answer = record["answer"]
@@ -205,19 +205,19 @@ def score(truth: Mapping, record: Mapping, twin: Mapping | None = None) -> dict:
         return row
     row |= {"detected": answer["verdict"] != "consistent", **scoring.errors(answer)}
     row["note"] = truth.get("what", "")
-    if "twin" in truth and not (twin and twin["answer"]):
+    if "twin" in truth and not (original and original["answer"]):
         return row | {
             "outcome": "reference",
-            "note": "the same set as it is has no answer to compare with",
+            "note": "the unchanged recording has no answer to compare with",
         }
-    return row | _RULES[truth["rule"]](truth, answer, twin["answer"] if twin else None)
+    return row | _RULES[truth["rule"]](truth, answer, original["answer"] if original else None)
 
 
 def _pairs(answer) -> set[tuple[str, str]]:
     return {(c["effect"], c["where"]) for c in answer["effects"]} if answer else set()
 
 
-def _named(truth, answer, twin) -> dict:
+def _named(truth, answer, original) -> dict:
     from workbench.proving import scoring
 
     one = truth["effects"][0]
@@ -236,37 +236,38 @@ def _named(truth, answer, twin) -> dict:
     return {"outcome": outcome, "located": scoring.place_right(one, answer)}
 
 
-def _planted_found(truth, answer, twin) -> dict:
-    found = _named(truth, answer, twin)
-    fresh = bool(_pairs(answer) - _pairs(twin))
-    detected = fresh or found["outcome"] in ("exact", "group")
+def _planted_found(truth, answer, original) -> dict:
+    found = _named(truth, answer, original)
+    has_new_claim = bool(_pairs(answer) - _pairs(original))
+    detected = has_new_claim or found["outcome"] in ("exact", "group")
     return found | {"detected": detected, "outcome": found["outcome"] if detected else "missed"}
 
 
-def _not_again(truth, answer, twin) -> dict:
-    again = _pairs(answer) & {(t[0], t[1]) for t in truth["terms"]}
-    return {"outcome": "false alarm" if again else "right", "located": None}
+def _not_again(truth, answer, original) -> dict:
+    renamed = _pairs(answer) & {(t[0], t[1]) for t in truth["terms"]}
+    return {"outcome": "false alarm" if renamed else "right", "located": None}
 
 
-def _unplanted(truth, answer, twin) -> dict:
-    unchanged = answer["verdict"] == twin["verdict"] and _pairs(answer) == _pairs(twin)
+def _unplanted(truth, answer, original) -> dict:
+    same_verdict = answer["verdict"] == original["verdict"]
+    unchanged = same_verdict and _pairs(answer) == _pairs(original)
     return {"outcome": "right" if unchanged else "false alarm", "located": None}
 
 
-def _elastic_first(truth, answer, twin) -> dict:
+def _elastic_first(truth, answer, original) -> dict:
     first = answer["effects"][0]["effect"] if answer["effects"] else "none"
     return {"outcome": "exact" if first in _deflecting() else "wrong", "located": None}
 
 
 def _deflecting() -> set[str]:
-    """Names of effects that are deflections under gravity, in every variant."""
+    """Names of effects that are deflections under gravity in all variants."""
     from robot_model.effects import CATALOGUE
 
     others = {kind.effect for kind in CATALOGUE.values() if kind.elastic is not True}
     return {kind.effect for kind in CATALOGUE.values()} - others
 
 
-def _moves(truth, answer, twin) -> dict:
+def _moves(truth, answer, original) -> dict:
     from workbench.proving import scoring
 
     said = {scoring.plain(n) for c in answer["effects"] for n in c.get("depends_on") or ()}
@@ -275,7 +276,7 @@ def _moves(truth, answer, twin) -> dict:
     return {"outcome": "exact" if found else "missed", "located": found}
 
 
-def _no_time(truth, answer, twin) -> dict:
+def _no_time(truth, answer, original) -> dict:
     of_time = [
         c
         for c in answer["effects"]
@@ -286,7 +287,7 @@ def _no_time(truth, answer, twin) -> dict:
 
 
 def _read_by(claim) -> tuple[str, ...]:
-    """Names or kinds of the covariates that a claimed effect is a function of; () where that is not known."""
+    """Names or kinds of the covariates of a claimed effect; () if unknown."""
     from robot_model.effects import CATALOGUE
     from workbench.core.effect import make_effects
     from workbench.proving.oracle import claimed_rows
@@ -303,7 +304,7 @@ _RULES = {
     "not-again": _not_again,
     "planted": _planted_found,
     "unplanted": _unplanted,
-    "as-it-is": lambda truth, answer, twin: {"outcome": "reference", "located": None},
+    "as-it-is": lambda truth, answer, original: {"outcome": "reference", "located": None},
     "elastic-first": _elastic_first,
     "moves": _moves,
     "no-time": _no_time,

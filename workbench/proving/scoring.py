@@ -1,21 +1,21 @@
-"""The fixed rules: what an answer is worth against a truth. Nothing but the answer's JSON and the truth is read.
+"""Fixed scoring rules: they read only the JSON of the answer and the truth.
 
-Outcomes of a case in which something is concealed:
+Outcomes of a case with planted effects:
 
 | outcome | when |
 |---|---|
-| exact | right effect at the right place for every concealed effect, and nothing else claimed |
-| group | as exact, but for at least one the truth stands among the alternatives that the answer declares |
-| more | every truth is named or in a declared group, and something else is claimed beside it |
-| part | of several truths some are named |
-| place | a wrong name or none, and the right place |
+| exact | the true effect at the true place for every planted effect, and no further claim |
+| group | as exact, but at least one truth is only among the declared alternatives of a claim |
+| more | every truth is named or in a declared group, and there is a further claim |
+| part | some of several truths are named |
+| place | the true place, with a wrong name or none |
 | abstained | `unexplained`, at another place or none |
 | wrong | a wrong name at a wrong place |
 | missed | `consistent` |
-| failed | no answer, or it opened what it must not |
+| failed | no answer, or a forbidden file was opened |
 
-Of a clean case: right, or false alarm. Confidently wrong is counted beside the outcome: something is claimed
-with a probability of 0.95 or more, is not true, and declares no truth among its alternatives.
+Outcomes of a clean case: right, or false alarm. In addition to the outcome, a case is confidently wrong if a wrong
+claim has a probability of at least 0.95 and does not declare the truth among its alternatives.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ NAMED = ("exact", "group")
 
 
 def score(truth: Mapping, record: Mapping) -> dict:
-    """One row of the scoreboard. truth: as sealed; record: as `workbench.proving.protocol.run` wrote it."""
+    """One row of the scoreboard. truth: as committed; record: written by `workbench.proving.protocol.run`."""
     answer = record["answer"]
     row = {
         "outcome": "failed",
@@ -43,7 +43,7 @@ def score(truth: Mapping, record: Mapping) -> dict:
 
 
 def judged(truth: Mapping, answer: Mapping) -> dict:
-    """Outcome, place, confidence and held-out errors of an answer that is there."""
+    """Outcome, place, confidence and held-out errors of an answer."""
     true = truth["effects"]
     found = {
         "detected": answer["verdict"] != "consistent",
@@ -94,7 +94,7 @@ def _named(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
 
 
 def _outside(answer: Mapping, found: Mapping) -> str:
-    """For physics that has no name: exact is `unexplained` at the right place, with nothing named."""
+    """Outcome for an effect outside the catalogue; exact: `unexplained` at the true place, without a name."""
     if not found["detected"]:
         return "missed"
     if answer["verdict"] != "unexplained":
@@ -105,13 +105,13 @@ def _outside(answer: Mapping, found: Mapping) -> str:
 
 
 def same(claim: Mapping, one: Mapping) -> bool:
-    """Whether a claim, or an alternative, is the truth `one` or what is the very same thing in these data."""
+    """True if a claim, or an alternative, is the truth `one` or an effect that is equivalent in these data."""
     pairs = {(one["effect"], one["where"]), *(tuple(pair) for pair in one.get("accept", ()))}
     return (claim["effect"], claim["where"]) in pairs
 
 
 def in_group(claim: Mapping, one: Mapping) -> bool:
-    """Whether the claim declares the truth as something that cannot be told from it."""
+    """True if the claim declares the truth as a confounded alternative."""
     return any(same(other, one) for other in claim.get("alternatives", ()))
 
 
@@ -120,7 +120,7 @@ def _stands_for(claim: Mapping, true: Sequence[Mapping]) -> bool:
 
 
 def _right(claim: Mapping, true: Sequence[Mapping]) -> bool:
-    """Whether a claim is right as it stands; one without a name is where nothing that has a name is true."""
+    """True if a claim is correct; an unnamed claim is correct at the place of an effect outside the catalogue."""
     if claim["effect"] != "unknown":
         return any(same(claim, one) for one in true)
     return any(one["effect"] == "unknown" and claim["where"] in _places(one) for one in true)
@@ -136,22 +136,20 @@ def _places(one: Mapping) -> set[str]:
 
 
 def place_right(one: Mapping, answer: Mapping, groups: bool = False) -> bool:
-    """Whether the answer puts something where the truth is: an effect's place, or the first that is located.
+    """True if the answer states the place of the truth, as the place of a claim or as the first located place.
 
-    groups: the places of declared alternatives count too.
+    groups: the places of declared alternatives count as well.
     """
-    said = {claim["where"] for claim in answer["effects"]} | {
-        row["where"] for row in answer["located"][:1]
-    }
+    stated = {claim["where"] for claim in answer["effects"]}
+    stated |= {row["where"] for row in answer["located"][:1]}
     if groups:
-        said |= {
-            other["where"] for claim in answer["effects"] for other in claim.get("alternatives", ())
-        }
-    return bool(said & _places(one))
+        for claim in answer["effects"]:
+            stated |= {other["where"] for other in claim.get("alternatives", ())}
+    return bool(stated & _places(one))
 
 
 def covariates_right(one: Mapping, answer: Mapping) -> bool | None:
-    """Whether what an unnamed law is said to depend on is among what it does depend on; None where not asked."""
+    """True if a stated covariate of an unnamed effect is one of its true covariates; None without a truth."""
     if not one.get("depends_on"):
         return None
     known = {plain(name) for name in one["depends_on"]}
@@ -163,17 +161,17 @@ def covariates_right(one: Mapping, answer: Mapping) -> bool | None:
 
 
 def plain(name: str) -> str:
-    """A covariate's name without its unit or component: q4 for q4_deg, tau2 for torque2 and moment2_x."""
+    """Name of a covariate without unit or component: q4 for q4_deg, tau2 for torque2 and moment2_x."""
     for unit in ("_deg", "_s", "_nm", "_mm", "_kg", "_c", "_x", "_y", "_z"):
         name = name.removesuffix(unit)
     return name.replace("torque", "tau").replace("moment", "tau").replace("move", "approach")
 
 
 def names_words(words: Sequence[str], answer: Mapping) -> bool | None:
-    """Whether the answer asks for the covariate that was withheld, by one of the words for it; None where none was.
+    """True if the answer requests the withheld covariate by one of its names; None if none was withheld.
 
-    It asks in `not_recorded`, in the next experiment, in what it says of alternatives, or in a statement that speaks
-    of recording; a statement that merely has the word in it does not ask.
+    A request is in `not_recorded`, in the next experiment, in the reasons of alternatives, or in a statement that
+    contains "record".
     """
     if not words:
         return None
@@ -191,9 +189,9 @@ def names_words(words: Sequence[str], answer: Mapping) -> bool | None:
 
 
 def _visible(truth: Mapping, answer: Mapping) -> dict:
-    """What survives of one concealed effect, and the smallest of it that the answer says it would see: mm, 3-D RMS.
+    """Size of one planted effect orthogonal to the baseline, and the stated minimal detectable bias; 3-D RMS, mm.
 
-    `below_visible`: whether the effect is smaller; None where the answer's table has no row for it.
+    `below_visible`: True if the effect is smaller; None if the answer has no row for it.
     """
     one, sigma = truth["effects"][0], truth.get("sigma_mm")
     if len(truth["effects"]) > 1 or one.get("survives_sigma") is None or sigma is None:
@@ -215,14 +213,14 @@ def _visible(truth: Mapping, answer: Mapping) -> dict:
 
 
 def errors(answer: Mapping) -> dict:
-    """Held-out errors that the answer itself states: mm, and px beside them where it looked at images."""
+    """Held-out errors that the answer states: mm, and also px for recordings of images."""
     held = answer.get("held_out") or {}
     keys = [f"{key}_{unit}" for unit in ("mm", "px") for key in ("before", "after", "noise")]
     return {key: held.get(key) for key in keys if key.endswith("mm") or key in held}
 
 
 def claims(answer) -> list[str]:
-    """What the answer claims, each in a few words with its probability."""
+    """Short texts of the claims of an answer, with their probabilities."""
     if not answer:
         return []
     return [
@@ -235,7 +233,7 @@ def claims(answer) -> list[str]:
 
 
 def _first(answer) -> dict:
-    """Effect and place that the answer puts first; "nothing" where it finds none."""
+    """Effect and place of the first claim; "nothing" without one."""
     for claim in answer["effects"][:1]:
         return {"effect": claim["effect"], "where": claim["where"]}
     where = (

@@ -1,4 +1,4 @@
-"""Conceals, seals, diagnoses, opens and weighs all cases, on all cores, and goes on where it was interrupted."""
+"""Stages of a benchmark run on all cores: create, commit, diagnose, unblind, score; interrupted runs can be resumed."""
 
 import json
 import os
@@ -16,16 +16,16 @@ QUESTIONS = "questions.json"
 
 
 def conceal(folder: Path, plan: tasks.Plan, jobs: int, say: Say) -> None:
-    """Make what is not there yet and publish all seals, and with them the question of each case: its baseline."""
+    """Create missing cases, and publish the hashes of all truths and the baseline of each case."""
     exam = protocol.Examination(folder)
     missing = [t for t in plan.tasks if not exam.truth(t.name).exists()]
     for done, _ in enumerate(_spread(tasks.conceal, [(folder, t) for t in missing], jobs), 1):
-        say(f"concealing {done} of {len(missing)}")
+        say(f"creating case {done} of {len(missing)}")
     publish(folder)
 
 
 def publish(folder: Path) -> dict[str, str]:
-    """Seals of all truths; and the questions, which hold nothing that the answer could use but the baseline."""
+    """Publish the hashes of all truths, and the questions, which contain only the baseline of each case."""
     exam = protocol.Examination(folder)
     seals = protocol.seal(exam)
     truths = {name: json.loads(exam.truth(name).read_text(encoding="utf-8")) for name in seals}
@@ -37,10 +37,10 @@ def publish(folder: Path) -> dict[str, str]:
 def run(
     folder: Path, names: Iterable[str], jobs: int, say: Say, minutes: float | None = None
 ) -> None:
-    """Diagnose every case that has no answer; the seals are checked before and after.
+    """Diagnose every case without an answer; the hashes are checked before and after.
 
-    minutes: no diagnosis begins later than so long from now. Cases go by their names, an order by chance, so that
-    what the time allows is a fair sample of all suites.
+    minutes: no diagnosis starts later than this from now. Cases are diagnosed by name, a random order; an
+    incomplete run is therefore a random sample of all suites.
     """
     until = float("inf") if minutes is None else time.time() + 60 * minutes
     exam = protocol.Examination(folder)
@@ -55,7 +55,7 @@ def run(
 
 
 def diagnose(folder: Path, name: str, baseline: str, until: float = float("inf")) -> None:
-    """One case, in a process that has seen no truth; not when the time `until` has passed."""
+    """Diagnose one case in a process that has read no truth, unless the time `until` has passed."""
     if time.time() < until:
         _warm()
         protocol.run(
@@ -64,7 +64,7 @@ def diagnose(folder: Path, name: str, baseline: str, until: float = float("inf")
 
 
 def answer_of(recording: Path, baseline: str) -> dict:
-    """The JSON of the diagnosis of a recording's folder, as plain numbers. Raises InputError."""
+    """The JSON of the diagnosis of a recording's folder, in plain Python types. Raises InputError."""
     import datasets
     from workbench.diagnosis.answer import diagnose as look
 
@@ -73,7 +73,7 @@ def answer_of(recording: Path, baseline: str) -> dict:
 
 
 def plain(found) -> dict:
-    """The same object without numpy's numbers; what is not finite becomes null."""
+    """The same object without numpy types; numbers that are not finite become null."""
     text = json.dumps(
         found, default=lambda value: value.tolist() if hasattr(value, "tolist") else str(value)
     )
@@ -81,7 +81,7 @@ def plain(found) -> dict:
 
 
 def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[dict]:
-    """Rows of the scoreboard: every case opened against its seal, scored, and weighed against the oracle."""
+    """Rows of the scoreboard: unblind the cases, check their hashes, score them, and compare with the oracle."""
     from workbench.proving import oracle
 
     exam = protocol.Examination(folder)
@@ -90,12 +90,12 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
     names = list(names)
     missing = [(folder, name) for name in names if not exam.weighed(name).exists()]
     for done, _ in enumerate(_spread(oracle.weigh, missing, jobs), 1):
-        say(f"weighing {done} of {len(missing)}")
+        say(f"scoring {done} of {len(missing)}")
     return [row_of(exam, name, seals) for name in names]
 
 
 def row_of(exam: protocol.Examination, name: str, seals) -> dict:
-    """One opened case: what was concealed, what was said, what it is worth."""
+    """Row of an unblinded case: truth, claims, score."""
     truth = protocol.opened(exam, name, seals)
     record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
     known = {
@@ -111,8 +111,8 @@ def row_of(exam: protocol.Examination, name: str, seals) -> dict:
     weighed = json.loads(exam.weighed(name).read_text(encoding="utf-8"))
     if weighed.pop("answer_seal", None) not in (None, protocol.checksum(exam.answer(name))):
         raise InputError(
-            f"{exam.answer(name)} was changed after its case was opened, where an answer comes first; "
-            "this examination proves nothing, begin it again in a new folder."
+            f"{exam.answer(name)} was changed after its case was unblinded. This benchmark run is invalid. "
+            "Start it again in a new folder."
         )
     scored = scoring.score(truth, record) if "rule" not in truth else _by_rule(exam, truth, record)
     took = {"cpu_s": record.get("cpu_s", record["seconds"]), "program": record.get("program", "")}
@@ -130,24 +130,21 @@ def row_of(exam: protocol.Examination, name: str, seals) -> dict:
 def _by_rule(exam, truth, record) -> dict:
     from workbench.proving import real
 
-    other = exam.answer(truth["twin"]) if "twin" in truth else None
-    twin = (
-        json.loads(other.read_text(encoding="utf-8"))
-        if other is not None and other.exists()
-        else None
-    )
-    return real.score(truth, record, twin)
+    path = exam.answer(truth["twin"]) if "twin" in truth else None
+    exists = path is not None and path.exists()
+    original = json.loads(path.read_text(encoding="utf-8")) if exists else None
+    return real.score(truth, record, original)
 
 
 def workers(jobs: int | None) -> int:
-    """As many processes as asked for, else one a core. Raises InputError."""
+    """Number of processes: `jobs`, or one per core. Raises InputError."""
     if jobs is not None and jobs < 1:
-        raise InputError(f"--jobs expects a number from 1, found {jobs}; give one or leave it out.")
+        raise InputError(f"--jobs: expected a number from 1, found {jobs}. Correct or omit it.")
     return jobs or processes.cores()
 
 
 def _spread(function: Callable, work: list[tuple], jobs: int) -> Iterator:
-    """Results of the calls as they come, from fresh processes of one thread each; the first error is raised."""
+    """Results of the calls in order of completion, from new single-threaded processes; the first error is raised."""
     if not work:
         return
     from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -156,7 +153,7 @@ def _spread(function: Callable, work: list[tuple], jobs: int) -> Iterator:
     for name in processes.THREADS:
         os.environ.setdefault(
             name, "1"
-        )  # before numpy is loaded there: a thread a process, a process a core
+        )  # before numpy is loaded in the new process: one thread per process
     with ProcessPoolExecutor(min(jobs, len(work)), mp_context=get_context("spawn")) as pool:
         running = [pool.submit(function, *arguments) for arguments in work]
         try:
@@ -167,7 +164,7 @@ def _spread(function: Callable, work: list[tuple], jobs: int) -> Iterator:
 
 
 def _warm() -> None:
-    """What libraries load on first use, before anything is watched; numpy's asides would bury the progress."""
+    """Load libraries before the watch starts, and suppress numpy's warnings, which would hide the progress."""
     import warnings
 
     import datasets.reading  # noqa: F401

@@ -1,4 +1,4 @@
-"""What an examination consists of: so many cases of each suite, and how each is concealed."""
+"""Cases of a benchmark run: number per suite, and creation of each case."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -20,13 +20,13 @@ COUNTS = {
     "real-planted": 40,
     "real-withheld": 6,
 }
-"""Suite -> cases of the whole examination; the real ones have as many as there is to knock out and to plant."""
+"""Suite -> cases of the full benchmark; the number of real cases is limited by the available recordings."""
 IMAGES, REAL = ("sensor",), ("real-knocked-out", "real-planted", "real-withheld")
 
 
 @dataclass(frozen=True)
 class Task:
-    """One case to come: its suite, its number there, the examination's seed."""
+    """A planned case: its suite, its number in the suite, the seed of the benchmark."""
 
     suite: str
     index: int
@@ -39,7 +39,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Plan:
-    """Tasks, and for each suite that cannot be held here the sentence that says why."""
+    """Tasks, and the reason for each suite that cannot be run here."""
 
     tasks: tuple[Task, ...]
     skipped: Mapping[str, str] = field(default_factory=dict)
@@ -51,9 +51,9 @@ class Plan:
 
 
 def plan(suites: Sequence[str], cases: int | None, seed: int) -> Plan:
-    """Tasks of the suites named (none: all), each as `name` or `name=count`. Raises InputError.
+    """Tasks of the given suites (none: all), each `name` or `name=count`. Raises InputError.
 
-    cases: of each suite that has no count of its own; None: as COUNTS says.
+    cases: number for each suite without a count; None: as in COUNTS.
     """
     wanted = [_counted(word, cases) for word in suites or COUNTS]
     tasks, skipped = [], {}
@@ -70,18 +70,18 @@ def _counted(word: str, cases: int | None) -> tuple[str, int]:
     name, sign, count = word.partition("=")
     if name not in COUNTS:
         raise InputError(
-            f"--suite: expected one of {', '.join(COUNTS)}, found '{name}'; choose one of them."
+            f"--suite: expected one of {', '.join(COUNTS)}, found '{name}'. Choose one of them."
         )
     if sign and not (count.isdecimal() and int(count)):
         raise InputError(
-            f"--suite {word}: a number of cases from 1 is expected after '=', found '{count}'; "
-            f"write {name}=20, or {name} alone."
+            f"--suite {word}: expected a number of cases from 1 after '=', found '{count}'. "
+            f"Write {name}=20, or {name} alone."
         )
     return name, int(count) if sign else cases or COUNTS[name]
 
 
 def available(suite: str) -> tuple[int, str]:
-    """Most cases that a suite can have here, and why it has none."""
+    """Largest number of cases of a suite here, and the reason if it has none."""
     if suite in IMAGES:
         return _images()
     if suite in REAL:
@@ -103,7 +103,7 @@ def _images() -> tuple[int, str]:
 
 
 def conceal(folder: Path, task: Task) -> str:
-    """Make one case and put it in its two places; its name. Runs in a process that diagnoses nothing."""
+    """Create one case and return its name. Runs in a process that makes no diagnosis."""
     exam = protocol.Examination(folder)
     if exam.truth(task.name).exists() and exam.recording(task.name).is_dir():
         return task.name
@@ -130,5 +130,5 @@ def _made(task: Task):
 
 
 def baseline(truth: Mapping) -> str:
-    """The baseline that the question names; the only thing beside the recording that a diagnosis is told."""
+    """The baseline of a case; apart from the recording, the only input of a diagnosis."""
     return truth.get("baseline", "geometry")

@@ -1,4 +1,4 @@
-"""The report page of a calibration: one HTML file that needs nothing else, and an image of it."""
+"""Report page of a calibration: one self-contained HTML file and a summary image."""
 
 from workbench.report.page import write_report
 

@@ -1,4 +1,4 @@
-"""The page that a demonstration ends in: what came out of rendered images and of a table, and the way to each."""
+"""Front page of the demonstration: results from rendered images and from a table, with links to both reports."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +10,7 @@ from workbench.report.text import rounded
 def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Page:
     """The front page of a demonstration.
 
-    folder: where the reports stand, each in a folder of its own; rendered, table: their answers.
+    folder: holds one subfolder per report; rendered, table: answers of the two calibrations.
     """
     numbers = [("table, held-out RMS", rounded(table["held_out"]["rms_mm"]), "mm")]
     parts = [_table(folder, table, why)]
@@ -21,75 +21,76 @@ def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Pa
             *numbers,
         ]
         parts.insert(0, _images(folder, rendered))
-    lead = ("Errors are 3-D distances in mm on samples that no step of the solve has seen.",)
+    lead = ("Errors are 3-D distances in mm on held-out samples.",)
     return Page(
         "Demonstration", "Two calibrations from end to end", tuple(numbers), lead, tuple(parts)
     )
 
 
 def _images(folder: Path, rendered: Mapping) -> Section:
-    """Rendered images, scanner, ball centres, arm."""
-    sensor, told = rendered["sensor"], rendered["against_truth"]
-    made, place = sensor["calibration"], Path(rendered["run"]).name
+    """Section on the chain rendered images, scanner, ball centres, arm."""
+    sensor, centre_errors = rendered["sensor"], rendered["against_truth"]
+    calibration, place = sensor["calibration"], Path(rendered["run"]).name
     form = next(
         (one["value"] for one in sensor["acceptance"] if one["name"] == "probing_rms"), None
     )
     lines = [
         (
             "images",
-            f"{made['camera']['views']} of the board, {len(made['planes'])} light planes, "
+            f"{calibration['camera']['views']} of the board, {len(calibration['planes'])} light planes, "
             f"{len(sensor['scans'])} scans",
         ),
-        ("camera", f"corners {rounded(made['camera']['rms_coordinate_px'])} px RMS a coordinate"),
-        ("light planes", f"stripes {rounded(made['plane_rms_mm'])} mm RMS from their planes"),
-        ("balls", f"form {rounded(form)} mm RMS, the worst ball"),
+        (
+            "camera",
+            f"corners {rounded(calibration['camera']['rms_coordinate_px'])} px RMS per coordinate",
+        ),
+        (
+            "light planes",
+            f"stripe points {rounded(calibration['plane_rms_mm'])} mm RMS from their planes",
+        ),
+        ("balls", f"form error {rounded(form)} mm RMS, worst ball"),
         (
             "ball centres",
-            f"{rounded(told['rms_mm'])} mm RMS from the truth, {told['balls']} of them, after the one "
-            "rigid "
-            "motion that the frame of the camera is free by",
+            f"{rounded(centre_errors['rms_mm'])} mm RMS error of {centre_errors['balls']} centres "
+            "against the truth, after rigid alignment",
         ),
         (
             "arm",
-            f"{rounded(rendered['held_out']['rms_mm'])} mm RMS held out, {rounded(rendered['nominal']['rms_mm'])} "
-            "mm with "
-            "the geometry of the data sheet",
+            f"{rounded(rendered['held_out']['rms_mm'])} mm RMS held out, "
+            f"{rounded(rendered['nominal']['rms_mm'])} mm with the nominal geometry",
         ),
     ]
-    ways = [
+    addresses = [
         (f"{place}/report.html", "The report of this chain, sensor and arm"),
         (f"{place}/recording/images.csv", "The rendered recording"),
-        (f"{place}/truth.json", "What it was rendered from"),
+        (f"{place}/truth.json", "The ground truth of the rendering"),
     ]
     return Section(
         "images",
         "From rendered images to the arm",
         (
             words(
-                "No public set holds the whole chain, so its images are rendered: a board, the board under the laser, "
-                "and scans of "
-                "three balls from an arm whose geometry is not that of its data sheet. Nothing but these images, the "
-                "readings of the "
-                "joints and the certificate of the balls went into the result."
+                "No public data set covers the whole chain, so the images are rendered: a board, the board under "
+                "the laser, and scans of three balls. The geometry of the arm deviates from its data sheet. The "
+                "calibration uses only these images, the joint readings and the certificate of the balls."
             ),
             facts(lines),
             *_drawn(folder / place),
-            links(ways),
+            links(addresses),
         ),
     )
 
 
 def _table(folder: Path, table: Mapping, why: str) -> Section:
-    """A table of an arm that was measured from outside."""
+    """Section on a table of points of an arm, measured by an external instrument."""
     place = Path(table["run"]).name
     lines = [
         ("recording", why),
         ("samples", f"{table['samples']:,}"),
         (
             "arm",
-            f"{rounded(table['held_out']['rms_mm'])} mm RMS held out, {rounded(table['nominal']['rms_mm'])} "
-            "mm with the "
-            "geometry of the data sheet",
+            f"{rounded(table['held_out']['rms_mm'])} mm RMS held out, "
+            f"{rounded(table['nominal']['rms_mm'])} mm with the nominal geometry",
         ),
     ]
     return Section(
@@ -104,10 +105,9 @@ def _table(folder: Path, table: Mapping, why: str) -> Section:
 
 
 def _drawn(place: Path):
-    """The summary image where it was drawn."""
+    """The summary image, if it exists."""
     path = place / "summary.png"
-    return (
-        (image(path, "Held-out errors stage by stage, their spread, and the residuals in space."),)
-        if path.exists()
-        else ()
-    )
+    if not path.exists():
+        return ()
+    caption = "Held-out errors stage by stage, their distribution, and the residuals in space."
+    return (image(path, caption),)

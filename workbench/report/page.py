@@ -1,4 +1,4 @@
-"""Puts the sections together into one HTML file that asks for nothing from the network."""
+"""Assembles the sections into one self-contained HTML file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,10 +14,10 @@ PAGE, IMAGE = "report.html", "summary.png"
 
 
 def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Path:
-    """Write `report.html`, and `summary.png` where it can be drawn, into an existing folder.
+    """Write `report.html`, and `summary.png` if it can be drawn, into an existing folder.
 
-    calibration: a `workbench.jobs.calibrate.Calibration`; more: further sections, before the provenance.
-    Returns the path of the page. Raises InputError where the folder cannot be written.
+    calibration: a `workbench.jobs.calibrate.Calibration`; more: further sections, placed before the provenance.
+    Returns the path of the page. Raises InputError if the folder is not writable.
     """
     path = Path(folder) / PAGE
     replace_file(path, page(calibration, more))
@@ -26,7 +26,7 @@ def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Pat
 
 
 def write_sheet(made: Page, folder: Path) -> Path:
-    """Write `made` as `report.html` into an existing folder; InputError where that cannot be."""
+    """Write `made` as `report.html` into an existing folder. Raises InputError if it is not writable."""
     path = Path(folder) / PAGE
     replace_file(path, _rendered("sheet.html.j2", page=made))
     return path
@@ -53,7 +53,7 @@ def _rendered(template: str, **values) -> str:
 
 
 def sections(calibration) -> dict[str, dict]:
-    """What each section of the page shows, by its name in the template."""
+    """Content of each section, by its name in the template."""
     errors, rotation = spread.errors_of(calibration), spread.rotation_errors_of(calibration)
     return {
         "headline": headline.section(calibration, errors, rotation),

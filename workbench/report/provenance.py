@@ -1,4 +1,4 @@
-"""Where the numbers come from: data, source, versions, seed, command."""
+"""Provenance of the numbers: data, source, versions, seed, command."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,7 @@ _WORDS = {
 
 
 def section(calibration) -> dict:
-    """Lines of the table, the recording's own first."""
+    """Lines of the table; those of the recording come first."""
     recording = calibration.recording
     lines = [
         ("recording", recording.name or "–"),
@@ -19,8 +19,8 @@ def section(calibration) -> dict:
         ("robot", calibration.robot.name),
         ("source of the nominal robot", calibration.robot.source),
     ]
-    told = {name for name, _ in lines}
-    lines += [line for line in flat(calibration.provenance) if line[0] not in told]
+    names = {name for name, _ in lines}
+    lines += [line for line in flat(calibration.provenance) if line[0] not in names]
     return {"lines": [(name, words) for name, words in lines if words]}
 
 

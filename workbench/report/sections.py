@@ -1,4 +1,4 @@
-"""What a page is made of: sections of words, figures, tables, notes and small images."""
+"""Building blocks of a page: sections of text, figures, tables, notes and thumbnails."""
 
 import base64
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ _THUMBNAIL = 240
 
 @dataclass(frozen=True)
 class Section:
-    """One section: `name` its anchor, `title`, and `blocks` made by the functions below."""
+    """A section: `name` is its anchor; `blocks` come from the functions of this module."""
 
     name: str
     title: str
@@ -23,7 +23,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: `over` small above `title`; `numbers` (name, value, unit) in large; `lead` sentences under them."""
+    """A page: `over` is the small line above `title`; `numbers` (name, value, unit) are set in large type.
+
+    `lead`: sentences below the numbers.
+    """
 
     over: str
     title: str
@@ -42,17 +45,17 @@ def words(text: str, quiet: bool = False) -> dict:
 
 
 def figure(name: str, made: go.Figure, caption: str) -> dict:
-    """A plotly figure under an identifier that is unique on the page."""
+    """A plotly figure; `name` is its identifier, unique on the page."""
     return {"kind": "figure", "name": name, "data": style.packed(made), "caption": caption}
 
 
 def pair(*figures: dict) -> dict:
-    """Figures beside one another, where there is room."""
+    """Figures side by side, if the page is wide enough."""
     return {"kind": "pair", "figures": figures}
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> dict:
-    """A table whose first `left` columns are words and the rest numbers already written."""
+    """A table. Its first `left` columns are text; the others are formatted numbers."""
     return {
         "kind": "table",
         "head": list(head),
@@ -62,7 +65,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> dict:
 
 
 def facts(lines: Sequence[tuple[str, str]]) -> dict:
-    """Names and what is to be said of each."""
+    """A list of names with a text for each."""
     return {
         "kind": "facts",
         "lines": [(name, str(text)) for name, text in lines if text not in (None, "")],
@@ -70,12 +73,12 @@ def facts(lines: Sequence[tuple[str, str]]) -> dict:
 
 
 def note(title: str, lines: Sequence[str]) -> dict:
-    """A box of sentences that must not be missed."""
+    """A highlighted box of sentences."""
     return {"kind": "note", "title": title, "lines": list(lines)}
 
 
 def thumbnails(images: Sequence[tuple[Path, str]]) -> dict:
-    """Small copies of image files, inside the page, each with its sentence."""
+    """Thumbnails of image files, embedded in the page, each with a caption."""
     return {"kind": "thumbnails", "images": [(thumbnail(path), text) for path, text in images]}
 
 
@@ -85,18 +88,18 @@ def images(sources: Sequence[tuple[str, str]]) -> dict:
 
 
 def links(lines: Sequence[tuple[str, str]]) -> dict:
-    """A list of addresses, each with its words."""
+    """A list of (address, link text)."""
     return {"kind": "links", "lines": list(lines)}
 
 
 def image(path: Path, caption: str) -> dict:
-    """A PNG file, inside the page."""
+    """A PNG file, embedded in the page."""
     code = base64.b64encode(Path(path).read_bytes()).decode()
     return {"kind": "image", "source": f"data:image/png;base64,{code}", "caption": caption}
 
 
 def thumbnail(path: Path) -> str:
-    """A data address of a small copy of the image at `path`; "" where it cannot be read."""
+    """Data address of a thumbnail of the image at `path`; "" if the file is not readable."""
     import cv2
 
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

@@ -1,4 +1,4 @@
-"""Colours and the manner of every figure; the page's own script adds what depends on light or dark."""
+"""Colours and layout of all figures; the script of the page adds the light or dark theme."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -13,7 +13,7 @@ _SMALLEST_LOG = (
     1e-100  # ends of a logarithmic axis beyond this and its reciprocal count as zero and infinity
 )
 _IN_VIEW = 1.45
-"""Length of a scene's diagonal that is in view from where the figures are seen from, in plotly's units."""
+"""Length of a scene's diagonal that fits into the default view, in plotly's units."""
 
 
 def figure(height: int, across: str = "", up: str = "") -> go.Figure:
@@ -31,10 +31,10 @@ def figure(height: int, across: str = "", up: str = "") -> go.Figure:
 
 
 def log_axis(low: float, high: float, most: int = 7) -> dict:
-    """A logarithmic axis from `low` to `high`, at most about so many plain numbers on it.
+    """A logarithmic axis from `low` to `high` with at most about `most` tick labels.
 
-    Ends that a logarithm does not have (zero, negative, infinite, nan) or that are equal are replaced, so that a
-    figure without data is drawn empty instead of raising.
+    Ends without a logarithm (zero, negative, infinite, nan) and equal ends are replaced. A figure without
+    data is then drawn empty.
     """
     low, high = _log_ends(low, high)
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
@@ -53,7 +53,7 @@ def log_axis(low: float, high: float, most: int = 7) -> dict:
 
 
 def _log_ends(low: float, high: float) -> tuple[float, float]:
-    """Finite positive ends with low < high: those given where they are usable, else a decade about what is."""
+    """Finite positive ends with low < high: the given ends if usable, else a decade around the usable one."""
     usable = [
         float(end)
         for end in (low, high)
@@ -66,22 +66,22 @@ def _log_ends(low: float, high: float) -> tuple[float, float]:
 
 
 def plain(tick: float) -> str:
-    """A tick's number without an exponent where it is of ordinary size."""
+    """Label of a tick, without an exponent for values from 1e-5 to 1e7."""
     if 1e-5 <= tick < 1e7:
         return f"{tick:,.10f}".rstrip("0").rstrip(".")
     return f"{tick:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
 def packed(made: go.Figure) -> str:
-    """The figure as JSON that may stand inside a script element."""
+    """The figure as JSON, safe inside a script element."""
     _framed(made)
     return safe(made.to_json())
 
 
 def _framed(made: go.Figure) -> None:
-    """Size the scene of a figure in space so that all of it is in view, with one scale along its axes.
+    """Size a 3-D scene so that all of it is in view, with the same scale on all axes.
 
-    plotly's own "data" keeps the volume of the box, so that a long scene sticks out of the image.
+    plotly's aspect mode "data" keeps the volume of the box; a long scene would leave the view.
     """
     places = [
         [np.ravel(getattr(trace, axis)) for axis in "xyz"]
@@ -102,7 +102,7 @@ def _framed(made: go.Figure) -> None:
 
 
 def safe(json_text: str) -> str:
-    """JSON in which nothing can end the script element that holds it."""
+    """JSON text in which no character sequence ends the enclosing script element."""
     return json_text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
@@ -114,10 +114,10 @@ def thinned(n: int, seed: int = 0) -> np.ndarray:
 
 
 def thinned_sentence(n: int) -> str:
-    """Says that not all samples are drawn; empty where they are."""
+    """States that only a part of the samples is drawn; empty if all are drawn."""
     if n <= MOST_POINTS:
         return ""
-    return f"{MOST_POINTS:,} of {n:,} samples are drawn, chosen at random; every number uses all of them."
+    return f"{MOST_POINTS:,} of {n:,} samples are drawn, chosen at random; all numbers use all samples."
 
 
 def legend_above(axes, columns: int = 3, size: float = 8.5) -> None:

@@ -1,4 +1,4 @@
-"""Numbers and words as the page shows them."""
+"""Formatting of numbers and words for report pages."""
 
 import math
 
@@ -7,7 +7,7 @@ UNITS = {"rad": ("deg", 180 / math.pi), "rad/rad": ("mrad/rad", 1e3)}
 
 
 def rounded(value: float | None, digits: int = 3) -> str:
-    """`value` with so many significant digits, a true minus sign, a dash where there is none."""
+    """`value` with `digits` significant digits and a true minus sign; a dash for no value."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0:
@@ -26,7 +26,7 @@ def p_value(value: float | None) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """`value` with so many decimals and a true minus sign."""
+    """`value` with `decimals` decimals and a true minus sign."""
     shown = f"{value:z.{max(decimals, 0)}f}"
     return shown.replace("-", "−")
 
@@ -39,7 +39,7 @@ def decimals_of(std: float) -> int:
 
 
 def shown_unit(unit: str) -> tuple[str, float]:
-    """How the page calls a unit, and the factor from the one to the other."""
+    """Unit on the page, and the factor from `unit` to it."""
     if unit.startswith("rad/") and unit not in UNITS:
         return "µ" + unit.replace("(N m)", "(N·m)"), 1e6
     return UNITS.get(unit, (unit, 1.0))

@@ -1,1 +1,1 @@
-"""Studies: many runs of the same thing with something varied, on any executor, kept as one table."""
+"""Studies: many runs with varied parameters, on any executor, collected in one table."""

@@ -1,4 +1,4 @@
-"""The course of a study: runs handed out a part at a time, each part kept as it comes, the rest when it is resumed."""
+"""Execution of a study: parts are submitted to an executor and written as they finish; a study can be resumed."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +17,7 @@ from workbench.study.tables import parts_done, write_part
 from workbench.study.variation import count
 
 _PARTS = 400
-"""About so many parts: few enough files, and none so long that much is lost when a study is stopped."""
+"""Approximate number of parts: a limited number of files, and little lost work if a study is stopped."""
 _LONGEST = 500
 _ATTEMPTS = 3
 Parts = Callable[[Study, range], tuple[list[Row], float]]
@@ -25,7 +25,7 @@ Parts = Callable[[Study, range], tuple[list[Row], float]]
 
 @dataclass(frozen=True)
 class Done:
-    """What a study took: `runs` in all, `made` now, their own `seconds` on the workers, and those of the `wall`."""
+    """Work of a study: `runs` in total, `made` in this call, their `seconds` on the workers, and `wall` time in s."""
 
     runs: int
     made: int
@@ -35,13 +35,13 @@ class Done:
 
     @property
     def overhead(self) -> float | None:
-        """Share of the workers' time that was not spent in runs; None where nothing was left to do."""
+        """Worker time outside of runs, relative to the time in runs; None if no run was made."""
         spent = self.wall * self.workers
         return None if not self.made else max(spent / self.seconds - 1, 0.0)
 
 
 def part_size(study: Study) -> int:
-    """Runs to a part: as the file says, else by the number of runs alone, so that any machine makes the same parts."""
+    """Runs per part: from the study file, else from the number of runs only. It does not depend on the machine."""
     return study.part or min(max(count(study) // _PARTS, 1), _LONGEST)
 
 
@@ -52,7 +52,7 @@ def parts_of(study: Study) -> list[range]:
 
 
 def do_part(study: Study, runs: range) -> tuple[list[Row], float]:
-    """Rows of some runs and the seconds that they took: what a worker is sent."""
+    """Rows of some runs and their duration in s; the unit of work of a worker."""
     one_thread()
     from workbench.study.runs import row_of
 
@@ -68,11 +68,11 @@ def carry_out(
     tick: Callable[[int, int], None],
     work: Parts = do_part,
 ) -> Done:
-    """Make every part that `folder` lacks and write it there as it comes.
+    """Compute every part that is missing in `folder` and write it there.
 
-    executor: makes a context manager that yields a `concurrent.futures.Executor`, again where one breaks; workers: how
-    many runs it does at a time; tick: called with runs done and in all. No more than a few parts are in flight, so that
-    memory does not grow with the runs. Raises InputError, and what a run raises that is no InputError.
+    executor: returns a context manager that yields a `concurrent.futures.Executor`; called again if one breaks.
+    workers: number of concurrent runs; tick: called with runs done and in total. Only a few parts are in flight, which
+    limits the memory. Raises InputError, and any other error of a run.
     """
     parts, start = parts_of(study), time.perf_counter()
     left = sorted(set(range(len(parts))) - parts_done(folder))
@@ -91,7 +91,7 @@ def carry_out(
 
 
 def _results(left: Sequence[int], submit, executor, ahead: int) -> Iterator[tuple[int, tuple]]:
-    """Number and result of each part, as they come; a pool whose process died is made anew for those it held."""
+    """Number and result of each part in order of completion; lost parts of a broken pool go to a new pool."""
     for _ in range(_ATTEMPTS):
         waiting: list[int] = list(left)
         lost: list[int] = []
@@ -102,9 +102,8 @@ def _results(left: Sequence[int], submit, executor, ahead: int) -> Iterator[tupl
         left = sorted(lost)
     if left:
         raise InputError(
-            f"study, part {left[0] + 1}: expected runs that end, found that their process died "
-            f"{_ATTEMPTS} "
-            "times; see whether memory suffices, with fewer workers (--workers 1)"
+            f"study, part {left[0] + 1}: the process of these runs died {_ATTEMPTS} times, probably for lack of "
+            "memory. Use fewer workers (--workers 1)"
         )
 
 
@@ -137,5 +136,5 @@ def _streamed(
 
 @contextmanager
 def given(pool: Executor):
-    """An executor that somebody else opened and closes."""
+    """An executor that the caller opens and closes."""
     yield pool

@@ -1,4 +1,4 @@
-"""Who does the runs: processes of this machine, a Dask cluster, or any `concurrent.futures.Executor`."""
+"""Executors of the runs: processes of this machine, a Dask cluster, or any `concurrent.futures.Executor`."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -15,9 +15,9 @@ def local(workers: int) -> AbstractContextManager[Executor]:
 
 @contextmanager
 def dask(address: str) -> Iterator[tuple[Executor, int]]:
-    """A Dask cluster that is there already, and its number of threads; InputError where there is none.
+    """An existing Dask cluster and its number of threads. Raises InputError if it is not available.
 
-    A worker that is lost has its work given to another by the scheduler.
+    The scheduler reassigns the work of a lost worker.
     """
     try:
         from distributed import Client

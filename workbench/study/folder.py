@@ -1,4 +1,4 @@
-"""Where a study stands: a folder under a temporary name while it runs, found again when it is started again."""
+"""Folder of a study: it has a temporary name while the study runs, and a restarted study continues in it."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ STUDY = "study.json"
 
 @dataclass(frozen=True)
 class Place:
-    """`path` where the finished study stands, `partial` where it is written until then."""
+    """`path`: folder of the finished study; `partial`: its folder until then."""
 
     path: Path
     partial: Path
@@ -29,18 +29,18 @@ class Place:
         return (self.path / TABLE).is_file()
 
     def holds(self, study: Study, data: str) -> bool:
-        """Whether the finished study there is this one, of the same data."""
-        return self.finished and _told(self.path / STUDY) == digest(study, data)
+        """True if the folder holds this study, finished, on the same data."""
+        return self.finished and _digest_in(self.path / STUDY) == digest(study, data)
 
 
 def digest(study: Study, more: str = "") -> str:
-    """What tells one study from another: every key, and the data that it resamples."""
+    """Checksum of all keys of a study and of its data."""
     text = json.dumps(study.model_dump(mode="json"), sort_keys=True) + more
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def place_of(name: str, study: Study, data: str, out: Path | None) -> Place:
-    """The same study always stands in the same place: `runs/study-<name>-<digest>`, or `out`."""
+    """Folder of a study, the same in every call: `runs/study-<name>-<digest>`, or `out`."""
     path = (
         out.expanduser() if out else RUNS / f"study-{slug(name)}-{digest(study, data)[:8]}"
     ).resolve()
@@ -49,10 +49,10 @@ def place_of(name: str, study: Study, data: str, out: Path | None) -> Place:
 
 @contextmanager
 def opened(place: Place, study: Study, data: str) -> Iterator[Path]:
-    """The folder to write to, with what an earlier start left there; moved to its place when the block ends well.
+    """The folder to write to, with the parts of an earlier start; renamed to its final name if the block succeeds.
 
-    Parts that are whole stay when the block does not end well; a folder without any is removed. Raises
-    InputError where the place is taken by something else, or another process is at it.
+    If the block fails, complete parts stay and a folder without parts is removed. Raises InputError if the folder
+    holds other files or another process writes to it.
     """
     _check_free(place, study, data)
     made = [folder for folder in place.partial.parents if not folder.exists()]
@@ -67,7 +67,7 @@ def opened(place: Place, study: Study, data: str) -> Iterator[Path]:
 
 
 def _remove(place: Place, made: list[Path]) -> None:
-    """Take away the folder and those above it that were made for it."""
+    """Remove the folder and the parent folders that were created for it."""
     shutil.rmtree(place.partial, ignore_errors=True)
     for folder in made:
         with suppress(OSError):  # it holds something else by now
@@ -77,18 +77,18 @@ def _remove(place: Place, made: list[Path]) -> None:
 def _check_free(place: Place, study: Study, data: str) -> None:
     if place.path.exists() and not (place.path.is_dir() and not any(place.path.iterdir())):
         raise InputError(
-            f"{place.path} already holds something, where --out expects a folder that is new, empty or of "
-            "this very study, so that nothing is overwritten; name another folder"
+            f"{place.path} contains other files. To protect them, --out expects a new folder, an empty one, or "
+            "that of the same study. Name another folder"
         )
     left = place.partial / STUDY
-    if place.partial.exists() and (not left.is_file() or _told(left) != digest(study, data)):
+    if place.partial.exists() and (not left.is_file() or _digest_in(left) != digest(study, data)):
         raise InputError(
-            f"{place.partial} holds another study that was stopped, or one whose file, data or version "
-            "has changed since; remove it, or name another place with --out"
+            f"{place.partial} holds another interrupted study, or one whose file, data or version has changed. "
+            "Remove it, or name another folder with --out"
         )
 
 
-def _told(path: Path) -> str:
+def _digest_in(path: Path) -> str:
     with suppress(OSError, ValueError, KeyError, TypeError):
         return json.loads(path.read_text(encoding="utf-8"))["digest"]
     return ""
@@ -100,8 +100,7 @@ def _make(place: Place, study: Study, data: str, made: list[Path]) -> None:
         (place.partial / PARTS).mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise InputError(
-            f"{place.partial} cannot be written, because the system says '{problem.strerror}'; name a "
-            "place that you may write with --out"
+            f"{place.partial} cannot be written ('{problem.strerror}'). Name a writable folder with --out"
         ) from problem
     if not (place.partial / STUDY).exists():
         try:
@@ -113,10 +112,10 @@ def _make(place: Place, study: Study, data: str, made: list[Path]) -> None:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """InputError where another process works at this study; the lock goes with the process that holds it."""
+    """Lock the folder. Raises InputError if another process holds the lock; the lock ends with its process."""
     try:
         import fcntl
-    except ImportError:  # no such locks here: two at once only do the same work twice
+    except ImportError:  # no locks on this system: two processes only repeat the same work
         yield
         return
     with (folder / ".lock").open("w") as lock:
@@ -124,8 +123,7 @@ def _alone(folder: Path) -> Iterator[None]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(
-                f"{folder} is being written by another process; wait for it, or name another place with "
-                "--out"
+                f"{folder} is being written by another process. Wait for it, or name another folder with --out"
             ) from None
         yield
 
@@ -134,13 +132,12 @@ def _move(place: Place) -> None:
     try:
         (place.partial / ".lock").unlink(missing_ok=True)
         if place.path.is_dir():
-            place.path.rmdir()  # it was empty; where it no longer is, this refuses
+            place.path.rmdir()  # fails if the folder is no longer empty
         os.rename(place.partial, place.path)
         shutil.rmtree(place.path / PARTS, ignore_errors=True)  # the table holds them all
     except OSError as problem:
         raise InputError(
-            f"{place.path} cannot be written, because the system says '{problem.strerror}'; name another "
-            "place with --out"
+            f"{place.path} cannot be written ('{problem.strerror}'). Name another folder with --out"
         ) from problem
 
 

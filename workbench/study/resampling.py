@@ -1,4 +1,4 @@
-"""One run of a real recording made again: its poses drawn with replacement, or its fitted model with new noise."""
+"""Resampling of a real recording: bootstrap of its poses, or parametric bootstrap of its fitted model."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -15,14 +15,14 @@ from workbench.study.spec import Study
 
 @lru_cache(maxsize=2)
 def original(name: str) -> Recording:
-    """The moving rows of the recording, read once a process."""
+    """The samples of the recording that move with the arm; read once per process."""
     recording = datasets.read(name)
     return recording.select(recording.moving)
 
 
 @lru_cache(maxsize=4)
 def fitted(name: str, model: str, folds: int) -> Calibration:
-    """The calibration of the whole recording, made once a process."""
+    """The calibration of the whole recording; computed once per process."""
     recording = original(name)
     return calibrate(recording, plan_of(model, recording), folds=folds)
 
@@ -46,8 +46,8 @@ def by_poses(recording: Recording, count: int | None, rng: np.random.Generator) 
     drawn = np.sort(rng.integers(labels.max() + 1, size=count or labels.max() + 1))
     if len(np.unique(drawn)) < 4:
         raise InputError(
-            f"study, key resample.count: expected poses enough to calibrate, found "
-            f"{len(np.unique(drawn))} different ones of {recording.name}; raise it"
+            f"study, key resample.count: expected enough poses for a calibration, found "
+            f"{len(np.unique(drawn))} different ones of {recording.name}; increase it"
         )
     order = np.concatenate([rows[first[pose] : first[pose + 1]] for pose in drawn.tolist()])
     chosen = recording.select(order)
@@ -56,10 +56,10 @@ def by_poses(recording: Recording, count: int | None, rng: np.random.Generator) 
 
 
 def with_new_noise(calibration: Calibration, scale: float, rng: np.random.Generator) -> Recording:
-    """What the calibrated robot shows at the same readings, with noise of `scale` times what the fit left."""
+    """Measurements of the calibrated robot at the same readings, with noise of `scale` times the fitted sigma."""
     model, parameters = calibration.model, calibration.solution.parameters
     residual = model.residual(parameters)
-    # the fit's own sigma: stated and widened by what the model did not explain
+    # sigma of the fit: the stated one, scaled by the residuals
     sigma = model.sigma(parameters) * calibration.solution.fit.sigma_scale
     noisy = residual + scale * sigma * rng.normal(size=residual.shape)
     recording = calibration.recording

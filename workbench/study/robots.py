@@ -1,4 +1,4 @@
-"""One run of a simulated robot: its truth, its calibrations, and how far off each of them is where it matters."""
+"""One run of a simulated robot: its truth, its calibrations, and their errors at the test poses."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,14 +24,16 @@ from workbench.jobs.simulate import Truth, truth_from
 from workbench.study.spec import Study, Tasks, validated
 
 MODELS = ("geometry", JointCompliance.effect, "default")
-"""Those that need no plan file."""
+"""Models that need no plan file."""
 Row = dict[str, float | int | str | None]
 
 
 @dataclass(frozen=True)
 class World:
-    """A simulated robot: `truth` of all its poses; `measured` with noise, what is calibrated; `tests` by name, each a
-    recording whose points are the true ones, at which models are judged."""
+    """A simulated robot: `truth` at all poses; `measured`, the noisy recording to calibrate; `tests` by name.
+
+    Each test is a recording with the true points, at which models are evaluated.
+    """
 
     truth: Truth
     measured: Recording
@@ -80,7 +82,7 @@ def _designed(study: Study, candidates: Recording, rng) -> np.ndarray:
 
 
 def _tests(study: Study, truth: Truth, rows: np.ndarray):
-    """name -> recording with true points: the test poses under each load and temperature asked for, and the tasks."""
+    """name -> recording with true points: the test poses at each load and temperature, and the tasks."""
     shown = truth.shown.select(rows)
     for payload in study.test.payload_kg or [None]:
         for temperature in study.test.temperature_c or [None]:
@@ -90,18 +92,18 @@ def _tests(study: Study, truth: Truth, rows: np.ndarray):
                 for name, value in changed.items()
                 if value is not None
             }
-            name = "test" + _told(payload, "kg") + _told(temperature, "c")
+            name = "test" + _suffix(payload, "kg") + _suffix(temperature, "c")
             yield name, _true_points(truth, replace(shown, columns=shown.columns | changed))
     if study.tasks is not None:
         yield "tasks", _true_points(truth, task_rows(study.tasks, truth.shown, truth.model.chain))
 
 
-def _told(value, unit) -> str:
+def _suffix(value, unit) -> str:
     return "" if value is None else f"_{value:g}{unit}"
 
 
 def task_rows(tasks: Tasks, shown: Recording, chain: RobotChain) -> Recording:
-    """The rows of a recording at the task poses; InputError where they do not fit the robot."""
+    """The rows of a recording at the task poses. Raises InputError if they do not match the robot."""
     slides = sliding(chain.robot)
     if any(len(row) != len(slides) for row in tasks.joints_deg):
         raise InputError(
@@ -119,7 +121,7 @@ def task_rows(tasks: Tasks, shown: Recording, chain: RobotChain) -> Recording:
 
 
 def _true_points(truth: Truth, rows: Recording) -> Recording:
-    """The same rows with the points at which the true robot shows them, without noise."""
+    """The same rows with the points of the true robot, without noise."""
     blank = replace(
         rows, columns=rows.columns | dict.fromkeys(("x_mm", "y_mm", "z_mm"), np.zeros(rows.n))
     )
@@ -131,8 +133,7 @@ def _true_points(truth: Truth, rows: Recording) -> Recording:
 
 
 def simulated(world: World, stiffer: bool = False) -> Row:
-    """What the uncalibrated robot errs by, of a geometry that is believed and a base and tool that are known; with
-    `stiffer` also each joint's `stiffened`."""
+    """Errors of the uncalibrated robot (nominal geometry, true base and tool); with `stiffer` also `stiffened`."""
     row: Row = {"samples": world.measured.n}
     for name, test in world.tests.items():
         row |= _errors(f"uncalibrated_{name}", believed(world.truth, test))
@@ -140,7 +141,7 @@ def simulated(world: World, stiffer: bool = False) -> Row:
 
 
 def stiffened(world: World) -> Row:
-    """The same error with one joint twice as stiff, for each that yields: which of them to stiffen."""
+    """Errors of the uncalibrated robot with one joint twice as stiff, for each compliant joint."""
     truth, row = world.truth, {}
     name = list(world.tests)[-1]  # the tasks, or the test under the last load
     for effect in truth.model.effects:
@@ -157,7 +158,7 @@ def stiffened(world: World) -> Row:
 
 
 def believed(truth: Truth, test: Recording) -> np.ndarray:
-    """(3, n) mm, what the nominal robot with the true base and tool says, less the true points."""
+    """(3, n) mm: prediction of the nominal robot with the true base and tool, minus the true points."""
     model = Model(bind(truth.model.chain.robot, test, truth.model.chain.start))
     return model.residual(model.parameters)[:3]
 
@@ -172,7 +173,7 @@ def _errors(name: str, residual: np.ndarray) -> Row:
 
 
 def plan_of(name: str, recording: Recording) -> Path | tuple[Stage, ...] | None:
-    """What `calibrate` takes for the name of a model."""
+    """The plan argument of `calibrate` for the name of a model."""
     if name == "default":
         return None
     if name not in MODELS:
@@ -186,14 +187,17 @@ def plan_of(name: str, recording: Recording) -> Path | tuple[Stage, ...] | None:
         torsion = tuple((name, where, options) for where, options in planned)
         stages += (
             Stage(
-                "compliance", "joints yield to the weight of links and load", torsion, earn=False
+                "compliance",
+                "joints deflect under the weight of links and load",
+                torsion,
+                earn=False,
             ),
         )
     return stages
 
 
 def check_models(study: Study, folder: Path) -> Study:
-    """The study with its plan files named from anywhere; InputError for a model that is neither known nor a file."""
+    """The study with absolute paths of its plan files. Raises InputError for an unknown model."""
     from workbench.fitting.plans import read_plan
 
     named = []
@@ -211,7 +215,7 @@ def check_models(study: Study, folder: Path) -> Study:
 
 
 def calibrations(study: Study, measured: Recording) -> dict[str, Calibration]:
-    """Each model's calibration of one recording."""
+    """Calibrations of one recording, by model."""
     return {
         Path(name).stem: calibrate(measured, plan_of(name, measured), folds=study.folds)
         for name in study.models
@@ -219,7 +223,7 @@ def calibrations(study: Study, measured: Recording) -> dict[str, Calibration]:
 
 
 def judged(made: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
-    """Held-out errors, and those at the tests, of the nominal robot and of each model."""
+    """Held-out errors, and errors at the tests, of the nominal robot and of each model."""
     first = next(iter(made.values()))
     row: Row = {"nominal_held_out_mm": first.nominal["rms_mm"]}
     for name, test in tests.items():
@@ -237,14 +241,14 @@ def judged(made: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
 
 
 def residual_of(calibration: Calibration, test: Recording) -> np.ndarray:
-    """(3, n) mm: what a calibrated robot predicts, less the points of `test`."""
+    """(3, n) mm: prediction of a calibrated robot minus the points of `test`."""
     chain = bind(calibration.robot, test, calibration.model.chain.start)
     model = Model(chain, calibration.model.effects)
     return model.residual(model.parameters.take_over(calibration.solution.parameters))[:3]
 
 
 def nominal_residual(calibration: Calibration, test: Recording) -> np.ndarray:
-    """(3, n) mm of the nominal geometry, with base and tool fitted to the calibration's own samples."""
+    """(3, n) mm: residual of the nominal geometry, with base and tool fitted to the calibration samples."""
     fitted = _with_frames(calibration.robot, calibration.recording)
     model = Model(bind(calibration.robot, test, calibration.model.chain.start))
     return model.residual(model.parameters.take_over(fitted))[:3]
@@ -256,10 +260,10 @@ def _with_frames(robot, recording: Recording) -> Parameters:
 
 
 def compensated(made: dict[str, Calibration], world: World) -> Row:
-    """How well the real arm does what the nominal one was programmed to, before and after each model's correction.
+    """Errors of the real arm relative to the programmed nominal arm, before and after compensation with each model.
 
-    The measured points of both are compared after base and tool were fitted at the nominal geometry, as one who
-    teaches frames does; what is left is the arm's own. Corrected are the poses whose share is `…_reached`.
+    The points are compared after a fit of base and tool at the nominal geometry, as taught frames would absorb them.
+    `…_reached` is the share of poses that could be corrected.
     """
     name, programmed = next(iter(world.tests.items()))
     row: Row = {"programmed_mm": _as_nominal(world.truth, programmed, programmed.joints)}
@@ -268,7 +272,7 @@ def compensated(made: dict[str, Calibration], world: World) -> Row:
         found = compensate(arm_of(calibration), programmed.joints, covariates=covariates)
         there = np.flatnonzero(
             found.reached
-        )  # beside a singular posture no small correction turns the flange
+        )  # near a singularity no small correction changes the orientation
         if there.size:
             row[f"{called}_compensated_mm"] = _as_nominal(
                 world.truth, programmed.select(there), found.readings[there]
@@ -278,7 +282,7 @@ def compensated(made: dict[str, Calibration], world: World) -> Row:
 
 
 def _as_nominal(truth: Truth, programmed: Recording, readings: np.ndarray) -> float:
-    """RMS mm by which the true points at `readings` are no nominal arm's at the programmed ones."""
+    """RMS, mm, between the true points at `readings` and a nominal arm at the programmed readings."""
     robot = truth.model.chain.robot
     driven = {
         f"q{k}_{'mm' if s else 'deg'}": values if s else np.rad2deg(values)
@@ -294,10 +298,10 @@ def _as_nominal(truth: Truth, programmed: Recording, readings: np.ndarray) -> fl
 
 
 def arm_of(calibration: Calibration) -> CalibratedArm:
-    """What `compensate` takes."""
+    """The calibrated arm as input of `compensate`."""
     solution, chain = calibration.solution, calibration.model.chain
     parameters = solution.parameters
-    free = tuple(key for key, mine in zip(parameters.keys, parameters.mask) if mine)
+    free = tuple(key for key, is_free in zip(parameters.keys, parameters.mask) if is_free)
     return CalibratedArm(
         calibration.robot,
         calibration.model.effects,
@@ -313,7 +317,7 @@ def arm_of(calibration: Calibration) -> CalibratedArm:
 
 
 def parameter_row(made: dict[str, Calibration]) -> Row:
-    """Value and stated sigma of every free parameter of each model; no sigma where it is known only with others."""
+    """Value and stated sigma of every free parameter of each model; None if it is not identifiable."""
     row: Row = {}
     for name, one in made.items():
         for parameter in one.parameters:
@@ -324,7 +328,7 @@ def parameter_row(made: dict[str, Calibration]) -> Row:
 
 
 def diagnosed(study: Study, measured: Recording) -> Row:
-    """The verdict of `workbench.diagnosis`, and what it names."""
+    """The verdict of `workbench.diagnosis`, and the effects that it names."""
     from workbench.diagnosis import diagnose
 
     found = diagnose(measured).as_json()

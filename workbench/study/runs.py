@@ -1,4 +1,4 @@
-"""One run of a study, from its number and nothing else: the same row on any machine, in any order."""
+"""One run of a study, determined by its number only: the same row on any machine, in any order."""
 
 from fnmatch import fnmatchcase
 
@@ -12,16 +12,16 @@ from workbench.study.variation import values_of, with_values
 
 
 def row_of(study: Study, run: int) -> Row:
-    """The row of run 1, 2, …: its number, the values that were varied, figures, and the outcome.
+    """The row of run 1, 2, …: its number, the varied values, its figures, and the outcome.
 
-    A run whose input cannot be used (too few poses, an unreachable ball) has its sentence as `outcome`, and no
-    figures; "done" otherwise.
+    The outcome is "done". A run with unusable input (too few poses, an unreachable ball) has the message as `outcome`
+    and no figures.
     """
     values = values_of(study, run)
     row: Row = {"run": run, **{name: _cell(value) for name, value in values.items()}}
     try:
-        own = with_values(study, values)
-        figures = _figures(own, seed_of(study, run))
+        run_study = with_values(study, values)
+        figures = _figures(run_study, seed_of(study, run))
     except InputError as problem:
         return row | {"outcome": str(problem)}
     kept = {
@@ -33,8 +33,10 @@ def row_of(study: Study, run: int) -> Row:
 
 
 def seed_of(study: Study, run: int) -> int:
-    """The run's own random numbers: child `run` of the study's seed (numpy's SeedSequence); with `same_noise` all
-    points share those of their repeat."""
+    """Seed of a run: child `run` of the study's seed (numpy's SeedSequence).
+
+    With `same_noise` all points share the seeds of their repeats.
+    """
     vary = study.vary
     child = (run - 1) % vary.repeats + 1 if vary.same_noise else run
     return int(
@@ -72,7 +74,7 @@ def _of_recording(study: Study, seed: int) -> Row:
 
 
 def _cell(value):
-    """A value as one cell of the table: a list becomes text."""
+    """A value as a table cell; a list becomes text."""
     if isinstance(value, list):
         return " ".join(f"{v:g}" if isinstance(v, int | float) else str(v) for v in value)
     if isinstance(value, np.generic):

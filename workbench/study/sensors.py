@@ -1,5 +1,4 @@
-"""One run of a rendered sensor: images of balls, reconstructed with the true or a calibrated scanner, and its
-errors."""
+"""One run of a rendered sensor: images of balls, reconstructed with the true or a calibrated scanner; errors."""
 
 import tempfile
 from pathlib import Path
@@ -17,16 +16,16 @@ from workbench.study.robots import Row
 from workbench.study.spec import Study, validated
 
 BANDS_DEG = (0, 15, 30, 45, 60)
-"""Angles between surface and line of sight between which the form error is told apart."""
+"""Limits of the bands of incidence angle (between surface and line of sight) of the form error."""
 
 
 def scene_of(study: Study, seed: int) -> Scene:
-    """The scene of a run; without calibration no board is rendered. InputError where it cannot be."""
+    """The scene of a run; without calibration no board is rendered. Raises InputError if it is invalid."""
     scene = validated(Scene, study.scene | {"seed": seed}, "scene")
     if scene.arm or scene.mesh:
         raise InputError(
-            "scene, key arm: expected balls before a scanner alone in a sensor study, found an arm or "
-            "a mesh; take it out"
+            "scene, key arm: expected only balls and a scanner in a sensor study, found an arm or a mesh; "
+            "remove it"
         )
     if not scene.balls or not (scene.scans.count or scene.scans.places):
         raise InputError(
@@ -57,7 +56,7 @@ def figures(study: Study, seed: int) -> Row:
 
 
 def true_scanner(scene: Scene) -> Scanner:
-    """The scanner that the images of a scene are made with, exactly known."""
+    """The true scanner of a scene."""
     instrument = scene.instrument
     return Scanner(
         scene.sees,
@@ -69,24 +68,22 @@ def true_scanner(scene: Scene) -> Scanner:
 
 
 def errors_of(found: Scans, truth: dict, scene: Scene) -> Row:
-    """Errors of all balls of all scans against where they truly were; mm, in the camera's frame.
+    """Errors of all balls of all scans against their true centres; mm, in the camera frame.
 
-    A ball counts that is found within its radius of a true one. `centre_x_mm` … are means over the balls,
-    `centre_rms_mm` is the RMS of their 3-D distances, `sigma_mm` the RMS of what was stated for them.
+    A ball counts as found within its radius of a true centre. `centre_x_mm` … are means over the balls,
+    `centre_rms_mm` is the RMS of their 3-D distances, `sigma_mm` the RMS of their stated standard deviations.
     """
-    pairs = [
-        pair
-        for one, told in zip(found.scans, truth["scans"])
-        for pair in _pairs(one.balls, told["balls"])
-    ]
+    pairs = []
+    for one, true_scan in zip(found.scans, truth["scans"]):
+        pairs += _pairs(one.balls, true_scan["balls"])
     row: Row = {
-        "balls": sum(len(told["balls"]) for told in truth["scans"]),
+        "balls": sum(len(true_scan["balls"]) for true_scan in truth["scans"]),
         "balls_found": len(pairs),
     }
     if not pairs:
         raise InputError(
-            f"scans of {row['balls']} balls: expected some of them to be found, found none "
-            f"({found.scans[0].outcome}); bring them into view"
+            f"scans of {row['balls']} balls: no ball was found ({found.scans[0].outcome}). "
+            "Move the balls into the field of view"
         )
     away = np.array([ball.fit.centre - true for ball, true in pairs])
     row |= {f"centre_{axis}_mm": float(mean) for axis, mean in zip("xyz", away.mean(0))}
@@ -102,14 +99,14 @@ def errors_of(found: Scans, truth: dict, scene: Scene) -> Row:
 
 
 def _stated(scanner: Scanner, ball: Ball) -> float:
-    """mm^2, variance of a centre's 3-D place in the camera's frame, as far as it is stated."""
+    """mm^2: stated variance (trace) of a centre in the camera frame."""
     frame = scanner.frame_covariance(ball.fit.centre[:, None])[..., 0]
     return float(np.trace(ball.fit.covariance[:3, :3] + frame))
 
 
-def _pairs(balls, told):
-    """Found balls with the true centre that each is nearest to."""
-    centres = np.array([one["centre_mm"] for one in told]).reshape(-1, 3)
+def _pairs(balls, true_balls):
+    """Found balls, each with the nearest true centre."""
+    centres = np.array([one["centre_mm"] for one in true_balls]).reshape(-1, 3)
     for ball in balls:
         away = (
             np.linalg.norm(centres - ball.fit.centre, axis=1)
@@ -121,7 +118,7 @@ def _pairs(balls, told):
 
 
 def _radii(pairs) -> Row:
-    """How much larger balls look than they are certified, mean over the balls, mm."""
+    """Estimated minus certified radius, mean over the balls, mm."""
     gaps = [
         ball.free.radius - ball.radius for ball, _ in pairs if ball.radius is not None and ball.free
     ]
@@ -129,7 +126,7 @@ def _radii(pairs) -> Row:
 
 
 def _by_incidence(balls: list[Ball]) -> Row:
-    """RMS distance of points from their ball, by the angle between its surface and the line of sight."""
+    """RMS distance of points from the sphere, by incidence angle."""
     angles, distances = [], []
     for ball in balls:
         used = ball.fit.inliers
@@ -151,7 +148,7 @@ def _by_incidence(balls: list[Ball]) -> Row:
 
 
 def _calibration(found: Scans, scene: Scene) -> Row:
-    """What the calibration from the boards found: the camera's errors and the residuals of stripes on the boards."""
+    """Results of the calibration from the boards: errors of the camera and residuals of the stripes."""
     camera, true = found.scanner.camera, scene.sees
     first, second = camera.values[:4], true.values[:4]
     row: Row = {

@@ -1,4 +1,4 @@
-"""Study files: what is simulated or resampled, what is varied, done and kept; read from TOML, checked key by key."""
+"""Study files (TOML): simulation or resampling, varied parameters, steps, kept columns; validated key by key."""
 
 import tomllib
 from pathlib import Path
@@ -20,8 +20,10 @@ class _Table(BaseModel):
 
 
 class Axis(_Table):
-    """One thing that is varied: `path` (one or several keys that get the same value) between `low` and `high`, on a
-    linear or logarithmic `scale`, or one of `values`. In a grid a range is cut into `levels`."""
+    """A varied parameter: `path` (one or several keys with the same value) from `low` to `high` or one of `values`.
+
+    `scale` is linear or logarithmic; a grid has `levels` values.
+    """
 
     name: Name
     path: str | list[str]
@@ -54,7 +56,7 @@ class Axis(_Table):
 
 
 class Vary(_Table):
-    """`runs` points by `method` (a grid counts its own), each made `repeats` times with other random numbers."""
+    """`runs` points by `method` (not for a grid), each repeated `repeats` times with other random numbers."""
 
     method: Literal[METHODS] = "random"
     runs: int | None = Field(None, ge=1, le=100_000_000)
@@ -64,8 +66,10 @@ class Vary(_Table):
 
 
 class Test(_Table):
-    """Where a calibrated robot is judged: `samples` further poses of the scene, at each of `payload_kg` and each of
-    `temperature_c`; as the scene draws them where these are left out."""
+    """Test of a calibrated robot: `samples` further poses of the scene, at each `payload_kg` and `temperature_c`.
+
+    Without these, load and temperature are those of the scene.
+    """
 
     samples: int = Field(200, ge=4, le=1_000_000)
     payload_kg: list[Annotated[float, Field(ge=0)]] = []
@@ -73,7 +77,7 @@ class Test(_Table):
 
 
 class Tasks(_Table):
-    """Poses that matter: joint readings in the robot's own units (deg, mm for a slide), and the load there."""
+    """Task poses: joint readings (deg, mm for a prismatic joint), and the payload."""
 
     joints_deg: Annotated[list[Annotated[list[float], Field(min_length=1)]], Field(min_length=1)]
     payload_kg: float = Field(0.0, ge=0)
@@ -81,15 +85,17 @@ class Tasks(_Table):
 
 
 class Design(_Table):
-    """Which of the scene's samples are measured: `count` of them by `choice`; what is left is not used."""
+    """Samples of the scene that are measured: `count` of them, selected by `choice`."""
 
     count: int = Field(30, ge=2)
     choice: Literal["random", "first", "D", "O1", "O2", "O3", "O4", "O5"] = "random"
 
 
 class Resample(_Table):
-    """How a recording is made again: `how` "poses" (poses drawn with replacement) or "noise" (the fitted model with
-    new noise); `count` of poses drawn, all of them where left out; `noise` times the fitted sigma."""
+    """Resampling of a recording: `how` "poses" (poses drawn with replacement) or "noise" (fitted model, new noise).
+
+    `count`: number of poses drawn, default all; `noise`: factor of the fitted sigma.
+    """
 
     how: Literal["poses", "noise"] = "poses"
     count: int | None = Field(None, ge=4)
@@ -97,9 +103,12 @@ class Resample(_Table):
 
 
 class Study(_Table):
-    """One file. `models`: "geometry", "joint-compliance", "default", or plans by name or file; each calibrates every
-    run. `parameters`: keep every calibrated value with its sigma; `keep`: shell patterns of columns; `part`: runs to
-    a part of the table, which is also the unit of work that is handed out."""
+    """Content of a study file.
+
+    `models`: "geometry", "joint-compliance", "default", or plans by name or file; each calibrates every run.
+    `parameters`: keep every calibrated value with its sigma; `keep`: shell patterns of columns; `part`: runs per part
+    of the table, which is the unit of work of an executor.
+    """
 
     kind: Literal["compliance", "sensor", "uncertainty", "design"]
     title: str = ""
@@ -141,10 +150,10 @@ class Study(_Table):
 
 
 def read_study(path: Path) -> Study:
-    """The study of a TOML file, or of one that comes with the workbench, by its name.
+    """The study of a TOML file, or a bundled study by its name.
 
-    What it names is whole afterwards: the scene's keys stand in it and paths are absolute, so that it can be sent
-    to another process. Raises InputError with the file, the key and what was expected.
+    The result is self-contained: it includes the keys of the scene, and paths are absolute. It can be sent to another
+    process. Raises InputError with the file, the key and the expected value.
     """
     path = (
         home_of(path) / Path(path).with_suffix(".toml").name
@@ -154,19 +163,21 @@ def read_study(path: Path) -> Study:
     study = validated(Study, _toml(path, "study"), f"study {path}")
     if isinstance(study.scene, str):
         file = path.parent / study.scene
-        return study.model_copy(update={"scene": _beside(_toml(file, "scene"), file.parent)})
+        return study.model_copy(
+            update={"scene": _with_absolute_robot(_toml(file, "scene"), file.parent)}
+        )
     if study.scene is not None:
-        return study.model_copy(update={"scene": _beside(study.scene, path.parent)})
+        return study.model_copy(update={"scene": _with_absolute_robot(study.scene, path.parent)})
     return study.model_copy(update={"recording": _recording(study.recording, path.parent)})
 
 
 def home_of(path: Path) -> Path:
-    """The folder beside which a study's other files lie."""
+    """The folder that paths in a study file are relative to."""
     return STUDY_FILES if str(path) in study_names() else Path(path).parent
 
 
 def study_names() -> list[str]:
-    """Studies that come with the workbench."""
+    """Names of the bundled studies."""
     return sorted(
         path.stem
         for path in STUDY_FILES.glob("*.toml")
@@ -184,12 +195,12 @@ def _toml(path: Path, what: str) -> dict:
         ) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
         raise InputError(
-            f"{path}: expected a {what} (TOML), found what cannot be read ({problem}); correct it"
+            f"{path}: expected a {what} (TOML), found an unreadable file ({problem}); correct it"
         ) from None
 
 
-def _beside(scene: dict, folder: Path) -> dict:
-    """A scene whose robot, where it is a file, is named from anywhere."""
+def _with_absolute_robot(scene: dict, folder: Path) -> dict:
+    """The scene with an absolute path of its robot file, if it names one."""
     robot = scene.get("robot")
     if isinstance(robot, str) and Path(robot).suffix.lower() in (".toml", ".urdf"):
         return scene | {"robot": str((folder / robot).resolve())}
@@ -197,7 +208,7 @@ def _beside(scene: dict, folder: Path) -> dict:
 
 
 def _recording(name: str, folder: Path) -> str:
-    """A folder beside the study made whole; a known name as it is."""
+    """Absolute path of a recording folder relative to the study; other names are returned unchanged."""
     return str((folder / name).resolve()) if (folder / name).is_dir() else name
 
 

@@ -1,4 +1,4 @@
-"""A study from its file to its folder: checked before anything starts, carried out, put together and summed up."""
+"""A study from its file to its folder: validation, execution, table and summary."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -19,7 +19,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Finished:
-    """A study with its table in `path`; `done` is None where it was finished before."""
+    """A finished study with its table in `path`; `done` is None if an earlier call finished it."""
 
     name: str
     study: Study
@@ -28,7 +28,7 @@ class Finished:
 
 
 def read(path: Path) -> tuple[Study, str]:
-    """The study of a file, checked at both ends of everything that is varied; and what tells its data from others.
+    """The study of a file, validated at both ends of every varied parameter, and a checksum of its data.
 
     Raises InputError.
     """
@@ -49,18 +49,18 @@ def read(path: Path) -> tuple[Study, str]:
 def _check_kind(study: Study) -> None:
     if study.kind == "sensor" and (study.recording or set(study.do) - {"simulate", "calibrate"}):
         raise InputError(
-            "study, key do: expected a sensor study with a scene to simulate, or to simulate and "
-            f"calibrate, found {study.do}; correct it"
+            "study, key do: a sensor study needs a scene and the steps simulate, or simulate and "
+            f"calibrate; found {study.do}; correct it"
         )
     if study.recording is not None and {"compensate", "simulate"} & set(study.do):
         raise InputError(
-            "study, key do: expected calibrate or diagnose of a recording, found "
-            f"{study.do}; take the others out"
+            "study, key do: expected calibrate or diagnose for a recording, found "
+            f"{study.do}; remove the others"
         )
 
 
 def _check_scene(study: Study, called: str) -> None:
-    """InputError where the scene with these values cannot be."""
+    """Raise InputError if the scene with these values is invalid."""
     try:
         if study.kind == "sensor":
             from workbench.study.sensors import scene_of
@@ -80,7 +80,7 @@ def _check_scene(study: Study, called: str) -> None:
 
 
 def _data_of(study: Study) -> str:
-    """The digest of the recording, or of the files of the scene's robot; "" where there is none."""
+    """Checksum of the recording, or text of the scene's robot file; "" without one."""
     if study.recording is not None:
         from workbench.study.resampling import original
 
@@ -97,11 +97,11 @@ def carried_out(
     say: Say,
     close: Callable[[Finished, Path, Say], None] = lambda *_: None,
 ) -> Finished:
-    """Do the study of a file, or go on with it where it was stopped.
+    """Run the study of a file, or continue an interrupted one.
 
-    out: the folder instead of `runs/study-<name>-<digest>`; workers: processes of this machine, all its cores where
-    None; scheduler: a Dask cluster instead. close: called with the study and its folder when the table is there, to
-    write what else belongs to it. Raises InputError, and Stopped when a person interrupts it.
+    out: the folder instead of `runs/study-<name>-<digest>`; workers: processes of this machine, None: all cores;
+    scheduler: a Dask cluster instead. close: called with the study and its folder after the table is written, for
+    further files. Raises InputError, and Stopped if the user interrupts it.
     """
     study, data = read(path)
     name = Path(path).stem
@@ -110,7 +110,7 @@ def carried_out(
         return Finished(name, study, place.path, None)
     with folder.opened(place, study, data) as partial_folder:
         done = _made(study, partial_folder, workers, scheduler, paced(say, "run"))
-        say("putting the table together")
+        say("writing the table")
         tables.put_together(partial_folder, len(parts_of(study)))
         close(Finished(name, study, partial_folder, done), place.path, say)
     return Finished(name, study, place.path, done)
@@ -123,8 +123,8 @@ def _made(study: Study, where: Path, workers: int | None, scheduler: str | None,
         except KeyboardInterrupt:
             kept = sum(len(parts_of(study)[k]) for k in tables.parts_done(where))
             raise Stopped(
-                f"Stopped: {kept:,} of {count(study):,} runs are kept in {where}; the same command goes on "
-                "with the rest."
+                f"Stopped: {kept:,} of {count(study):,} runs are saved in {where}. The same command continues with "
+                "the remaining runs."
             ) from None
 
 
@@ -136,7 +136,7 @@ def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager:
 
 
 class _cluster:
-    """A Dask cluster for as long as the block lasts, as `carry_out` takes executors."""
+    """Context manager of a Dask cluster, as an executor factory for `carry_out`."""
 
     def __init__(self, address: str):
         self.opened = executors.dask(address)

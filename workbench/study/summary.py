@@ -1,4 +1,4 @@
-"""What a study says: how each column is spread, what its outcome depends on, and whether stated sigmas hold."""
+"""Summary of a study: distribution of each column, sensitivity of the outcome, coverage of the stated sigmas."""
 
 from collections import Counter
 
@@ -10,21 +10,21 @@ from workbench.study.spec import Axis, Study
 from workbench.study.variation import problem, unit_of
 
 _LEAST = 80
-"""Runs below which indices of sensitivity are mostly noise."""
+"""Number of runs below which sensitivity indices are mostly noise."""
 _QUANTILES = {"min": 0, "p5": 5, "median": 50, "p95": 95, "max": 100}
 
 
 def summary(made) -> dict:
-    """The answer of `workbench study`, of a `workbench.study.study.Finished` whose table is there."""
+    """The answer of `workbench study` for a `workbench.study.study.Finished` with its table."""
     study, names = made.study, tables.column_names(made.path)
     outcomes = tables.columns(made.path, ["outcome"])["outcome"]
     done = int((outcomes == "done").sum())
     if not done:
         raise InputError(
-            f"study {made.name}: expected runs that can be done, found none of {len(outcomes)} "
-            f"({outcomes[0]}); correct the study"
+            f"study {made.name}: all {len(outcomes)} runs failed, the first because: {outcomes[0]}. "
+            "Correct the study"
         )
-    told = Counter(text for text in outcomes if text != "done")
+    failures = Counter(text for text in outcomes if text != "done")
     found = {
         "command": "study",
         "study": made.name,
@@ -33,7 +33,7 @@ def summary(made) -> dict:
         "do": study.do,
         "runs": len(outcomes),
         "done": done,
-        "not_done": [{"why": why, "runs": n} for why, n in told.most_common(10)],
+        "not_done": [{"why": why, "runs": n} for why, n in failures.most_common(10)],
         "varied": [axis.name for axis in study.vary.parameter],
         "outcome": outcome_of(study, names),
         "columns": [spread(name, values) for name, values in _numbers(made, names)],
@@ -42,16 +42,12 @@ def summary(made) -> dict:
         "coverage": coverage(made, names),
         "work": _work(made.done),
     }
-    odd = study.outcome not in (None, found["outcome"])
-    told = (
-        [
-            f"No column is called {study.outcome}, as key outcome says; {found['outcome']} is shown "
-            "instead."
-        ]
-        if odd
-        else []
-    )
-    return found | {"sentences": told + sentences(found)}
+    remarks = []
+    if study.outcome not in (None, found["outcome"]):
+        remarks.append(
+            f"There is no column {study.outcome} (key outcome); {found['outcome']} is shown instead."
+        )
+    return found | {"sentences": remarks + sentences(found)}
 
 
 def _work(done) -> dict:
@@ -65,7 +61,7 @@ def _work(done) -> dict:
 
 
 def _numbers(made, names):
-    """Name and values of each column of numbers, one in memory at a time."""
+    """Name and values of each numeric column, one in memory at a time."""
     axes = {axis.name for axis in made.study.vary.parameter}
     for name in names:
         if name not in axes | {"run", "outcome"}:
@@ -76,18 +72,19 @@ def _numbers(made, names):
 
 def spread(name: str, values: np.ndarray) -> dict:
     """Mean, standard deviation and quantiles of the runs that have a value."""
-    there = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     row = {
         "column": name,
-        "n": len(there),
-        "mean": float(there.mean()),
-        "std": float(there.std(ddof=1)) if len(there) > 1 else None,
+        "n": len(finite),
+        "mean": float(finite.mean()),
+        "std": float(finite.std(ddof=1)) if len(finite) > 1 else None,
     }
-    return row | dict(zip(_QUANTILES, np.percentile(there, list(_QUANTILES.values())).tolist()))
+    quantiles = np.percentile(finite, list(_QUANTILES.values())).tolist()
+    return row | dict(zip(_QUANTILES, quantiles))
 
 
 def outcome_of(study: Study, names: list[str]) -> str:
-    """The column that the study is about: as its file says, where there is one, else by its kind."""
+    """The outcome column: that of the study file if it exists, else by the kind of study."""
     if study.outcome in names:
         return study.outcome
     last = study.models[-1].rpartition("/")[2].removesuffix(".toml")
@@ -102,12 +99,12 @@ def outcome_of(study: Study, names: list[str]) -> str:
 
 
 def numeric(axis: Axis) -> bool:
-    """Whether a parameter's values are numbers on a line."""
+    """True if the values of a parameter are numbers."""
     return axis.values is None or all(isinstance(value, int | float) for value in axis.values)
 
 
 def stiffening(made, names: list[str]) -> list[dict]:
-    """For each joint that yields: the error left with that joint twice as stiff, over the error as it is."""
+    """For each compliant joint: error with this joint twice as stiff, relative to the present error."""
     mark = "_twice_as_stiff_"
     found = [name for name in names if mark in name]
     if not found:
@@ -132,11 +129,11 @@ def stiffening(made, names: list[str]) -> list[dict]:
 
 
 def sensitivity(made, names: list[str]) -> dict:
-    """How much of the outcome's variance each parameter makes, alone and together with others.
+    """Variance-based sensitivity indices of the outcome.
 
     Saltelli's scheme: first-order and total indices (Saltelli et al., Comput. Phys. Commun. 181 (2010) 259). Any other
     sample: first-order indices by random balance designs (Tarantola, Gatelli & Mara, Reliab. Eng. Syst. Saf. 91 (2006)
-    717). Both by SALib; where they cannot be had, `why` says so.
+    717). Both by SALib; `why` gives the reason if they are not available.
     """
     axes = [axis for axis in made.study.vary.parameter if numeric(axis)]
     outcome = outcome_of(made.study, names)
@@ -164,11 +161,11 @@ def _indices(study: Study, axes, values, result, fine) -> dict:
     if study.vary.method == "saltelli":
         if not fine.all():
             return {
-                "why": f"not determined: Saltelli's scheme needs every run, and {(~fine).sum()} were not done"
+                "why": f"not determined: Saltelli's scheme needs every run, and {(~fine).sum()} failed"
             }
         from SALib.analyze import sobol
 
-        # about the mean: the estimators lose digits, and bias, to a large one
+        # the mean is subtracted: a large mean degrades the estimators
         made = sobol.analyze(
             problem(len(axes)), result - result.mean(), calc_second_order=False, seed=study.seed
         )
@@ -195,11 +192,11 @@ def _plain(value):
 
 
 def coverage(made, names: list[str]) -> list[dict]:
-    """For each parameter with a sigma: how the runs' values are spread beside what each run states.
+    """For each parameter with a sigma: scatter of its values over the runs, compared with the stated sigma.
 
-    Of new noise about a fitted model the true value is known: `within_1`, `within_2` are the shares of runs that have
-    it within 1 and 1.96 of their stated sigmas (0.683 and 0.95 where these hold). Of poses drawn again it is not, and
-    `ratio`, the spread over the sigma of the whole recording, is what there is.
+    In a parametric bootstrap the true value is known: `within_1`, `within_2` are the shares of runs with the true value
+    within 1 and 1.96 stated sigmas (expected 0.683 and 0.95). In a bootstrap of poses it is not known; `ratio` is the
+    standard deviation over the runs divided by the sigma of the whole recording.
     """
     study = made.study
     if study.recording is None or not study.parameters or "calibrate" not in study.do:
@@ -211,8 +208,8 @@ def coverage(made, names: list[str]) -> list[dict]:
 
     whole = {Path(name).stem: fitted(study.recording, name, study.folds) for name in study.models}
     true = parameter_row(whole)
-    # values that noise is added to stand only behind the first model
-    behind = f"{Path(study.models[0]).stem}:" if study.resample.how == "noise" else None
+    # the true values are those of the first model, to which the noise is added
+    true_model = f"{Path(study.models[0]).stem}:" if study.resample.how == "noise" else None
     rows = []
     for key in [name for name in names if f"{name}:std" in names and true.get(f"{name}:std")]:
         values = tables.columns(made.path, [key, f"{key}:std"])
@@ -223,7 +220,7 @@ def coverage(made, names: list[str]) -> list[dict]:
                 values[f"{key}:std"],
                 true[key],
                 true[f"{key}:std"],
-                behind is not None and key.startswith(behind),
+                true_model is not None and key.startswith(true_model),
             )
         )
     return [row for row in rows if row is not None]
@@ -252,38 +249,36 @@ def _covered(key, values, std, true, stated, known) -> dict | None:
 
 
 def sentences(found: dict) -> list[str]:
-    """The main points, for a person."""
+    """The main results as sentences."""
     lines = []
     if found["not_done"]:
         first = found["not_done"][0]
         lines.append(
-            f"{found['runs'] - found['done']} runs could not be done, {first['runs']} of them because: "
-            f"{first['why']}"
+            f"{found['runs'] - found['done']} runs failed, {first['runs']} of them because: {first['why']}"
         )
     if found["stiffen"]:
         best = min(found["stiffen"], key=lambda row: row["error_left"])
         lines.append(
-            f"{best['joint'].replace('-', ' ').capitalize()} is the one to stiffen: twice as stiff, the error at "
-            f"{best['at'].replace('_', ' under ')} falls to {100 * best['error_left']:.0f} % on average; it is the "
-            f"best choice in {100 * best['best_in']:.0f} % of the runs."
+            f"{best['joint'].replace('-', ' ').capitalize()} is the joint to stiffen: with twice its stiffness, the "
+            f"error at {best['at'].replace('_', ' under ')} falls to {100 * best['error_left']:.0f} % on average. It "
+            f"is the best choice in {100 * best['best_in']:.0f} % of the runs."
         )
     if indices := found["sensitivity"].get("indices"):
         most = max(indices, key=lambda row: row.get("total", row["first"]))
         share = most.get("total", most["first"])
         lines.append(
-            f"{most['parameter']} matters most for {found['outcome']}: {100 * share:.0f} % of its variance."
+            f"{most['parameter']} has the largest influence on {found['outcome']}: {100 * share:.0f} % of its variance."
         )
     known = [row for row in found["coverage"] if "within_2" in row]
     if known:
         mean = np.mean([row["within_2"] for row in known])
         lines.append(
-            f"95 % intervals of {len(known)} parameters hold the true value in {100 * mean:.1f} % of the "
-            "runs."
+            f"95 % intervals of {len(known)} parameters contain the true value in {100 * mean:.1f} % of the runs."
         )
     elif found["coverage"]:
         ratio = np.median([row["ratio"] for row in found["coverage"]])
         lines.append(
-            f"Parameters of resampled recordings spread {ratio:.2f} times as much as their stated sigma "
-            "(median)."
+            f"The standard deviation of parameters over resampled recordings is {ratio:.2f} times their stated "
+            "sigma (median)."
         )
     return lines

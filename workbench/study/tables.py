@@ -1,4 +1,4 @@
-"""The table of a study: parts written whole as they come, and put together at the end without holding them all."""
+"""The table of a study: its parts are written atomically as they finish, and merged at the end one by one."""
 
 import errno
 import os
@@ -16,7 +16,7 @@ PARTS, TABLE, CSV = "parts", "table.parquet", "table.csv"
 
 
 def write_part(folder: Path, number: int, rows: Sequence[Row]) -> None:
-    """Part `number` (0, 1, …) of the table: whole under its name, or not there. InputError where it cannot be."""
+    """Write part `number` (0, 1, …) of the table atomically. Raises InputError if writing fails."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -28,7 +28,7 @@ def write_part(folder: Path, number: int, rows: Sequence[Row]) -> None:
 
 
 def _column(pa, cells):
-    """Whole numbers, numbers or text: the narrowest that holds all cells; a column of nothing is of numbers."""
+    """Integers, floats or text: the narrowest type of all cells; an empty column has floats."""
     kinds = {type(cell) for cell in cells if cell is not None}
     if kinds and kinds <= {int, bool}:
         return pa.array(cells, pa.int64())
@@ -43,9 +43,9 @@ def _name(number: int) -> str:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path`, moved there when the block ends well and removed when it does not.
+    """A temporary file in the folder of `path`, renamed to `path` if the block succeeds, else removed.
 
-    InputError, in one sentence, where the system refuses: a full disk, no permission.
+    Raises InputError if the system refuses, such as for a full disk or missing permission.
     """
     partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
     try:
@@ -55,15 +55,15 @@ def whole(path: Path) -> Iterator[Path]:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT)
         why = "the disk is full" if full else f"the system says '{problem.strerror}'"
         raise InputError(
-            f"{path} cannot be written, because {why}; make room or name another place with --out, and "
-            "the study goes on where it was"
+            f"{path} cannot be written: {why}. Free space or name another folder with --out; the same command "
+            "continues the study"
         ) from problem
     finally:
         partial.unlink(missing_ok=True)
 
 
 def parts_done(folder: Path) -> set[int]:
-    """Numbers of the parts that are there."""
+    """Numbers of the existing parts."""
     names = (path.name for path in (folder / PARTS).glob("part-*.parquet"))
     return {int(name.removeprefix("part-").removesuffix(".parquet")) for name in names}
 
@@ -71,7 +71,7 @@ def parts_done(folder: Path) -> set[int]:
 def put_together(folder: Path, parts: int) -> None:
     """Write table.parquet and table.csv from parts 0 … `parts` - 1, one part in memory at a time.
 
-    A column that some runs lack is empty there. A part's rows are in order of their run, and so is the table.
+    A column that some runs lack has empty cells. The rows are in order of the run numbers.
     """
     import pyarrow as pa
     import pyarrow.csv as pc
@@ -89,7 +89,7 @@ def put_together(folder: Path, parts: int) -> None:
 
 
 def _schema(pa, schemas):
-    """All columns in the order in which they are met; numbers where parts differ in kind, text before numbers."""
+    """All columns in order of appearance, each with the widest type of its parts (text, float, integer)."""
     rank, kinds = [pa.int64(), pa.float64(), pa.string()], {}
     for schema in schemas:
         for field in schema:

@@ -1,8 +1,8 @@
-"""What is varied: the values of every run, made block by block, so that a long study needs no more memory.
+"""Values of the varied parameters, computed block by block to limit the memory.
 
-Points of the unit cube by scipy.stats.qmc, scaled to each parameter's range. A Latin hypercube of more than `BLOCK`
-runs is a stack of hypercubes of `BLOCK` each (replicated Latin hypercube sampling: Iman, Comput. Stat. 1981), and a
-Sobol sequence is one sequence, wound on to its block.
+Points of the unit cube from scipy.stats.qmc, scaled to the range of each parameter. A Latin hypercube of more than
+`BLOCK` runs consists of hypercubes of `BLOCK` runs each (replicated Latin hypercube sampling: Iman, Comput. Stat.
+1981). A Sobol sequence is one sequence, advanced to the block.
 """
 
 import warnings
@@ -16,11 +16,11 @@ from workbench.study.spec import Axis, Study, Vary, validated
 
 BLOCK = 4096
 _DESIGN = 0x5EED
-"""Apart from the runs' own random numbers."""
+"""Separates the random numbers of the design from those of the runs."""
 
 
 def count(study: Study) -> int:
-    """Number of runs; InputError where the file leaves it open or asks for what cannot be."""
+    """Number of runs. Raises InputError if it is missing or not possible."""
     return _points(study.vary) * study.vary.repeats
 
 
@@ -40,8 +40,7 @@ def _grid(vary: Vary) -> int:
     total = prod(_levels(axis) for axis in vary.parameter)
     if vary.runs is not None and vary.runs != total:
         raise InputError(
-            f"study, key vary.runs: expected {total}, the points of the grid, found {vary.runs}; leave "
-            "it out"
+            f"study, key vary.runs: expected {total}, the points of the grid, found {vary.runs}; omit it"
         )
     return total
 
@@ -51,7 +50,7 @@ def _levels(axis: Axis) -> int:
 
 
 def _saltelli_base(vary: Vary) -> int:
-    """N of SALib's N (D + 2) points; a power of two, so that Sobol's sequence keeps its balance."""
+    """N of SALib's N (D + 2) points: a power of two, which keeps Sobol's sequence balanced."""
     width = len(vary.parameter) + 2
     if width < 4:
         raise InputError(
@@ -100,20 +99,20 @@ def _cube(method: str, width: int, points: int, seed: int, block: int) -> np.nda
     sequence = qmc.Sobol(width, rng=rng)
     with warnings.catch_warnings(
         action="ignore"
-    ):  # that the count is no power of two: a block is, the last may not be
+    ):  # warning on counts that are not powers of two: only the last block can be one
         return sequence.fast_forward(block * BLOCK).random(rows) if block else sequence.random(rows)
 
 
 @lru_cache(maxsize=1)
 def _saltelli(width: int, base: int, seed: int) -> np.ndarray:
-    """(base (width + 2), width): the scheme that SALib's Sobol indices want."""
+    """(base (width + 2), width): Saltelli's scheme for SALib's Sobol indices."""
     from SALib.sample import sobol
 
     return sobol.sample(problem(width), base, calc_second_order=False, seed=seed)
 
 
 def problem(width: int) -> dict:
-    """SALib's way to say that there are so many parameters, each from 0 to 1."""
+    """SALib's problem definition for `width` parameters from 0 to 1."""
     return {
         "num_vars": width,
         "names": [f"x{k}" for k in range(width)],
@@ -122,7 +121,7 @@ def problem(width: int) -> dict:
 
 
 def unit_of(axis: Axis, values: np.ndarray) -> np.ndarray:
-    """(n,) places in the unit interval of a parameter's values, as `_scaled` takes them."""
+    """(n,) positions of a parameter's values in the unit interval; the inverse of `_scaled`."""
     if axis.values is not None:
         index = [axis.values.index(value) for value in values.tolist()]
         return (np.array(index) + 0.5) / len(axis.values)
@@ -143,13 +142,12 @@ def _scaled(axis: Axis, u: float):
 
 
 def ends(axis: Axis) -> list:
-    """Values at which a study is checked before it starts: both ends, or all that are listed."""
+    """Values at which a study is validated: both ends, or all listed values."""
     return [axis.low, axis.high] if axis.values is None else list(axis.values)
 
 
 def with_values(study: Study, values: dict) -> Study:
-    """The study with the parameters of one run set where their paths say; InputError for a path that leads nowhere, or
-    a value that cannot be there."""
+    """The study with the parameters of one run. Raises InputError for an unknown path or an invalid value."""
     keys = study.model_dump()
     for axis in study.vary.parameter:
         if axis.name in values:
@@ -159,7 +157,7 @@ def with_values(study: Study, values: dict) -> Study:
 
 
 def _set(keys: dict, path: str, value, name: str) -> None:
-    """Put a value at `scene.effect.2.values.compliance`; numbers count the tables of a list from 1."""
+    """Set the value at a path such as `scene.effect.2.values.compliance`; tables of a list are numbered from 1."""
     *way, last = path.split(".")
     place = keys
     for part in way:

@@ -1,13 +1,13 @@
-"""Effects of weight, of a moving base, of the sensor and of the artefact: the maker's own laws.
+"""Effects of weight, of a moving base, of the sensor and of the artefact: independent laws for the benchmark.
 
-Each takes a generator and a world and returns a `Concealed`, or None where it cannot be here.
+Each takes a random generator and a world and returns a `PlantedEffect`, or None if it is not possible there.
 """
 
 import numpy as np
 
 from datasets.makers.blind import statics
 from datasets.makers.blind.joints import on_joint, pick
-from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.planted import PlantedEffect
 from datasets.makers.blind.world import Push, World
 
 _MOST_RAD = 2e-3
@@ -15,7 +15,7 @@ _UNLOADED_NM = 0.2
 
 
 def joint_compliance(rng, world, joint: int | None = None):
-    """A joint that yields to the whole torque of links and load."""
+    """A joint that deflects under the total torque of links and load."""
     k = _loaded(rng, np.ptp(world.torque, axis=0)) if joint is None else joint
     if k is None:
         return None
@@ -25,7 +25,7 @@ def joint_compliance(rng, world, joint: int | None = None):
         if np.any(world.payload) or world.arm.tool_mass
         else (("link-self-weight", f"joint-{k + 1}"),)
     )
-    return Concealed(
+    return PlantedEffect(
         "joint-compliance",
         f"joint-{k + 1}",
         lambda s: Push(joint_compliance=s * np.eye(world.joints)[k]),
@@ -37,7 +37,7 @@ def joint_compliance(rng, world, joint: int | None = None):
 
 
 def link_self_weight(rng, world):
-    """A joint that yields to the weight of the links alone, as where the load hangs on a balancer."""
+    """A joint that deflects under the weight of the links only, for example with a balanced load."""
     import dataclasses
 
     bare = dataclasses.replace(world.arm, tool_mass=0.0)
@@ -46,7 +46,7 @@ def link_self_weight(rng, world):
     if k is None:
         return None
     most = _MOST_RAD / np.abs(torque[:, k]).max()
-    return Concealed(
+    return PlantedEffect(
         "link-self-weight",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * torque[:, k])),
@@ -57,12 +57,12 @@ def link_self_weight(rng, world):
 
 
 def link_compliance(rng, world):
-    """A link that bends under what it carries."""
+    """A link that bends under its load."""
     k = _loaded(rng, np.ptp(world.moment, axis=0).max(axis=1) * _long(world))
     if k is None:
         return None
     most = _MOST_RAD / np.abs(world.moment[:, k]).max()
-    return Concealed(
+    return PlantedEffect(
         "link-compliance",
         f"link-{k + 1}",
         lambda s: Push(link_compliance=s * np.eye(world.joints)[k]),
@@ -75,16 +75,16 @@ def link_compliance(rng, world):
 def pedestal_compliance(rng, world):
     """A pedestal that tilts under the arm, somewhat more one way than the other."""
     both = rng.uniform(0.6, 1.0, 2)
-    return Concealed(
+    return PlantedEffect(
         "pedestal-compliance", "base", lambda s: Push(pedestal=s * both), 2e-6, 5e-5, "rad/(N m)"
     )
 
 
 def mount_tilt(rng, world):
-    """Gravity is not along the base's -z, and the joints yield to it."""
+    """Gravity is not along -z of the base, and the joints deflect accordingly."""
     side = rng.uniform(-np.pi, np.pi)
     tilt = np.array([np.cos(side), np.sin(side), 0.0])
-    return Concealed("mount-tilt", "base", lambda s: Push(gravity=s * tilt), 5e-3, 0.09, "rad")
+    return PlantedEffect("mount-tilt", "base", lambda s: Push(gravity=s * tilt), 5e-3, 0.09, "rad")
 
 
 def tool_deflection(rng, world):
@@ -95,50 +95,50 @@ def tool_deflection(rng, world):
         turn = world.flange(Push())[:, :3, :3]
         return Push(tip=s * np.einsum("nji,j->ni", turn, [0.0, 0.0, -1.0]) @ soft)
 
-    return Concealed("tool-deflection", "tool", act, 0.05, 1.5, "mm")
+    return PlantedEffect("tool-deflection", "tool", act, 0.05, 1.5, "mm")
 
 
 def axis_run_out(rng, world):
-    """A joint's axis that moves across itself once a turn, as its bearing's seat is off."""
+    """Run-out of a joint axis: a radial displacement once per revolution, from an eccentric bearing seat."""
     k = pick(rng, world)
     waves = np.stack([np.cos(world.angles[:, k]), np.sin(world.angles[:, k])])
     aside = np.zeros((world.n, world.joints, 3))
     aside[:, k, :2] = waves.T @ rng.normal(0, 1, (2, 2))
-    return Concealed(
+    return PlantedEffect(
         "axis-run-out", f"joint-{k + 1}", lambda s: Push(run_out=s * aside), 0.02, 0.4, "mm"
     )
 
 
 def base_drift(rng, world):
-    """A base, or an instrument, that wanders: one direction as it warms up and one at an even pace."""
+    """A base, or an instrument, that drifts: in one direction during warm-up and in one at a constant rate."""
     time = world.covariates.get("time_s", np.arange(world.n, dtype=float))
     share = time / time[-1]
     size = np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
     courses = np.stack([1 - np.exp(-share / rng.uniform(0.2, 0.6)), share * rng.uniform(-1, 1)])
     twist = courses.T @ (rng.normal(0, 1, (2, 6)) * size)
     detail = {"start": float(time[0]), "end": float(time[-1])}
-    return Concealed(
+    return PlantedEffect(
         "base-drift", "base", lambda s: Push(base=s * twist), 0.05, 1.0, "mm and mrad", detail
     )
 
 
 def range_scale(rng, world):
-    """A sensor whose range is off by a share of the distance."""
+    """A sensor with a range error proportional to the distance."""
     far = world.clean[:, 2]
     sensed = np.zeros((world.n, 3))
     sensed[:, 2] = far - 130.0
-    return Concealed(
+    return PlantedEffect(
         "range-scale", "sensor", lambda s: Push(sensed=s * sensed), 3e-3, 0.04, "mm/mm"
     )
 
 
 def field_bias(rng, world):
-    """A sensor whose range is off by a polynomial of the place in its field, a bowl or a saddle for the most part."""
+    """A sensor with a range error that is a polynomial of the field position, mostly a bowl or a saddle."""
     x, y = world.clean[:, :2].T / 35.0
     terms = np.stack([x, y, x * x, x * y, y * y])
     sensed = np.zeros((world.n, 3))
     sensed[:, 2] = (rng.normal(0, 1, 5) * [0.3, 0.3, 1, 1, 1]) @ terms
-    return Concealed("field-bias", "sensor", lambda s: Push(sensed=s * sensed), 0.05, 0.6, "mm")
+    return PlantedEffect("field-bias", "sensor", lambda s: Push(sensed=s * sensed), 0.05, 0.6, "mm")
 
 
 def ball_position(rng, world):
@@ -146,20 +146,22 @@ def ball_position(rng, world):
     k = int(rng.integers(len(world.targets)))
     way = rng.normal(0, 1, 3)
     off = np.where((world.index == k)[:, None], way / np.linalg.norm(way), 0.0)
-    return Concealed("ball-position", f"ball-{k + 1}", lambda s: Push(ball=s * off), 0.1, 1.5, "mm")
+    return PlantedEffect(
+        "ball-position", f"ball-{k + 1}", lambda s: Push(ball=s * off), 0.1, 1.5, "mm"
+    )
 
 
 def artefact_expansion(rng, world):
     """A plate that grows with temperature."""
     warm = world.covariates["temperature_c"] - 20.0
     grown = world.targets[world.index] * warm[:, None]
-    return Concealed(
+    return PlantedEffect(
         "artefact-expansion", "artefact", lambda s: Push(ball=s * grown), 2e-5, 8e-5, "1/K"
     )
 
 
 def _loaded(rng, swing) -> int | None:
-    """One of the joints or links whose load varies, from 0."""
+    """A random joint or link with a varying load, numbered from 0."""
     able = np.flatnonzero(swing > _UNLOADED_NM)
     return int(rng.choice(able)) if able.size else None
 

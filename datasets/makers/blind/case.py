@@ -1,4 +1,4 @@
-"""One case of the examination, drawn from a seed: a recording that anyone may read and a truth that is sealed."""
+"""One blind case, drawn from a seed: a public recording and a hash-committed truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from datasets.mujoco_arm import StaticsError
 
 _TRIES = 60
 _HIDDEN = 0.25
-"""Most of a swallowed effect that may be left where a fit has seen the samples."""
+"""Largest share of an absorbed effect that may remain in the fitted samples."""
 
 
 @dataclass(frozen=True)
 class Case:
     """A recording's columns (file units), robot and balls, and its truth; `baseline` is part of the question.
 
-    balls: ball -> x, y, z, radius mm. sigma_mm: what the file says; None says nothing.
+    balls: ball -> x, y, z, radius mm. sigma_mm: as stated in the file; None: not stated.
     """
 
     measures: str
@@ -40,11 +40,11 @@ def draw(suite: str, index: int, seed: int) -> Case:
         question = asked(rng, index)
         try:
             world = workplace.draw(rng, question.wish)
-            found = _concealed(rng, world, question)
+            found = _planted(rng, world, question)
         except (
             ValueError,
             StaticsError,
-        ):  # an arm that cannot work where chance put it, or cannot carry itself
+        ):  # an arm that cannot reach its workplace or cannot carry its weight
             continue
         if found is not None:
             return _case(rng, suite, index, world, question, found)
@@ -53,31 +53,31 @@ def draw(suite: str, index: int, seed: int) -> Case:
     )
 
 
-def _concealed(rng, world: World, question) -> list[Sized] | None:
-    """The effects of a question at their sizes; None where one of them cannot be here."""
+def _planted(rng, world: World, question) -> list[Sized] | None:
+    """The effects of a question at their sizes; None if one of them is not possible."""
     base = surviving.basis(world)
     found = []
     for name, wanted in zip(question.names, question.sizes):
         one = question.law(name)(rng, world)
         if one is None:
             return None
-        within = base if one.effect != "unknown" else outside.beside(world, base, one)
+        within = base if one.effect != "unknown" else outside.local_basis(world, base, one)
         sign = 1.0 if question.one_sided(name) else float(rng.choice([-1, 1]))
         at = sized(world, within, one, wanted, sign)
         if at is None or (not one.fixed and at.survives < question.least):
             return None
         found.append(at)
-    if len({(s.concealed.effect, s.concealed.where) for s in found}) < len(found):
+    if len({(s.planted.effect, s.planted.where) for s in found}) < len(found):
         return None
     return found if not world.part.any() or _hidden(world, found[0]) <= _HIDDEN else None
 
 
 def _hidden(world: World, one: Sized) -> float:
-    """What a fit of the samples outside the part leaves of the effect there, as a share of the whole effect's size."""
+    """Residual effect in the samples outside the part after a fit to them, relative to the size of the effect."""
     shown = world.only(~world.part)
     change = world.measured(one.push) - world.clean
-    rest = surviving.left(surviving.basis(shown), change[~world.part])
-    return surviving.rms(rest) / surviving.rms(change)
+    remaining = surviving.left(surviving.basis(shown), change[~world.part])
+    return surviving.rms(remaining) / surviving.rms(change)
 
 
 def _case(rng, suite, index, world: World, question, found) -> Case:
@@ -86,8 +86,8 @@ def _case(rng, suite, index, world: World, question, found) -> Case:
     points = exact + _noise(rng, world, question.scatter, push)
     columns = _columns(world, points)
     for one in found:
-        if one.concealed.effect == "unit-or-frame":
-            columns = data.garbled(columns, one.concealed.detail)
+        if one.planted.effect == "unit-or-frame":
+            columns = data.garbled(columns, one.planted.detail)
     order = _order(rng, world, question.shuffled)
     columns = {
         name: column if name == "pose" else column[order]  # poses are numbered as the file has them
@@ -112,7 +112,7 @@ def _case(rng, suite, index, world: World, question, found) -> Case:
 
 
 def _order(rng, world: World, shuffled: bool) -> np.ndarray:
-    """(n,) rows as the file has them: as they were measured, or poses in any order, each kept whole."""
+    """(n,) order of the rows in the file: as measured, or with shuffled poses (rows of a pose stay together)."""
     count = len(world.targets) if world.measures == "external-point" else 1
     poses = np.arange(world.n).reshape(-1, count)
     return (rng.permutation(poses) if shuffled else poses).ravel()

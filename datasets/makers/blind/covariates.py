@@ -1,4 +1,4 @@
-"""What is recorded beside the joints: time, temperature, payload, how a joint came to its place, speeds."""
+"""Recorded covariates: time, temperature, payload, direction of approach of each joint, speeds."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ _KELVIN = 0.25  # what the thermometer shows
 def draw(
     rng: np.random.Generator, joints_deg: np.ndarray, need: frozenset, part: np.ndarray, split: str
 ) -> dict:
-    """Columns in file units: those of the kinds that are needed, and others as chance has it.
+    """Columns in file units: the needed kinds, and others at random.
 
-    joints_deg: (n, J), one row a pose. part: (n,) True where a swallowed effect shows;
-    split: "payload" or "temperature" makes it another one there, anything else does not.
+    joints_deg: (n, J), one row per pose. part: (n,) True where an absorbed effect shows;
+    split: with "payload" or "temperature", this covariate differs there.
     """
     n = len(joints_deg)
     kinds = {kind for kind in KINDS if kind in need or rng.random() < _OFTEN[kind]} | {split} & set(
@@ -36,7 +36,7 @@ def draw(
 
 
 def _temperature(rng, time, part, split):
-    """A machine that warms up, and the day outside; only the part is warm where that is what tells it."""
+    """Warm-up of the machine and daily variation; with split "temperature" only the part is warm."""
     span = time[-1]
     rise = rng.uniform(6, 14) * (1 - np.exp(-time / (span * rng.uniform(0.15, 0.6))))
     day = rng.uniform(0.5, 2) * np.sin(
@@ -49,7 +49,7 @@ def _temperature(rng, time, part, split):
 
 
 def _payload(rng, part, split):
-    """kg, changed every few poses; only the part is loaded where that is what tells it."""
+    """kg, changed every few poses; with split "payload" only the part is loaded."""
     if split == "payload":
         return np.where(part, round(rng.uniform(2.0, 4.0), 2), 0.0)
     n, block = len(part), int(rng.integers(8, 26))

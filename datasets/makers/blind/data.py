@@ -1,13 +1,13 @@
-"""Effects of the data themselves: outliers, a spread that depends on something, units and frames mistaken."""
+"""Effects on the data: outliers, heteroscedastic noise, mistaken units and frames."""
 
 import numpy as np
 
-from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.planted import PlantedEffect
 from datasets.makers.blind.world import Push
 
 
 def outliers(rng, world):
-    """A few samples that are off by 8 to 25 sigma, each its own way: somebody stood in the beam."""
+    """Outliers: a few samples off by 8 to 25 sigma in random directions, as from an interrupted beam."""
     count = int(rng.integers(2, max(3, world.n // 50) + 1))
     rows = rng.choice(world.n, count, replace=False)
     way = rng.normal(0, 1, (count, 3))
@@ -19,13 +19,13 @@ def outliers(rng, world):
         * world.sigma
     )
     detail = {"samples": sorted(int(r) + 1 for r in rows)}
-    return Concealed(
+    return PlantedEffect(
         "outliers", "samples", lambda s: Push(sensed=s * off), 1.0, 1.0, "1", detail, fixed=True
     )
 
 
 def noise_heteroscedastic(rng, world):
-    """A spread that grows with something recorded; the mean stays."""
+    """Noise whose standard deviation grows with a recorded covariate."""
     able = [
         name
         for name in ("temperature_c", "payload_kg", "time_s")
@@ -37,7 +37,7 @@ def noise_heteroscedastic(rng, world):
     by = world.covariates[name]
     by = (by - by.mean()) / by.std()
     size = rng.uniform(0.35, 0.9)
-    return Concealed(
+    return PlantedEffect(
         "noise-heteroscedastic",
         "noise",
         lambda s: Push(spread=s * by),
@@ -50,11 +50,11 @@ def noise_heteroscedastic(rng, world):
 
 
 def unit_or_frame(rng, world):
-    """What somebody mistook when the file was written; `garbled` makes it."""
+    """A mistake of units or frames in the file; `garbled` applies it."""
     kind = str(rng.choice(["axis-flipped", "joints-permuted", "joint-sign", "rows-shifted"]))
     joint = int(rng.integers(1, world.joints - 1))
     detail = {"kind": kind, "axis": str(rng.choice(["x_mm", "y_mm", "z_mm"])), "joint": joint + 1}
-    return Concealed(
+    return PlantedEffect(
         "unit-or-frame", "samples", lambda s: Push(), 1.0, 1.0, "1", detail, fixed=True
     )
 

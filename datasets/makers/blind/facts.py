@@ -1,7 +1,6 @@
-"""What a manual says of an arm: nominal rows of a robot file, with masses and gears invented where it has none.
+"""Data-sheet values of an arm: nominal rows of a robot file; missing masses and gear ratios are drawn.
 
-The files of `robot_model/robots` are read as plain TOML: their numbers are facts, and none of the
-code that uses them elsewhere is used here.
+The files of `robot_model/robots` are read as plain TOML, without code of `robot_model`.
 """
 
 import tomllib
@@ -15,7 +14,7 @@ _ROW = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "hayati", "sign", "coupled")
 # How the mass of an arm of this kind is shared among its six bodies.
 _SHARES = np.array([0.30, 0.27, 0.20, 0.12, 0.08, 0.03])
 _LIMITS = "limits_deg"
-_WIDEST = 175.0  # deg either way: more is another turn of the same pose
+_WIDEST = 175.0  # deg either way: more is another revolution of the same pose
 
 
 def names() -> list[str]:
@@ -25,13 +24,13 @@ def names() -> list[str]:
 
 def robot(name: str, rng: np.random.Generator) -> dict:
     """A robot.toml as a mapping: lengths of the manual, masses, tool and, in half of the cases, gear ratios."""
-    told = tomllib.loads((ROBOTS / f"{name}.toml").read_text(encoding="utf-8"))
-    rows = [{key: row[key] for key in _ROW if key in row} for row in told["joint"]]
+    nominal = tomllib.loads((ROBOTS / f"{name}.toml").read_text(encoding="utf-8"))
+    rows = [{key: row[key] for key in _ROW if key in row} for row in nominal["joint"]]
     rows = [
         row | {"limits_deg": _limits(one)} if _LIMITS in one else row
-        for row, one in zip(rows, told["joint"])
+        for row, one in zip(rows, nominal["joint"])
     ]
-    for row, body in zip(rows, _bodies(told["joint"], rng)):
+    for row, body in zip(rows, _bodies(nominal["joint"], rng)):
         row.update(body)
     if rng.random() < 0.5:
         for row in rows:
@@ -41,7 +40,7 @@ def robot(name: str, rng: np.random.Generator) -> dict:
         "com_mm": _rounded(rng.uniform([-40, -40, 20], [40, 40, 90])),
     }
     return {
-        "name": told["name"],
+        "name": nominal["name"],
         "convention": "distal",
         "gravity": [0.0, 0.0, -1.0],
         "source": "lengths of the maker's manual, masses by estimate",

@@ -1,4 +1,4 @@
-"""Cases of the suite "sensor": rendered recordings of a scanner, one flaw or none concealed in each."""
+"""Cases of the suite "sensor": rendered recordings of a scanner with one planted effect or none."""
 
 import hashlib
 import json
@@ -10,23 +10,23 @@ import numpy as np
 from datasets.makers import blind_images
 
 _FLAWLESS = 8
-"""One case in so many is a scanner without a flaw."""
+"""One of this number of cases is a scanner without a planted effect."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A case to be rendered; `told` is its truth, filled when the images are."""
+    """A case to be rendered; `found` holds its truth after the rendering."""
 
     suite: str
     index: int
     seed: int
     effect: str | None
     size: float
-    told: dict = field(default_factory=dict)
+    found: dict = field(default_factory=dict)
 
 
 def draw(suite: str, index: int, seed: int) -> Case:
-    """Every flaw in turn, at half to twice what a poor instrument has; and now and then none."""
+    """Every effect in turn, at half to twice the size on a poor instrument; at intervals none."""
     rng = np.random.default_rng([seed, 555, index])
     flaw = (
         None
@@ -43,12 +43,12 @@ def draw(suite: str, index: int, seed: int) -> Case:
 
 
 def recording(case: Case, folder: Path) -> None:
-    """Render the images into a new folder, and keep their truth in `case.told`."""
-    case.told.update(blind_images.make(case.seed, folder, case.effect, case.size))
+    """Render the images into a new folder, and keep their truth in `case.found`."""
+    case.found.update(blind_images.make(case.seed, folder, case.effect, case.size))
 
 
 def truth(case: Case, salt: str) -> str:
-    """The sealed text, once the images are rendered."""
+    """The text of the truth, after the rendering."""
     known = {
         "robot": "a scanner",
         "samples": None,
@@ -56,10 +56,10 @@ def truth(case: Case, salt: str) -> str:
         "noise": "of images",
         "baseline": "geometry",
     }
-    told = {**known, **case.told, "suite": case.suite, "index": case.index, "salt": salt}
-    return json.dumps(told, indent=1, sort_keys=True) + "\n"
+    keys = {**known, **case.found, "suite": case.suite, "index": case.index, "salt": salt}
+    return json.dumps(keys, indent=1, sort_keys=True) + "\n"
 
 
 def salt(seed: int, suite: str, index: int) -> str:
-    """The same for the same case."""
+    """Salt of a case, deterministic."""
     return hashlib.sha256(f"salt {seed} {suite} {index}".encode()).hexdigest()[:32]

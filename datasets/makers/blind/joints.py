@@ -1,11 +1,11 @@
-"""Effects between a joint's reading and its angle, and heat: the maker's own laws, one function an effect.
+"""Effects between joint reading and joint angle, and thermal effects: one independent law per function.
 
-Each takes a generator and a world and returns a `Concealed`, or None where it cannot be here.
+Each takes a random generator and a world and returns a `PlantedEffect`, or None if it is not possible there.
 """
 
 import numpy as np
 
-from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.planted import PlantedEffect
 from datasets.makers.blind.world import Push, World
 
 _MOST_RAD = 4e-3
@@ -24,7 +24,7 @@ def on_joint(world: World, k: int, angle: np.ndarray) -> np.ndarray:
 
 
 def transmission_harmonic(rng, world, order: int | None = None, joint: int | None = None):
-    """A gear or encoder that errs n times a turn; with gear ratios told, n may be a gear's."""
+    """Transmission error with n cycles per revolution; if gear ratios are stated, n may be that of a gear."""
     k = pick(rng, world) if joint is None else joint
     gear = world.robot["joint"][k].get("gear_ratio", 2)
     n = int(
@@ -33,7 +33,7 @@ def transmission_harmonic(rng, world, order: int | None = None, joint: int | Non
     )
     wave = np.cos(n * world.angles[:, k] + rng.uniform(-np.pi, np.pi))
     detail = {"order": n}
-    return Concealed(
+    return PlantedEffect(
         "transmission-harmonic",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * wave)),
@@ -45,10 +45,10 @@ def transmission_harmonic(rng, world, order: int | None = None, joint: int | Non
 
 
 def backlash(rng, world, joint: int | None = None):
-    """A gap: the joint stops short of its reading on the side that it came from, half of it."""
+    """Backlash: the joint stops short of its reading, on the side of its approach, by half the gap."""
     k = pick(rng, world) if joint is None else joint
     side = world.covariates[f"approach{k + 1}"]
-    return Concealed(
+    return PlantedEffect(
         "backlash",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * side)),
@@ -60,14 +60,14 @@ def backlash(rng, world, joint: int | None = None):
 
 
 def backlash_by_gravity(rng, world):
-    """A gap that gravity closes: which side, the sign of the torque says."""
+    """Backlash closed by gravity: the sign of the torque determines the side."""
     k = pick(rng, world)
     torque = world.torque[:, k]
     soft = rng.uniform(0.01, 0.1) * np.abs(torque).max()
     if (torque > 0).mean() < 0.1 or (torque < 0).mean() < 0.1 or np.abs(torque).max() < 0.3:
         return None
     side = np.tanh(torque / soft)
-    return Concealed(
+    return PlantedEffect(
         "backlash",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * side)),
@@ -79,10 +79,10 @@ def backlash_by_gravity(rng, world):
 
 
 def joint_coupling(rng, world):
-    """A joint that turns by a share of another's motion."""
+    """A joint that rotates by a share of another joint's motion."""
     k, other = (int(x) for x in rng.choice(world.joints, 2, replace=False))
     swing = world.angles[:, other]
-    return Concealed(
+    return PlantedEffect(
         "joint-coupling",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * swing)),
@@ -102,7 +102,7 @@ def zero_shift(rng, world):
     after = (np.arange(world.n) >= first).astype(float)
     clock = world.covariates.get("time_s", np.arange(world.n, dtype=float))
     detail = {"after": float((clock[first - 1] + clock[first]) / 2), "row": first}
-    return Concealed(
+    return PlantedEffect(
         "zero-shift",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * after)),
@@ -114,10 +114,10 @@ def zero_shift(rng, world):
 
 
 def encoder_quantisation(rng, world):
-    """The drive stands on the nearest count and not where the reading says."""
+    """Encoder quantisation: the drive stops at the nearest count instead of the reading."""
     k = pick(rng, world)
     reading = world.readings[:, k]
-    return Concealed(
+    return PlantedEffect(
         "encoder-quantisation",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * np.round(reading / s) - reading)),
@@ -128,12 +128,12 @@ def encoder_quantisation(rng, world):
 
 
 def time_offset(rng, world):
-    """The readings are of another instant than the measurement, while the arm moves."""
+    """Readings and measurement have a time offset while the arm moves."""
     speed = np.deg2rad(
         np.column_stack([world.covariates[f"qdot{k}_deg_s"] for k in range(1, world.joints + 1)])
     )
     speed = speed @ world.arm.mixing.T
-    return Concealed("time-offset", "time", lambda s: Push(joint=s * speed), 1e-3, 0.1, "s")
+    return PlantedEffect("time-offset", "time", lambda s: Push(joint=s * speed), 1e-3, 0.1, "s")
 
 
 def reading_lag(rng, world):
@@ -160,14 +160,16 @@ def reading_lag(rng, world):
         0.5 * braking[slowest] / np.maximum(far[np.arange(world.n), slowest], 1e-9)
     )  # of the way, at t^2 = 1
     left = way * np.where(time.max(1) > 0, share, 0)[:, None] / 5.0
-    return Concealed("reading-lag", "time", lambda s: Push(joint=s * left), 1e-4, _MOST_RAD, "rad")
+    return PlantedEffect(
+        "reading-lag", "time", lambda s: Push(joint=s * left), 1e-4, _MOST_RAD, "rad"
+    )
 
 
 def joint_thermal_drift(rng, world):
     """An encoder's zero that moves with temperature."""
     k = pick(rng, world)
     warm = world.covariates["temperature_c"] - 20.0
-    return Concealed(
+    return PlantedEffect(
         "joint-thermal-drift",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * warm)),
@@ -178,12 +180,12 @@ def joint_thermal_drift(rng, world):
 
 
 def link_thermal_growth(rng, world):
-    """A link that grows with temperature, built anew at every temperature."""
+    """A link that expands with temperature; the arm model is rebuilt at every temperature."""
     lengths = np.abs(world.arm.geometry[:, 1:3]).max(axis=1)
     k = int(rng.choice(np.flatnonzero(lengths > 50)))
     warm = world.covariates["temperature_c"] - 20.0
     # steel grows by 1.2e-5 a kelvin, aluminium by 2.3e-5; a link that is warmer than the air shows more
-    return Concealed(
+    return PlantedEffect(
         "link-thermal-growth",
         f"link-{k + 1}",
         lambda s: Push(growth=on_joint(world, k, s * warm)),

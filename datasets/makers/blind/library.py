@@ -1,4 +1,4 @@
-"""The effects that the vocabulary has a name for, what each needs of its world, and how often it is drawn."""
+"""The effects of the vocabulary, their requirements on the world, and their weights in the draw."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ ROWS = {
 }
 """What can be drawn; "backlash-by-gravity" is a backlash whose side gravity chooses."""
 
-SWALLOWED = {
+ABSORBED = {
     "transmission-harmonic": "workspace",
     "link-thermal-growth": "temperature",
     "joint-thermal-drift": "temperature",
@@ -69,7 +69,7 @@ SWALLOWED = {
     "pedestal-compliance": "payload",
     "range-scale": "workspace",
 }
-"""Effects that a fit hides almost entirely, and what tells the part of the samples where they show."""
+"""Effects that a fit absorbs almost completely -> the property that defines the part of the samples where they show."""
 
 WITHHELD = {
     "backlash": ("approach", ("approach", "last motion", "last move", "came from")),
@@ -78,4 +78,4 @@ WITHHELD = {
     "joint-thermal-drift": ("temperature", ("temperature",)),
     "time-offset": ("speed", ("speed", "qdot", "velocity")),
 }
-"""Effect -> the kind of covariate that is left out of the file, and words by which an answer names it."""
+"""Effect -> the kind of covariate that is withheld, and words by which an answer requests it."""

@@ -1,10 +1,10 @@
-"""Physics that no row of the vocabulary makes: a diagnosis must say that it has no name for it, and where it is."""
+"""Effects outside the vocabulary: a diagnosis must report them as unexplained, at their place."""
 
 import numpy as np
 
 from datasets.makers import poses
 from datasets.makers.blind.joints import on_joint
-from datasets.makers.blind.planted import Concealed
+from datasets.makers.blind.planted import PlantedEffect
 from datasets.makers.blind.world import Push
 
 _MOST_RAD = 6e-3
@@ -16,7 +16,7 @@ def _named(k: int, *kinds: str) -> tuple[str, ...]:
 
 
 def hose_on_the_wrist(rng, world):
-    """A hose from forearm to flange pulls once it is taut; one joint of the wrist yields to its torque."""
+    """A hose from forearm to flange pulls when it is taut; one wrist joint deflects under its torque."""
     k = int(rng.choice([3, 4]))
     start = rng.uniform([-120, -120, -20], [120, 120, 80])
     end = rng.uniform([-90, -90, 0], [90, 90, 40])
@@ -32,7 +32,7 @@ def hose_on_the_wrist(rng, world):
     torque = (energy[0] - energy[1]) / 2e-4
     pull = torque / max(np.abs(torque).max(), 1e-9)
     wrist = ("q4_deg", "q5_deg", "q6_deg", "q4", "q5", "q6")
-    return Concealed(
+    return PlantedEffect(
         "unknown",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * pull)),
@@ -45,7 +45,7 @@ def hose_on_the_wrist(rng, world):
 
 
 def loose_bolt(rng, world):
-    """A link's flange that tips to the side on which the load hangs, across the link: it has play there."""
+    """A link flange with clearance that tips to the side of the load, across the link."""
     swing = [
         (np.abs(m).max(), (m > 0).mean())
         for m in world.moment.transpose(1, 2, 0).reshape(-1, world.n)
@@ -64,7 +64,7 @@ def loose_bolt(rng, world):
     moved = tuple(
         name for j in range(1, world.joints) for name in _named(j, "q", "torque", "moment")
     )
-    return Concealed(
+    return PlantedEffect(
         "unknown",
         f"link-{k + 1}",
         lambda s: Push(bend=s * bend),
@@ -78,13 +78,13 @@ def loose_bolt(rng, world):
 
 
 def stick_slip(rng, world):
-    """A joint that stops where friction holds it: the harder the load presses, the farther short of its place."""
+    """A joint that friction stops early: the stopping error grows with the load."""
     k = int(rng.choice([1, 2, 4]))
     torque = np.abs(world.torque[:, k])
     if torque.max() < 0.5 or np.std(torque) < 0.35 * torque.mean():
         return None
     stuck = -world.covariates[f"approach{k + 1}"] * torque**1.5 / torque.max() ** 1.5
-    return Concealed(
+    return PlantedEffect(
         "unknown",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * stuck)),
@@ -97,13 +97,13 @@ def stick_slip(rng, world):
 
 
 def neighbours_cycle(rng, world):
-    """A floor that moves with a neighbour's cycle: a press or a crane, several times in the recording."""
+    """A floor that moves with the cycle of a nearby machine, several times in the recording."""
     time = world.covariates["time_s"]
     turns = rng.uniform(4, 12)
     phase = 2 * np.pi * turns * time / time[-1] + rng.uniform(0, 6)
     course = np.tanh(3 * np.sin(phase)) if rng.random() < 0.5 else np.sin(phase)
     twist = course[:, None] * rng.normal(0, 1, 6) * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
-    return Concealed(
+    return PlantedEffect(
         "unknown",
         "base",
         lambda s: Push(base=s * twist),
@@ -116,13 +116,13 @@ def neighbours_cycle(rng, world):
 
 
 def worn_patch(rng, world):
-    """A gear that is worn where it works most: a bump of its error at one angle, and none elsewhere."""
+    """A locally worn gear: a transmission error at one angle only."""
     k = int(rng.integers(world.joints))
     angle = world.angles[:, k]
     wide = rng.uniform(0.06, 0.14) * np.ptp(angle)
     at = rng.choice(angle)
     bump = np.exp(-(((angle - at) / wide) ** 2))
-    return Concealed(
+    return PlantedEffect(
         "unknown",
         f"joint-{k + 1}",
         lambda s: Push(joint=on_joint(world, k, s * bump)),
@@ -144,10 +144,10 @@ CAUSES = {
 """Cause -> its law, and the kinds of covariates that must be recorded."""
 
 
-def beside(world, base: np.ndarray, one: Concealed) -> np.ndarray:
-    """(3 n, R): the baseline and what named effects at the same place, or one as good, could make of it.
+def local_basis(world, base: np.ndarray, one: PlantedEffect) -> np.ndarray:
+    """(3 n, R): basis of the baseline and of the named effects at the same or an equivalent place.
 
-    So that the size of a case is what no name can take from it.
+    The size of a case is that of the part orthogonal to this basis, which no named effect explains.
     """
     pushes = [
         push
@@ -155,9 +155,10 @@ def beside(world, base: np.ndarray, one: Concealed) -> np.ndarray:
         for push in _named_at(world, where)
     ]
     columns = [(world.measured(push) - world.clean).ravel() for push in pushes]
-    rest = np.column_stack([column - base @ (base.T @ column) for column in columns])
-    size = np.linalg.norm(rest, axis=0)
-    u, s, _ = np.linalg.svd(rest[:, size > 1e-9] / size[size > 1e-9], full_matrices=False)
+    remaining = np.column_stack([column - base @ (base.T @ column) for column in columns])
+    size = np.linalg.norm(remaining, axis=0)
+    scaled = remaining[:, size > 1e-9] / size[size > 1e-9]
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     return np.column_stack([base, u[:, s > 1e-6 * s[0]]])
 
 

@@ -1,4 +1,4 @@
-"""What one concealed effect is: its name and place, what it does at a given size, and how large it may be."""
+"""A planted effect: name, place, action at a given size, and plausible range of sizes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -10,14 +10,13 @@ from datasets.makers.blind.world import Push, World
 
 
 @dataclass(frozen=True)
-class Concealed:
+class PlantedEffect:
     """One effect at one place.
 
-    act: size -> Push. trial: a size at which it is certainly visible and still small; most: the
-    largest that a real machine would have. detail: what a fit that knows the truth must be told
-    (order, instant, ...). accept: other (effect, where) that are the very same thing in these data.
-    places: other places that are the same. depends_on: covariates that an unnamed law depends on, any
-    of which is right. fixed: it has one size, and is not scaled.
+    act: size -> Push. trial: a size that is detectable and still small; most: the largest size on a
+    real machine. detail: options that an oracle fit needs (order, instant, ...). accept: other
+    (effect, where) that are equivalent in these data. places: equivalent places. depends_on:
+    covariates of an effect outside the vocabulary, any of which is correct. fixed: the size is not scaled.
     """
 
     effect: str
@@ -35,17 +34,17 @@ class Concealed:
 
 @dataclass(frozen=True)
 class Sized:
-    """An effect at the size that a case has: what it adds, what of it survives, in sigma of a coordinate."""
+    """A planted effect at the size of a case; `survives`: RMS orthogonal to the baseline, in sigma of a coordinate."""
 
-    concealed: Concealed
+    planted: PlantedEffect
     size: float
     push: Push
     survives: float
     share: float
 
     def truth(self) -> dict:
-        """What the sealed answer says of it."""
-        one = self.concealed
+        """Its entry in the truth."""
+        one = self.planted
         return {
             "effect": one.effect,
             "where": one.where,
@@ -65,12 +64,12 @@ _ENLARGED = 1.5
 
 
 def sized(
-    world: World, base: np.ndarray, one: Concealed, wanted: float, sign: float = 1.0
+    world: World, base: np.ndarray, one: PlantedEffect, wanted: float, sign: float = 1.0
 ) -> Sized | None:
-    """The effect at the size that leaves `wanted` sigma, RMS over coordinates, after the baseline.
+    """The effect at the size with `wanted` sigma, RMS over coordinates, orthogonal to the baseline.
 
-    None where the baseline swallows all of it, or nothing of it is to be seen here. At most `most`,
-    and then less survives. sign: 1 or -1.
+    None if the baseline absorbs it completely or it has no effect here. The size is at most `most`; the
+    orthogonal part is then smaller. sign: 1 or -1.
     """
     size = one.trial
     for _ in range(1 if one.fixed else 3):  # a step of the encoder does not grow in proportion
@@ -87,7 +86,8 @@ def _at(world, base, one, size) -> Sized:
     push = one.act(size)
     change = world.measured(push) - world.clean
     whole = surviving.rms(change)
-    if np.any(push.spread):  # what a spread does is in the scatter, not in the mean
+    if np.any(push.spread):  # an effect on the noise does not change the mean
         return Sized(one, size, push, float(np.std(push.spread)), 1.0)
-    rest = surviving.rms(surviving.left(base, change))
-    return Sized(one, size, push, rest / world.sigma, rest / whole if whole > 0 else 0.0)
+    remaining = surviving.rms(surviving.left(base, change))
+    share = remaining / whole if whole > 0 else 0.0
+    return Sized(one, size, push, remaining / world.sigma, share)

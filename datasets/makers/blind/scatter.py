@@ -1,4 +1,4 @@
-"""How a case is noisy."""
+"""Noise model of a case."""
 
 from dataclasses import dataclass
 

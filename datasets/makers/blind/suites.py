@@ -1,4 +1,4 @@
-"""What each suite asks: which effects, how large, in what world, with what noise, and what the file leaves out."""
+"""Definition of the suites: effects, sizes, world, noise, and withheld covariates."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,10 +15,10 @@ SUITES = ("clean", "library", "swallowed", "pairs", "outside", "covariate-withhe
 
 @dataclass(frozen=True)
 class Question:
-    """names, sizes: the effects and what of each shall survive, sigma RMS a coordinate. least: what must.
+    """names, sizes: effects and their RMS per coordinate orthogonal to the baseline, sigma. least: smallest RMS.
 
-    withheld: kinds of covariates that are left out; words: by which of them an answer names what was.
-    shuffled: rows stand in no order of time.
+    withheld: kinds of covariates that the file lacks; words: names by which an answer requests them.
+    shuffled: the rows are not in order of time.
     """
 
     names: tuple[str, ...] = ()
@@ -47,7 +47,7 @@ def asked(suite: str) -> Callable[[np.random.Generator, int], Question]:
 
 
 def _clean(rng, index) -> Question:
-    """Nothing: with covariates that vary for no reason, heavy tails, a wrong sigma, or none at all."""
+    """No effect: with irrelevant covariates, heavy-tailed noise, a wrong sigma, or no sigma."""
     kind = index % 5
     scatter = {
         2: Scatter(degrees=float(rng.choice([4, 6, 10]))),
@@ -78,11 +78,11 @@ def _size(rng, index: int) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _swallowed(rng, index) -> Question:
-    """Effects that the fit hides, in samples of which a fifth tells them."""
-    name = str(rng.choice(list(library.SWALLOWED)))
+def _absorbed(rng, index) -> Question:
+    """Effects that the fit absorbs, in samples of which a fifth reveals them."""
+    name = str(rng.choice(list(library.ABSORBED)))
     row = library.ROWS[name]
-    wish = replace(row.wish, split=library.SWALLOWED[name], samples=(200, 800))
+    wish = replace(row.wish, split=library.ABSORBED[name], samples=(200, 800))
     return Question((name,), (float(np.exp(rng.uniform(np.log(0.5), np.log(4)))),), wish, least=0.2)
 
 
@@ -116,14 +116,14 @@ _ON_JOINTS = (
 
 
 def _outside(rng, index) -> Question:
-    """Physics without a name."""
+    """Effects outside the vocabulary."""
     name = list(outside.CAUSES)[index % len(outside.CAUSES)]
     wish = Wish(need=outside.CAUSES[name][1], samples=(200, 1000))
     return Question((name,), (float(np.exp(rng.uniform(0, np.log(8)))),), wish, least=0.8)
 
 
 def _withheld(rng, index) -> Question:
-    """An effect whose covariate the file does not hold, in rows that stand in no order."""
+    """An effect whose covariate is withheld, in shuffled rows."""
     name = list(library.WITHHELD)[index % len(library.WITHHELD)]
     kind, words = library.WITHHELD[name]
     gone = (
@@ -149,7 +149,7 @@ def _drawn(rng, rows) -> str:
 _ASKED: dict[str, Callable[[np.random.Generator, int], Question]] = {
     "clean": _clean,
     "library": _library,
-    "swallowed": _swallowed,
+    "swallowed": _absorbed,
     "pairs": _pairs,
     "outside": _outside,
     "covariate-withheld": _withheld,

@@ -1,7 +1,7 @@
-"""How much of an effect a fit of the geometry leaves to be seen: the maker's own numerical baseline.
+"""Part of an effect orthogonal to the baseline, from an independent numerical baseline.
 
-The derivative of the measured point by every number of base, rows and tool is taken by finite
-differences of the maker's own rigid kinematics. What lies in its span, a calibration swallows.
+The derivative of the measured point with respect to every number of base, rows and tool is taken by finite
+differences of an independent rigid kinematic model. A calibration absorbs everything in its span.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ _RANK = 1e-7
 
 
 def basis(world: World) -> np.ndarray:
-    """(3 n, R) orthonormal: what a fit of the baseline can make of the measurement, to first order."""
+    """(3 n, R) orthonormal basis of the measurement changes that a fit of the baseline absorbs, to first order."""
     start = world.arm.geometry
     still = _at(world, start)
     columns = [(_at(world, *moved) - still).ravel() for moved in _moves(world, start)]
@@ -29,7 +29,7 @@ def basis(world: World) -> np.ndarray:
 
 
 def left(base: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """(3 n,) of a change (n, 3) what the baseline cannot make."""
+    """(3 n,) the part of a change (n, 3) orthogonal to the baseline."""
     flat = change.ravel()
     return flat - base @ (base.T @ flat)
 
@@ -79,7 +79,7 @@ def _twists() -> Iterator[np.ndarray]:
 
 
 def _yields(world, still) -> Iterator[np.ndarray]:
-    """A joint that yields to its torque, for every joint: the baseline's own where the arm is elastic."""
+    """Joint compliance of every joint, which is part of the baseline if the arm is elastic."""
     for k in range(world.joints):
         geometry, angles = world.arm.geometry, world.angles.copy()
         angles[:, k] += _STEP * world.torque[:, k]

@@ -1,4 +1,4 @@
-"""Where an arm goes: configurations that see the balls, or that show their reflectors to an instrument."""
+"""Configurations of the arm that see the balls, or that show their reflectors to an instrument."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,7 +21,7 @@ def views(rng: np.random.Generator, geometry, within, balls: np.ndarray, hand: n
     """Configurations (n, J) rad that see a ball in the sensor's field, ball (n,), and the plate in the base (4, 4).
 
     within: (J, 2) rad. balls: (B, 3) mm on the plate. The sensor looks down, tilted by up to 55 deg, from
-    100 to 165 mm, with the ball up to 35 mm beside its middle. Raises ValueError where too few are reached.
+    100 to 165 mm, with the ball up to 35 mm off its axis. Raises ValueError if too few are reachable.
     """
     pool = rng.uniform(*within.T, (_POOL, len(within)))
     seen_from = poses.forward(geometry, pool) @ hand

@@ -1,4 +1,4 @@
-"""Draws a world: which arm, how far off its manual, where it goes, what it measures, how finely."""
+"""Draws a world: arm, deviations from the data sheet, configurations, measurements, noise."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,12 +15,12 @@ _MM, _RAD = 0.5, np.deg2rad(0.25)
 
 @dataclass(frozen=True)
 class Wish:
-    """What a case needs of its world.
+    """Requirements of a case on its world.
 
     measures: "ball-centre", "external-point", or "" for either. need: kinds of covariates that must
-    vary. elastic: all joints yield and the baseline knows it. split: what tells the `part` of the
-    samples apart: "", "workspace", "payload", "temperature". samples: (fewest, most). gears: gear
-    ratios must be told.
+    vary. elastic: all joints are compliant, also in the baseline. split: property that defines the `part` of the
+    samples: "", "workspace", "payload", "temperature". samples: (fewest, most). gears: gear
+    ratios must be stated.
     """
 
     measures: str = ""
@@ -32,7 +32,7 @@ class Wish:
 
 
 def draw(rng: np.random.Generator, wish: Wish) -> World:
-    """A world that grants the wish. Raises ValueError where the arm drawn cannot work there; draw again."""
+    """A world that meets the requirements. Raises ValueError if the drawn arm cannot work there; draw again."""
     robot = _robot(rng, wish)
     nominal = arm_from_robot(robot)
     measures = wish.measures or rng.choice(["ball-centre", "external-point"])
@@ -99,7 +99,7 @@ def _recorded(rng, wish, drawn: _World) -> World:
 
 
 def _yielding(rng, arm, angles, payload):
-    """The arm with joints that yield by 0.1 to 0.6 mrad under the greatest torque that they bear here."""
+    """The arm with joints that deflect by 0.1 to 0.6 mrad under their largest torque here."""
     greatest = np.abs(statics.torques(arm, angles, payload)[0]).max(axis=0)
     return replace(
         arm, joint_compliance=rng.uniform(1e-4, 6e-4, arm.joints) / np.maximum(greatest, 5.0)

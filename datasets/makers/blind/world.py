@@ -1,4 +1,4 @@
-"""One arm at one workplace, as it is and not as the manual says: what a concealed case is measured in.
+"""The true arm at its workplace, in which a blind case is measured.
 
 Lengths mm, angles rad, samples first: (n, 3). `joint K` counts from 1; a joint's angle is what its
 reading becomes after sign and coupling.
@@ -16,7 +16,7 @@ from datasets.mujoco_arm import Arm, ball_points, reflector_points
 
 @dataclass(frozen=True)
 class Push:
-    """What effects do to a measurement; two of them add up. 0 is nothing, everywhere.
+    """Changes of a measurement by effects; they are additive, and 0 means no change.
 
     joint: (n, J) rad on the joint angles. joint_compliance, link_compliance (J,), pedestal (2,)
     rad/(N m). gravity: (3,) added to the direction of gravity. growth: (n, J) share by which the
@@ -52,8 +52,8 @@ class World:
     robot: the manual's mapping. arm: the arm as built. readings: (n, J) rad. index: (n,) which ball
     or reflector, from 0. targets: (B, 3) mm, balls on the artefact or reflectors on the flange.
     station: (4, 4) artefact or instrument of the base frame; hand: (4, 4) sensor in the flange.
-    covariates: columns of samples.csv in file units. elastic: the joints yield, and the baseline knows it.
-    part: (n,) True in the part of the workspace, payload or temperature that a fit is not shown.
+    covariates: columns of samples.csv in file units. elastic: the joints are compliant, also in the baseline.
+    part: (n,) True in the part of the workspace, payload or temperature that is withheld from a fit.
     """
 
     robot: Mapping

@@ -13,7 +13,7 @@ from datasets.makers.blind.case import Case
 
 
 def recording(case: Case, folder: Path) -> None:
-    """Write the recording's files into a folder that is made; nothing in them tells the truth or the suite."""
+    """Write the recording's files into a new folder; they reveal neither the truth nor the suite."""
     folder.mkdir(parents=True)
     for name, text in files(case).items():
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
@@ -35,12 +35,12 @@ def files(case: Case) -> dict[str, str]:
 
 
 def truth(case: Case, salt: str) -> str:
-    """The sealed text. The salt keeps anyone from guessing it by its checksum."""
+    """The text of the truth. The salt prevents guessing it from its checksum."""
     return json.dumps({**case.truth, "salt": salt}, indent=1, sort_keys=True) + "\n"
 
 
 def salt(seed: int, suite: str, index: int) -> str:
-    """The same for the same case, so that an examination can be made again byte for byte."""
+    """Salt of a case, deterministic, so that a benchmark run can be repeated byte for byte."""
     return hashlib.sha256(f"salt {seed} {suite} {index}".encode()).hexdigest()[:32]
 
 

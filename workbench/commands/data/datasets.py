@@ -1,4 +1,4 @@
-"""`workbench datasets`: which recordings are known, where they lie, and how to get them."""
+"""`workbench datasets`: known recordings, their folders and their download."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,7 @@ app = typer.Typer(help="Recordings that the workbench knows by name: list, get, 
 Name = Annotated[str, typer.Argument(help="A name from `workbench datasets list`.")]
 
 
-@app.command("list", short_help="Every known recording, and where it lies.")
+@app.command("list", short_help="All known recordings and their folders.")
 def listing(json: answer.JsonTarget = None) -> None:
     """List the recordings that are known by name: bundled ones, and real ones with their source."""
     answer.check_target(json)
@@ -36,11 +36,11 @@ def listing(json: answer.JsonTarget = None) -> None:
 def get(
     name: Name,
     folder: Annotated[
-        Path | None, typer.Argument(help="Put it in here, instead of the cache.")
+        Path | None, typer.Argument(help="Target folder, instead of the cache.")
     ] = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Fetch a recording from its public source and check every file; its folder comes last."""
+    """Download a recording from its public source and verify every file."""
     answer.check_target(json)
     import datasets
 
@@ -52,7 +52,7 @@ def get(
 
 @app.command("path", short_help="The folder of a recording.")
 def path(name: Name, json: answer.JsonTarget = None) -> None:
-    """Say in which folder a recording lies."""
+    """Print the folder of a recording."""
     answer.check_target(json)
     import datasets
     from datasets import registry
@@ -68,7 +68,7 @@ def path(name: Name, json: answer.JsonTarget = None) -> None:
 
 
 def known() -> list[dict]:
-    """One row a recording: name, title, measures, variants, licence, url, folder (None: not here)."""
+    """One row per recording: name, title, measures, variants, licence, url, folder (None: not on this machine)."""
     import datasets
 
     bundled = [datasets.read(folder) for folder in _bundled().values()]
@@ -94,7 +94,7 @@ def _bundled() -> dict[str, Path]:
 
 
 def _names(row: dict) -> str:
-    """The names by which `row` can be read: a line each, variants behind a colon."""
+    """The names of a recording, one per line, with its variants after a colon."""
     return "\n".join(
         f"{row['name']}:{variant}" if variant else row["name"] for variant in row["variants"]
     )

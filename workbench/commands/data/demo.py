@@ -1,4 +1,4 @@
-"""`workbench demo`: from rendered images to a calibrated arm, and a real arm under a tracker; nothing to prepare."""
+"""`workbench demo`: from rendered images to a calibrated arm, and a real arm measured by a tracker."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,17 +20,19 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     bundled: Annotated[
-        bool, typer.Option("--bundled", help="Use the small table of an arm that is always there.")
+        bool, typer.Option("--bundled", help="Use the small bundled table of an arm.")
     ] = False,
     images: Annotated[
         bool,
-        typer.Option("--pictures/--no-pictures", help="Render images and calibrate from them too."),
+        typer.Option(
+            "--pictures/--no-pictures", help="Also render images and calibrate from them."
+        ),
     ] = True,
 ) -> None:
-    """Render images and calibrate scanner and arm from them; then a real arm's table where one is found.
+    """Calibrate scanner and arm from rendered images, then a real arm from a table of measured points.
 
-    No public set holds the whole chain from images to the arm, so that its images are rendered;
-    the table is measured on a real robot, else the bundled one; it says which.
+    No public data set covers the whole chain from images to the arm, so the images are rendered.
+    The table is that of a real robot if it is available, else the bundled one.
     """
     answer.check_target(json)
     name, recording, why = choose(bundled)
@@ -40,7 +42,7 @@ def command(
         rendered = None
         if images:
             with answer.progress("rendering images") as say:
-                rendered = _from_pictures(run, say)
+                rendered = _from_images(run, say)
             _show(console, rendered)
         (run.partial / TRACKER).mkdir()
         with answer.progress(f"calibrating {name}") as say:
@@ -54,14 +56,14 @@ def command(
 
 
 def choose(bundled: bool) -> tuple:
-    """Which table of an arm to show: its name, the recording and the sentence that says why.
+    """The table of an arm to use: its name, the recording, and a sentence with the reason.
 
-    bundled: leave real recordings aside even where there are any.
+    bundled: use the bundled table even if a real recording is available.
     """
     import datasets
 
     if bundled:
-        return BUNDLED, datasets.read(BUNDLED), f"Recording: {BUNDLED}, bundled, as asked."
+        return BUNDLED, datasets.read(BUNDLED), f"Recording: {BUNDLED}, bundled, as requested."
     try:
         recording = datasets.read(REAL)
     except InputError as missing:
@@ -74,14 +76,14 @@ def choose(bundled: bool) -> tuple:
 
 
 def scene() -> Path:
-    """The scene that is rendered; it comes with the package."""
+    """The bundled scene of the rendering."""
     from importlib import resources
 
     return Path(str(resources.files("workbench").joinpath("files", "demo_scenes", SCENE)))
 
 
-def _from_pictures(run: runs.Run, say) -> dict:
-    """Rendered images -> scanner -> clouds -> ball centres -> arm, and how far that is from the truth."""
+def _from_images(run: runs.Run, say) -> dict:
+    """Rendered images -> scanner -> clouds -> ball centres -> arm, and the error against the truth."""
     import datasets
     from workbench.imaging.ground_truth import centre_errors
     from workbench.jobs.render import render
@@ -100,13 +102,13 @@ def _from_pictures(run: runs.Run, say) -> dict:
 
 
 def _show(console, rendered: dict) -> None:
-    """The rendered chain in a terminal."""
-    told, camera = rendered["against_truth"], rendered["sensor"]["calibration"]["camera"]
+    """Print the results of the rendered chain."""
+    centres, camera = rendered["against_truth"], rendered["sensor"]["calibration"]["camera"]
     planes = rendered["sensor"]["calibration"]["plane_rms_mm"]
     rows = [
-        ["corners, RMS a coordinate", camera["rms_coordinate_px"], "px"],
-        ["stripes from their planes, RMS", planes, "mm"],
-        ["ball centres from the truth, RMS", told["rms_mm"], "mm"],
+        ["corners, RMS per coordinate", camera["rms_coordinate_px"], "px"],
+        ["stripe points from their planes, RMS", planes, "mm"],
+        ["ball centres from the truth, RMS", centres["rms_mm"], "mm"],
         ["arm, held-out RMS", rendered["held_out"]["rms_mm"], "mm"],
     ]
     tables.grid(console, "From rendered images to the arm", ["", "value", "unit"], rows)

@@ -1,4 +1,4 @@
-"""`workbench doctor`: shows what `workbench.machine.doctor` finds and what to type about it."""
+"""`workbench doctor`: prints the checks of `workbench.machine.doctor` and the commands that fix them."""
 
 import typer
 
@@ -27,9 +27,7 @@ def _show(console, checks, result) -> None:
         console.print(check.found, markup=False, soft_wrap=True)
         if check.advice and not check.ok:
             console.print(f"           {check.advice}", markup=False, soft_wrap=True)
-    last = (
-        "All that is required is here." if result["healthy"] else "Something required is missing."
-    )
+    last = "All requirements are met." if result["healthy"] else "A requirement is missing."
     without = [check.name for check in checks if check.name in OPTIONAL and not check.ok]
     if without:
         last += f" Optional packages are missing: {', '.join(without)}; the lines above say which command needs them."

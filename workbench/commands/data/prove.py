@@ -1,4 +1,4 @@
-"""`workbench prove`: the diagnosis on data in which the effect is concealed, and the scoreboard of it."""
+"""`workbench prove`: blind benchmark of the diagnosis, with a scoreboard."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from workbench.commands.shared import answer
 Suites = Annotated[
     list[str] | None,
     typer.Option(
-        "--suite", metavar="NAME[=COUNT]", help="Only this suite, so many of it; once for each."
+        "--suite", metavar="NAME[=COUNT]", help="Only this suite, with COUNT cases. Repeatable."
     ),
 ]
 
@@ -18,31 +18,34 @@ Suites = Annotated[
 def command(
     suite: Suites = None,
     cases: Annotated[
-        int | None, typer.Option("--cases", min=1, help="Cases of a suite without a count.")
+        int | None,
+        typer.Option("--cases", min=1, help="Number of cases of a suite without a count."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Other seeds are other cases.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the random cases.")] = 1,
     folder: Annotated[
         Path | None,
-        typer.Option("--folder", metavar="DIR", help="Recordings and sealed answers of your own."),
+        typer.Option("--folder", metavar="DIR", help="Use your own recordings and truths."),
     ] = None,
     jobs: answer.Jobs = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="The folder of the examination.")
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder of the benchmark run.")
     ] = None,
     minutes: Annotated[
         float | None,
-        typer.Option("--minutes", min=0, help="Begin no diagnosis later; call again to go on."),
+        typer.Option(
+            "--minutes", min=0, help="Start no diagnosis later; repeat the call to continue."
+        ),
     ] = None,
     page: Annotated[
         Path | None,
-        typer.Option("--page", metavar="FILE.md", help="Write the scoreboard as Markdown, too."),
+        typer.Option("--page", metavar="FILE.md", help="Also write the scoreboard as Markdown."),
     ] = None,
     no_report: answer.NoReport = False,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Conceal effects, seal them, diagnose, open and score; an interrupted examination goes on where it was."""
+    """Plant effects, commit the truths by hash, diagnose, unblind and score; an interrupted run can be continued."""
     answer.check_target(json)
-    with answer.progress("concealing") as say:
+    with answer.progress("creating cases") as say:
         from workbench.files import runs
         from workbench.proving import prove
 
@@ -66,14 +69,18 @@ def command(
 
 
 def _show(console, result) -> None:
-    """A line a figure: they are many, and their names are long."""
-    console.print(f"{result['cases']} concealed cases, seed {result['seed']}", style="bold")
+    """Print one line per figure."""
+    console.print(f"{result['cases']} blind cases, seed {result['seed']}", style="bold")
     for f in result["figures"]:
         cases = f"{f['hits']} of {f['cases']}" if f["hits"] is not None else f["cases"]
-        line = f"{f['word']:14}{_value(f):>7}  {cases:>11}  {_interval(f):17}{f['asked']:23}{f['suite']}: {f['name']}"
+        word = _WORDS.get(f["word"], f["word"])
+        line = f"{word:14}{_value(f):>7}  {cases:>11}  {_interval(f):17}{f['asked']:23}{f['suite']}: {f['name']}"
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     for suite, why in result["skipped"].items():
-        console.print(f"suite {suite} was left out: {why}", markup=False)
+        console.print(f"suite {suite} was skipped: {why}", markup=False)
+
+
+_WORDS = {"reached": "met", "short": "not met"}
 
 
 def _value(figure) -> str:

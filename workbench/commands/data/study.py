@@ -1,4 +1,4 @@
-"""`workbench study`: many runs of one thing with something varied, kept as a table that grows as they come."""
+"""`workbench study`: many runs with varied parameters, collected in a table."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,19 +10,19 @@ from workbench.files import runs
 
 StudyFile = Annotated[
     Path,
-    typer.Argument(metavar="STUDY", help="A study file (TOML), or one that comes along by name."),
+    typer.Argument(metavar="STUDY", help="A study file (TOML), or the name of a bundled study."),
 ]
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", min=1, max=4096, help="Processes; every core if left out."),
+    typer.Option("--workers", min=1, max=4096, help="Number of processes; default: all cores."),
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="An existing Dask cluster does the runs."),
+    typer.Option("--scheduler", metavar="ADDRESS", help="Use an existing Dask cluster."),
 ]
 Run = Annotated[
     int | None,
-    typer.Option("--run", min=1, help="Make this run alone and say its row; writes nothing."),
+    typer.Option("--run", min=1, help="Compute only this run and print its row; writes nothing."),
 ]
 
 
@@ -35,7 +35,7 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Simulate or resample, calibrate, diagnose and compensate many times; a stopped study goes on where it was."""
+    """Simulate or resample, calibrate, diagnose and compensate many times; an interrupted study can be continued."""
     answer.check_target(json)
     if run is not None:
         _alone(study, run, json)
@@ -51,10 +51,10 @@ def command(
 
 
 def _close(made, place: Path, say, no_report: bool) -> None:
-    """Write answer.json and the page into the folder of a study whose table is there."""
+    """Write answer.json and the report page into the folder of a study with a finished table."""
     from workbench.study.summary import summary
 
-    say("summing up")
+    say("computing the summary")
     found = summary(made)
     runs.replace_file(made.path / "answer.json", answer.as_text({**found, "run": place}))
     if not no_report:
@@ -72,7 +72,7 @@ def _deliver(finished, json: str | None) -> None:
     answer.deliver(found, json)
     console = answer.console(json)
     if finished.done is None:
-        console.print("finished before; nothing was left to do", markup=False)
+        console.print("This study is already finished.", markup=False)
     rows = [
         [row["column"], row["n"], row["mean"], row["std"], row["p5"], row["median"], row["p95"]]
         for row in found["columns"][:_SHOWN]

@@ -16,11 +16,15 @@ Plan = Annotated[
 ]
 FitSamples = Annotated[
     Path | None,
-    typer.Option("--fit-samples", metavar="FILE", help="Fit on these: a sample number a line."),
+    typer.Option(
+        "--fit-samples", metavar="FILE", help="Samples to fit: one sample number per line."
+    ),
 ]
 TestSamples = Annotated[
     Path | None,
-    typer.Option("--test-samples", metavar="FILE", help="Hold out these: a sample number a line."),
+    typer.Option(
+        "--test-samples", metavar="FILE", help="Samples to hold out: one sample number per line."
+    ),
 ]
 SessionFile = Annotated[
     Path | None,
@@ -49,10 +53,10 @@ def command(
     tolerance: answer.Tolerance = None,
     session: SessionFile = None,
 ) -> None:
-    """Calibrate the robot of a recording and say how large the held-out errors are, in mm.
+    """Calibrate the robot of a recording and state the held-out errors in mm.
 
-    Of a recording with images of scans the scanner is calibrated first, where none is named, then
-    the clouds and the balls in them.
+    For a recording with images of scans, the scanner is calibrated first (without --scanner), then
+    point clouds and ball centres are computed.
     """
     answer.check_target(json)
     if session is not None:
@@ -83,11 +87,11 @@ def command(
 
 
 def check_scanner(found, scanner: Path | None) -> None:
-    """Raise InputError where a scanner is named for a recording without images of scans."""
+    """Raise InputError if a scanner is given for a recording without images of scans."""
     if scanner is not None and found.measures != "scan-images":
         raise InputError(
             f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
-            "leave the option out."
+            "omit the option."
         )
 
 
@@ -101,10 +105,10 @@ def solve(
     scanner: Path | None = None,
     tolerances: Sequence[Tolerance] = (),
 ):
-    """Calibrate, save and report into a run folder; the answer and where it stands.
+    """Calibrate, save and report into a run folder. Returns the answer and the run.
 
     found: a `datasets.recording.Recording`; options: keyword arguments of `workbench.jobs.calibrate.calibrate`;
-    scanner: file for a recording of scans, None calibrates one. tolerances: of the verdict. Raises InputError.
+    scanner: scanner file for a recording of scans; None calibrates one. tolerances: of the verdict. Raises InputError.
     """
     with runs.opened("calibrate", name, out) as run:
         result = solve_into(
@@ -124,19 +128,22 @@ def solve_into(
     scanner: Path | None = None,
     tolerances: Sequence[Tolerance] = (),
 ) -> dict:
-    """The same into a folder that exists and will stand at `path`; the answer. Raises InputError."""
+    """Calibrate, save and report into an existing folder with the final name `path`. Returns the answer.
+
+    Arguments as in `solve`. Raises InputError.
+    """
     from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
     from workbench.jobs.calibrate import calibrate, save
 
-    scans, told = None, {}
+    scans, sensor_keys = None, {}
     if found.measures == "scan-images":
-        scans, told, found, options = _centres(found, scanner, folder, path, options, say)
+        scans, sensor_keys, found, options = _centres(found, scanner, folder, path, options, say)
     say(f"calibrating {name}")
     calibration = calibrate(found, progress=say, **options)
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
     result = {
         **calibration.as_json(),
-        **told,
+        **sensor_keys,
         "verdict": verdict.as_json(),
         "input": runs.input_name(name),
         "options": _stated_options(options, scanner),
@@ -162,27 +169,27 @@ def _stated_options(options: dict, scanner: Path | None) -> dict:
 
 
 def _centres(found, scanner, folder, path, options, say):
-    """From images to ball centres: the scans, their part of the answer, the recording of centres and its options."""
+    """Scans, their part of the answer, the recording of ball centres, and the options for its calibration."""
     from workbench.jobs import ball_centres, scan
 
     ball_centres.check_arm(found)
     scans = scan.scan(found, scanner, folder, say)
     ball_centres.save(scans, folder)
     made = ball_centres.required(scans)
-    told = {"sensor": ball_centres.as_json(scans, path)}
+    sensor_keys = {"sensor": ball_centres.as_json(scans, path)}
     if scans.calibration is not None:
         from workbench.jobs.scanner import as_json
 
-        told["sensor"]["calibration"] = as_json(scans.calibration)
+        sensor_keys["sensor"]["calibration"] = as_json(scans.calibration)
     lists = {
         key: ball_centres.renumbered(scans, made, options.get(key))
         for key in ("fit_samples", "test_samples")
     }
-    return scans, told, made, {**options, **lists}
+    return scans, sensor_keys, made, {**options, **lists}
 
 
 def deliver(result: dict, run: runs.Run, json: str | None) -> None:
-    """Show the answer to a person, write the JSON, name the folder last, and fail where a tolerance is not met."""
+    """Print the answer, write the JSON, print the folder last, and exit with status 1 if a tolerance is not met."""
     answer.deliver(result, json)
     console = answer.console(json)
     tables.calibration(console, result)

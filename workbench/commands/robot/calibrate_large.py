@@ -1,4 +1,4 @@
-"""`workbench calibrate-large`: a recording that is too long for memory, calibrated in chunks of its samples."""
+"""`workbench calibrate-large`: calibrates a recording that does not fit into memory, in chunks of samples."""
 
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +25,7 @@ def command(
     tolerance: answer.Tolerance = None,
     trust_data: answer.TrustData = False,
 ) -> None:
-    """Calibrate from millions of samples: stages are chosen on some of them, all are solved, in little memory."""
+    """Calibrate from millions of samples: a subset selects the stages, all samples are fitted with little memory."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         from datasets.formats.recording1 import read_head

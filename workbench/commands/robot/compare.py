@@ -1,4 +1,4 @@
-"""`workbench compare`: several plans on one recording, and which of them predicts best."""
+"""`workbench compare`: cross-validated comparison of several plans on one recording."""
 
 from typing import Annotated
 
@@ -11,7 +11,9 @@ from workbench.files import runs
 Plans = Annotated[
     list[str],
     typer.Option(
-        "--plan", metavar="NAME|FILE", help="A plan by name or file; 'default'. Once for each."
+        "--plan",
+        metavar="NAME|FILE",
+        help="A plan by name or file; 'default'. Repeat for each plan.",
     ),
 ]
 
@@ -27,7 +29,7 @@ def command(
     tolerance: answer.Tolerance = None,
     trust_data: answer.TrustData = False,
 ) -> None:
-    """Calibrate by several plans on the same splits; the others are compared with the first."""
+    """Calibrate by several plans on the same splits and compare each plan with the first."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         import datasets

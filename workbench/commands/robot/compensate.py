@@ -1,4 +1,4 @@
-"""`workbench compensate`: targets in, corrected targets out, with what error is left."""
+"""`workbench compensate`: targets in, corrected targets out, with their expected error."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Solution = Annotated[
 Force = Annotated[
     bool,
     typer.Option(
-        "--force", help="Use a calibration, and corrections, that are refused as implausible, too."
+        "--force", help="Also use a calibration or corrections that are refused as implausible."
     ),
 ]
 MaxPosition = Annotated[
@@ -38,7 +38,7 @@ MaxSigma = Annotated[
     typer.Option(
         "--max-sigma-mm",
         metavar="MM",
-        help="Refuse targets with a larger standard uncertainty; else three times the held-out error.",
+        help="Refuse targets with a larger standard uncertainty; default: three times the held-out error.",
     ),
 ]
 _NAMED = 12
@@ -47,7 +47,7 @@ _NAMED = 12
 def command(
     solution: Solution,
     targets: Annotated[
-        Path, typer.Argument(help="Joint readings or flange poses, a row a target (CSV).")
+        Path, typer.Argument(help="Joint readings or flange poses, one row per target (CSV).")
     ],
     force: Force = False,
     max_correction_mm: MaxPosition = 10.0,
@@ -57,10 +57,10 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Correct targets by inverting the calibrated model: where the nominal arm was sent, the real one goes.
+    """Correct targets with the inverse calibrated model, so that the real arm reaches the programmed poses.
 
-    A target that is out of reach or limits, or whose correction is not plausible, keeps no joint readings in
-    corrected.csv, and the exit status is then 1: such a programme is incomplete and must not be run.
+    A target beyond reach or limits, or with an implausible correction, has no joint readings in corrected.csv.
+    The exit status is then 1: the programme is incomplete and must not be run.
     """
     answer.check_target(json)
     with answer.progress(f"reading {solution}") as say:
@@ -104,7 +104,7 @@ def command(
 
 
 def _forced(reasons: Mapping[int, list[str]]) -> list[str]:
-    """What --force lets pass, said all the same."""
+    """Warning on targets that only --force accepts."""
     if not reasons:
         return []
     row = min(reasons)
@@ -133,12 +133,12 @@ def _summary(arm, found, refused) -> dict:
         "sigma_rms_mm": _rms(found.sigma_mm[kept]),
         "expected_error_mm": arm.held_out_mm,
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
-        "why_expected": "held-out RMS of the calibration: what the model does not explain comes back at every target",
+        "why_expected": "held-out RMS of the calibration: the model discrepancy remains at every target",
     }
 
 
 def _verdict(arm, found, refused, tolerances):
-    """The verdict on the largest error to expect: the held-out error and a target's own uncertainty together."""
+    """The verdict on the largest expected error: held-out error and uncertainty of the target combined."""
     from workbench.fitting.verdicts.verdict import Noise, Residual, judge, no_verdict
 
     kept = found.reached.copy()

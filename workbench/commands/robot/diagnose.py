@@ -1,4 +1,4 @@
-"""`workbench diagnose`: where recording and model differ, which physics was left out, and the proof."""
+"""`workbench diagnose`: unmodelled effects of a recording, their places, and their validation."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -22,7 +22,7 @@ Solution = Annotated[
 ]
 Baseline = Annotated[
     Literal["geometry", "joint-compliance"],
-    typer.Option("--baseline", help="What is already in the model."),
+    typer.Option("--baseline", help="Effects that the baseline model already contains."),
 ]
 
 
@@ -39,12 +39,12 @@ def command(
     no_report: answer.NoReport = False,
     tolerance: answer.Tolerance = None,
 ) -> None:
-    """Say what the model of a recording leaves out: where, what, how sure, and how much better it predicts with it."""
+    """Identify unmodelled effects of a recording: effect, place, probability, and reduction of the held-out error."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         from workbench.machine.processes import cores, one_thread
 
-        one_thread()  # its matrices are small: threads would only push one another
+        one_thread()  # the matrices are small: several threads would slow one another down
         import datasets
         from workbench.diagnosis.answer import diagnose
         from workbench.diagnosis.files import save
@@ -52,7 +52,7 @@ def command(
 
         if simulation is not None and solution is not None:
             raise InputError(
-                "--simulation and --solution: expected one of them, found both; leave one out."
+                "--simulation and --solution: expected one of them, found both; omit one."
             )
         found = datasets.read(recording, trust_data)
         _check_scanner(found, scanner)
@@ -68,9 +68,9 @@ def command(
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
-            told = made.as_json()
-            checked = check_diagnosis(made, found, tolerances).keys(told)
-            result = {**told, **checked, "input": runs.input_name(recording), "run": run.path}
+            diagnosis = made.as_json()
+            checked = check_diagnosis(made, found, tolerances).keys(diagnosis)
+            result = {**diagnosis, **checked, "input": runs.input_name(recording), "run": run.path}
             save(made, run.partial)
             if not no_report:
                 say("writing the report")
@@ -93,7 +93,7 @@ def _check_scanner(found, scanner: Path | None) -> None:
     if scanner is not None and found.measures != "scan-images":
         raise InputError(
             f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
-            "leave the option out."
+            "omit the option."
         )
 
 
@@ -107,7 +107,7 @@ def _report(made, folder: Path) -> None:
 
 
 def show(console, result) -> None:
-    """The answer of `diagnose --json`, for a person."""
+    """Print the answer of `diagnose --json`."""
     unit, held_out = result["unit"], result["held_out"]
     console.print(f"{result['recording']}: {result['verdict']}", style="bold", markup=False)
     tables.warnings(console, result)
@@ -115,11 +115,11 @@ def show(console, result) -> None:
     for found in result["effects"]:
         console.print(f"- {found['statement']}", markup=False)
     for found in result["refused"]:
-        console.print(f"- not kept: {found['statement']}", markup=False, style="dim")
+        console.print(f"- not retained: {found['statement']}", markup=False, style="dim")
     console.print()
-    told = {"before": "baseline", "after": "with what was found", "noise": "noise"}
+    names = {"before": "baseline", "after": "with the findings", "noise": "noise"}
     units = [unit, "deg"] if "after_deg" in held_out else [unit]
-    rows = [[name, *(held_out.get(f"{key}_{one}") for one in units)] for key, name in told.items()]
+    rows = [[name, *(held_out.get(f"{key}_{one}") for one in units)] for key, name in names.items()]
     scheme = f" ({held_out['scheme']})" if held_out["scheme"] else ""
     title = (
         f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"

@@ -68,7 +68,7 @@ def command(
     """Write what was calibrated for another program; it is read back and compared before it is kept.
 
     A calibrated arm goes to urdf, mdh-json and mdh-csv; a camera or the camera of a scanner to ros, opencv and kalibr;
-    a hand-eye transform to ros: a static transform and, beside it, a launch file that publishes it.
+    a hand-eye transform to ros: a static transform and a launch file that publishes it.
     """
     answer.check_target(json)
     if to not in ALL_FORMATS:

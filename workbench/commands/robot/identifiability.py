@@ -1,4 +1,4 @@
-"""`workbench identifiability`: what a recording determines, before anything is solved."""
+"""`workbench identifiability`: parameters that a recording identifies, before any fit."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,16 +8,14 @@ import typer
 from workbench.commands.shared import answer, tables
 from workbench.fitting.verdicts.verdict import no_verdict
 
-_NO_RESIDUAL = (
-    "Nothing is fitted, so that there is no residual to judge; run `workbench calibrate`."
-)
+_NO_RESIDUAL = "Nothing is fitted, so there is no residual to judge; run `workbench calibrate`."
 
 Plan = Annotated[
     Path | None,
     typer.Option(
         "--plan",
         metavar="NAME|FILE",
-        help="Look at the stages of this plan, not of the default one.",
+        help="Use the stages of this plan instead of the default plan.",
     ),
 ]
 
@@ -28,14 +26,14 @@ def command(
     json: answer.JsonTarget = None,
     trust_data: answer.TrustData = False,
 ) -> None:
-    """Say which parameters a recording determines, and what cannot be told apart, in words."""
+    """State which parameters a recording identifies, and which are confounded."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         import datasets
         from workbench.jobs.identify import identifiability
 
         found = datasets.read(recording, trust_data)
-        say("looking at the poses")
+        say("analysing the poses")
         result = {
             "command": "identifiability",
             "recording": recording,

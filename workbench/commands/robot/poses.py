@@ -1,4 +1,4 @@
-"""`workbench poses`: which poses to measure."""
+"""`workbench poses`: optimal selection of the poses to measure."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +16,7 @@ StandOff = Annotated[
 ]
 Tasks = Annotated[
     str | None,
-    typer.Option("--tasks", metavar="RECORDING", help="Poses whose error shall be small."),
+    typer.Option("--tasks", metavar="RECORDING", help="Task poses whose error is minimised."),
 ]
 
 
@@ -24,34 +24,35 @@ def command(
     candidates: Annotated[
         str, typer.Argument(help="A recording, a known name, or a scene (TOML) to draw poses from.")
     ],
-    count: Annotated[int, typer.Option("--count", "-n", help="How many poses to choose.")] = 40,
+    count: Annotated[int, typer.Option("--count", "-n", help="Number of poses to choose.")] = 40,
     criterion: Annotated[str, typer.Option("--criterion", help="D, O1 ... O5, or task.")] = "D",
     tasks: Tasks = None,
     effects: Annotated[
-        bool, typer.Option("--effects", help="Determine transmission and compliance too.")
+        bool, typer.Option("--effects", help="Include transmission and compliance.")
     ] = False,
     link_radius: Annotated[
-        float, typer.Option("--link-radius", min=0, help="Half the links' thickness, mm.")
+        float, typer.Option("--link-radius", min=0, help="Radius of the links, mm.")
     ] = 50.0,
     stand_off: StandOff = None,
     field: Annotated[
         float | None, typer.Option("--field", help="Half the sensor's field of view, deg.")
     ] = None,
     cap: Annotated[
-        float | None, typer.Option("--cap", help="How far off its top a ball is seen from, deg.")
+        float | None,
+        typer.Option("--cap", help="Largest angle between line of sight and top of a ball, deg."),
     ] = None,
     repeats: Annotated[
-        int, typer.Option("--repeats", min=1, help="How often one pose may be measured.")
+        int, typer.Option("--repeats", min=1, help="Largest number of measurements of one pose.")
     ] = 1,
     seed: Annotated[
-        int, typer.Option("--seed", help="Of the random sets that it is compared with.")
+        int, typer.Option("--seed", help="Seed of the random sets for comparison.")
     ] = 0,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     tolerance: answer.Tolerance = None,
     trust_data: answer.TrustData = False,
 ) -> None:
-    """Choose the poses from which most is learnt, and say what even they leave open."""
+    """Choose the most informative poses, and state which parameters they do not identify."""
     answer.check_target(json)
     with answer.progress(f"reading {candidates}") as say:
         from workbench.imaging.visibility import Sight
@@ -67,10 +68,10 @@ def command(
         )
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
-            told = chosen.as_json()
-            told["recording"] = told["recording"] or candidates
-            told["verdict"] = _verdict(told, tolerances).as_json()
-            result = {**told, "run": run.path, "file": run.path / "poses.csv"}
+            design = chosen.as_json()
+            design["recording"] = design["recording"] or candidates
+            design["verdict"] = _verdict(design, tolerances).as_json()
+            result = {**design, "run": run.path, "file": run.path / "poses.csv"}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
@@ -83,16 +84,16 @@ def _tolerances(values, criterion: str):
     if values and criterion != "task":
         raise InputError(
             f"--tolerance {values[0]}: expected --criterion task, which predicts an error in mm, found criterion "
-            f"{criterion}; name --criterion task and --tasks, or leave --tolerance out"
+            f"{criterion}; name --criterion task and --tasks, or omit --tolerance"
         )
     return verdict.parse_tolerances(values)
 
 
-def _verdict(told, tolerances) -> verdict.Verdict:
-    """The predicted error at the tasks against the tolerance; none where no error is predicted."""
-    predicted = told["predicted"]
+def _verdict(design, tolerances) -> verdict.Verdict:
+    """Verdict on the predicted error at the tasks; no verdict if no error is predicted."""
+    predicted = design["predicted"]
     if predicted is None:
-        return verdict.no_verdict("Nothing is measured yet, so that there is no residual to judge.")
+        return verdict.no_verdict("Nothing is measured yet, so there is no residual to judge.")
     error = verdict.Residual(
         predicted["chosen_mm"], "mm", "predicted RMS error at the tasks", has_noise=False
     )
@@ -100,7 +101,7 @@ def _verdict(told, tolerances) -> verdict.Verdict:
 
 
 def _read(name: str, trust_data: bool):
-    """A recording, or what the scene of a TOML file simulates."""
+    """A recording, or the simulated recording of a scene (TOML)."""
     if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
         from workbench.jobs.simulate import simulate
 
@@ -128,22 +129,24 @@ def _show(console, result) -> None:
         _show_predicted(console, result["poses"], result["predicted"])
     left = [f"{count} {why}" for why, count in result["left_out"].items() if count]
     if left:
-        console.print(f"No candidates: {', '.join(left)}.")
+        console.print(f"Excluded candidates: {', '.join(left)}.")
     console.print(
-        "Not determined even then:" if result["undetermined"] else "Everything is determined."
+        "Not identifiable from these poses:"
+        if result["undetermined"]
+        else "All parameters are identifiable."
     )
     for sentence in result["undetermined"]:
         console.print(f"  - {sentence}", markup=False)
 
 
 def _show_predicted(console, n, error) -> None:
-    """What error to expect at the tasks, beside random sets, and whether any other set could do better."""
+    """Predicted error at the tasks, compared with random sets and with the lower bound of any set."""
     rows = [
         [f"these {n}", error["chosen_mm"]],
         [f"{n} at random", error["random_mm"]],
         [f"{2 * n} at random", error["random_twice_mm"]],
         ["all candidates", error["all_mm"]],
-        [f"least that any {n} could", error["bound_mm"]],
+        [f"lower bound for any {n}", error["bound_mm"]],
     ]
     tables.grid(
         console, "Predicted error at the tasks, mm RMS in space", ["measured", "error"], rows
@@ -159,8 +162,8 @@ def _show_predicted(console, n, error) -> None:
     twice, bound = error["random_twice_mm"], error["bound_mm"]
     if twice is not None and bound > twice:
         console.print(
-            f"No {n} of these candidates can do what {2 * n} at random do: they are too much alike. "
-            "Bring more of them, in other attitudes and places."
+            f"No {n} of these candidates reach the error of {2 * n} random ones: they are too similar. "
+            "Add candidates with other orientations and positions."
         )
     elif twice is not None:
         console.print(

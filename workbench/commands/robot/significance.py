@@ -1,4 +1,4 @@
-"""`workbench significance`: which kinematic parameters move the end of an arm, and which axis shows them."""
+"""`workbench significance`: sensitivity of the end-effector pose to each kinematic parameter."""
 
 from typing import Annotated
 
@@ -8,7 +8,9 @@ from workbench.commands.shared import answer, tables
 from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
 
-_NO_RESIDUAL = "Sensitivities are computed from the nominal robot alone, so that there is no residual to judge."
+_NO_RESIDUAL = (
+    "Sensitivities are computed from the nominal robot alone, so there is no residual to judge."
+)
 
 
 def command(
@@ -26,7 +28,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Say how far each parameter's error moves place and axes of the end, and which show nothing of it."""
+    """State how an error of each parameter changes position and axes of the end effector."""
     answer.check_target(json)
     with answer.progress(f"reading {robot}") as say:
         from workbench.jobs.significance import robot_called, save, significance
@@ -53,11 +55,11 @@ def _show(console, result) -> None:
     title = (
         f"{result['robot']}: mean change by {step}, {result['points']} {result['configurations']}"
     )
-    tables.grid(console, title, ["parameter", "place, mm", "x axis", "y axis", "z axis"], rows)
+    tables.grid(console, title, ["parameter", "position, mm", "x axis", "y axis", "z axis"], rows)
     for part, left in result["without_effect"].items():
         angles = [key for key in left if ".d" not in key and (".a" not in key or "alpha" in key)]
         if part != "position" and angles:
             console.print(
-                f"The {part} axis alone shows nothing of {', '.join(angles)}.", markup=False
+                f"The {part} axis alone is not sensitive to {', '.join(angles)}.", markup=False
             )
     console.print(str(result["run"]), soft_wrap=True, markup=False)

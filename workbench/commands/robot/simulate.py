@@ -9,7 +9,7 @@ from workbench.commands.shared import answer
 from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
 
-_NO_RESIDUAL = "A simulation is compared with nothing, so that it has no residual to judge."
+_NO_RESIDUAL = "A simulation has no reference, so there is no residual to judge."
 
 
 def command(
@@ -17,7 +17,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Simulate a recording from a scene and write it as a folder that every command reads."""
+    """Simulate a recording from a scene and write it as a recording folder."""
     answer.check_target(json)
     with answer.progress(f"simulating {scene}") as say:
         import datasets
@@ -31,7 +31,7 @@ def command(
 
 
 def deliver(scene: Path, recording, run: runs.Run, json: str | None) -> None:
-    """Say what was simulated and where it lies; the folder comes last."""
+    """Print content and folder of the simulated recording; the folder comes last."""
     answer.deliver(
         {
             "command": "simulate",

@@ -11,7 +11,7 @@ from workbench.core.errors import InputError
 
 
 class Lens(StrEnum):
-    """Which distortion is fitted."""
+    """Distortion model."""
 
     BROWN = "brown"
     RATIONAL = "rational"
@@ -24,7 +24,7 @@ Recording = Annotated[
 Model = Annotated[
     Lens,
     typer.Option(
-        "--model", help="Distortion: brown has k1 k2 p1 p2 k3, rational k4 k5 k6 besides."
+        "--model", help="Distortion model: brown (k1 k2 p1 p2 k3) or rational (also k4 k5 k6)."
     ),
 ]
 
@@ -48,7 +48,7 @@ def command(
     no_report: answer.NoReport = False,
     session: SessionFile = None,
 ) -> None:
-    """Calibrate the camera of a recording from its images of a board, and say how sure each number is."""
+    """Calibrate the camera of a recording from its images of a board, with the uncertainty of each parameter."""
     from workbench.fitting.verdicts import sensor_verdict, verdict
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.CAMERA_UNITS)

@@ -10,7 +10,7 @@ from workbench.commands.shared import answer, flow, sensor_tables
 
 
 class Kind(StrEnum):
-    """Where the sensor is: on the flange, or beside the arm with the board on the flange."""
+    """Place of the sensor: on the flange, or stationary with the board on the flange."""
 
     IN_HAND = "in-hand"
     TO_HAND = "to-hand"
@@ -34,7 +34,7 @@ Where = Annotated[
     Kind | None,
     typer.Option(
         "--kind",
-        help="The sensor is in the arm's hand, or looks at it from beside; else as [board] says.",
+        help="Sensor on the flange or stationary; default: key fixed_to of [board].",
     ),
 ]
 
@@ -50,7 +50,7 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Find where the sensor sits on the flange, and how well that predicts poses it was not fitted on."""
+    """Estimate the pose of the sensor on the flange, and its prediction error on held-out poses."""
 
     def work(run, say) -> dict:
         import datasets

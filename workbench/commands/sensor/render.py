@@ -1,4 +1,4 @@
-"""`workbench render`: a scene in; a recording with rendered images out, which every command reads."""
+"""`workbench render`: a scene in; a recording with rendered images out."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +15,7 @@ Truth = Annotated[
     typer.Option(
         "--truth",
         metavar="FILE",
-        help="Write what the images were made from (JSON), for scoring.",
+        help="Write the ground truth of the rendering (JSON).",
     ),
 ]
 
@@ -26,7 +26,7 @@ def command(
     truth: Truth = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Render the images that an instrument with known faults would have taken; the folder comes last."""
+    """Render the images of an instrument with known errors, as a recording."""
     answer.check_target(json)
     answer.check_target(None if truth is None else str(truth), "--truth")
     with answer.progress(f"reading {scene}") as say:
@@ -38,7 +38,7 @@ def command(
                 runs.replace_file(truth, answer.as_text(made["truth"]))
     found = {key: value for key, value in made.items() if key != "truth"}
     found["verdict"] = no_verdict(
-        "A rendering measures nothing, so there is no residual to judge."
+        "A rendering has no reference, so there is no residual to judge."
     ).as_json()
     answer.deliver(
         {"command": "render", "scene": scene, "recording": run.path, **found, "run": run.path}, json

@@ -19,7 +19,7 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Turn the scans of a recording into clouds and ball centres; without --scanner it is calibrated first."""
+    """Compute point clouds and ball centres from scans; without --scanner, calibrate the scanner first."""
     from workbench.fitting.verdicts import sensor_verdict, verdict
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCAN_UNITS)

@@ -20,7 +20,7 @@ Out = Annotated[
     typer.Option(
         "--out",
         metavar="FILE",
-        help="Write the scanner here too; --scanner FILE reads it everywhere.",
+        help="Also write the scanner to this file; other commands read it with --scanner FILE.",
     ),
 ]
 

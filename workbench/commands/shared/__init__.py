@@ -1,1 +1,1 @@
-"""What the commands share: reading samples, running a job, tables, and the answer on the terminal."""
+"""Shared parts of the commands: sample lists, running a job, tables, and the answer on the terminal."""

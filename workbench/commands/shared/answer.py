@@ -1,7 +1,7 @@
-"""What the commands share: the JSON answer, the console for people, the progress line.
+"""Shared parts of the commands: JSON answer, console, progress line.
 
-With `--json -` standard output carries the JSON object and nothing else; all that is meant for a
-person then goes to standard error.
+With `--json -` standard output holds only the JSON object; all text for the user then goes to
+standard error.
 """
 
 import json
@@ -29,14 +29,16 @@ OutFolder = Annotated[
     typer.Option("--out", metavar="DIR", help="Write here instead of a new folder under runs/."),
 ]
 
-Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; one a core otherwise.")]
+Jobs = Annotated[
+    int | None, typer.Option("--jobs", min=1, help="Number of processes; default: one per core.")
+]
 TrustData = Annotated[
     bool,
     typer.Option(
-        "--trust-data", help="Go on with a warning where the recorded data are found implausible."
+        "--trust-data", help="Continue with a warning if the recorded data are implausible."
     ),
 ]
-NoReport = Annotated[bool, typer.Option("--no-report", help="Write no page.")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="Do not write a report page.")]
 ScannerFile = Annotated[
     Path | None,
     typer.Option(
@@ -51,14 +53,14 @@ Tolerance = Annotated[
     typer.Option(
         "--tolerance",
         metavar="VALUE[UNIT]",
-        help="Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; exit status 1 where it is exceeded. "
+        help="Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; exit status 1 if it is exceeded. "
         "Once per unit.",
     ),
 ]
 
 
 def console(target: str | None):
-    """The rich console for people: standard output, unless JSON has it."""
+    """The rich console: standard output, or standard error if the JSON goes to standard output."""
     from rich.console import Console
 
     return Console(stderr=target == "-", highlight=False)
@@ -69,10 +71,10 @@ _JSON = json.JSONEncoder(indent=2, ensure_ascii=False, allow_nan=False)
 
 @contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
-    """A line on standard error that says what is being done; call what it yields to change it.
+    """A progress line on standard error; call the yielded function to change its text.
 
-    Where the environment variable WORKBENCH_PROGRESS is "lines", every text is printed as a line of its own, for
-    programs that start a command and show its progress.
+    If the environment variable WORKBENCH_PROGRESS is "lines", every text is printed on its own line, for programs
+    that start a command and show its progress.
     """
     if os.environ.get("WORKBENCH_PROGRESS") == "lines":
         _print_progress(first)
@@ -89,13 +91,13 @@ def _print_progress(text: str) -> None:
 
 
 def check_target(target: str | None, option: str = "--json") -> None:
-    """Raise InputError now, and not after a long solve, where the file of `option` cannot be written."""
+    """Raise InputError before the computation if the file of `option` cannot be written."""
     if target in (None, "-"):
         return
     path = Path(target)
     if path.is_dir():
         raise InputError(
-            f"{option} {target} expects a file, found a folder; name a file, {path / 'name'} for one."
+            f"{option} {target} expects a file, found a folder; name a file, such as {path / 'name'}."
         )
     if not path.parent.is_dir():
         raise InputError(
@@ -104,18 +106,18 @@ def check_target(target: str | None, option: str = "--json") -> None:
 
 
 def as_text(answer: Mapping[str, Any]) -> str:
-    """Strict JSON: numpy's scalars and arrays become plain ones, what is not finite null."""
+    """Strict JSON: numpy types become plain numbers and lists; numbers that are not finite become null."""
     return "".join(parts(answer))
 
 
 def parts(answer: Mapping[str, Any]) -> Iterator[str]:
-    """The same in parts: what is made or read anew for every element of a session is never all in memory."""
+    """The text of `as_text` in parts; lazily read elements of a long session are never all in memory."""
     yield from _parts(answer, "\n")
     yield "\n"
 
 
 def _parts(value: Any, line: str) -> Iterator[str]:
-    """A value, element by element, whose further lines begin with `line`."""
+    """The text of a value, element by element; further lines begin with `line`."""
     keyed = isinstance(value, Mapping)
     if not keyed and (not isinstance(value, Sequence) or isinstance(value, str)):
         yield _JSON.encode(_plain(value)).replace("\n", line)
@@ -132,7 +134,7 @@ def _parts(value: Any, line: str) -> Iterator[str]:
 
 
 def deliver(answer: Mapping[str, Any], target: str | None) -> None:
-    """Write the answer where `--json` says; None writes nothing."""
+    """Write the answer to the target of `--json`; None writes nothing."""
     if target == "-":
         sys.stdout.writelines(parts(answer))
         sys.stdout.flush()
@@ -141,7 +143,7 @@ def deliver(answer: Mapping[str, Any], target: str | None) -> None:
 
 
 def last_line(console, folder: Path) -> None:
-    """Name what was written, as the last line: the page, or the folder where there is none."""
+    """Print the path of the report page, or of the folder without a page, as the last line."""
     page = folder / "report.html"
     console.print(str(page if page.exists() else folder), soft_wrap=True, markup=False)
 
@@ -155,7 +157,7 @@ def read_tolerances(values: Sequence[str] | None, measures: str):
 
 
 def show_verdict(console, verdict: Mapping[str, Any] | None) -> None:
-    """Print the sentence of a verdict (its JSON object); one that fails stands out."""
+    """Print the sentence of a verdict (its JSON object); a failed verdict is highlighted."""
     if verdict is None:
         return
     style = "bold red" if verdict["pass"] is False else None
@@ -163,7 +165,7 @@ def show_verdict(console, verdict: Mapping[str, Any] | None) -> None:
 
 
 def exit_on_fail(verdict: Mapping[str, Any] | None) -> None:
-    """End with status 1 where a tolerance was given and is not met. Call it last, after the run's path is printed."""
+    """Exit with status 1 if a tolerance is not met. Call it last, after the path of the run is printed."""
     if verdict is not None and verdict["pass"] is False:
         raise typer.Exit(1)
 
@@ -171,7 +173,7 @@ def exit_on_fail(verdict: Mapping[str, Any] | None) -> None:
 def conclude(console, result: Mapping[str, Any], folder: Path) -> None:
     """The end of a command with a run folder: the verdict's sentence, the path as last line, the exit status.
 
-    The verdict is `verdict_details` where `verdict` is a word (`diagnose`).
+    The verdict is `verdict_details` if `verdict` is a word (`diagnose`).
     """
     verdict = result.get("verdict_details", result.get("verdict"))
     show_verdict(console, verdict)

@@ -1,4 +1,4 @@
-"""The course of the sensor's commands: work into a run folder, the answer, a table, the place written."""
+"""Common sequence of the sensor commands: work in a run folder, answer, table, path of the results."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,11 +12,11 @@ Work = Callable[[runs.Run, Callable[[str], None]], Mapping]
 def run(
     command: str, subject: str, out: Path | None, json: str | None, work: Work, show: Callable
 ) -> None:
-    """Do `work(run, say)` in a new run folder; its answer goes to the folder, to `--json` and to `show`.
+    """Call `work(run, say)` in a new run folder; its answer goes to the folder, to `--json` and to `show`.
 
-    command, subject: name the run folder; out: that folder instead. show: takes console and answer. Warnings of the
-    answer come first, its verdict comes last. Raises InputError, and nothing is left behind then; ends with status 1
-    where the verdict fails.
+    command, subject: name the run folder; out: this folder instead. show: called with console and answer. Warnings
+    are printed first, the verdict last. Raises InputError, and then leaves no files. Exits with status 1 if the
+    verdict fails.
     """
     answer.check_target(json)
     with answer.progress(f"reading {subject}") as say, runs.opened(command, subject, out) as folder:
@@ -36,5 +36,5 @@ def run(
 
 
 def with_reading_warnings(result: Mapping, recording) -> dict:
-    """The answer of a command with what reading its recording found unusual, before its own warnings."""
+    """The answer of a command with the warnings of reading its recording before its other warnings."""
     return {**result, "warnings": [*recording.warnings, *result.get("warnings", ())]}

@@ -7,7 +7,7 @@ from workbench.core.errors import InputError
 
 
 def read_list(path: Path | None, known: Container[int], option: str) -> tuple[int, ...] | None:
-    """The sample numbers in `path`, one a line; None where there is no file to read.
+    """The sample numbers in `path`, one per line; None without a file.
 
     known: the recording's sample numbers. Raises InputError.
     """
@@ -19,19 +19,18 @@ def read_list(path: Path | None, known: Container[int], option: str) -> tuple[in
             _add(places, line.strip(), f"{path}, line {row}", known)
     if not places:
         raise InputError(
-            f"{path} is empty, where {option} expects one sample number a line; write at least one."
+            f"{path} is empty; {option} expects one sample number per line. Write at least one."
         )
     return tuple(places)
 
 
 def check_apart(fit: tuple[int, ...] | None, test: tuple[int, ...] | None, path: Path | None):
-    """Raise InputError where a sample stands in both lists: it would not be held out."""
+    """Raise InputError if a sample is in both lists: it would not be held out."""
     shared = sorted(set(fit or ()) & set(test or ()))
     if shared:
         raise InputError(
-            f"{path} names sample {shared[0]} ({len(shared)} in all), which "
-            "--fit-samples names too, where a test sample is expected to be unseen; "
-            "take it out of one of the two files."
+            f"{path} lists sample {shared[0]} ({len(shared)} in total), which --fit-samples also lists; "
+            "a test sample must not be fitted. Remove it from one of the two files."
         )
 
 

@@ -1,20 +1,20 @@
-"""How the answers of the sensor's commands look in a terminal; each function reads the JSON answer alone."""
+"""Terminal output of the sensor commands; each function reads only the JSON answer."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 from workbench.commands.shared.tables import grid, measured, number
 
-_SHOWN = 40  # balls that a terminal names
-_NAMED = 6  # scans that a sentence names
-_SENTENCES = 12  # of scans or images; those of a long session may all differ
+_SHOWN = 40  # largest number of balls in the table
+_NAMED = 6  # largest number of scans in a sentence
+_SENTENCES = 12  # largest number of different sentences on scans or images
 
 
 def camera(console, answer: Mapping) -> None:
     """Errors and parameters of a camera; `answer`: the object of `camera --json`."""
     title = (
-        f"{answer['recording']}: {answer['views']} images, RMS {number(answer['rms_px'])} px as OpenCV counts, "
-        f"{number(answer['rms_coordinate_px'])} px a coordinate"
+        f"{answer['recording']}: {answer['views']} images, RMS distance {number(answer['rms_px'])} px (OpenCV), "
+        f"{number(answer['rms_coordinate_px'])} px per coordinate"
     )
     std = answer["std"]
     rows = [
@@ -33,22 +33,22 @@ def camera(console, answer: Mapping) -> None:
 
 
 def _about_camera(answer: Mapping) -> Sequence[str]:
-    """The board's bow, how well images that were left out are predicted, and what stays open."""
-    told, held, bow = [], answer.get("held_out"), answer.get("bow")
+    """Sentences on the warp of the board, the held-out images, and parameters that are not identifiable."""
+    sentences, held, bow = [], answer.get("held_out"), answer.get("bow")
     if bow is not None:
         height = " ± ".join(measured(bow["height_mm"], bow["height_std_mm"]))
-        told.append(f"the board is bowed by {height} mm (1 sigma)")
+        sentences.append(f"the board is warped by {height} mm (1 sigma)")
     if held is not None:
-        told.append(held["sentence"])
-    return [*told, *answer.get("undetermined", ())]
+        sentences.append(held["sentence"])
+    return [*sentences, *answer.get("undetermined", ())]
 
 
 def rejected(console, rows: Sequence[Mapping], others: int = 0) -> None:
-    """Images that were left out, each with its reason; `others` that are not in `rows`."""
+    """Rejected images with their reasons; `others`: number of further ones that are not in `rows`."""
     for row in rows[:_SENTENCES]:
-        console.print(f"left out: {row['image']}: {row['why']}", markup=False, soft_wrap=True)
+        console.print(f"rejected: {row['image']}: {row['why']}", markup=False, soft_wrap=True)
     if (more := len(rows[_SENTENCES:]) + others) > 0:
-        console.print(f"and {more} more, which the JSON names")
+        console.print(f"and {more} more (listed in the JSON)")
     if rows:
         console.print()
 
@@ -57,7 +57,7 @@ def scanner(console, answer: Mapping) -> None:
     """Camera, planes and mirror; `answer`: the object of `scanner --json`."""
     camera(console, {"recording": answer["recording"], **answer["camera"]})
     title = (
-        f"{len(answer['planes'])} light planes, {answer['stripe_points']:,} points of stripes: RMS "
+        f"{len(answer['planes'])} light planes, {answer['stripe_points']:,} stripe points: RMS "
         f"{number(answer['plane_rms_mm'])} mm from their plane, {number(answer['plane_rms_px'])} px along the scan line"
     )
     planes = answer["planes"]
@@ -86,16 +86,16 @@ def scanner(console, answer: Mapping) -> None:
 def scan(console, answer: Mapping) -> None:
     """Balls of each scan and the acceptance figures; `answer`: the object of `scan --json`."""
     head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "RMS mm", "1 sigma mm", ""]
-    rows, unseen, outcomes, points, more, others, untold = [], [], {}, 0, 0, 0, 0
+    rows, unseen, outcomes, points, more, others, unlisted = [], [], {}, 0, 0, 0, 0
     for one in answer[
         "scans"
-    ]:  # once: a long session's are read anew each time, and few of them kept
+    ]:  # one pass: the scans of a long session are read from disk in each pass, and few are kept
         points, balls = points + one["points"], _balls(one)
         more += max(len(rows) + len(balls) - _SHOWN, 0)
         rows += balls[: _SHOWN - len(rows)]
         others += max(len(unseen) + len(one["rejected"]) - _SENTENCES, 0)
         unseen += one["rejected"][: _SENTENCES - len(unseen)]
-        untold += not _noted(outcomes, one["outcome"], one["scan"])
+        unlisted += not _noted(outcomes, one["outcome"], one["scan"])
     grid(
         console,
         f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points",
@@ -103,31 +103,31 @@ def scan(console, answer: Mapping) -> None:
         rows,
     )
     if more:
-        console.print(f"and {more} more, which the JSON names\n")
+        console.print(f"and {more} more (listed in the JSON)\n")
     for sentence, scans in outcomes.items():
         names = ", ".join(scans[:_NAMED]) + " ..." * (len(scans) > _NAMED)
         console.print(f"- scan {names}: {sentence}", markup=False, soft_wrap=True)
-    if untold:
-        console.print(f"- {untold} more scans: other sentences, which the JSON holds")
+    if unlisted:
+        console.print(f"- {unlisted} more scans have other remarks (listed in the JSON)")
     rejected(console, unseen, others)
-    told = [
+    figures = [
         [row["name"].replace("_", " "), row["symbol"], *_valued(row)]
         for row in answer["acceptance"]
     ]
-    told = [row for row in told if row[2] is not None]
-    if told:
+    figures = [row for row in figures if row[2] is not None]
+    if figures:
         console.print()
         grid(
             console,
-            "Acceptance figures, the worst scan",
+            "Acceptance figures, worst scan",
             ["characteristic", "symbol", "value", "unit"],
-            told,
+            figures,
             left=2,
         )
 
 
 def _noted(outcomes: dict[str, list[str]], sentence: str, scan: str) -> bool:
-    """Whether there is room among the sentences for a scan's; few names of scans are kept with each."""
+    """Add a scan to its sentence, with a limited number of names; False if there are too many sentences."""
     if not sentence or sentence in outcomes or len(outcomes) < _SENTENCES:
         names = outcomes.setdefault(sentence, []) if sentence else []
         names += [scan] * (len(names) <= _NAMED)
@@ -136,23 +136,23 @@ def _noted(outcomes: dict[str, list[str]], sentence: str, scan: str) -> bool:
 
 
 def _balls(one: Mapping) -> list[list]:
-    """A row for each ball of a scan: the largest of its three sigmas, and what keeps it from counting."""
+    """One row per ball of a scan, with its largest sigma and the reasons for its exclusion."""
     rows = []
     for ball in one["balls"]:
         doubts = {"cut": ball["cut_by_field"], "too far": ball["beyond_calibrated_depths"]}
         place, spread = (ball["x_mm"], ball["y_mm"], ball["z_mm"]), max(ball["std_mm"])
-        said = ", ".join(doubt for doubt, there in doubts.items() if there)
+        reasons = ", ".join(doubt for doubt, applies in doubts.items() if applies)
         figures = (
             *(measured(value, spread)[0] for value in place),
             number(ball["rms_mm"], 2),
             number(spread, 2),
         )
-        rows.append([one["scan"], ball["ball"], ball["used"], *figures, said])
+        rows.append([one["scan"], ball["ball"], ball["used"], *figures, reasons])
     return rows or [[one["scan"], *[None] * 7, "no ball"]]
 
 
 def _valued(row: Mapping) -> tuple:
-    """A characteristic's value and unit; shares in %."""
+    """Value and unit of a characteristic; shares in %."""
     return (
         (100 * row["value"], "%")
         if row["unit"] == "1" and row["value"] is not None
@@ -161,35 +161,35 @@ def _valued(row: Mapping) -> tuple:
 
 
 def _profiler(answer: Mapping) -> list[str]:
-    """Lines on the scale of a profiler's z, its noise and the ball's radius where that is fitted."""
-    told = [f"noise of a profile: {number(answer['noise'])} {answer['noise_unit']}"]
+    """Lines on noise and scale of the profiler's z, and on the estimated radius of the sphere."""
+    lines = [f"noise of a profile: {number(answer['noise'])} {answer['noise_unit']}"]
     if answer.get("range_scale_std"):
-        told.append(
-            f"scale of the profiler's z: {answer['range_scale']:+.2%}, 1 sigma {answer['range_scale_std']:.2%}"
+        lines.append(
+            f"scale error of the profiler's z: {answer['range_scale']:+.2%}, 1 sigma {answer['range_scale_std']:.2%}"
         )
     if answer.get("free_radius_std_mm") and not answer["radius_std_mm"]:
         radius, std = measured(answer["free_radius_mm"], answer["free_radius_std_mm"])
-        told.append(f"with a radius of its own: {radius} mm, 1 sigma {std} mm")
-    return told
+        lines.append(f"radius, if estimated: {radius} mm, 1 sigma {std} mm")
+    return lines
 
 
 _ERRORS = {
     "rms_px": "corners, RMS distance, px",
-    "rms_mm": "points from the ball, RMS, mm",
-    "pose_rms_mm": "the same, every pose alike, mm",
-    "origin_mm": "board's origin, RMS, mm",
-    "centre_mm": "board's middle, RMS, mm",
-    "turn_deg": "board's turn, RMS, deg",
-    "mean_origin_mm": "board's origin, mean, mm",
-    "mean_centre_mm": "board's middle, mean, mm",
-    "mean_turn_deg": "board's turn, mean, deg",
-    "least_origin_mm": "least scatter of any hand-eye: origin, RMS, mm",
-    "least_turn_deg": "its turn (1 rad as 300 mm), RMS, deg",
+    "rms_mm": "distance from the sphere, RMS, mm",
+    "pose_rms_mm": "the same with equal weight per pose, mm",
+    "origin_mm": "board origin, RMS, mm",
+    "centre_mm": "board centre, RMS, mm",
+    "turn_deg": "board rotation, RMS, deg",
+    "mean_origin_mm": "board origin, mean, mm",
+    "mean_centre_mm": "board centre, mean, mm",
+    "mean_turn_deg": "board rotation, mean, deg",
+    "least_origin_mm": "smallest scatter of any hand-eye transform: origin, RMS, mm",
+    "least_turn_deg": "its rotation (1 rad as 300 mm), RMS, deg",
 }
 
 
 def handeye(console, answer: Mapping) -> None:
-    """Transform, errors and doubts of a hand-eye calibration; `answer`: the object of `handeye --json`."""
+    """Transform, errors and warnings of a hand-eye calibration; `answer`: the object of `handeye --json`."""
     sensor = answer["hand_eye"]
     for sentence in answer["undetermined"]:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
@@ -207,7 +207,7 @@ def handeye(console, answer: Mapping) -> None:
     if answer.get("radius_mm") is not None:
         radius, std = measured(answer["radius_mm"], answer["radius_std_mm"])
         console.print(
-            f"radius of the ball: {radius} mm, {'known' if std == '–' else f'1 sigma {std} mm'}"
+            f"radius of the sphere: {radius} mm, {'certified' if std == '–' else f'1 sigma {std} mm'}"
         )
         for line in _profiler(answer):
             console.print(line, markup=False)
@@ -219,7 +219,7 @@ def handeye(console, answer: Mapping) -> None:
     ]
     grid(
         console,
-        "How far apart what stands still seems to be, pose by pose",
+        "Scatter of the estimated board pose or sphere over the poses",
         ["", "fit", "held out"],
         rows,
     )
@@ -227,5 +227,5 @@ def handeye(console, answer: Mapping) -> None:
 
 
 def known(std: float | None) -> str:
-    """1 sigma, or that there is none."""
-    return "not determined" if std is None or not math.isfinite(std) else number(std, 2)
+    """1 sigma, or "not identifiable"."""
+    return "not identifiable" if std is None or not math.isfinite(std) else number(std, 2)

@@ -1,4 +1,4 @@
-"""How the commands' answers look in a terminal; each function reads the JSON answer alone."""
+"""Terminal output of the robot commands; each function reads only the JSON answer."""
 
 from collections.abc import Mapping, Sequence
 
@@ -25,7 +25,7 @@ def calibration(console, answer: Mapping) -> None:
 
 
 def warnings(console, answer: Mapping) -> None:
-    """Warnings in red; findings on the noise, which are usual for real arms, as notes."""
+    """Print warnings in red; findings on the noise, which are common on real arms, as notes."""
     noise = answer.get("noise") or {}
     for warning in answer.get("warnings", ()):
         if warning in noise.get("findings", ()):
@@ -35,12 +35,12 @@ def warnings(console, answer: Mapping) -> None:
 
 
 def identifiability(console, answer: Mapping) -> None:
-    """What the recording determines and what it does not, in words.
+    """Print which parameters the recording identifies, and which not.
 
     answer: the object of `identifiability --json`.
     """
     warnings(console, answer)
-    head = ["stage", "free", "known", "O1", "O2", "O3", "O4", "O5"]
+    head = ["stage", "free", "identifiable", "O1", "O2", "O3", "O4", "O5"]
     rows = [
         [s["name"], s["free"], s["identifiable"], *(number(s[f"O{k}"], 3) for k in range(1, 6))]
         for s in answer["stages"]
@@ -56,18 +56,18 @@ def identifiability(console, answer: Mapping) -> None:
         more = [sentence for sentence in stage["undetermined"] if sentence not in said]
         said.update(more)
         if more:
-            _listing(console, f"not determined with {stage['name']}", more)
+            _listing(console, f"not identifiable with {stage['name']}", more)
 
 
 def number(value, digits: int = 4) -> str:
-    """So many significant digits; a dash for what is not there."""
+    """`value` with `digits` significant digits; a dash for None."""
     return (
         "–" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else str(value)
     )
 
 
 def measured(value: float | None, std: float | None) -> tuple[str, str]:
-    """A value to two digits of its standard deviation, and that; four digits where none is known."""
+    """A value and its standard deviation, rounded to two digits of the latter; four digits without one."""
     from math import floor, isfinite, log10
 
     if value is None or not std or not isfinite(std):
@@ -78,9 +78,9 @@ def measured(value: float | None, std: float | None) -> tuple[str, str]:
 
 
 def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> None:
-    """A table whose first `left` columns, and any without a heading, are words and the rest numbers.
+    """Print a table. The first `left` columns, and any without a heading, are text; the others are numbers.
 
-    Numbers are never broken; words are where 80 columns do not hold them.
+    Numbers are never wrapped; text is wrapped to fit into 80 columns.
     """
     from rich import box
     from rich.markup import escape
@@ -115,7 +115,7 @@ def _errors(console, answer: Mapping) -> None:
 
 
 def _stages(console, stages: Sequence[Mapping]) -> None:
-    head = ["stage", "free", "known", "RMS mm", "held out mm"]
+    head = ["stage", "free", "identified", "RMS mm", "held out mm"]
     keys = ["free", "identifiable", "rms_mm", "held_out_rms_mm"]
     if any(_DEGREES[0] in stage for stage in stages):
         head, keys = [*head, "RMS deg", "held out deg"], [*keys, *_DEGREES]
@@ -125,11 +125,11 @@ def _stages(console, stages: Sequence[Mapping]) -> None:
 
 def _verdict(stage: Mapping) -> str:
     earned = stage.get("earned", stage.get("kept"))
-    return "" if earned is None or earned else "left out"
+    return "" if earned is None or earned else "not retained"
 
 
 def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
-    """The deviations from nominal that are largest in units of their std; all are in the files."""
+    """Print the most significant deviations from nominal; the result files hold all."""
     estimated = [row for row in parameters if row["identifiable"] and row["deviation"] is not None]
     ranked = sorted(estimated, key=_significance, reverse=True)[:most]
     title = f"Deviations from nominal, the {len(ranked)} most significant of {len(estimated)}"
@@ -140,7 +140,7 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
 
 
 def _parameter(row: Mapping) -> list:
-    """Cells of one parameter: angles in degrees, numbers to two digits of their standard deviation."""
+    """Cells of one parameter: angles in degrees, numbers rounded to two digits of their standard deviation."""
     from workbench.report.text import shown_unit  # `--help` must not wait for the reports
 
     unit, factor = shown_unit(row["unit"])
@@ -152,14 +152,14 @@ def _parameter(row: Mapping) -> list:
 
 
 def unidentified(parameters: Sequence[Mapping]) -> str:
-    """How many parameters have no estimate of their own, and why; "" where all have one."""
+    """Number of parameters without an estimate, and the reason; "" if all are estimated."""
     missing = [row for row in parameters if not row["identifiable"]]
     if not missing:
         return ""
     held = sum(row["status"] == "held" for row in missing)
     return (
-        f"Without an estimate of their own: {len(missing)} of {len(parameters)} parameters, {len(missing) - held} "
-        f"not identifiable from this recording and {held} held by the plan; the report says why."
+        f"{len(missing)} of {len(parameters)} parameters have no estimate: {len(missing) - held} are not identifiable "
+        f"from this recording and {held} are held by the plan. The report gives the reasons."
     )
 
 

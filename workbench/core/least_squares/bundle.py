@@ -120,8 +120,8 @@ def solve_bundle(
 ) -> BundleFit:
     """Fit the free ones of `parameters`, and all values of `families`, to the samples of all models.
 
-    parameters: one table that holds every key of every model. A chain with families offers, beside
-    what `model.Chain` asks, `labels` (family -> (n,) int group of each sample), `with_families`
+    parameters: one table that holds every key of every model. A chain with families offers, in
+    addition to `model.Chain`, `labels` (family -> (n,) int group of each sample), `with_families`
     (mapping family -> values) and, in its evaluation, `family_rows(name)` (L, m, n). One whose samples
     share errors offers `decorrelated(rows, across=True)` (..., m, n), which makes residuals and derivatives independent
     ones of its `sigma`; across=False within each combination of groups alone, with `across` then the shape (n,) and

@@ -1,8 +1,8 @@
-"""Which poses to measure: the subset of candidates that tells most, by exchange.
+"""Optimal design: the most informative subset of candidate poses, by exchange.
 
-Every pose brings a block of whitened rows of the Jacobian; a set's normal matrix is the sum over its
+Every pose contributes a block of whitened rows of the Jacobian; the normal matrix of a set is the sum over its
 blocks. Fedorov, Theory of Optimal Experiments (1972); Mitchell's exchange, Technometrics 16 (1974) 203.
-What no set can reach, however one searches, is told by parts of poses instead of whole ones.
+The continuous (approximate) design gives a lower bound for all sets.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from workbench.core.least_squares.linear_algebra import (
 _SWEEPS = 12
 # of the largest eigenvalue: added where nothing else is known, so that a set with too few poses has a volume at all
 _RIDGE = 1e-9
-# of the same, beside what is known: for rounding alone, since more would be taken for knowledge
+# of the same, in addition to prior information: for rounding alone, since more would be taken for knowledge
 _ROUNDING = 1e-13
 _SHARES = 400
 
@@ -81,7 +81,7 @@ def choose(
     search, downwards = _Search(rows, grams, ridge, swap, repeats), criterion == "task"
     several = [rng.choice(len(rows), n, replace=False) for _ in range(draws)]
     random = np.array([worth(some) for some in several])
-    chosen, told = search.exchange(search.grow(n)), {}
+    chosen, comparisons = search.exchange(search.grow(n)), {}
     if downwards and bounded:
         shares, bound = least_error(grams, n, weight, ridge, repeats)
         chosen = min(chosen, search.exchange(_whole(shares, n, repeats)), key=worth)
@@ -90,16 +90,16 @@ def choose(
             if 2 * n <= len(rows)
             else []
         )
-        told = {
+        comparisons = {
             "twice": np.array([worth(some) for some in pairs]),
             "everything": score(grams.sum(0) + ridge),
             "bound": bound,
         }
     if not downwards and random.max() > worth(
         chosen
-    ):  # an exchange may end in a hole: once more from there
+    ):  # the exchange ended in a local optimum: start again from the best random set
         chosen = search.exchange(several[int(random.argmax())])
-    return Design(np.sort(chosen), worth(chosen), random, not downwards, **told)
+    return Design(np.sort(chosen), worth(chosen), random, not downwards, **comparisons)
 
 
 def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndarray, float]:
@@ -126,7 +126,7 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
 
 
 def _filled(shares, n, most):
-    """The shares times the one number with which they add up to n, where those above `most` are held there."""
+    """The shares scaled to the sum n, with those above `most` limited to it."""
     order = np.argsort(-shares)
     falling = shares[order]
     rest = np.cumsum(falling[::-1])[::-1]
@@ -143,7 +143,7 @@ def _whole(shares, n, most):
 
 
 def _criterion(name, n, weight) -> tuple[Callable, Callable]:
-    """The score of a normal matrix, and what adding each candidate to one makes of it (larger is better)."""
+    """The score of a normal matrix, and the score after adding each candidate (larger is better)."""
     if name == "D":
         return _volume, _volumes_with
     if name == "task":
@@ -210,14 +210,14 @@ class _Search:
         return value
 
     def grow(self, n) -> list[int]:
-        """Candidates one by one, each time the one that helps most."""
+        """Greedy selection: add the best candidate one by one."""
         chosen: list[int] = []
         for _ in range(n):
             chosen.append(int(np.argmax(self.worth(np.array(chosen, int)))))
         return chosen
 
     def exchange(self, start) -> list[int]:
-        """Every chosen candidate against all others, until nothing gets better."""
+        """Exchange each chosen candidate for the best other one, until the score does not improve."""
         chosen = [int(k) for k in start]
         for _ in range(_SWEEPS):
             changed = False

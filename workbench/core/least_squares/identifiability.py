@@ -29,9 +29,7 @@ _ROUNDING = (
 )
 _LEAST_SCALE = 1e-9  # residuals of exactly zero make no data infinitely good
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
-_TWIN = (
-    1e-2  # squared: what is left of a column, in typical sizes, below which it is another's twin
-)
+_CONFOUNDED = 1e-2  # squared: what is left of a column, in typical sizes, below which it is confounded with others
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ class Identifiability:
         return np.array([key not in tied for key in self.keys], bool)
 
     def tied(self) -> dict[str, list[str]]:
-        """For every undetermined parameter the others that it cannot be told from."""
+        """For every parameter that is not identifiable, the parameters that it is confounded with."""
         found: dict[str, list[str]] = {
             key: [] for key, known in zip(self.keys, self.determined) if not known
         }
@@ -76,13 +74,15 @@ class Identifiability:
         return {key: sorted(set(others)) for key, others in found.items()}
 
     def groups(self) -> list[list[str]]:
-        """Keys of each undetermined direction, after the directions were made as short as possible."""
+        """Keys of each undetermined direction, in a sparse basis of the null space."""
         return [[self.keys[k] for k in self._members(row)] for row in self._short()]
 
     def _members(self, row):
-        """Who takes part in a direction, by what each would do to the measurements alone."""
+        """Indices of the parameters in a direction, by their individual effect on the measurements."""
         part = np.abs(row) * self.weight
-        if part.max() < 1:  # nothing in it moves a measurement: it is the parameter itself
+        if (
+            part.max() < 1
+        ):  # no parameter of it changes a measurement: a single parameter without effect
             return [int(np.argmax(np.abs(row)))]
         part = (part / part.max()).round(
             6
@@ -90,18 +90,18 @@ class Identifiability:
         return [int(k) for k in np.argsort(-part, kind="stable") if part[k] > _PART]
 
     def _short(self):
-        """(F - rank, F) rows that span the null space, each with one parameter of its own.
+        """(F - rank, F) rows that span the null space, each with a pivot parameter.
 
-        What is exactly the same comes first and by itself: it is not to be mixed with what these
-        few samples only hardly tell apart.
+        Exact null directions come first and separately. They are not mixed with directions that these
+        samples determine only weakly.
         """
         exact, pivots = _echelon(self.exact)
-        rest = self.null.T - self.null.T[:, pivots] @ exact
-        basis = thin_svd(rest)[2][: max(len(rest) - len(exact), 0)]
+        remaining = self.null.T - self.null.T[:, pivots] @ exact
+        basis = thin_svd(remaining)[2][: max(len(remaining) - len(exact), 0)]
         return np.concatenate([exact, _echelon(basis)[0]])
 
     def sentences(self) -> list[str]:
-        """The null space in words, one sentence an undetermined direction."""
+        """The null space in words, one sentence per undetermined direction."""
         label = dict(zip(self.keys, self.labels))
         return [
             self._alone(group[0]) if len(group) == 1 else _sentence([label[k] for k in group])
@@ -109,12 +109,12 @@ class Identifiability:
         ]
 
     def _alone(self, key):
-        """What is said of a parameter that no other can stand in for and that still is not known."""
+        """Sentence on a parameter that is not identifiable and not confounded with others."""
         k = self.keys.index(key)
         if self.weight[k] < _NO_EFFECT:
-            return f"{self.labels[k]} has no effect at all on these measurements"
+            return f"{self.labels[k]} has no effect on these measurements"
         least = f"{self.typical[k] / self.weight[k]:.2g} {self.units[k]}"
-        return f"{self.labels[k]} has too little effect here: below about {least} it cannot be seen"
+        return f"{self.labels[k]} has too small an effect here: it is detectable only from about {least}"
 
     def observability(self, samples: int) -> dict[str, float]:
         """O1-O5 of the determined directions, columns scaled by their typical sizes.
@@ -142,7 +142,7 @@ def identifiability(
 ) -> Identifiability:
     """From the whitened normal matrix (F, F) of the data and the free parameters, in their own units.
 
-    scale: by how much the residuals exceed their stated sigmas; the data know that much less.
+    scale: ratio of the residuals to their stated sigmas; the information is reduced accordingly.
     """
     mask = parameters.mask
     typical = parameters.typical[mask]
@@ -233,7 +233,7 @@ def _greedy(scaled):
         for j, other in enumerate(kept):
             row[j] = (scaled[k, other] - row[:j] @ lower[j, :j]) / lower[j, j]
         rest = scaled[k, k] - row @ row
-        if rest > max(_TWIN, 1e-12 * scaled[k, k]):
+        if rest > max(_CONFOUNDED, 1e-12 * scaled[k, k]):
             row[len(kept)] = np.sqrt(rest)
             lower[len(kept)] = row
             kept.append(k)
@@ -249,8 +249,8 @@ def _greedy(scaled):
 
 def _sentence(labels):
     if len(labels) == 2:
-        return f"{labels[0]} and {labels[1]} are one and the same here: only their combination is determined"
+        return f"{labels[0]} and {labels[1]} are confounded: only a combination of them is identifiable"
     if len(labels) > _NAMED + 1:
         labels = [*labels[:_NAMED], f"{len(labels) - _NAMED} more"]
-    rest = ", ".join(labels[1:-1]) + f" and {labels[-1]}"
-    return f"{labels[0]} cannot be told from a combination of {rest}"
+    others = ", ".join(labels[1:-1]) + f" and {labels[-1]}"
+    return f"{labels[0]} is confounded with a combination of {others}"

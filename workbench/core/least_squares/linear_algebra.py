@@ -216,7 +216,7 @@ def covariance_of(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
 def _covariance_by_rows(information, prior):
     """The same from square roots: (R^T R)^-1 with R the triangle of the stacked rows of data and prior.
 
-    Rows in order of size and columns pivoted keep small rows beside large ones: Cox & Higham, BIT 38 (1998) 34.
+    Sorted rows and pivoted columns preserve small rows next to large ones: Cox & Higham, BIT 38 (1998) 34.
     """
     size = diagonal_scale(information)
     values, vectors = symmetric_eigen(information / np.outer(size, size))

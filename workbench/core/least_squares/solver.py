@@ -181,10 +181,10 @@ class _Problem:
         return False
 
     def trust_in_priors(self, residual):
-        """Precision of the priors beside residuals that are larger than their stated sigma.
+        """Scale of the priors' precision if the residuals exceed their stated sigma.
 
-        What the model does not explain makes every sample worth less than its sigma says; the
-        priors must not drown in it.
+        Model discrepancy makes every sample less informative than its sigma states; the weight of the
+        priors is scaled accordingly.
         """
         square = float((self.weights * (residual * self.inverse_sigma) ** 2).sum())
         return self.precision * max(1.0, square / residual.size)

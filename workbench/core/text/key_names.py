@@ -1,4 +1,4 @@
-"""Which known key a misspelt or renamed key was probably meant to be."""
+"""Suggestions for misspelt or renamed keys."""
 
 import difflib
 from collections.abc import Iterable

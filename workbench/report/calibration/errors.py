@@ -1,4 +1,4 @@
-"""What is left between prediction and measurement: one residual a sample, and how it is spread."""
+"""Residuals between prediction and measurement: one per sample, and their distribution."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _CURVE_POINTS = 800
 
 @dataclass(frozen=True)
 class Kind:
-    """What an error is: `what` in words, its `unit`, and `prefix` of its keys in an error block."""
+    """Kind of error: `what` in words, its `unit`, and the `prefix` of its keys in an error block."""
 
     what: str
     unit: str
@@ -34,11 +34,11 @@ ROTATION = Kind("rotation angle", "deg", "rotation_", "orientation")
 class Errors:
     """Residuals (k, n) in the unit of their `kind`, predicted minus measured, frame of the measurement.
 
-    Held-out where there is one (`held`, (n,) bool), that of the fit elsewhere; `distance` (n,)
-    its length; `sigma` of one coordinate (root mean square over the samples), None if unknown.
-    `parts` of the k are measured: one where a sample is a length. `axes`: names of the components,
-    none where these are in a frame that changes from sample to sample. `fit`, `nominal` (n,):
-    lengths of the residuals of the fit and of the nominal geometry.
+    The residual is the held-out one where it exists (`held`, (n,) bool), else that of the fit. `distance` (n,)
+    is its length. `sigma`: standard deviation of one coordinate (root mean square over the samples), None if
+    unknown. `parts`: measured components of the k; 1 if a sample is a length. `axes`: names of the components,
+    empty if their frame changes from sample to sample. `fit`, `nominal` (n,): lengths of the residuals of the
+    fit and of the nominal geometry.
     """
 
     residual: np.ndarray
@@ -61,21 +61,21 @@ class Errors:
 
 
 def errors_of(calibration) -> Errors:
-    """The position residuals that every section of the page shows, mm."""
+    """The position residuals of the page, mm."""
     held_out = calibration.held_out_residual
     held = np.isfinite(held_out).all(0)
     return Errors(
         np.where(held, held_out, calibration.fit_residual),
         held,
         _root_mean_square(calibration.recording.sigma),
-        int((calibration.fit_residual != 0).any(1).sum()) or 3,  # a length stands beside zeros
+        int((calibration.fit_residual != 0).any(1).sum()) or 3,  # a length has two zero components
         fit=np.linalg.norm(calibration.fit_residual, axis=0),
         nominal=np.linalg.norm(calibration.nominal_residual, axis=0),
     )
 
 
 def rotation_errors_of(calibration) -> Errors | None:
-    """The orientation residuals in degrees; None where the recording measures no orientation."""
+    """The orientation residuals in degrees; None if the recording measures no orientation."""
     residuals = {name: np.rad2deg(rows) for name, rows in calibration.rotation.items()}
     if not residuals or not len(residuals["fit"]):
         return None
@@ -98,7 +98,7 @@ def _root_mean_square(sigma):
 
 
 def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
-    """Histogram and cumulative share of the held-out errors, of each kind that is measured."""
+    """Histogram and cumulative distribution of the held-out errors, for each measured kind."""
     kinds = [_spread(calibration, one) for one in (errors, rotation) if one is not None]
     return {
         "kinds": kinds,
@@ -124,7 +124,7 @@ _BLOCKS = {"nominal": "nominal geometry, held out", "fit": "fit", "held_out": "h
 
 
 def error_rows(calibration, every) -> list[tuple[str, ...]]:
-    """Rows of the table of errors: block, what with its unit, and the four figures as text."""
+    """Rows of the table of errors: block, kind with unit, and the four figures as text."""
     kinds = [errors.kind for errors in every if errors is not None]
     rows = []
     for block, name in _BLOCKS.items():
@@ -138,18 +138,18 @@ def error_rows(calibration, every) -> list[tuple[str, ...]]:
 def noise_sentence(
     sigma: float | None, held_out: dict, parts: int = 3, kind: Kind = POSITION
 ) -> str:
-    """Compares the held-out error with what the stated noise of the instrument alone would leave."""
+    """Compares the held-out error with the error that the stated instrument noise alone would cause."""
     if sigma is None:
         return (
-            f"The recording states no noise of the measured {kind.name}, so that these errors cannot be "
-            "split into noise and what the model lacks."
+            f"The recording states no noise of the measured {kind.name}. These errors can therefore not be "
+            "split into noise and model discrepancy."
         )
     floor = np.sqrt(parts) * sigma
     ratio = held_out[kind.key("rms")] / floor
-    coordinate = "a coordinate" if kind is POSITION else "an axis"
+    coordinate = "per coordinate" if kind is POSITION else "per axis"
     what = "distance" if parts == 1 else kind.what
     return (
-        f"The recording states σ = {sigma:.3g} {kind.unit} {coordinate}; noise alone would leave an RMS "
+        f"The recording states σ = {sigma:.3g} {kind.unit} {coordinate}. Noise alone causes an RMS "
         f"{what} of {_root(parts)} = {rounded(floor)} {kind.unit}. "
         f"The held-out RMS is {rounded(ratio)} times that."
     )
@@ -160,7 +160,7 @@ def _root(parts: int) -> str:
 
 
 def histogram(errors: Errors, held_out: dict) -> go.Figure:
-    """Counts of held-out errors, with the noise's RMS, the RMS and the 95 % point marked."""
+    """Histogram of held-out errors, with the RMS of the noise, the RMS and the 95th percentile."""
     distance, unit = errors.distance[errors.held], errors.kind.unit
     counts, edges = np.histogram(distance, bins=_bins(distance))
     figure = style.figure(370, f"{errors.kind.what}, predicted to measured ({unit})", "samples")
@@ -188,7 +188,7 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
 
 
 def cumulative(errors: Errors) -> go.Figure:
-    """Share of samples that err by less, on a logarithmic axis: nominal, fit, held-out, noise."""
+    """Cumulative distribution of the errors, logarithmic axis: nominal, fit, held-out, noise."""
     across = f"{errors.kind.what}, predicted to measured ({errors.kind.unit}, logarithmic)"
     figure = style.figure(370, across, "share of samples (%)")
     for name, distance, colour, dash, width in (
@@ -209,7 +209,7 @@ def cumulative(errors: Errors) -> go.Figure:
 
 
 def _marks(errors, held_out):
-    """Name, place, colour and dash of the upright lines of the histogram."""
+    """Name, position, colour and dash of the vertical lines of the histogram."""
     key = errors.kind.key
     marks = [
         ("RMS", held_out[key("rms")], style.ORANGE, "solid"),
@@ -222,7 +222,7 @@ def _marks(errors, held_out):
 
 
 def _bins(distance):
-    """Freedman & Diaconis' rule, kept between 10 and 80 bins."""
+    """Number of bins by the rule of Freedman and Diaconis, limited to 10 to 80."""
     return (
         int(np.clip(len(np.histogram_bin_edges(distance, "fd")) - 1, 10, 80))
         if distance.size

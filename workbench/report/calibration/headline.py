@@ -1,4 +1,4 @@
-"""The first thing read: how far off the calibrated robot still is, and what that was measured on."""
+"""Headline of the page: remaining error of the calibrated robot and the samples that it was measured on."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from workbench.report.text import counted, rounded
 
 
 def section(calibration, errors, rotation=None) -> dict:
-    """Title, four large numbers for each kind of error and the sentences under them."""
+    """Title, four large numbers for each kind of error, and the sentences below them."""
     recording, held_out = calibration.recording, calibration.held_out
     return {
         "title": recording.title or recording.name or "Calibration",
@@ -18,7 +18,7 @@ def section(calibration, errors, rotation=None) -> dict:
         "caution": caution(calibration),
         "warning": ""
         if calibration.solution.converged
-        else f"The solve {calibration.solution.outcome}.",
+        else f"The solver {calibration.solution.outcome}.",
     }
 
 
@@ -28,24 +28,24 @@ def _numbers(held_out: dict, kind: Kind) -> dict:
 
 
 def meaning(calibration, held: np.ndarray) -> str:
-    """What the large numbers say, and on how many poses and folds."""
+    """Meaning of the large numbers, with the count of poses and folds."""
     poses = len(np.unique(calibration.recording.poses[held]))
     folds = calibration.held_out.get("folds", 0)
     where = f"in {counted(folds, 'fold')}" if folds > 1 else "in one test set"
     orientation = (
-        ", and by which angle its orientation differs"
+        ", and angle between the two orientations"
         if ROTATION.key("rms") in calibration.held_out
         else ""
     )
     return (
-        f"This is how far the calibrated model's prediction lies from the measured point{orientation}, on "
-        f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} that no step of the solve had seen "
-        f"({where}; repeats of one pose never stand on both sides)."
+        f"Distance between the prediction of the calibrated model and the measured point{orientation}, on "
+        f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} held out from the fit "
+        f"({where}; repeats of a pose are always in the same fold)."
     )
 
 
 def gain(calibration) -> str:
-    """Nominal, fit and held-out RMS beside one another."""
+    """Nominal, fit and held-out RMS in comparison."""
     kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
     return " ".join(_gain(calibration, kind) for kind in kinds)
 
@@ -58,23 +58,24 @@ def _gain(calibration, kind: Kind) -> str:
         calibration.held_out[key],
     )
     return (
-        f"RMS {kind.name} error with the nominal geometry, base and tool alone fitted: {rounded(nominal)} {unit}, "
-        f"{rounded(nominal / held_out)} times as much; on the samples of the fit itself: {rounded(fit)} {unit}."
+        f"RMS {kind.name} error with the nominal geometry (only base and tool fitted): {rounded(nominal)} {unit}, "
+        f"{rounded(nominal / held_out)} times the held-out error. "
+        f"RMS error on the fitted samples: {rounded(fit)} {unit}."
     )
 
 
 def caution(calibration) -> str:
-    """What makes the held-out numbers less than a proof: choice of stages, suspect samples, noise."""
+    """Limits of the held-out numbers: choice of stages, suspect samples, noise."""
     words = []
     if calibration.held_out.get("folds", 0) > 1 and len(calibration.stages) > 1:
         words.append(
-            "Which stages to keep was decided on these same folds; name test samples for a number that "
-            "no choice has touched."
+            "The same folds decided which stages are kept. For an unbiased number, name test samples that take "
+            "no part in this choice."
         )
     suspects = len(calibration.suspects)
     if suspects:
         words.append(
-            f"Far outside the others, perhaps faulty, and yet counted here: {counted(suspects, 'sample')} "
+            f"Possible outliers, included in these numbers: {counted(suspects, 'sample')} "
             f"(number {_some(calibration.suspects)})."
         )
     noise = getattr(calibration, "noise", None)

@@ -1,4 +1,4 @@
-"""How the solve went: the cost after each step, stage after stage."""
+"""Convergence of the solver: cost after each step, stage after stage."""
 
 import plotly.graph_objects as go
 
@@ -9,18 +9,18 @@ _SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
 
 
 def section(calibration) -> dict:
-    """The figure, and the sentence in which the solve itself says how it ended."""
-    walked = [stage for stage in calibration.stages if len(stage.history)]
+    """The figure, and the outcome that the solver reports."""
+    solved = [stage for stage in calibration.stages if len(stage.history)]
     return {
-        "figure": style.packed(figure(walked)) if walked else "",
+        "figure": style.packed(figure(solved)) if solved else "",
         "outcome": calibration.solution.outcome,
     }
 
 
 def figure(stages) -> go.Figure:
-    """Cost over step, one line a stage, each beginning where the one before ended."""
+    """Cost over step, one line per stage; each stage starts where the previous one ended."""
     made = style.figure(
-        360, "step of the solve, all stages in a row", "cost (dimensionless, logarithmic)"
+        360, "step of the solver, all stages in sequence", "cost (dimensionless, logarithmic)"
     )
     start = 0
     for k, stage in enumerate(stages):
@@ -30,7 +30,7 @@ def figure(stages) -> go.Figure:
             x=steps,
             y=list(stage.history),
             mode="lines+markers",
-            name=stage.name + ("" if stage.earned else " (not earned)"),
+            name=stage.name + ("" if stage.earned else " (not retained)"),
             line=dict(color=colour, width=2, dash="solid" if stage.earned else "dot"),
             marker=dict(size=6, symbol=_SYMBOLS[k % len(_SYMBOLS)]),
             hovertemplate="step %{x}: cost %{y:.6g}<extra>" + stage.name + "</extra>",

@@ -1,4 +1,4 @@
-"""The table of parameters, group by group, and what these data leave undetermined."""
+"""Table of parameters by group, and the combinations that the data do not identify."""
 
 from collections import Counter
 from math import isfinite
@@ -19,25 +19,25 @@ def section(calibration) -> dict:
 
 
 def null_space(calibration) -> list[str]:
-    """What these data cannot tell apart, in words."""
+    """Parameters that are not identifiable from these data, in words."""
     return [sentence(shortened(words)) for words in calibration.solution.null_sentences]
 
 
 def shortened(words: str, most: int = 8) -> str:
-    """A sentence that lists no more than so many things; the JSON has them all."""
+    """A sentence that lists at most `most` items; the JSON lists all of them."""
     parts = words.split(", ")
     if len(parts) <= most + 2:
         return words
     more = len(parts) - most + (" and " in parts[-1])
-    return f"{', '.join(parts[:most])} and {more} more, which the JSON names"
+    return f"{', '.join(parts[:most])} and {more} more (listed in the JSON)"
 
 
 def count(parameters) -> str:
-    """How many are estimated, not identifiable, held."""
+    """Number of parameters that are estimated, not identifiable, and held."""
     statuses = Counter(p["status"] for p in parameters)
     return (
         f"Of {counted(len(parameters), 'parameter')}, {statuses['estimated']} are estimated with a standard "
-        f"deviation of their own, {statuses['not identifiable']} are not identifiable from this recording and "
+        f"deviation, {statuses['not identifiable']} are not identifiable from this recording, and "
         f"{statuses['held']} are held at nominal by the plan."
     )
 
@@ -60,7 +60,7 @@ def group(where: str, parameters: list[dict]) -> dict:
 
 
 def row(p: dict) -> dict:
-    """One line: all in the unit of the page, rounded to two digits of its own sigma."""
+    """One line, in the unit of the page, rounded to two digits of its standard deviation."""
     unit, factor = shown_unit(p["unit"])
     known = p["free"] and p["identifiable"]
     std = _scaled(p["std"], factor) if known else None
@@ -83,7 +83,7 @@ def row(p: dict) -> dict:
 
 
 def state(p: dict) -> str:
-    """Why a parameter is held or not identifiable; "" where it is estimated."""
+    """Why a parameter is held or not identifiable; "" if it is estimated."""
     if p["free"] and p["identifiable"]:
         return ""
     others = list(p["tied_to"])
@@ -93,7 +93,7 @@ def state(p: dict) -> str:
 
 
 def _several(keys, most=4):
-    """The first names, and how many more there are."""
+    """The first names, and the number of further ones."""
     return listed([*keys[:most], *([f"{len(keys) - most} more"] if len(keys) > most else [])])
 
 
@@ -113,7 +113,7 @@ def _largest(free):
 
 
 def _nominal(p):
-    """The nominal value; None for poses and points, of which nothing is known before."""
+    """The nominal value; None for poses and points, which have none."""
     return None if p["deviation"] is None else p["nominal"]
 
 
@@ -126,7 +126,7 @@ def _scaled(value, factor):
 
 
 def _number(value, decimals, digits=6):
-    """To so many decimals; None: to so many digits, for what was not determined."""
+    """`value` with `decimals` decimals; with `digits` significant digits if `decimals` is None."""
     if value is None:
         return "–"
     if decimals is None:
@@ -139,7 +139,7 @@ def _signed(value, decimals, digits=6):
 
 
 def _whole(size):
-    """A count of sigmas: one decimal, none where it is large."""
+    """A multiple of sigma: one decimal below 10, none above."""
     return fixed(size, 1 if size < 9.95 else 0)
 
 

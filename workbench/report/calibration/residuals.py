@@ -1,4 +1,4 @@
-"""The residual against everything that was recorded: what still depends on something is not noise."""
+"""Residual over every recorded quantity: a dependence that remains is not noise."""
 
 import json
 from collections.abc import Mapping
@@ -18,10 +18,12 @@ _PANELS_ACROSS = 4
 
 
 @dataclass(frozen=True)
-class Against:
-    """The residual over one quantity: `x` (n,) its values, `centres` (B,) and `means` (k, B) of the
-    bins, in the unit of the errors and in the order of `Errors.rows`; `share` of the components'
-    variance that the bins' means explain."""
+class ResidualDependence:
+    """The residual over one quantity.
+
+    `x` (n,): its values; `centres` (B,) and `means` (k, B) of the bins, in the unit of the errors and in the
+    order of `Errors.rows`; `share`: share of the variance of the components that the bin means explain.
+    """
 
     label: str
     x: np.ndarray
@@ -31,9 +33,9 @@ class Against:
 
 
 def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
-    """For each kind of error an overview of all quantities, a large figure and the data of its menu.
+    """For each kind of error: an overview of all quantities, a large figure, and the data of its menu.
 
-    errors: of the position; rotation: of the orientation, where it is measured.
+    errors: of the position; rotation: of the orientation, if it is measured.
     """
     found, names = quantities(calibration.recording), calibration.recording.group_names
     constant = [name for name, x in calibration.recording.covariates.items() if not _varies(x)]
@@ -48,7 +50,7 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
 
 
 def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors, names: Mapping) -> dict:
-    every = [against(label, x, errors) for label, x in found]
+    every = [bin_residuals(label, x, errors) for label, x in found]
     shown = int(np.argmax([one.share for one in every]))
     drawn = style.thinned(len(errors.held))
     return {
@@ -74,11 +76,11 @@ def quantities(recording) -> list[tuple[str, np.ndarray]]:
     return [(label, np.asarray(x, float)) for label, x in found if _varies(x)]
 
 
-def against(label: str, x: np.ndarray, errors: Errors) -> Against:
-    """Means over bins of equal count, and the share of variance they explain beyond chance.
+def bin_residuals(label: str, x: np.ndarray, errors: Errors) -> ResidualDependence:
+    """Means over bins of equal count, and the share of variance that they explain.
 
-    Share: adjusted R^2 of the bins' means, 1 - (1 - R^2)(n - 1)/(n - B), pooled over the components or, where
-    there are none in one frame, of the length.
+    Share: adjusted R^2 of the bin means, 1 - (1 - R^2)(n - 1)/(n - B), pooled over the components. Without
+    components in a common frame, it is that of the length.
     """
     rows = np.stack(list(errors.rows.values()))
     bins = _bins_of(x)
@@ -89,13 +91,15 @@ def against(label: str, x: np.ndarray, errors: Errors) -> Against:
     left = ((residual - means[:judged, bins]) ** 2).sum()
     total = ((residual - residual.mean(1, keepdims=True)) ** 2).sum()
     adjusted = 1 - left / max(total, 1e-300) * (len(x) - 1) / max(len(x) - len(count), 1)
-    return Against(label, x, np.bincount(bins, x) / count, means, max(float(adjusted), 0.0))
+    return ResidualDependence(
+        label, x, np.bincount(bins, x) / count, means, max(float(adjusted), 0.0)
+    )
 
 
 def overview(
-    every: list[Against], errors: Errors, names: Mapping = MappingProxyType({})
+    every: list[ResidualDependence], errors: Errors, names: Mapping = MappingProxyType({})
 ) -> go.Figure:
-    """Small multiples: mean residual of each bin, all on one scale.
+    """Small multiples: mean residual of each bin, on a common scale.
 
     names: column of groups -> their names in the recording, which then stand at the axis instead of numbers.
     """
@@ -153,8 +157,8 @@ def group_ticks(label: str, numbers: np.ndarray, names: Mapping) -> list[str]:
     return [known[int(k) - 1] if 0 < k <= len(known) else f"{k:g}" for k in numbers]
 
 
-def detail(one: Against, errors: Errors, drawn: np.ndarray) -> go.Figure:
-    """The components and the length of every drawn sample over one quantity, one above another."""
+def detail(one: ResidualDependence, errors: Errors, drawn: np.ndarray) -> go.Figure:
+    """Components and length of the residual of the drawn samples over one quantity, in stacked panels."""
     panels, unit = len(errors.rows), errors.kind.unit
     made = make_subplots(panels, 1, shared_xaxes=True, vertical_spacing=0.025)
     for k, ((name, row), colour) in enumerate(zip(errors.rows.items(), _colours(errors))):
@@ -194,8 +198,8 @@ def _colours(errors: Errors) -> tuple[str, ...]:
     return (*list(style.COMPONENTS.values())[: len(errors.axes)], style.DISTANCE)
 
 
-def menu_data(every: list[Against], drawn: np.ndarray) -> str:
-    """JSON: for each entry of the menu its label, values, and the centres and means of its bins."""
+def menu_data(every: list[ResidualDependence], drawn: np.ndarray) -> str:
+    """JSON: label, values, bin centres and bin means for each entry of the menu."""
     return style.safe(
         json.dumps(
             [
@@ -212,7 +216,7 @@ def menu_data(every: list[Against], drawn: np.ndarray) -> str:
 
 
 def _bins_of(x):
-    """(n,) index of the bin: one a value where there are few, else about twelve of equal count."""
+    """(n,) index of the bin: one bin per value if there are few, else about twelve of equal count."""
     values, index = np.unique(x, return_inverse=True)
     most = int(np.clip(len(x) // 10, 2, 12))
     if len(values) <= most:

@@ -1,4 +1,4 @@
-"""The measured points in space with their residuals as arrows, and the arm in one of its poses."""
+"""Measured points in space with their residuals as arrows, and the arm in one pose."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,16 @@ from workbench.report import style
 from workbench.report.calibration.errors import Errors
 
 _ARROW_SHARE = 0.07
-"""Length of the arrow that 95 % of all stay below, as a share of the scene's diagonal."""
+"""95th percentile of the arrow lengths, as a share of the scene's diagonal."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything in the robot's root frame, mm.
+    """Scene in the robot's root frame, mm.
 
-    `feet` and `tips` (3, n): where the arrows start and end; `links` (3, J+2): the nominal arm's
-    joint origins and flange at the pose of sample `at`, and `held_points` (3, k) the points
-    measured in that pose; `scale`: drawn length over true length; `anchor`: what the feet are.
+    `feet` and `tips` (3, n): start and end of the arrows; `links` (3, J+2): joint origins and flange of the
+    nominal arm at the pose of sample `at`; `held_points` (3, k): points measured in that pose;
+    `scale`: drawn length over true length; `anchor`: description of the feet.
     """
 
     feet: np.ndarray
@@ -32,7 +32,7 @@ class Scene:
 
 
 def section(calibration, errors: Errors) -> dict:
-    """The 3-D figure and the sentences that say what is drawn and how much enlarged."""
+    """The 3-D figure, and the sentences on its content and scale."""
     scene = scene_of(calibration)
     sample = int(calibration.recording.sample_ids[scene.at])
     return {
@@ -45,7 +45,7 @@ def section(calibration, errors: Errors) -> dict:
 
 
 def scene_of(calibration) -> Scene:
-    """Feet, arrows and arm; where all points are one place, the arrows start at the flange."""
+    """Feet, arrows and arm. If all points coincide, the arrows start at the flange."""
     flange, links, at = arm(calibration)
     points, residual = calibration.points, calibration.residual_in_root
     together = _diagonal(points) < 0.05 * _diagonal(np.hstack([flange, links]))
@@ -58,7 +58,7 @@ def scene_of(calibration) -> Scene:
 
 
 def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
-    """Flange origins (3, n), the links (3, J+2) of the pose nearest to the middle of all, its row."""
+    """Flange origins (3, n), links (3, J+2) of the pose nearest to the median pose, and its row."""
     recording, robot = calibration.recording, calibration.robot
     variables = robot.mixing @ recording.joints.T
     middle = np.median(variables, axis=1, keepdims=True)
@@ -72,7 +72,7 @@ def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def arrow_scale(places: np.ndarray, residual: np.ndarray) -> float:
-    """Enlargement 1, 2 or 5 times a power of ten that keeps 95 % of the arrows readable."""
+    """Enlargement, 1, 2 or 5 times a power of ten, at which 95 % of the arrows are readable."""
     length = max(float(np.percentile(np.linalg.norm(residual, axis=0), 95)), 1e-12)
     return arrow_step(_ARROW_SHARE * _diagonal(places) / length)
 
@@ -104,7 +104,7 @@ def figure(scene: Scene, errors: Errors) -> go.Figure:
 
 
 def _add_arrows(made, feet, tips, scale):
-    """One trace with gaps: a line from foot to tip and a gap, thrice as many places as arrows."""
+    """One trace with gaps: three places per arrow (foot, tip, gap)."""
     path = np.stack([feet, tips, np.full_like(feet, np.nan)], axis=2).reshape(3, -1)
     x, y, z = np.round(path, 3)
     made.add_scatter3d(
@@ -178,7 +178,7 @@ def _add_arm(made, scene):
 
 
 def axes() -> dict:
-    """Equal axes in mm, and where the eye stands."""
+    """Equal axes in mm, and the viewpoint."""
     axis = dict(showbackground=False, showspikes=False)
     return dict(
         aspectmode="data",

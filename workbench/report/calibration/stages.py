@@ -1,4 +1,4 @@
-"""From the nominal robot to the result: what each stage of the solve brought."""
+"""From the nominal robot to the result: error reduction by each stage of the calibration."""
 
 import plotly.graph_objects as go
 
@@ -8,7 +8,7 @@ from workbench.report.text import counted, rounded, sentence
 
 
 def section(calibration) -> dict:
-    """A step chart for each kind of error, the table of stages and the sentence on those left out."""
+    """A step chart for each kind of error, the table of stages, and the sentence on stages that are not retained."""
     kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
     charts = [
         {"id": kind.prefix, "unit": kind.unit, "figure": style.packed(chart(calibration, kind))}
@@ -23,20 +23,20 @@ def section(calibration) -> dict:
 
 
 def left_out(stages) -> str:
-    """Says how many stages did not earn their place, and what that means."""
+    """Number of stages that cross-validation does not retain, and the consequence."""
     idle = sum(not stage.earned for stage in stages)
     if not idle:
-        return "Every stage lowered the held-out error and is part of the result."
-    subject, place = ("It is", "its place") if idle == 1 else ("They are", "their places")
+        return "Every stage lowers the held-out error and is part of the result."
+    subject, verb = ("It is", "is") if idle == 1 else ("They are", "are")
     return (
-        f"{counted(idle, 'stage')} did not lower the held-out error beyond chance and so did not earn {place}. "
-        f"{subject} drawn grey and left out of the result."
+        f"{counted(idle, 'stage')} {verb} not retained: the held-out error does not fall significantly. "
+        f"{subject} drawn grey and not part of the result."
     )
 
 
 def row(stage, kinds=(POSITION,)) -> dict:
-    """A line of the table; `errors`: RMS of the fit and held out, for each kind of error."""
-    brought = stage.sentence.removeprefix(f"{stage.name}:").replace("->", "→")
+    """A row of the table; `errors`: RMS of the fit and held-out RMS, for each kind of error."""
+    reduction = stage.sentence.removeprefix(f"{stage.name}:").replace("->", "→")
     ended = "" if stage.outcome.startswith("converged") else sentence(stage.outcome)
     return {
         "name": stage.name,
@@ -45,19 +45,19 @@ def row(stage, kinds=(POSITION,)) -> dict:
         "identifiable": stage.identifiable,
         "errors": [rounded(value) for kind in kinds for value in _rms_of(stage, kind)],
         "earned": stage.earned,
-        "sentence": sentence(brought),
+        "sentence": sentence(reduction),
         "outcome": ended,
     }
 
 
 def _rms_of(stage, kind: Kind) -> tuple[float, float]:
-    """RMS of the fit and held out of a `StageResult`, in the unit of the kind."""
+    """RMS of the fit and held-out RMS of a `StageResult`, in the unit of the kind."""
     key = kind.key("rms")
     return getattr(stage, key), getattr(stage, f"held_out_{key}")
 
 
 def chart(calibration, kind: Kind = POSITION) -> go.Figure:
-    """Held-out RMS, stage below stage: a stair through those that were kept."""
+    """Held-out RMS by stage, from top to bottom: a step line through the retained stages."""
     lines, unit = _lines(calibration, kind), kind.unit
     made = style.figure(92 + 34 * len(lines), f"RMS of the {kind.what} ({unit}, logarithmic)")
     kept = [line for line in lines if line[3]]
@@ -69,10 +69,9 @@ def chart(calibration, kind: Kind = POSITION) -> go.Figure:
         line=dict(color=style.BLUE, width=1.5, shape="hv"),
         showlegend=False,
     )
-    _add_held_out(made, "held out, kept", kept, style.BLUE, unit)
-    _add_held_out(
-        made, "held out, not earned", [line for line in lines if not line[3]], style.GREY, unit
-    )
+    _add_held_out(made, "held out, retained", kept, style.BLUE, unit)
+    dropped = [line for line in lines if not line[3]]
+    _add_held_out(made, "held out, not retained", dropped, style.GREY, unit)
     fits = [line for line in lines if line[2] is not None]
     made.add_scatter(
         x=[line[2] for line in fits],
@@ -93,7 +92,7 @@ def chart(calibration, kind: Kind = POSITION) -> go.Figure:
 
 
 def _lines(calibration, kind: Kind):
-    """(name, held-out RMS, RMS of the fit or None, kept?) from top to bottom, in the unit of the kind."""
+    """(name, held-out RMS, RMS of the fit or None, retained) from top to bottom, in the unit of the kind."""
     key = kind.key("rms")
     lines = [("nominal geometry", calibration.nominal[key], None, True)]
     for stage in calibration.stages:
@@ -119,7 +118,7 @@ def _add_held_out(made, name, lines, colour, unit):
 
 
 def _log_range(values):
-    """A logarithmic axis with room on the right for the number beside the last point."""
+    """A logarithmic axis with room on the right for the label of the last point."""
     low, high = min(values), max(values)
     span = max(high / low, 2.0)
     return style.log_axis(low / span**0.06, high * span**0.08)

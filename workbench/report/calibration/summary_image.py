@@ -1,4 +1,4 @@
-"""`summary.png`: the result of a calibration in one image, for a README or a message."""
+"""`summary.png`: the result of a calibration in one image."""
 
 import logging
 from pathlib import Path
@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 
 
 def write_summary(calibration, errors: Errors, path: Path) -> bool:
-    """Write the PNG at `path`; False, with a sentence in the log, where it cannot be drawn.
+    """Write the PNG at `path`. Return False, with a warning in the log, if it cannot be drawn.
 
     matplotlib comes with PyVista and needs neither a screen nor a GPU.
     """
@@ -23,14 +23,14 @@ def write_summary(calibration, errors: Errors, path: Path) -> bool:
         draw_summary(calibration, errors).savefig(path, dpi=150)
     except (ImportError, OSError, RuntimeError) as error:
         _log.warning(
-            "%s was not drawn, because of: %s; the page is complete without it.", path.name, error
+            "%s was not drawn: %s. The report page is complete without it.", path.name, error
         )
         return False
     return True
 
 
 def draw_summary(calibration, errors: Errors):
-    """A matplotlib figure: the stages, how the errors are spread, and the residuals in space."""
+    """A matplotlib figure: stages, distribution of the errors, and residuals in space."""
     from matplotlib.figure import Figure
 
     made = Figure(figsize=(13, 4.9), facecolor="white")
@@ -76,7 +76,7 @@ def _stages(axes, calibration):
         yticklabels=names,
         xscale="log",
         xlabel="RMS of the 3-D distance (mm)",
-        title="stage by stage, held out",
+        title="held-out error by stage",
     )
     axes.set(ylim=(len(names) - 0.5, -0.5))
     _quiet(axes, min(values) / 1.25, max(values) * 1.6)
@@ -89,7 +89,7 @@ def _spread(axes, calibration, errors):
         ("held out", errors.distance[errors.held], style.BLUE),
     ):
         axes.ecdf(distance[np.isfinite(distance)], label=name, color=colour, lw=2)
-    axes.set(xscale="log", xlabel="3-D distance (mm)", title="share of samples that err by less")
+    axes.set(xscale="log", xlabel="3-D distance (mm)", title="cumulative share of samples")
     axes.yaxis.set_major_formatter("{x:.0%}")
     style.legend_above(axes)
     both = np.concatenate([nominal, errors.distance[errors.held]])
@@ -116,7 +116,7 @@ def _space(axes, calibration):
 
 
 def _quiet(axes, low, high):
-    """Plain numbers on the logarithmic axis from `low` to `high`, and little else."""
+    """Logarithmic axis from `low` to `high` with plain tick labels, a light grid, two spines."""
     ticks = style.log_axis(low, high, most=6)
     axes.set_xlim(low, high)
     axes.set_xticks(ticks["tickvals"], ticks["ticktext"])

@@ -1,4 +1,4 @@
-"""How an error fills the workspace: an interpolated volume, cut open around the arm, as an image and for ParaView."""
+"""Error over the workspace as an interpolated volume, cut open around the arm: an image and a file for ParaView."""
 
 import logging
 import os
@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 _CELLS = 48  # along the longest side
-_NEAR = 2.5  # a place farther than this from any pose, in spacings of the poses, has no value
+_NEAR = 2.5  # a point farther than this from every pose, in spacings of the poses, has no value
 _SIZE = (1100, 820)
 _log = logging.getLogger(__name__)
 
 
 def volume(places: np.ndarray, error: np.ndarray):
-    """A PyVista grid with `error_mm`, a Gaussian mean over the nearest poses; nan where no pose is near.
+    """A PyVista grid with `error_mm`, a Gaussian-weighted mean over the nearest poses; nan far from all poses.
 
     places: (3, n) flange of each pose, root frame, mm; error: (n,) mm.
     """
@@ -34,7 +34,7 @@ def volume(places: np.ndarray, error: np.ndarray):
 def write_volume(
     places: np.ndarray, error: np.ndarray, arm: np.ndarray, folder: Path, name: str
 ) -> Path | None:
-    """Write `name`.vti and `name`.png into the folder; the PNG's path, None where this machine draws nothing.
+    """Write `name`.vti and `name`.png into the folder. Returns the path of the PNG, None if drawing fails.
 
     places (3, n), error (n,): as in `volume`; arm: (3, k) origins of base, joints and flange, mm.
     """
@@ -44,7 +44,7 @@ def write_volume(
         _drawn(made, arm, folder / f"{name}.png")
     except (ImportError, OSError, RuntimeError) as wrong:
         _log.warning(
-            "%s.png was not drawn, because of: %s; the maps of points are complete without it.",
+            "%s.png was not drawn: %s. The maps of points are complete without it.",
             name,
             wrong,
         )
@@ -53,15 +53,18 @@ def write_volume(
 
 
 def _drawn(grid, arm: np.ndarray, path: Path):
-    """The volume with the quarter towards the viewer cut away, and the arm in it."""
+    """Draw the volume with the quarter towards the viewer cut away, and the arm in it."""
     import pyvista
 
-    if not os.environ.get("DISPLAY"):  # else VTK asks for a screen first, and complains
+    if not os.environ.get("DISPLAY"):  # else VTK looks for a screen first and warns
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    told = grid["error_mm"][np.isfinite(grid["error_mm"])]
-    scale = dict(cmap="viridis", clim=(0.0, float(np.percentile(told, 99))), scalar_bar_args=_BAR)
+    finite = grid["error_mm"][np.isfinite(grid["error_mm"])]
+    limits = (0.0, float(np.percentile(finite, 99)))
+    scale = dict(cmap="viridis", clim=limits, scalar_bar_args=_BAR)
     base = arm[:, 0]
-    solid = grid.threshold(-1.0, scalars="error_mm", all_scalars=True)  # drops what has no value
+    solid = grid.threshold(
+        -1.0, scalars="error_mm", all_scalars=True
+    )  # drops cells without a value
     (_, right), (near, _), upright = np.asarray(solid.bounds).reshape(3, 2)
     front = [base[0], right, near, base[1], *upright]
     plotter = pyvista.Plotter(off_screen=True, window_size=list(_SIZE))

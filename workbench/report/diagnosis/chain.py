@@ -1,4 +1,4 @@
-"""The measuring chain drawn as a row of places, with the mismatch where it sits."""
+"""The measuring chain as a row of places, with the share of the model discrepancy at each."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -13,7 +13,7 @@ _SMALL, _LARGE = 13, 46
 
 
 def chain(made: Diagnosis) -> go.Figure:
-    """Joints and links in a row from the base, sensor and target at its end; what is no part of it below."""
+    """Joints and links in a row from the base to sensor and target; places outside the chain below."""
     places = places_of(made)
     row = [where for where in places if where not in _APART]
     share = {where: share_at(made, where) for where in places}
@@ -31,7 +31,7 @@ _SHORT = {"joint": "J", "link": "L", "ball": "ball "}
 
 
 def places_of(made: Diagnosis) -> list[str]:
-    """Places of the chain in order, and any other that something was found at."""
+    """Places of the chain in order, and further places with a finding."""
     known = list(made.views.chain) if made.views else []
     more = [one.where for one in made.located] + [term.finding.where for term in made.terms]
     balls = sorted({where for where in more if Place.of(where).kind == "ball"})
@@ -39,7 +39,7 @@ def places_of(made: Diagnosis) -> list[str]:
 
 
 def share_at(made: Diagnosis, where: str) -> float:
-    """Share of the mismatch that something at a place makes, 0 where that may be chance."""
+    """Share of the model discrepancy that originates at a place; 0 if it is not significant."""
     return max(
         (one.share for one in made.located if one.where == where and one.p_value < 0.01),
         default=0.0,
@@ -80,7 +80,9 @@ def _marks(drawn, places, x, y, share):
             line=dict(color=style.GREY, width=1),
             symbol=["square" if Place.of(w).kind == "link" else "circle" for w in places],
         ),
-        customdata=[f"{said.place(w)}: {100 * share[w]:.0f} % of the mismatch" for w in places],
+        customdata=[
+            f"{said.place(w)}: {100 * share[w]:.0f} % of the model discrepancy" for w in places
+        ],
         hovertemplate="%{customdata}<extra></extra>",
     )
     drawn.add_scatter(
@@ -91,13 +93,13 @@ def _marks(drawn, places, x, y, share):
         text=[_short(w) for w in places],
         textfont=dict(size=11),
     )
-    told = [f"{100 * share[w]:.0f} %" if share[w] else "" for w in places]
+    labels = [f"{100 * share[w]:.0f} %" if share[w] else "" for w in places]
     drawn.add_scatter(
         x=[x[w] for w in places],
         y=[y[w] - 0.62 for w in places],
         mode="text",
         hoverinfo="skip",
-        text=told,
+        text=labels,
         textfont=dict(size=10),
     )
 
@@ -110,7 +112,7 @@ def _short(where: str) -> str:
 
 
 def _names(drawn, made, places, x, y):
-    """What was found, above its place."""
+    """Names of the findings, above their places."""
     at: dict[str, list] = {}
     for term in made.terms:
         at.setdefault(term.finding.where, []).append(term.finding.effect)

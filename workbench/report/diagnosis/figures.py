@@ -18,9 +18,9 @@ _ALIKE = 0.999
 
 
 def evidence(made: Diagnosis) -> go.Figure:
-    """Bars of the chi-square that each term explains, kept blue and refused grey, strongest on top."""
+    """Bars of the chi-square that each term explains: retained terms blue, rejected terms grey, largest on top."""
     terms = sorted(with_evidence(made), key=lambda term: term.finding.gain)
-    drawn = style.figure(120 + 34 * len(terms), "fall of chi-square with the term (logarithmic)")
+    drawn = style.figure(120 + 34 * len(terms), "reduction of chi-square by the term (logarithmic)")
     drawn.add_bar(
         y=[term.title for term in terms],
         x=[max(term.finding.gain, 1e-3) for term in terms],
@@ -38,9 +38,9 @@ def evidence(made: Diagnosis) -> go.Figure:
 
 
 def with_evidence(made: Diagnosis) -> list:
-    """The terms, kept and refused, that explain a part of the chi-square.
+    """The terms, retained and rejected, that explain a part of the chi-square.
 
-    A finding on the data (outliers, heteroscedastic noise) explains none: it has no bar.
+    A finding on the data (outliers, heteroscedastic noise) explains none and has no bar.
     """
     every = (*made.terms, *made.refused)
     return [term for term in every if np.isfinite(term.finding.gain) and term.finding.gain > 0]
@@ -53,12 +53,12 @@ def _bar_text(term, unit):
 
 
 def shares(found) -> go.Figure:
-    """Three bars: parameters (of it placing), noise, structure."""
+    """Bars of the mean squared distance: parameters (base and tool separately), noise, unmodelled structure."""
     rows = (
         ("values not calibrated: base and tool", found.placing_mm2, style.GREY),
-        ("values not calibrated: the rest", found.parameters_mm2 - found.placing_mm2, style.GREEN),
+        ("values not calibrated: others", found.parameters_mm2 - found.placing_mm2, style.GREEN),
         ("noise", found.noise_mm2, style.BLUE),
-        ("structure: missing physics", found.structure_mm2, style.ORANGE),
+        ("structure: unmodelled effects", found.structure_mm2, style.ORANGE),
     )
     rows = [row for row in rows[::-1] if row[1] > 0]
     drawn = style.figure(260, "mean squared distance (mm², logarithmic)")
@@ -76,7 +76,7 @@ def shares(found) -> go.Figure:
 
 
 def held_out(made: Diagnosis) -> go.Figure:
-    """Share of samples that err by less, before and after, with the noise marked."""
+    """Cumulative distribution of the held-out errors, before and after, and the noise."""
     drawn = _shares_of_samples(made.proof.errors, made.unit)
     drawn.add_scatter(
         x=[made.proof.noise] * 2,
@@ -89,7 +89,7 @@ def held_out(made: Diagnosis) -> go.Figure:
 
 
 def held_out_rotation(made: Diagnosis) -> go.Figure:
-    """The same of the rotation angles."""
+    """Cumulative distribution of the held-out rotation errors, before and after."""
     return _fitted_to_traces(_shares_of_samples(made.proof.angles, "deg"))
 
 
@@ -112,7 +112,7 @@ def _shares_of_samples(every, unit: str) -> go.Figure:
 
 
 def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
-    """The figure with a logarithmic axis from its least value to its largest."""
+    """The figure with a logarithmic axis from its smallest to its largest value."""
     ends = np.concatenate([[], *(np.asarray(trace.x, float) for trace in drawn.data)])
     ends = ends[np.isfinite(ends) & (ends > 0)]
     drawn.update_xaxes(style.log_axis(ends.min(initial=np.inf) / 1.1, ends.max(initial=0.0) * 1.1))
@@ -120,7 +120,7 @@ def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
 
 
 def space(made: Diagnosis, when: str) -> go.Figure:
-    """Residuals as lines at the measured points, coloured by length, with the arm; one scale for both figures."""
+    """Residuals as lines at the measured points, coloured by length, with the arm; both figures share one scale."""
     views = made.views
     shown = style.thinned(views.points.shape[1])
     residual = np.nan_to_num((views.before if when == "before" else views.after)[:3, shown])
@@ -176,7 +176,7 @@ def _xyz(points) -> dict:
 
 
 def image(made: Diagnosis, when: str) -> go.Figure:
-    """Length of the residual over the place in the image."""
+    """Length of the residual over the position in the image."""
     views = made.views
     shown = style.thinned(views.points.shape[1])
     lengths = {
@@ -203,10 +203,10 @@ def image(made: Diagnosis, when: str) -> go.Figure:
 
 
 def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
-    """(covariate, figure) of the residuals' components against what was found to matter, then time."""
+    """(covariate, figure) of the residual components over the relevant covariates, then over time."""
     views = made.views
     low, high = extent(np.concatenate([*views.before, *views.after]))
-    for name in mattering(made):
+    for name in relevant_covariates(made):
         x, title = shown_covariate(name, views.covariates[name])
         shown = style.thinned(len(x))
         titles = [f"{n} ({made.unit})" for n in views.names[: len(views.before)]]
@@ -226,7 +226,7 @@ def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
 
 
 def extent(values) -> tuple[float, float]:
-    """What 99 % of all values lie in, and a tenth more."""
+    """Range of the central 99 % of all values, widened by a tenth at each end."""
     known = values[np.isfinite(values)]
     if not len(known) or not np.ptp(known) > 0:
         middle = float(known[0]) if len(known) else 0.0
@@ -236,7 +236,7 @@ def extent(values) -> tuple[float, float]:
 
 
 def shown_covariate(name: str, x: np.ndarray) -> tuple[np.ndarray, str]:
-    """Values as a person reads them, and the axis's title."""
+    """Values in the unit of display, and the title of the axis."""
     words = said.covariate(name)
     known = Covariate.of(name)
     if known.kind in ("q", "move") and known.place and not known.unit:
@@ -270,7 +270,7 @@ def _panel(drawn, k, x, row, shown, when):
 
 
 def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and means of bins of equal count; of the values themselves where these are few."""
+    """Centres and means of bins of equal count; if there are few values, each is a bin."""
     kept = np.isfinite(row)
     x, row = x[kept], row[kept]
     values, place = np.unique(x, return_inverse=True)
@@ -282,8 +282,8 @@ def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def mattering(made: Diagnosis) -> list[str]:
-    """The covariates whose bins explain most of what the findings took away, and time: at most six."""
+def relevant_covariates(made: Diagnosis) -> list[str]:
+    """At most six covariates: those whose bins explain most of the reduction by the findings, and time."""
     views = made.views
     wide = [
         name
@@ -301,14 +301,14 @@ def mattering(made: Diagnosis) -> list[str]:
 
 
 def _same(x: np.ndarray, y: np.ndarray) -> bool:
-    """Whether two covariates are one, but for their unit or sign: a torque and the moment about the same axis."""
+    """True if two covariates differ in unit or sign only, such as a torque and the moment about the same axis."""
     if not (np.ptp(x) > 0 and np.ptp(y) > 0):
         return False
     return abs(float(np.corrcoef(x, y)[0, 1])) > _ALIKE
 
 
 def fall(views, name: str) -> float:
-    """Fall of the variance of the means in bins of a covariate, all components together."""
+    """Reduction of the variance of the bin means of a covariate, summed over the components."""
     x = views.covariates[name]
     before, after = (
         sum(_variance(binned(x, row)[1]) for row in part) for part in (views.before, views.after)
@@ -317,5 +317,5 @@ def fall(views, name: str) -> float:
 
 
 def _variance(means: np.ndarray) -> float:
-    """Variance of the means in bins; 0 where there are none."""
+    """Variance of the bin means; 0 without bins."""
     return float(np.var(means)) if len(means) else 0.0

@@ -1,4 +1,4 @@
-"""The page of a diagnosis: what was left out, where it sits, the proof, and what these data could not have shown."""
+"""Page of a diagnosis: unmodelled effects, their places, the validation, and the minimal detectable biases."""
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from workbench.report.sections import Page, Section, facts, figure, note, pair, 
 from workbench.report.text import counted, p_value, rounded, sentence
 
 VERDICTS = {
-    CONSISTENT: "Nothing is missing that these data can show",
-    EXPLAINED: "What was missing has a name",
-    AMBIGUOUS: "What was missing is known, but not every name is certain",
-    UNEXPLAINED: "There is structure that nothing in the catalogue makes",
+    CONSISTENT: "These data show no unmodelled effect",
+    EXPLAINED: "The unmodelled effects are identified",
+    AMBIGUOUS: "Unmodelled effects are found, but some have alternative explanations",
+    UNEXPLAINED: "There is structure that no effect of the catalogue explains",
 }
 _SMALLEST = 40
 _PASSED = {True: "passed", False: "failed", None: "cannot tell"}
@@ -31,29 +31,29 @@ def page(made: Diagnosis) -> Page:
     """The whole page."""
     proof, unit = made.proof, made.unit
     numbers = (
-        ("held out, with what was found", rounded(proof.after), unit),
-        ("held out, before", rounded(proof.before), unit),
+        ("held-out RMS, with the findings", rounded(proof.after), unit),
+        ("held-out RMS, before", rounded(proof.before), unit),
         (f"noise, {proof.noise_from}", rounded(proof.noise), unit),
         *_rotation_numbers(proof),
         ("findings", str(len(made.terms)), ""),
     )
     sections = (
-        Section("findings", "What was left out", tuple(_findings(made))),
-        Section("place", "Where it sits", tuple(_place(made))),
+        Section("findings", "Findings", tuple(_findings(made))),
+        Section("place", "Place in the measuring chain", tuple(_place(made))),
         *(
-            [Section("against", "Three differences, told apart", tuple(_against(made)))]
+            [Section("against", "Parts of the difference", tuple(_difference(made)))]
             if made.shares
             else []
         ),
-        Section("proof", "Proof", tuple(_proof(made))),
+        Section("proof", "Validation", tuple(_validation(made))),
         Section("residuals", "Residuals before and after", tuple(_residuals(made))),
         *(
-            [Section("doubt", "What it might be instead", tuple(_doubt(made)))]
+            [Section("doubt", "Alternative explanations", tuple(_alternatives(made)))]
             if made.terms
             else []
         ),
-        Section("visible", "What these data could have shown", tuple(_visible(made))),
-        Section("next", "The next experiment", tuple(_next(made))),
+        Section("visible", "Minimal detectable biases", tuple(_detectable(made))),
+        Section("next", "Next experiment", tuple(_next(made))),
         Section(
             "provenance",
             "Provenance",
@@ -99,7 +99,7 @@ def _lead(made: Diagnosis):
 def _findings(made: Diagnosis):
     if not made.terms:
         yield words(
-            "No term was found whose gain is real on samples that no step had seen."
+            "No term reduces the held-out error significantly."
             if made.verdict == UNEXPLAINED
             else "No term is missing."
         )
@@ -114,7 +114,7 @@ def _findings(made: Diagnosis):
                 "probability",
                 f"size ({made.unit} RMS)",
                 "t held out",
-                "found again",
+                "reselected",
             ],
             [_row(term) for term in made.terms],
             left=2,
@@ -123,22 +123,21 @@ def _findings(made: Diagnosis):
         yield figure(
             "sizes",
             figures.evidence(made),
-            "Chi-square that each term explains beside the others, its "
-            "size, and t of its held-out gain.",
+            "Chi-square that each term explains conditional on the others, its size, and t of its held-out gain.",
         )
     if made.refused:
-        yield note("Found and not kept", [term.statement for term in made.refused])
+        yield note("Found but not retained", [term.statement for term in made.refused])
     if made.outliers:
         shown = ", ".join(map(str, made.outliers[:20])) + (
             " ..." if len(made.outliers) > 20 else ""
         )
-        yield note("Samples from another process", [f"Left out of the figures: {shown}."])
+        yield note("Outliers", [f"Excluded from the numbers: samples {shown}."])
 
 
 def _row(term: Term):
     found = term.finding
     name = found.effect + (f", {found.label}" if found.label else "")
-    again = f"{term.again} of {term.chances}" if term.chances else "–"
+    reselected = f"{term.again} of {term.chances}" if term.chances else "–"
     return (
         name,
         said.place(found.where),
@@ -146,25 +145,25 @@ def _row(term: Term):
         f"{found.probability:.2f}",
         rounded(term.size),
         rounded(term.t, 2),
-        again,
+        reselected,
     )
 
 
 def _place(made: Diagnosis):
-    told = [one for one in made.located if one.p_value < 0.01]
-    if not told:
+    significant = [one for one in made.located if one.p_value < 0.01]
+    if not significant:
         yield words(
-            "No place stands out: no smooth function of anything that was recorded explains a share of the "
-            "mismatch beyond chance, anywhere along the chain."
+            "No place stands out: at no place of the chain does a smooth function of the recorded covariates "
+            "explain a significant share of the model discrepancy."
         )
     yield figure(
         "chain",
         chain(made),
-        "The measuring chain from base to measured point. Area and colour: share of the "
-        "baseline's mismatch that a smooth function of one or two covariates makes at that place. Named: what "
-        "was found. Neighbouring places share what they cannot be told apart by.",
+        "The measuring chain from base to measured point. Area and colour: share of the baseline's model "
+        "discrepancy that a smooth function of one or two covariates explains at that place. Labels: findings. "
+        "Confounded neighbouring places share the same part.",
     )
-    if told:
+    if significant:
         rows = [
             (
                 said.place(one.where),
@@ -173,31 +172,32 @@ def _place(made: Diagnosis):
                 f"{100 * one.share:.0f} %",
                 p_value(one.p_value),
             )
-            for one in told[:12]
+            for one in significant[:12]
         ]
         yield table(
-            ["place", "port", "depends on", "share of the mismatch", "p, of the whole search"],
+            ["place", "port", "depends on", "share of the discrepancy", "p of the complete search"],
             rows,
             left=3,
         )
-    rest = [one for one in made.rest if one.p_value < 0.01]
-    if rest and made.terms:
-        first = rest[0]
+    remaining = [one for one in made.rest if one.p_value < 0.01]
+    if remaining and made.terms:
+        first = remaining[0]
+        covariates = said.listed([said.covariate(c) for c in first.depends_on])
         yield words(
-            f"Something is left even so: at {said.place(first.where)}, depending on "
-            f"{said.listed([said.covariate(c) for c in first.depends_on])}, it makes {100 * first.share:.0f} % "
-            "of what remains."
+            f"Some structure remains with these findings: a function of {covariates} at {said.place(first.where)} "
+            f"explains {100 * first.share:.0f} % of the remaining discrepancy."
         )
     if made.fixed:
         yield words(made.fixed.sentence)
 
 
-def _against(made: Diagnosis):
+def _difference(made: Diagnosis):
     shares = made.shares
     yield words(
         f"The mean squared distance between {shares.reference} and the recording, "
-        f"{rounded(shares.total_mm2)} mm², is the sum of three: values that are merely not calibrated, noise, and "
-        "structure that no value of what the reference holds can make. Only the last is missing physics."
+        f"{rounded(shares.total_mm2)} mm², is the sum of three parts: parameter values that are not calibrated, "
+        "noise, and structure that no parameter values of the reference explain. Only the last part points to "
+        "unmodelled effects."
     )
     yield figure(
         "shares",
@@ -211,13 +211,14 @@ def _against(made: Diagnosis):
         yield table(["parameter", "reference", "this recording", "unit"], rows)
 
 
-def _proof(made: Diagnosis):
+def _validation(made: Diagnosis):
     proof, unit = made.proof, made.unit
     yield words(
-        "First the whole: searched anew without a part of the samples, what is found must predict that part better. "
-        "Then each term: without it, all others in place, the error of samples that were not fitted must be larger by "
-        "more than luck (t > 2 over poses; errors count as in the fit, so that a few poses far off do not decide). "
-        f"Last, its cause scrambled must gain nothing. Over all terms t = {proof.t:.1f}."
+        "Nested cross-validation repeats the complete search without a part of the samples; the findings must predict "
+        "this part better. A term is retained only if the held-out error rises significantly without it, conditional "
+        "on all others (t > 2 over poses; errors are weighted as in the fit, which limits the influence of outliers). "
+        "In a permutation or circular-shift control of its cause, a term must not reduce the error. "
+        f"Over all terms t = {proof.t:.1f}."
     )
     rows = [
         (
@@ -236,10 +237,10 @@ def _proof(made: Diagnosis):
             "folds",
             "number",
             f"before ({unit})",
-            f"after, searched anew ({unit})",
+            f"after, nested search ({unit})",
             f"after, the terms above ({unit})",
             "t",
-            "can judge the terms",
+            "used for selection",
         ],
         rows,
     )
@@ -248,13 +249,15 @@ def _proof(made: Diagnosis):
     )
     if proof.angles is not None:
         yield figure(
-            "heldout-rotation", figures.held_out_rotation(made), "The same of the orientation."
+            "heldout-rotation",
+            figures.held_out_rotation(made),
+            "Share of samples whose held-out rotation error is smaller.",
         )
     controls = [
         _control(term, one) for term in (*made.terms, *made.refused) for one in term.controls
     ]
     if controls:
-        yield table(["term", "control", "of its gain is left", "p", "", ""], controls, left=2)
+        yield table(["term", "control", "remaining gain", "p", "", ""], controls, left=2)
     if proof.lack:
         yield _lack_of_fit(proof.lack, unit)
 
@@ -284,8 +287,7 @@ def _residuals(made: Diagnosis):
     if made.views is None:
         return
     yield words(
-        f"Predicted minus measured, in {made.unit}, all samples, fitted. Left with the baseline, right with "
-        "what was found."
+        f"Predicted minus measured, in {made.unit}, all samples, fitted. Left: baseline. Right: with the findings."
     )
     space = figures.space if made.views.links is not None else figures.image
     yield pair(
@@ -293,7 +295,7 @@ def _residuals(made: Diagnosis):
             figure(f"space-{when}", space(made, when), text)
             for when, text in (
                 ("before", "Baseline."),
-                ("after", "With what was found, on the same scale."),
+                ("after", "With the findings, on the same scale."),
             )
         )
     )
@@ -301,16 +303,15 @@ def _residuals(made: Diagnosis):
         yield figure(
             f"over-{k}",
             drawn,
-            f"Against {said.covariate(name)}: before grey, after blue; lines are means of "
-            "bins of equal count.",
+            f"Over {said.covariate(name)}: before grey, after blue. Lines are means of bins of equal count.",
         )
 
 
-def _doubt(made: Diagnosis):
+def _alternatives(made: Diagnosis):
     doubtful = [term for term in made.terms if term.finding.alternatives]
     if not doubtful:
         yield words(
-            "Nothing else explains any of the terms as well: each has at least 95 % of the probability."
+            "No term has an alternative explanation: each has a probability of at least 95 %."
         )
     for term in doubtful:
         rows = [
@@ -333,10 +334,10 @@ def _doubt(made: Diagnosis):
             for one in term.finding.alternatives[:8]
         ]
         head = [
-            f"instead of {term.title}",
+            f"alternatives to {term.title}",
             "where",
             "probability",
-            "of the signature that it makes",
+            "share of the signature",
             "",
         ]
         yield table(head, rows, left=2)
@@ -344,19 +345,19 @@ def _doubt(made: Diagnosis):
         yield note(
             "Not recorded",
             [
-                f"{sentence(said.covariate(name))} Some of the names above depend on it."
+                f"{sentence(said.covariate(name))} Some of the findings above depend on it."
                 for name in made.not_recorded
             ],
         )
 
 
-def _visible(made: Diagnosis):
+def _detectable(made: Diagnosis):
     unit = made.unit
     yield words(
-        "How large each effect would have had to be. Size: RMS displacement of the measured point that it makes by "
-        "itself; visible: found with 95 % power at a false-alarm rate of 1 % for all together; survives: how much of "
-        "its square the fitted baseline does not swallow; told apart: named with 95 % probability beside its nearest "
-        "twin."
+        "Minimal detectable bias (MDB) of each effect, as the RMS displacement of the measured point that the effect "
+        "alone causes. Detectable: 95 % power at a family-wise false-alarm rate of 1 %. Orthogonal: share of its "
+        "squared signature that the fitted baseline does not absorb. Distinguishable: identified with 95 % probability "
+        "against the most confounded effect."
     )
     order = sorted(made.visible, key=lambda one: one.size if one.size is not None else np.inf)
     rows = [
@@ -375,19 +376,17 @@ def _visible(made: Diagnosis):
         [
             "effect",
             "where",
-            f"visible from ({unit})",
-            "that is",
-            "survives",
-            f"told apart from ({unit})",
-            "twin",
+            f"detectable from ({unit})",
+            "as parameter",
+            "orthogonal",
+            f"distinguishable from ({unit})",
+            "most confounded effect",
         ],
         rows,
         left=2,
     )
     if len(order) > _SMALLEST:
-        yield words(
-            f"The other {len(order) - _SMALLEST} stand in smallest-visible.csv.", quiet=True
-        )
+        yield words(f"smallest-visible.csv lists the other {len(order) - _SMALLEST}.", quiet=True)
 
 
 def _parameter(one) -> str:
@@ -412,15 +411,16 @@ def _next(made: Diagnosis):
         yield table(
             [
                 "recording",
-                "samples more",
-                "apart now (σ)",
-                "apart then (σ)",
-                "σ² a sample",
+                "additional samples",
+                "separation now (σ)",
+                "separation then (σ)",
+                "σ² per sample",
                 "samples needed",
             ],
             rows,
         )
     if plan.scene:
         yield words(
-            f"{SCENE} beside this page is that recording as a scene: workbench simulate {SCENE} tries it."
+            f"{SCENE} in the folder of this page describes this recording as a scene. "
+            f"To simulate it, run workbench simulate {SCENE}."
         )

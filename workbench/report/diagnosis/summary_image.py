@@ -1,4 +1,4 @@
-"""`summary.png` of a diagnosis: the chain with the mismatch at its place, errors, a residual before and after."""
+"""`summary.png` of a diagnosis: the chain with the places of the discrepancy, errors, residuals before and after."""
 
 import logging
 from pathlib import Path
@@ -17,12 +17,12 @@ _log = logging.getLogger(__name__)
 
 
 def write_summary(made: Diagnosis, path: Path) -> bool:
-    """Write the PNG at `path`; False, with a sentence in the log, where it cannot be drawn."""
+    """Write the PNG at `path`. Return False, with a warning in the log, if it cannot be drawn."""
     try:
         draw_summary(made).savefig(path, dpi=130)
     except (ImportError, OSError, RuntimeError) as error:
         _log.warning(
-            "%s was not drawn, because of: %s; the page is complete without it.", path.name, error
+            "%s was not drawn: %s. The report page is complete without it.", path.name, error
         )
         return False
     return True
@@ -109,7 +109,7 @@ def _errors(axes, made):
     if np.isfinite(made.proof.noise) and made.proof.noise > 0:
         axes.axvline(made.proof.noise, color=style.ORANGE, ls=":", label="noise, RMS")
     positive = any((errors > 0).any() for errors in known)
-    axes.set(xlabel=f"held-out error ({made.unit})", title="share of samples that err by less")
+    axes.set(xlabel=f"held-out error ({made.unit})", title="cumulative share of samples")
     if positive:
         axes.set_xscale("log")
     axes.yaxis.set_major_formatter("{x:.0%}")

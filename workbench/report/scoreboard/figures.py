@@ -1,4 +1,4 @@
-"""Figures of the blind proof's page, and its summary image."""
+"""Figures of the page of the blind benchmark, and its summary image."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -10,12 +10,14 @@ from workbench.report.sections import figure
 
 
 def detection(board: Board) -> dict:
-    """Share detected and share named against the surviving size."""
-    made = style.figure(380, "surviving size, σ of a coordinate", "share of cases")
+    """Share detected and share identified over the effect size orthogonal to the baseline."""
+    made = style.figure(
+        380, "effect size orthogonal to the baseline, σ per coordinate", "share of cases"
+    )
     rows = figures.detection(board.rows)
     for key, words, colour in (
         ("detected", "detected", style.BLUE),
-        ("named", "right name or group", style.GREEN),
+        ("named", "correct name or group", style.GREEN),
     ):
         made.add_trace(
             _with_interval(
@@ -34,8 +36,8 @@ def detection(board: Board) -> dict:
 
 
 def reliability(board: Board) -> dict:
-    """How often claims are right against the probability that they state."""
-    made = style.figure(380, "stated probability", "share that is right")
+    """Share of correct claims over the stated probability."""
+    made = style.figure(380, "stated probability", "share of correct claims")
     rows = figures.reliability(board.rows)
     made.add_trace(_dotted([0, 1], "as stated"))
     stated, right, within = ([r[key] for r in rows] for key in ("stated", "right", "interval"))
@@ -46,45 +48,43 @@ def reliability(board: Board) -> dict:
     return figure(
         "reliability",
         made,
-        "Reliability diagram: every claim of every case, by the probability stated.",
+        "Reliability diagram: all claims of all cases, by stated probability.",
     )
 
 
 def gain(board: Board) -> dict:
-    """Held-out error after the diagnosis against that of the oracle."""
+    """Held-out error after the diagnosis over that of the oracle."""
     made = style.figure(
         380, "held-out RMS of the oracle, mm", "held-out RMS after the diagnosis, mm"
     )
     rows = [r for r in board.rows if r.get("oracle_after_mm") and r.get("after_mm")]
-    best, reached = ([r[key] for r in rows] for key in ("oracle_after_mm", "after_mm"))
-    made.add_trace(_cases(best, reached, rows, style.BLUE, "a case"))
-    ends = _ends(best + reached)
+    oracle, diagnosed = ([r[key] for r in rows] for key in ("oracle_after_mm", "after_mm"))
+    made.add_trace(_cases(oracle, diagnosed, rows, style.BLUE, "case"))
+    ends = _ends(oracle + diagnosed)
     made.add_trace(_dotted(ends, "equal"))
     made.update_xaxes(**style.log_axis(*ends))
     made.update_yaxes(**style.log_axis(*ends))
     return figure(
-        "gain", made, "After the diagnosis against the fit that knows the truth, a point a case."
+        "gain", made, "Diagnosis against the oracle, a fit with the true model. One point per case."
     )
 
 
 def runtimes(board: Board) -> dict:
-    """Processor time of a diagnosis against the number of samples."""
+    """Processor time of a diagnosis over the number of samples."""
     made = style.figure(380, "samples", "processor time, s")
     rows = [r for r in board.rows if r.get("cpu_s") and r["samples"]]
     made.add_trace(
-        _cases(
-            [r["samples"] for r in rows], [r["cpu_s"] for r in rows], rows, style.VIOLET, "a case"
-        )
+        _cases([r["samples"] for r in rows], [r["cpu_s"] for r in rows], rows, style.VIOLET, "case")
     )
     made.update_xaxes(**style.log_axis(*_ends([r["samples"] for r in rows])))
     made.update_yaxes(**style.log_axis(*_ends([r["cpu_s"] for r in rows])))
-    return figure("runtimes", made, "Time of a diagnosis, in one process of one thread.")
+    return figure("runtimes", made, "Processor time of a diagnosis, one process with one thread.")
 
 
 def confusion(board: Board, of: str) -> dict:
-    """Concealed against said, counts; of: "effect" or "where"."""
+    """Confusion matrix (counts) of true and stated; of: "effect" or "where"."""
     truths, said, counts = figures.confusion(board.rows, of)
-    made = style.figure(140 + 22 * max(len(truths), 6), "said first", "concealed")
+    made = style.figure(140 + 22 * max(len(truths), 6), "first statement", "truth")
     made.add_trace(
         go.Heatmap(
             z=np.sqrt(counts),
@@ -95,7 +95,7 @@ def confusion(board: Board, of: str) -> dict:
             colorscale=[[0, "rgba(31,131,196,0)"], [1, style.BLUE]],
             showscale=False,
             customdata=counts,
-            hovertemplate="%{y} said to be %{x}: %{customdata}<extra></extra>",
+            hovertemplate="truth %{y}, stated %{x}: %{customdata}<extra></extra>",
         )
     )
     made.update_yaxes(autorange="reversed", automargin=True, title=None)
@@ -104,18 +104,17 @@ def confusion(board: Board, of: str) -> dict:
     return figure(
         f"confusion-{of}",
         made,
-        f"Confusion by {name}, cases of one effect; a truth inside a declared group "
-        "counts as said.",
+        f"Confusion matrix by {name}, cases with one effect. A truth inside a declared group counts as stated.",
     )
 
 
 def before_after(board: Board) -> dict:
-    """Held-out RMS before and after, and the noise, for every case, from the largest fall on."""
+    """Held-out RMS before and after, and the noise, for every case, largest reduction first."""
     rows = sorted(
         (r for r in board.rows if r.get("before_mm") and r.get("after_mm")),
         key=lambda r: r["after_mm"] / r["before_mm"],
     )
-    made = style.figure(420, "cases, the largest fall first", "held-out RMS of 3-D distances, mm")
+    made = style.figure(420, "cases, largest reduction first", "held-out RMS of 3-D distances, mm")
     place = list(range(1, len(rows) + 1))
     for key, words, colour in (
         ("before_mm", "before", style.ORANGE),
@@ -130,7 +129,7 @@ def before_after(board: Board) -> dict:
         )
     )
     return figure(
-        "before-after", made, "Every case with its held-out errors; point at one for its name."
+        "before-after", made, "Held-out errors of all cases. Hover over a point for its case."
     )
 
 
@@ -177,7 +176,7 @@ def _ends(values) -> tuple[float, float]:
 
 
 def summary(board: Board):
-    """A matplotlib figure: every figure that is asked for, with its interval and its limit."""
+    """A matplotlib figure: every acceptance criterion with its value, interval and limit."""
     from matplotlib.figure import Figure
 
     asked = [f for f in board.figures if f.reached is not None and f.value is not None][::-1]
@@ -192,7 +191,7 @@ def summary(board: Board):
         axes.plot(f.value, k, "o", color=colour, ms=6)
         said = f"{f.value:.2f}" if f.hits is None and "limit" not in f.name else f"{f.value:.1%}"
         axes.annotate(
-            f"{said}  (asked {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False
+            f"{said}  (criterion {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False
         )
     axes.set(
         yticks=range(len(asked)),
@@ -203,5 +202,5 @@ def summary(board: Board):
     axes.xaxis.set_major_formatter("{x:.0%}")
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, axis="x")
-    axes.set_title(f"{len(board.rows)} concealed cases, seed {board.seed}", size=11)
+    axes.set_title(f"{len(board.rows)} blind cases, seed {board.seed}", size=11)
     return made

@@ -1,4 +1,4 @@
-"""The page of the blind proof: figures beside what is asked, images, and every case, the failed ones first."""
+"""Page of the blind benchmark: figures and acceptance criteria, images, and all cases, failed ones first."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,8 +13,8 @@ _HEAD = [
     "case",
     "suite",
     "outcome",
-    "concealed",
-    "said",
+    "truth",
+    "stated",
     "size, σ",
     "before",
     "after",
@@ -25,7 +25,7 @@ _HEAD = [
 
 
 def write_scoreboard(board: Board, folder: Path) -> Path:
-    """Write `report.html` and `summary.png` into the folder of the examination; the page's path."""
+    """Write `report.html` and `summary.png` into the folder of the benchmark run. Returns the path of the page."""
     drawn.summary(board).savefig(folder / IMAGE, dpi=130)
     return write_sheet(page(board), folder)
 
@@ -34,29 +34,31 @@ def page(board: Board) -> Page:
     """The whole page."""
     asked = [figure for figure in board.figures if figure.reached is not None]
     numbers = (
-        ("figures asked for and reached", f"{sum(f.reached for f in asked)} of {len(asked)}", ""),
-        ("concealed cases", str(len(board.rows)), ""),
+        ("acceptance criteria met", f"{sum(f.reached for f in asked)} of {len(asked)}", ""),
+        ("blind cases", str(len(board.rows)), ""),
         ("confidently wrong", str(sum(bool(r.get("confidently_wrong")) for r in board.rows)), ""),
         ("median diagnosis", f"{_middle(board):.1f}", "s"),
     )
     lead = (
-        "Recordings were made in which an effect is concealed, by an engine that shares no code with the model that "
-        "looks for it; each truth was sealed, and its SHA-256 published, before the diagnosis was given the recording "
-        "and nothing else. Then the seals were opened and the answers scored by fixed rules.",
-        f"Made again by: {board.command}",
+        "An engine that shares no code with the diagnosis simulates recordings with a planted effect. The SHA-256 of "
+        "each truth is published before the diagnosis receives the recording, and only the recording. The truths are "
+        "then unblinded and the answers are scored by fixed rules.",
+        f"To repeat: {board.command}",
     )
     short = [
-        f"{f.suite}: {f.name} {value(f)}, asked {f.asked}: {f.word}" for f in asked if not f.reached
+        f"{f.suite}: {f.name} {value(f)}, criterion {f.asked}: not met"
+        for f in asked
+        if not f.reached
     ]
     return Page(
-        "Blind proof",
-        f"Concealed effects, seed {board.seed}",
+        "Blind benchmark",
+        f"Blind benchmark, seed {board.seed}",
         numbers,
         lead,
         tuple(_sections(board, short)),
         warning=""
         if not short
-        else f"{len(short)} of the figures asked for fall short; they are listed below.",
+        else f"{len(short)} acceptance criteria are not met; they are listed below.",
         caption="Figures with 95 % intervals",
         files=("answer.json", "results.csv", "results.parquet", "SHA256SUMS"),
     )
@@ -66,7 +68,7 @@ def _sections(board, short):
     yield Section("figures", "Figures", tuple(_figures(board, short)))
     yield Section(
         "detection",
-        "What is seen, and how sure",
+        "Detection and reliability",
         (
             pair(drawn.detection(board), drawn.reliability(board)),
             pair(drawn.gain(board), drawn.runtimes(board)),
@@ -74,20 +76,20 @@ def _sections(board, short):
     )
     yield Section(
         "confusion",
-        "What is taken for what",
+        "Confusion",
         (
             drawn.confusion(board, "effect"),
             drawn.confusion(board, "where"),
         ),
     )
     yield Section("errors", "Held-out errors, before and after", (drawn.before_after(board),))
-    yield Section("cases", "Every case, the failed ones first", tuple(_cases(board)))
-    yield Section("seals", "Seals and seeds", tuple(_seals(board)))
+    yield Section("cases", "All cases, failed ones first", tuple(_cases(board)))
+    yield Section("seals", "Hashes and seeds", tuple(_hashes(board)))
 
 
 def _figures(board, short):
     if short:
-        yield note("Falls short", short)
+        yield note("Criteria not met", short)
     rows = [
         [
             f.suite,
@@ -100,19 +102,20 @@ def _figures(board, short):
         ]
         for f in board.figures
     ]
-    yield table(["suite", "figure", "cases", "value", "95 %", "asked", ""], rows, left=2)
+    head = ["suite", "figure", "cases", "value", "95 %", "criterion", ""]
+    yield table(head, rows, left=2)
     for suite, why in board.skipped.items():
-        yield words(f"Suite {suite} was left out: {why}.", quiet=True)
+        yield words(f"Suite {suite} was skipped: {why}.", quiet=True)
     yield words(
-        "Sizes are what survives of an effect after the baseline has swallowed what it can: RMS of a measured "
-        "coordinate, in its σ, by the maker's own numerical baseline. Intervals are Wilson's; those of medians "
-        "come from order statistics.",
+        "Sizes are those of the part of an effect that the fitted baseline does not absorb: RMS of a measured "
+        "coordinate in units of its σ, from an independent numerical baseline. Intervals of shares are Wilson "
+        "intervals; those of medians come from order statistics.",
         quiet=True,
     )
 
 
 def value(figure) -> str:
-    """A figure's value in words, as a share where it is one."""
+    """The value of a figure as text; shares in per cent."""
     if figure.value is None:
         return "–"
     return (
@@ -123,7 +126,7 @@ def value(figure) -> str:
 
 
 def interval(figure) -> str:
-    """Its 95 % interval in words; empty where it has none."""
+    """The 95 % interval of a figure as text; empty without one."""
     if figure.low is None or not figure.cases:
         return ""
     if figure.hits is None:
@@ -140,13 +143,13 @@ def _row(row: Mapping) -> list[str]:
     said = row["note"] if row["outcome"] == "failed" and row.get("note") else said
     outcome = row["outcome"] + (", confidently wrong" if row.get("confidently_wrong") else "")
     size = row.get("survives_sigma")
-    concealed = "; ".join(row["concealed"]) or "nothing"
+    truth = "; ".join(row["concealed"]) or "nothing"
     lengths = [row.get(key) for key in ("before_mm", "after_mm", "oracle_after_mm", "noise_mm")]
     return [
         row["case"],
         f"{row['suite']} {row['index']}",
         outcome,
-        concealed,
+        truth,
         said,
         "" if size is None else f"{size:.2f}",
         *("–" if v is None else f"{v:.4f}" for v in lengths),
@@ -154,11 +157,11 @@ def _row(row: Mapping) -> list[str]:
     ]
 
 
-def _seals(board):
+def _hashes(board):
     yield facts([("seed", str(board.seed)), ("command", board.command)])
     yield words(
-        "SHA-256 of every sealed truth, as published before the first diagnosis. A truth that no longer fits "
-        "its seal fails the examination.",
+        "SHA-256 of every truth, published before the first diagnosis. A truth that no longer matches its hash "
+        "invalidates the benchmark run.",
         quiet=True,
     )
     rows = sorted([row["case"], row["seal"]] for row in board.rows)

@@ -1,4 +1,4 @@
-"""Images of the scoreboard for a page that is read without a browser: small PNG, drawn from the board alone."""
+"""Static images of the scoreboard: small PNG files, drawn from the board."""
 
 from pathlib import Path
 from textwrap import fill
@@ -14,39 +14,38 @@ _DPI = 80
 
 
 def write_images(board: Board, maps, folder: Path) -> dict[str, str]:
-    """Write every image for which there are cases into an existing folder; file name -> what it shows."""
+    """Write every image that has cases into an existing folder. Returns file name -> caption."""
     made = {
-        "figures.png": (summary(board), "Every figure that is asked for, with its 95 % interval."),
+        "figures.png": (summary(board), "Every acceptance criterion with its 95 % interval."),
         "seen.png": (
             _seen(board),
-            "Detection by surviving size (suites library and sensor), and how often claims are "
-            "right by the probability that they state; 95 % intervals.",
+            "Detection over the effect size orthogonal to the baseline (suites library and sensor), and share of "
+            "correct claims over their stated probability; 95 % intervals.",
         ),
         "gain.png": (
             _gain(board),
-            "Held-out error after the diagnosis against that of the fit that knows the truth, "
-            "and processor time of a diagnosis by samples; a point a case.",
+            "Held-out error after the diagnosis over that of the oracle (a fit with the true model), and "
+            "processor time of a diagnosis over the number of samples; one point per case.",
         ),
         "effects.png": (
             _confusion(board, "effect"),
-            "Concealed effect (row) and what is said first (column), cases of "
-            "one effect; a truth inside a declared group counts as said.",
+            "True effect (row) and first stated effect (column), cases with one effect. A truth inside a "
+            "declared group counts as stated.",
         ),
         "places.png": (
             _confusion(board, "where"),
-            "Concealed place (row) and the place that is said (column).",
+            "True place (row) and stated place (column).",
         ),
         "before-after.png": (
             _before_after(board),
-            "Held-out error before and after, and the noise, for every case, "
-            "the largest fall first.",
+            "Held-out error before and after, and the noise, for every case, largest reduction first.",
         ),
     }
     if maps:
         made["maps.png"] = (
             _maps(maps),
-            "Held-out error of every sample where it was measured, before and after: of "
-            "each suite the case of middle size among those named right.",
+            "Held-out error of every sample at its measured position, before and after: for each suite, the "
+            "case of median effect size among the correctly identified ones.",
         )
     for name, (image, _) in made.items():
         image.savefig(folder / name, dpi=_DPI)
@@ -65,14 +64,14 @@ def _seen(board):
     rows = figures.detection(board.rows)
     for key, words, colour in (
         ("detected", "detected", style.BLUE),
-        ("named", "right name or group", style.GREEN),
+        ("named", "correct name or group", style.GREEN),
     ):
         _with_interval(
             curve, [r["middle_sigma"] for r in rows], rows, key, f"{key}_interval", words, colour
         )
     curve.set(
         xscale="log",
-        xlabel="surviving size, σ of a coordinate",
+        xlabel="effect size orthogonal to the baseline, σ",
         ylabel="share of cases",
         ylim=(-0.03, 1.05),
     )
@@ -95,7 +94,7 @@ def _seen(board):
         )
     sure.set(
         xlabel="stated probability",
-        ylabel="share that is right",
+        ylabel="share of correct claims",
         ylim=(-0.03, 1.05),
         xlim=(-0.03, 1.05),
     )
@@ -140,7 +139,7 @@ def _confusion(board, of):
     axes.set_yticks(range(len(truths)), truths, size=8)
     for i, j in np.argwhere(counts):
         axes.text(j, i, counts[i, j], ha="center", va="center", size=8)
-    axes.set(xlabel="said", ylabel="concealed")
+    axes.set(xlabel="stated", ylabel="truth")
     return made
 
 
@@ -159,7 +158,7 @@ def _before_after(board):
         axes.semilogy(
             range(1, len(rows) + 1), values, "o", color=colour, ms=3, alpha=0.7, label=words
         )
-    axes.set(xlabel="cases, the largest fall first", ylabel="held-out RMS, mm")
+    axes.set(xlabel="cases, largest reduction first", ylabel="held-out RMS, mm")
     axes.legend(frameon=False, fontsize=9)
     return _quiet(made)
 

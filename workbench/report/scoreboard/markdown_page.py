@@ -1,4 +1,4 @@
-"""The scoreboard as a page of Markdown with small images, a table of every case and the seals beside it."""
+"""The scoreboard as a Markdown page with images, a table of all cases and the published hashes."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -14,36 +14,36 @@ from workbench.proving.tasks import COUNTS
 from workbench.report.scoreboard.html_page import interval, value
 from workbench.report.scoreboard.images import write_images
 
-_BESIDE = ("results.csv", "SHA256SUMS")
+_COPIED_FILES = ("results.csv", "SHA256SUMS")
 _GOOD = (*NAMED, "right", "reference")
 _RULES = (
-    "`exact`: the right effect at the right place and nothing else. `group`: the truth stands among the alternatives "
-    "that the answer declares. `more`: right, and something else beside it. `part`: one of two. `place`: the right "
-    "place under a wrong name or none. `abstained`: unexplained, at another place. `wrong`: a wrong name at a wrong "
-    "place. `missed`: nothing seen. Confidently wrong: a name stated with a probability of 0.95 or more that is not "
-    "true and declares no truth. Sizes are what survives of an effect after the fitted baseline has swallowed what it "
-    "can: RMS of a coordinate in its σ, by the maker's own numerical baseline."
+    "`exact`: the true effect at the true place and no other finding. `group`: the truth is one of the declared "
+    "alternatives. `more`: correct, with a further finding. `part`: one of two effects. `place`: the true place with a "
+    "wrong name or none. `abstained`: unexplained, at another place. `wrong`: a wrong name at a wrong place. `missed`: "
+    "no finding. Confidently wrong: a wrong name stated with a probability of at least 0.95, without the truth among "
+    "its alternatives. Sizes are those of the part of an effect that the fitted baseline does not absorb: RMS of a "
+    "coordinate in units of its σ, from an independent numerical baseline."
 )
 
 
 def write_page(board: Board, exam: Path, path: Path) -> Path:
-    """Write `path` (ending in .md) and the folder of the same name beside it, with images, results.csv and seals.
+    """Write `path` (ending in .md) and a folder of the same name with images, results.csv and the hashes.
 
-    exam: folder of the examination. Raises InputError where the page cannot be written.
+    exam: folder of the benchmark run. Raises InputError if the page cannot be written.
     """
     if path.suffix != ".md":
         raise InputError(
-            f"--page {path}: a file that ends in .md is expected; name one, as in docs/scoreboard.md."
+            f"--page {path}: expected a file name that ends in .md, such as docs/scoreboard.md."
         )
     folder = path.with_suffix("")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         images = write_images(board, maps(protocol.Examination(exam), board.rows), folder)
-        for name in _BESIDE:
+        for name in _COPIED_FILES:
             shutil.copyfile(exam / name, folder / name)
     except OSError as error:
         raise InputError(
-            f"--page {path}: cannot be written there ('{error.strerror}'); name another place."
+            f"--page {path}: the page cannot be written ('{error.strerror}'). Name another path."
         ) from error
     runs.replace_file(path, "\n".join(_lines(board, folder.name, images)) + "\n")
     return path
@@ -53,11 +53,11 @@ def _lines(board: Board, folder: str, images: Mapping[str, str]) -> Iterator[str
     yield from _head(board)
     yield from (
         "",
-        "## What is asked",
+        "## Acceptance criteria",
         "",
         *_asked(board),
         "",
-        "## What else was counted",
+        "## Further figures",
         "",
         *_others(board),
         "",
@@ -65,72 +65,71 @@ def _lines(board: Board, folder: str, images: Mapping[str, str]) -> Iterator[str
     for name, words in images.items():
         yield from (f"![{words}]({folder}/{name})", "", f"*{words}*", "")
     yield from (
-        "## Every case that is not right, the worst first",
+        "## Cases that are not correct, worst first",
         "",
         _RULES,
         "",
         *_cases(board),
         "",
     )
-    right = sum(_fine(row) for row in board.rows)
+    right = sum(_is_correct(row) for row in board.rows)
     yield (
-        f"The other {right} cases are right. All {len(board.rows)}, the failed ones first, with held-out errors in "
-        f"mm before, after and of the oracle: [results.csv]({folder}/results.csv); the seals as they were published "
-        f"before the first diagnosis: [SHA256SUMS]({folder}/SHA256SUMS)."
+        f"The other {right} cases are correct. [results.csv]({folder}/results.csv) lists all {len(board.rows)} cases "
+        "with held-out errors in mm before, after and of the oracle, failed cases first. "
+        f"[SHA256SUMS]({folder}/SHA256SUMS) lists the hashes that were published before the first diagnosis."
     )
 
 
 def _head(board: Board) -> Iterator[str]:
     asked = [figure for figure in board.figures if figure.reached is not None]
-    yield "# Scoreboard of the blind proof"
+    yield "# Scoreboard of the blind benchmark"
     yield ""
     yield (
-        "Made by `workbench prove`. Recordings were made in which an effect is concealed, by an engine that shares "
-        "no code with the model that looks for it; each truth was sealed, and its SHA-256 published, before the "
-        "diagnosis was given the recording and nothing else. Then the seals were opened and the answers scored by "
-        "fixed rules."
+        "Written by `workbench prove`. An engine that shares no code with the diagnosis simulates recordings with a "
+        "planted effect. The SHA-256 of each truth is published before the diagnosis receives the recording, and only "
+        "the recording. The truths are then unblinded and the answers are scored by fixed rules."
     )
     yield ""
     yield (
-        f"**{sum(f.reached for f in asked)} of {len(asked)} figures asked for are reached**, on {len(board.rows)} "
-        f"cases of seed {board.seed}. Made again by"
+        f"**{sum(f.reached for f in asked)} of {len(asked)} acceptance criteria are met**, on {len(board.rows)} "
+        f"cases of seed {board.seed}. To repeat the benchmark:"
     )
     yield from ("", "```sh", " \\\n    --suite".join(board.command.split(" --suite")), "```", "")
     yield from _run(board)
 
 
 def _run(board: Board) -> Iterator[str]:
-    yield "| suite | cases diagnosed | of sealed |"
+    yield "| suite | cases diagnosed | cases committed |"
     yield "|---|---|---|"
     for suite, count in board.held.items():
         yield f"| {suite} | {count} | {board.planned.get(suite, count)} |"
     for suite, why in board.skipped.items():
-        yield f"| {suite} | 0 | left out: {why} |"
+        yield f"| {suite} | 0 | skipped: {why} |"
     for suite in COUNTS:
         if board.planned and suite not in {**board.planned, **board.skipped}:
-            yield f"| {suite} | 0 | not held |"
+            yield f"| {suite} | 0 | not run |"
     if sum(board.planned.values()) > len(board.rows):
         yield from (
             "",
-            "Cases are diagnosed in an order by chance. Where fewer were diagnosed than sealed, the time "
-            "was up; the same call goes on with the others.",
+            "Cases are diagnosed in random order. If fewer cases are diagnosed than committed, the time limit was "
+            "reached; the same call continues with the others.",
         )
     if len(board.programs) > 1:
         yield from (
             "",
-            f"The answers come from {len(board.programs)} states of the program "
-            f"({', '.join(board.programs)}); the column `program` says which.",
+            f"The answers come from {len(board.programs)} versions of the program "
+            f"({', '.join(board.programs)}); the column `program` names the version of each.",
         )
 
 
-_MARKS = {"reached": "✓ ", "short": "✗ "}
+_MARKS = {"reached": "✓ met", "short": "✗ not met"}
 
 
 def _asked(board: Board) -> Iterator[str]:
-    yield "| suite | figure | must reach | reached | cases | 95 % | |"
+    yield "| suite | figure | criterion | value | cases | 95 % | |"
     yield "|---|---|---|---|---|---|---|"
     for f in (one for one in board.figures if one.asked):
-        word = f"{_MARKS.get(f.word, '')}{f.word}" or "no case"
+        word = _MARKS.get(f.word, f.word) or "no case"
         yield f"| {f.suite} | {f.name} | {f.asked} | {value(f)} | {_counted(f)} | {interval(f)} | {word} |"
 
 
@@ -145,15 +144,15 @@ def _counted(figure) -> str:
     return f"{figure.hits} of {figure.cases}" if figure.hits is not None else str(figure.cases)
 
 
-def _fine(row: Mapping) -> bool:
+def _is_correct(row: Mapping) -> bool:
     return row["outcome"] in _GOOD and not row.get("confidently_wrong")
 
 
 def _cases(board: Board) -> Iterator[str]:
-    yield "| case | suite | outcome | concealed | size, σ | said | before, mm | after | oracle | noise |"
+    yield "| case | suite | outcome | truth | size, σ | stated | before, mm | after | oracle | noise |"
     yield "|---|---|---|---|---|---|---|---|---|---|"
     for row in board.rows:
-        if not _fine(row):
+        if not _is_correct(row):
             yield f"| {' | '.join(_cells(row))} |"
 
 

@@ -1,4 +1,4 @@
-"""The page of a calibrated camera: errors image by image and over the field, and how far each number is known."""
+"""Page of a calibrated camera: errors by image and over the field, and the uncertainty of each parameter."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -31,15 +31,16 @@ def page(made: CameraRun) -> Page:
     calibration = made.calibration
     held = calibration.held_out
     numbers = [
-        ("RMS a coordinate", rounded(calibration.rms_coordinate_px), "px"),
-        ("RMS as OpenCV counts", rounded(calibration.rms_px), "px"),
+        ("RMS per coordinate", rounded(calibration.rms_coordinate_px), "px"),
+        ("RMS distance (OpenCV)", rounded(calibration.rms_px), "px"),
         (
             "focal length",
             _with_sigma(calibration.camera.fx, calibration.std.get("camera.fx")),
             "px",
         ),
     ]
-    numbers += [("held out, as OpenCV counts", rounded(held.halved_rms_px), "px")] if held else []
+    if held:
+        numbers.append(("held-out RMS distance", rounded(held.halved_rms_px), "px"))
     return Page(
         "Camera calibration",
         made.recording.title or made.recording.name,
@@ -51,32 +52,30 @@ def page(made: CameraRun) -> Page:
 
 
 def sections(made: CameraRun, prefix: str = "") -> tuple[Section, ...]:
-    """What the page shows of the camera; `prefix` keeps names apart where a page holds more."""
+    """Sections on the camera; `prefix` makes their names unique on a page with other sections."""
     calibration = made.calibration
     return (
         Section(prefix + "images", "Image by image", tuple(_images(made, prefix))),
         Section(prefix + "field", "Over the field", tuple(_field(calibration, prefix))),
-        Section(
-            prefix + "known", "How far the camera is known", tuple(_known(calibration, prefix))
-        ),
-        Section(prefix + "board", "The board", tuple(_board(calibration, prefix))),
+        Section(prefix + "known", "Uncertainty", tuple(_uncertainty(calibration, prefix))),
+        Section(prefix + "board", "Board", tuple(_board(calibration, prefix))),
         Section(prefix + "camera", "Parameters", tuple(_parameters(calibration))),
     )
 
 
 def lead(made: CameraRun) -> list[str]:
-    """What the numbers mean and on what they rest."""
+    """Meaning and data basis of the numbers."""
     calibration = made.calibration
-    placed = counted(len(calibration.poses), "placement")
+    poses = counted(len(calibration.poses), "board pose")
     first = (
-        f"RMS distance between corners as the calibrated camera predicts them and as they were found, in "
-        f"{counted(len(calibration.views), 'image')} at {placed} of the board, {calibration.view.size:,} corners. "
-        "OpenCV counts the distance in two dimensions; that of one coordinate is smaller by √2."
+        f"RMS reprojection error (predicted minus detected corners) in {counted(len(calibration.views), 'image')} at "
+        f"{poses}, {calibration.view.size:,} corners. OpenCV states the RMS of the two-dimensional distance, which is "
+        "√2 times that of one coordinate."
     )
     second = (
         sentence(calibration.held_out.sentence)
         if calibration.held_out
-        else ("There are too few placements to leave any out: nothing here is held out.")
+        else "There are too few board poses for cross-validation: no number is held out."
     )
     return [first, second]
 
@@ -89,7 +88,7 @@ def _images(made: CameraRun, prefix: str):
     yield figure(
         prefix + "perimage",
         field.bars(names, rms, "RMS distance (px)", rms > 2 * np.median(rms)),
-        "RMS distance of each image’s corners, as OpenCV counts. Orange: more than twice the median.",
+        "RMS reprojection distance of the corners of each image. Orange: more than twice the median.",
     )
     yield words(
         "The images with the largest errors: detected corners as circles, arrows from the detected to the predicted "
@@ -99,14 +98,14 @@ def _images(made: CameraRun, prefix: str):
     if not made.rejected:
         yield words("No image was rejected.")
         return
-    yield words(f"{counted(len(made.rejected), 'image')} could not be used:")
+    yield words(f"{counted(len(made.rejected), 'image')} rejected:")
     shown = [
         (made.recording.folder / one.image, f"{one.image}: {one.why}")
         for one in made.rejected[:_THUMBNAILS]
     ]
     yield thumbnails(shown)
     if len(made.rejected) > _THUMBNAILS:
-        yield words(f"The JSON names the other {len(made.rejected) - _THUMBNAILS}.", quiet=True)
+        yield words(f"The JSON lists the other {len(made.rejected) - _THUMBNAILS}.", quiet=True)
 
 
 def _field(calibration, prefix: str):
@@ -115,25 +114,25 @@ def _field(calibration, prefix: str):
     share = float((calibration.coverage > 0).mean())
     drawn = style.thinned_sentence(pixels.shape[1]).replace("samples", "corners")
     yield words(
-        f"Corners lie in {100 * share:.0f} % of the image’s cells (8 × 6). Where none lie, the lens is "
+        f"{100 * share:.0f} % of the cells of the image (8 × 6) contain corners. In the other cells the lens model is "
         f"extrapolated. {drawn}"
     )
     yield pair(
         figure(
             prefix + "coverage",
             field.coverage(pixels, calibration.view, size),
-            "Every corner that was used, one colour an image.",
+            "All corners used, one colour per image.",
         ),
         figure(
             prefix + "arrows",
             arrows,
-            f"Residuals, predicted minus found, enlarged {scale:,.0f} times. Neighbours that "
-            "point the same way show what the lens model lacks.",
+            f"Residuals, predicted minus detected, enlarged {scale:,.0f} times. A common direction of neighbouring "
+            "residuals indicates a discrepancy of the lens model.",
         ),
     )
     yield words(
-        "Means of the residuals in cells of the field. Noise leaves no pattern; a pattern that is larger than "
-        "σ/√n of a cell belongs to the lens or to the board."
+        "Mean residuals in cells of the field. Noise has no pattern. A pattern larger than σ/√n of a cell indicates an "
+        "unmodelled effect of the lens or the board."
     )
     yield pair(
         figure(
@@ -149,14 +148,14 @@ def _field(calibration, prefix: str):
     )
 
 
-def _known(calibration, prefix: str):
-    size, known = calibration.camera.size, calibration.uncertainty
+def _uncertainty(calibration, prefix: str):
+    size, uncertainty = calibration.camera.size, calibration.uncertainty
     figures = [
         figure(
             prefix + "sigma",
-            _map(known, size, "1 σ"),
-            f"Where a point {known.distance_mm:,.0f} mm away projects: 1 σ of the worse direction, from the full "
-            "covariance. A camera that is turned in its housing counts as the same camera.",
+            _map(uncertainty, size, "1 σ"),
+            f"1 σ of the projection of a point at {uncertainty.distance_mm:,.0f} mm, in the worse direction, from the "
+            "full covariance. A rotation of the camera frame is not counted as an error.",
         )
     ]
     if calibration.halves:
@@ -164,17 +163,17 @@ def _known(calibration, prefix: str):
             figure(
                 prefix + "halves",
                 _map(calibration.halves.difference, size, "difference"),
-                "How far apart two cameras project, each made from every second placement.",
+                "Difference of the projections of two cameras, each calibrated from every second board pose.",
             )
         )
     yield pair(*figures)
     if calibration.halves:
         yield words(sentence(calibration.halves.sentence))
     if calibration.held_out:
-        yield _beside_opencv(calibration)
+        yield _comparison_with_opencv(calibration)
     if calibration.undetermined:
         yield note(
-            "What these images do not determine",
+            "Not identifiable from these images",
             [sentence(line) for line in calibration.undetermined],
         )
 
@@ -183,19 +182,19 @@ def _map(known, size, called):
     return field.heat(known.x, known.y, known.value, size, called)
 
 
-def _beside_opencv(calibration):
+def _comparison_with_opencv(calibration):
     held = calibration.held_out
     rows = [
-        ("pose from all its corners", rounded(held.rms_px), rounded(held.opencv_rms_px)),
+        ("pose from all corners", rounded(held.rms_px), rounded(held.opencv_rms_px)),
         (
-            "pose from every second corner, error on the others",
+            "pose from every second corner, error of the others",
             rounded(held.halved_rms_px),
             rounded(held.opencv_halved_rms_px),
         ),
     ]
     return table(
         [
-            f"images left out, {counted(held.folds, 'fold')} (RMS distance, px)",
+            f"held-out images, {counted(held.folds, 'fold')} (RMS distance, px)",
             "this camera",
             "cv2.calibrateCamera",
         ],
@@ -206,21 +205,21 @@ def _beside_opencv(calibration):
 def _board(calibration, prefix: str):
     bow = calibration.bow
     if bow is None:
-        yield words("The board was taken as flat.")
+        yield words("The board is modelled as flat.")
         return
     height, sigma = rounded(1000 * bow.height_mm), rounded(1000 * bow.height_std_mm)
     yield words(
-        f"The board was not taken to be flat: its warp is part of the solve. Highest over lowest point: {height} ± "
-        f"{sigma} µm (1 σ). A warp left out shifts the focal length while the RMS hardly changes."
+        f"The warp of the board is estimated. Height difference between highest and lowest point: {height} ± "
+        f"{sigma} µm (1 σ). An unmodelled warp biases the focal length and hardly changes the RMS."
     )
     place, height, std = bow_surface(calibration)
     yield pair(
         figure(
             prefix + "bow",
             _surface(place, height, "height (µm)"),
-            "Height of the board over the plane that fits it best.",
+            "Height of the board above its best-fit plane.",
         ),
-        figure(prefix + "bowsigma", _surface(place, std, "1 σ (µm)"), "1 σ of that height."),
+        figure(prefix + "bowsigma", _surface(place, std, "1 σ (µm)"), "1 σ of the height."),
     )
     rows = [
         (f"warp {name}", *_valued(1000 * value, 1000 * bow.std[name]), "µm")
@@ -230,7 +229,7 @@ def _board(calibration, prefix: str):
 
 
 def bow_surface(calibration, across: int = 25):
-    """Places x and y (mm), height (rows, columns) over the best plane and its 1 sigma, µm."""
+    """Coordinates x and y (mm), height (rows, columns) above the best-fit plane and its 1 sigma, µm."""
     board = calibration.board
     low, high = board.points.min(1), board.points.max(1)
     x, y = (np.linspace(low[k], high[k], across) for k in (0, 1))
@@ -288,14 +287,14 @@ def _parameters(calibration):
                 )
             )
     yield words(
-        "σ is one standard deviation from the full covariance of camera, board and poses, scaled to the residuals; "
-        "a value is given to two digits of its σ."
+        "σ is one standard deviation from the full covariance of camera, board and poses, scaled by the residuals. "
+        "Values are rounded to two digits of σ."
     )
     yield table(["parameter", "what it is", "value", "σ", "unit"], rows, left=2)
 
 
 def _valued(value: float, std: float | None) -> tuple[str, str]:
-    """Value and sigma to two digits of the sigma."""
+    """Value and sigma, rounded to two digits of sigma."""
     if not std or not np.isfinite(std):
         return rounded(value), "–"
     return fixed(value, decimals_of(std)), fixed(std, decimals_of(std))
@@ -306,7 +305,7 @@ def _with_sigma(value: float, std: float | None) -> str:
 
 
 def provenance(recording, made) -> Section:
-    """Where the numbers come from."""
+    """Section on the provenance of the numbers."""
     from workbench.files.provenance import provenance as of
 
     images = [row["role"] for row in recording.images]
@@ -321,15 +320,12 @@ def provenance(recording, made) -> Section:
         ("images", roles),
         ("board", board_of(made)),
     ]
-    told = {name for name, _ in lines}
-    return Section(
-        "provenance",
-        "Provenance",
-        (facts([*lines, *(x for x in flat(of(recording)) if x[0] not in told)]),),
-    )
+    names = {name for name, _ in lines}
+    further = [line for line in flat(of(recording)) if line[0] not in names]
+    return Section("provenance", "Provenance", (facts([*lines, *further]),))
 
 
 def board_of(made) -> str:
-    """What the board is, where there is one."""
+    """Title of the calibration board; "" without one."""
     calibration = getattr(made, "calibration", None)
     return calibration.board.title if calibration is not None else ""

@@ -1,4 +1,4 @@
-"""Figures over the field of an image: where corners lie, residual arrows, and maps of what is left."""
+"""Figures over the image field: coverage by corners, residual arrows, and maps of the residuals."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,7 +12,7 @@ _LEAST_IN_CELL = 3
 
 
 def field(size: tuple[int, int], width: int = 400) -> go.Figure:
-    """An empty image of `size` (width, height) px, its row 0 at the top, to be drawn about `width` px wide."""
+    """An empty image field of `size` (width, height) px with row 0 at the top, drawn about `width` px wide."""
     columns, rows = size
     made = style.figure(int(width * rows / columns) + 90, "u (px)", "v (px)")
     made.update_xaxes(range=[-0.5, columns - 0.5], constrain="domain", nticks=7, zeroline=False)
@@ -40,7 +40,7 @@ def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.
 def arrows(
     pixels: np.ndarray, residual: np.ndarray, size: tuple[int, int]
 ) -> tuple[go.Figure, float]:
-    """Residuals (2, n) px as enlarged strokes from their pixels (2, n), and how often enlarged."""
+    """Residuals (2, n) px as enlarged lines from their pixels (2, n), and the enlargement."""
     made, scale = field(size), enlargement(residual, size)
     drawn = style.thinned(pixels.shape[1])
     foot, tip = pixels[:, drawn], pixels[:, drawn] + scale * residual[:, drawn]
@@ -66,13 +66,13 @@ def arrows(
 
 
 def enlargement(residual: np.ndarray, size: tuple[int, int]) -> float:
-    """1, 2 or 5 times a power of ten that keeps 95 % of the arrows (2, n) px readable."""
+    """Enlargement, 1, 2 or 5 times a power of ten, at which 95 % of the arrows (2, n) px are readable."""
     length = float(np.percentile(np.linalg.norm(residual, axis=0), 95)) if residual.size else 1.0
     return arrow_step(_ARROW_SHARE * np.hypot(*size) / max(length, 1e-12))
 
 
 def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], across: int = 16):
-    """Mean of values (n,) in cells of the field: centres u, centres v, (rows, across) with nan where it is empty."""
+    """Mean of values (n,) in cells of the field: centres u, centres v, means (rows, across), nan in empty cells."""
     down = max(2, round(across * size[1] / size[0]))
     column = np.clip(((pixels[0] + 0.5) / size[0] * across).astype(int), 0, across - 1)
     row = np.clip(((pixels[1] + 0.5) / size[1] * down).astype(int), 0, down - 1)
@@ -90,7 +90,7 @@ def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], across:
 def residual_map(
     pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], called: str, unit="px"
 ) -> go.Figure:
-    """Mean residual (n,) by cell of the field, on a scale that is the same to both sides of 0."""
+    """Mean residual (n,) by cell of the field, on a symmetric colour scale."""
     u, v, mean = cells(pixels, values, size)
     known = np.abs(mean[np.isfinite(mean)])
     top = float(known.max()) if known.size else 1.0
@@ -123,7 +123,7 @@ def bars(
     faulty: np.ndarray | None = None,
     across: str = "image, in the order of images.csv",
 ) -> go.Figure:
-    """One bar an image, in the order taken; `faulty` (n,) ones in another colour; the median as a line."""
+    """One bar per image, in recording order, with the median as a line; `faulty` (n,) bars in another colour."""
     made = style.figure(340, across, what)
     off = np.zeros(len(names), bool) if faulty is None else faulty
     made.add_bar(

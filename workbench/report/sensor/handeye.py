@@ -1,4 +1,4 @@
-"""The page of a hand-eye calibration: errors pose by pose, how much the board seems to move, and all of it in space."""
+"""Page of a hand-eye calibration: errors by pose, scatter of the estimated board pose, and a 3-D view."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,17 +12,17 @@ from workbench.report.text import counted, decimals_of, fixed, rounded, sentence
 
 _WORDS = {
     "rms_px": "corners, RMS distance (px)",
-    "rms_mm": "points from the ball, RMS (mm)",
-    "sensor_rms_px": "corners, with every pose free of the robot’s error (px)",
-    "pose_rms_mm": "poses, RMS of their RMS (mm)",
-    "origin_mm": "board’s origin, RMS distance from its mean (mm)",
-    "centre_mm": "board’s middle, RMS distance from its mean (mm)",
-    "turn_deg": "board’s turn, RMS from its mean (deg)",
-    "mean_origin_mm": "board’s origin, mean distance from its mean (mm)",
-    "mean_centre_mm": "board’s middle, mean distance from its mean (mm)",
-    "mean_turn_deg": "board’s turn, mean from its mean (deg)",
-    "least_origin_mm": "the least scatter of any hand-eye: board’s origin, RMS (mm)",
-    "least_turn_deg": "its turn, RMS, a radian counted as 300 mm (deg)",
+    "rms_mm": "points, RMS distance from the sphere (mm)",
+    "sensor_rms_px": "corners, RMS distance with the flange poses estimated (px)",
+    "pose_rms_mm": "poses, RMS of the RMS by pose (mm)",
+    "origin_mm": "scatter of the board origin, RMS distance from its mean (mm)",
+    "centre_mm": "scatter of the board centre, RMS distance from its mean (mm)",
+    "turn_deg": "scatter of the board rotation, RMS angle from its mean (deg)",
+    "mean_origin_mm": "scatter of the board origin, mean distance from its mean (mm)",
+    "mean_centre_mm": "scatter of the board centre, mean distance from its mean (mm)",
+    "mean_turn_deg": "scatter of the board rotation, mean angle from its mean (deg)",
+    "least_origin_mm": "smallest scatter of any hand-eye transform: board origin, RMS (mm)",
+    "least_turn_deg": "the same: board rotation, RMS, 1 rad weighted as 300 mm (deg)",
 }
 
 _RAGGED = " points left out, off the circle or at its ragged ends"
@@ -33,15 +33,15 @@ def page(run: HandEyeRun) -> Page:
     made = run.made
     where = {
         "in-hand": "camera on the flange",
-        "to-hand": "camera beside the arm",
+        "to-hand": "stationary camera",
         "profiles": "profiler on the flange",
         "clouds": "3-D sensor on the flange",
     }
     sections = (
         Section("poses", "Pose by pose", tuple(_poses(run))),
-        Section("errors", "How well it predicts", tuple(_errors(run))),
+        Section("errors", "Prediction errors", tuple(_errors(run))),
         Section("space", "In space", tuple(_space(run))),
-        Section("transform", "The transform", tuple(_transform(run))),
+        Section("transform", "Transform", tuple(_transform(run))),
         Section(
             "provenance",
             "Provenance",
@@ -68,7 +68,7 @@ def page(run: HandEyeRun) -> Page:
 
 
 def _warning(made):
-    """What must be read before any number."""
+    """Reservations that apply to all numbers."""
     doubts = (*made.suspicions, *made.undetermined)
     return " ".join(
         sentence(line) for line in (*(() if made.converged else (made.outcome,)), *doubts)
@@ -78,47 +78,47 @@ def _warning(made):
 def _numbers(made):
     if "origin_mm" in made.held_out:
         yield "board scatter, held out", rounded(made.held_out["origin_mm"]), "mm"
-        yield "its turn, held out", rounded(made.held_out["turn_deg"]), "deg"
+        yield "rotation scatter, held out", rounded(made.held_out["turn_deg"]), "deg"
         yield "board scatter, fit", rounded(made.fit["origin_mm"]), "mm"
     else:
-        yield "points from the ball, held out", rounded(made.held_out["rms_mm"]), "mm"
+        yield "distance from the sphere, held out", rounded(made.held_out["rms_mm"]), "mm"
         yield "fit", rounded(made.fit["rms_mm"]), "mm"
     yield "sensor’s noise", rounded(made.noise), made.unit
 
 
 def lead(run: HandEyeRun) -> list[str]:
-    """What the numbers mean."""
+    """Meaning of the numbers."""
     made, poses = run.made, counted(len(run.flange), "pose")
     what = (
-        "the board, which never moved, seems to move from image to image"
+        "scatter of the estimated pose of the stationary board"
         if made.radius is None
-        else "measured centres of the ball scatter in the base"
+        else "scatter of the measured ball centres in the base frame"
         if made.kind == "clouds"
-        else "points of a profile lie from the one ball"
+        else "distance of the profile points from the common sphere"
     )
     spread = made.robot_sigma
     robot = (
         (
-            f"The flange poses themselves are taken as measured with error; these data say 1 σ = "
+            f"The flange poses are modelled with random errors; estimated 1 σ = "
             f"{rounded(spread['position_mm'])} mm and {rounded(spread['rotation_deg'])}°."
         )
         if "rotation_deg" in spread
         else (
-            "The flange poses are taken as measured with error; these data say 1 σ = "
+            "The flange poses are modelled with random errors; estimated 1 σ = "
             f"{rounded(spread['position_mm'])} mm{_of_radius(spread)}."
         )
     )
     return [
-        f"By how much {what}, over {poses}; held out, each pose is predicted from the others alone.",
+        f"{what.capitalize()}, over {poses}. Held out: each pose is predicted from the other poses only.",
         robot,
     ]
 
 
 def _of_radius(spread) -> str:
-    """How much the radius differs between profiles; nothing for sensors that measure whole centres."""
+    """Variation of the radius over the profiles; empty for sensors that measure whole centres."""
     if "radius_mm" not in spread:
         return ""
-    return f"; the radius that profiles show differs by {rounded(spread['radius_mm'])} mm from one to the next"
+    return f". The radius that a profile shows varies with 1 σ = {rounded(spread['radius_mm'])} mm"
 
 
 def _poses(run):
@@ -126,8 +126,8 @@ def _poses(run):
     yield figure(
         "perpose",
         _bars(run),
-        f"RMS of each pose’s residuals, robot held exact ({made.unit}); held out: predicted from "
-        "the other poses. Orange: left out as a blunder.",
+        f"RMS residual of each pose with the recorded flange poses ({made.unit}); held out: predicted from the other "
+        "poses. Orange: excluded as an outlier.",
     )
     rows = [
         (
@@ -144,16 +144,16 @@ def _poses(run):
             "pose",
             f"residual ({made.unit})",
             f"held out ({made.unit})",
-            "robot off by (mm)",
-            "turned by (deg)",
+            "flange error (mm)",
+            "flange rotation error (deg)",
         ],
         rows,
     )
     outliers = [sentence(row.why) for row in made.poses if row.why]
     if outliers:
-        yield note("Left out", outliers)
+        yield note("Excluded poses", outliers)
     if run.rejected:
-        yield words(f"{counted(len(run.rejected), 'image')} could not be used:")
+        yield words(f"{counted(len(run.rejected), 'image')} rejected:")
         yield thumbnails(
             [
                 (run.recording.folder / one.image, f"{one.image}: {one.why}")
@@ -191,34 +191,34 @@ def _errors(run):
     yield table(["", "fit", "held out"], rows)
     doubts = [sentence(line) for line in (*made.suspicions, *made.undetermined)]
     if doubts:
-        yield note("Doubts, and what these poses do not determine", doubts)
+        yield note("Reservations, and parameters that are not identifiable", doubts)
     for line in _gathered(made.notes):
         yield words(sentence(line), quiet=True)
 
 
 def _gathered(notes) -> list[str]:
-    """Notes, those that say the same of single profiles as one."""
+    """Notes; equal notes on single profiles are combined into one."""
     same = [line for line in notes if line.startswith("profile ") and line.endswith(_RAGGED)]
     if len(same) < 3:
         return list(notes)
-    told = ", ".join(line.removeprefix("profile ").removesuffix(_RAGGED) for line in same)
+    by_profile = ", ".join(line.removeprefix("profile ").removesuffix(_RAGGED) for line in same)
     return [
-        f"left out, off the circle or at its ragged ends, by profile: {told}",
+        f"points left out, off the circle or at its ragged ends, by profile: {by_profile}",
         *(n for n in notes if n not in same),
     ]
 
 
 def _space(run):
     yield words(
-        "Flange and sensor of every pose in the base of the arm, with the field of the camera as a pyramid."
+        "Flange and sensor of every pose in the base frame of the arm; a pyramid shows the field of view of the camera."
         if run.made.radius is None
-        else "Flange and profiler of every pose in the base of the arm, and the ball."
+        else "Flange and profiler of every pose, and the sphere, in the base frame of the arm."
     )
-    yield figure("space3d", scene(run), "Drag to turn, scroll to come closer.")
+    yield figure("space3d", scene(run), "Drag to rotate, scroll to zoom.")
 
 
 def scene(run: HandEyeRun) -> go.Figure:
-    """Flanges, sensors and what they look at, in the base, mm."""
+    """Flanges, sensors and their targets in the base frame, mm."""
     made, figure = run.made, space.space()
     flange = run.flange
     if made.kind == TO_HAND:
@@ -247,39 +247,40 @@ def _transform(run):
     made = run.made
     name = "the base" if made.kind == TO_HAND else "the flange"
     yield words(
-        f"Place of the sensor in the frame of {name}; the turn is a rotation vector. σ is one standard deviation, from "
-        "the noise of the sensor and of the flange poses together."
+        f"Pose of the sensor in the frame of {name}; the rotation is a rotation vector. σ is one standard deviation, "
+        "from the noise of the sensor and of the flange poses."
     )
     from workbench.jobs.hand_eye import placed_json
 
-    told = placed_json(made.sensor, made.covariance)
+    placed = placed_json(made.sensor, made.covariance)
     rows = [
-        (axis, *_valued(v, s), "mm") for axis, v, s in zip("xyz", told["xyz_mm"], told["std_mm"])
+        (axis, *_valued(v, s), "mm")
+        for axis, v, s in zip("xyz", placed["xyz_mm"], placed["std_mm"])
     ]
     rows += [
         (f"r{axis}", *_valued(v, s), "deg")
-        for axis, v, s in zip("xyz", told["rotvec_deg"], told["std_deg"])
+        for axis, v, s in zip("xyz", placed["rotvec_deg"], placed["std_deg"])
     ]
     yield table(["", "value", "σ", "unit"], rows)
     if made.radius is not None:
         std = made.std.get("target.radius")
-        told = (
+        radius = (
             f"{' ± '.join(_valued(made.radius, std))} mm, fitted"
             if std
             else f"{rounded(made.radius, 6)} mm, as certified"
         )
-        yield words(f"Radius of the ball: {told}.")
+        yield words(f"Radius of the sphere: {radius}.")
         yield from _profiler(run)
 
 
 def _profiler(run):
-    """The profiler's noise and scale, and the ball's radius where it is fitted, with certified and with free radius."""
+    """Noise and scale of the profiler and radius of the sphere, with certified and with estimated radius."""
     head, rows = ["", "radius certified", "radius free"], []
     both = [run.made, run.free] if run.free else [run.made]
     for title, key, values, unit in (
-        ("radius of the ball", "target.radius", [one.radius for one in both], "mm"),
+        ("radius of the sphere", "target.radius", [one.radius for one in both], "mm"),
         (
-            "scale of the profiler’s z, beyond 1",
+            "scale error of the profiler’s z",
             "sensor.range_scale",
             [100 * one.range_scale for one in both],
             "%",
@@ -297,15 +298,15 @@ def _profiler(run):
             )
         )
     rows.append(
-        ("points from the ball, RMS", *(f"{rounded(one.fit['rms_mm'])} mm" for one in both))
+        ("distance from the sphere, RMS", *(f"{rounded(one.fit['rms_mm'])} mm" for one in both))
     )
     rows.append(("noise of a profile", *(f"{rounded(one.noise)} mm" for one in both)))
-    yield table(head[: 1 + len(both)] if run.free else ["", "found"], rows)
+    yield table(head[: 1 + len(both)] if run.free else ["", "estimate"], rows)
 
 
 def _valued(value, std):
     if std is not None and np.isinf(std):
-        return rounded(value, 5), "not determined"
+        return rounded(value, 5), "not identifiable"
     if not std or not np.isfinite(std):
         return rounded(value, 5), "–"
     return fixed(value, decimals_of(std)), fixed(std, decimals_of(std))

@@ -1,4 +1,4 @@
-"""The page of scans: clouds in space, what the balls leave, and acceptance figures as metrologists name them."""
+"""Page of scans: point clouds, residuals of the fitted spheres, and acceptance figures by ISO 10360-13."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -27,27 +27,26 @@ def page(made: Scans) -> Page:
     """The whole page of `workbench scan`."""
     form, spread, found = _most(made)
     numbers = [
-        ("form of a ball, RMS", rounded(form), "mm"),
-        ("centre, largest 1 σ, best frame", rounded(spread), "mm"),
+        ("form error, RMS, worst sphere", rounded(form), "mm"),
+        ("centre, largest 1 σ, best-fit frame", rounded(spread), "mm"),
         ("scans", str(len(made.scans)), ""),
         ("balls found", str(found), ""),
     ]
     tail = [
         cameras.provenance(made.recording, made.calibration.camera if made.calibration else made)
     ]
-    own = scanners.sections(made.calibration) if made.calibration else ()
+    scanner_sections = scanners.sections(made.calibration) if made.calibration else ()
     return Page(
         "Scans",
         made.recording.title or made.recording.name,
         tuple(numbers),
         tuple(lead(made)),
-        (*sections(made), *own, *tail),
+        (*sections(made), *scanner_sections, *tail),
     )
 
 
 def _most(made: Scans) -> tuple[float | None, float | None, int]:
-    """The largest RMS and 1 sigma of a centre, mm, of balls that are seen well; None without one; and how many balls
-    were found."""
+    """Largest RMS and 1 sigma of a centre, mm, of completely seen balls (None without one), and their number."""
     form, spread, count = None, None, 0
     for _, ball in _found(made):
         count += 1
@@ -58,13 +57,13 @@ def _most(made: Scans) -> tuple[float | None, float | None, int]:
 
 
 def chain(made: Scans) -> tuple[Section, ...]:
-    """The sensor's part on the page of a calibration from images: scans, and the scanner where it was made here."""
-    own = scanners.sections(made.calibration) if made.calibration else ()
-    return (*sections(made), *own)
+    """Sensor sections on the page of a calibration from images: scans, and the scanner if it was calibrated here."""
+    scanner_sections = scanners.sections(made.calibration) if made.calibration else ()
+    return (*sections(made), *scanner_sections)
 
 
 def sections(made: Scans) -> tuple[Section, ...]:
-    """What the page shows of the scans."""
+    """Sections on the scans."""
     return (
         Section("acceptance", "Acceptance figures", tuple(_acceptance(made))),
         Section("balls", "Balls", tuple(_balls(made))),
@@ -80,23 +79,21 @@ def every(made: Scans) -> Iterator[tuple[Scan, Ball]]:
 
 
 def lead(made: Scans) -> list[str]:
-    """What was measured, and what the numbers mean."""
+    """Data basis and meaning of the numbers."""
     points = sum(one.points for one in made.scans)
     first = (
-        f"{counted(len(made.scans), 'scan')} with {points:,} points in all; the clouds lie beside this page as PLY. "
-        "Form: "
-        "distance of the points used from the fitted ball, the worst of all balls that are seen all round; the radius "
-        "is the certified one where "
-        "there is a certificate."
+        f"{counted(len(made.scans), 'scan')} with {points:,} points in total; the clouds are PLY files in the folder "
+        "of this page. Form error: distance of the points used from the fitted sphere, for the worst of all completely "
+        "seen spheres. The radius is the certified one if there is a certificate."
     )
     scanner = (
-        "The scanner was calibrated from the same recording; its part follows below."
+        "The scanner was calibrated from the same recording; its sections follow below."
         if made.calibration
         else "The scanner was read from a file."
     )
     centres = centres_of(made)
     more = (
-        f" {counted(centres.n, 'ball centre')} stand in ball-centres, a recording that `workbench calibrate` takes."
+        f" The recording ball-centres holds {counted(centres.n, 'ball centre')} for `workbench calibrate`."
         if centres
         else ""
     )
@@ -104,7 +101,7 @@ def lead(made: Scans) -> list[str]:
 
 
 def _frames(made: Scans) -> list[str]:
-    """What the sigmas of centres are measured from."""
+    """Reference frames of the standard deviations of centres."""
     fits = (ball.fit for _, ball in every(made) if ball.fit)
     if made.scanner.frame is None:
         return []
@@ -115,17 +112,17 @@ def _frames(made: Scans) -> list[str]:
     if most is None:
         return []
     return [
-        "σ of a centre is told in the frame that fits the scanner's points best, which is what distances between balls "
-        "and a hand-eye calibration need. In the camera's own frame, whose place all points share, it is up to "
-        f"{rounded(1000 * most)} µm; the JSON holds both, std_in_best_frame_mm and std_mm."
+        "σ of a centre refers to the frame that fits the scanner's points best; distances between balls and a hand-eye "
+        "calibration depend on this σ. In the camera frame, with its error common to all points, σ is up to "
+        f"{rounded(1000 * most)} µm. The JSON holds both, std_in_best_frame_mm and std_mm."
     ]
 
 
 def _acceptance(made: Scans):
     yield words(
-        "Evaluated scan by scan, the largest counts; balls that are cut by the field or beyond the calibrated depths "
-        "do not. An acceptance test to the standard also needs its artefacts and "
-        "positions in the volume; without a limit nothing passes or fails."
+        "Each figure is the largest over the scans. Balls that are cut by the field of view or lie outside the "
+        "calibrated depths are excluded. An acceptance test to the standard also requires its artefacts and positions "
+        "in the volume. Without a stated limit there is no pass or fail."
     )
     rows, missing = [], []
     for one in characteristics(made):
@@ -155,7 +152,7 @@ def _acceptance(made: Scans):
         left=3,
     )
     if missing:
-        yield note("Not determined by these scans", [sentence(line) for line in missing])
+        yield note("Not available from these scans", [sentence(line) for line in missing])
 
 
 _HEAD = (
@@ -180,19 +177,17 @@ def _balls(made: Scans):
         return
     yield table(_HEAD, [_row(one, ball) for one, ball in shown], left=3)
     if (others := sum(1 for _ in _found(made)) - len(shown)) > 0:
-        yield words(f"The JSON names the other {others} balls.", quiet=True)
-    doubts, untold = _doubts(made)
+        yield words(f"The JSON lists the other {others} balls.", quiet=True)
+    doubts, unlisted = _doubts(made)
     if doubts:
-        yield note(
-            "To be known", doubts + [f"And {untold} more, which the JSON holds."] * (untold > 0)
-        )
+        yield note("Remarks", doubts + [f"The JSON holds {unlisted} more."] * (unlisted > 0))
     residual = 1000 * np.concatenate([ball.fit.residual[ball.fit.inliers] for _, ball in shown])
-    of = ", of those in the table" if others > 0 else ""
-    told = f"Distances of all points used from the surface of their ball{of}."
-    yield figure("form", scanners.spread(residual, "µm"), told)
+    which = ", for the balls of the table" if others > 0 else ""
+    caption = f"Distances of all points used from the fitted sphere{which}."
+    yield figure("form", scanners.spread(residual, "µm"), caption)
     yield words(
-        "Where on the balls the distances are, as the scanner sees them. A pattern that all balls share belongs to the "
-        "light or the surface, one of a single ball to that ball."
+        "Distances over the balls as seen by the scanner. A pattern common to all balls is due to the light plane or "
+        "the surface; a pattern of a single ball is due to that ball."
     )
     maps = [
         figure(f"ballmap{k}", ball_map(ball), f"{_called(*both)}: distance from the surface.")
@@ -208,11 +203,11 @@ def _found(made: Scans) -> Iterator[tuple[Scan, Ball]]:
 
 
 def _called(one: Scan, ball: Ball) -> str:
-    return f"Scan {one.name}, ball {ball.number or 'without a name'}"
+    return f"Scan {one.name}, ball {ball.number or 'unnamed'}"
 
 
 def _row(one: Scan, ball: Ball) -> tuple:
-    """A line of the table of balls."""
+    """A row of the table of balls."""
     fit, free, size = ball.fit, ball.free, "–"
     if ball.radius:
         size = f"{1000 * (free.radius - ball.radius):+.1f} ± {1000 * free.std[-1]:.1f}".replace(
@@ -234,36 +229,36 @@ def _row(one: Scan, ball: Ball) -> tuple:
 
 
 def _doubts(made: Scans) -> tuple[list[str], int]:
-    """What is not as it should be, scan by scan and ball by ball, and how much more there is; what several scans share
-    is said once."""
-    same, odd, known, untold = {}, [], [], 0
+    """Remarks on scans and balls, and the number of further ones; a remark common to several scans is given once."""
+    same, odd, known, unlisted = {}, [], [], 0
     for one in made.scans:
         for part in filter(None, one.outcome.split("; ")):
             if part in same or len(same) < _DOUBTS:
                 count, names = same.get(part, (0, []))
                 same[part] = count + 1, [*names, one.name][:_NAMED]
             else:
-                untold += 1
+                unlisted += 1
         for ball in filter(lambda ball: ball.fit, one.balls):
             if not ball.whole and ";" in ball.fit.outcome:
                 odd.append(f"{_called(one, ball)}: {sentence(ball.fit.outcome)}")
             elif ball.whole and ball.fit.warnings:
                 known.append(f"{_called(one, ball)}: {sentence('; '.join(ball.fit.warnings))}")
-        untold += len(odd[_DOUBTS:]) + len(known[_DOUBTS:])
+        unlisted += len(odd[_DOUBTS:]) + len(known[_DOUBTS:])
         del odd[_DOUBTS:], known[_DOUBTS:]
-    told = [f"{_scans(*scans)}: {sentence(part)}" for part, scans in same.items()] + odd + known
-    return told[:_DOUBTS], untold + len(told[_DOUBTS:])
+    common = [f"{_scans(*scans)}: {sentence(part)}" for part, scans in same.items()]
+    remarks = common + odd + known
+    return remarks[:_DOUBTS], unlisted + len(remarks[_DOUBTS:])
 
 
 def _scans(count: int, names: list[str]) -> str:
-    """`count` scans, of which the first few are named."""
+    """Names of the first few of `count` scans."""
     if count > _NAMED:
         return f"{count} scans, {', '.join(names[: _NAMED - 1])} and more"
     return f"Scan {names[0]}" if count == 1 else f"Scans {', '.join(names)}"
 
 
 def ball_map(ball: Ball) -> go.Figure:
-    """Residuals (µm) over the ball as the sensor sees it: places across the view from the centre, mm."""
+    """Residuals (µm) over the ball as seen by the sensor: positions across the line of sight from the centre, mm."""
     used = np.flatnonzero(ball.fit.inliers)
     used = used[np.linspace(0, len(used) - 1, min(len(used), _MAP_POINTS)).astype(int)]
     away = ball.points[:, used] - ball.fit.centre[:, None]
@@ -298,12 +293,12 @@ def _clouds(made: Scans):
     shown = made.scans[:_CLOUDS]
     if len(made.scans) > len(shown):
         yield words(
-            f"The first {len(shown)} of {len(made.scans)} scans, thinned; the PLY files hold every point."
+            f"The first {len(shown)} of {len(made.scans)} scans, thinned. The PLY files hold all points."
         )
     yield figure(
         "clouds3d",
         scene(shown),
-        "Points of the scans and the fitted balls in the frame of the camera, mm. Click on a name to hide it.",
+        "Points of the scans and the fitted spheres in the camera frame, mm. Click on a name to hide it.",
     )
     rows = [
         (one.name, f"{one.points:,}", f"{sum(one.dropped.values()):,}", len(one.balls), one.cloud)
@@ -313,7 +308,7 @@ def _clouds(made: Scans):
 
 
 def scene(scans) -> go.Figure:
-    """Clouds coloured by depth, balls around them."""
+    """Point clouds coloured by depth, with the fitted spheres."""
     made = space.space(eye=(0.5, -1.3, -1.2))
     made.layout.scene.camera.up = dict(x=0, y=-1, z=0)
     colours = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY, "#222222")

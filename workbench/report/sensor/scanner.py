@@ -1,4 +1,4 @@
-"""The page of a calibrated scanner: its light planes and mirror in space, what the stripes leave, and its camera."""
+"""Page of a calibrated scanner: light planes and mirror in space, residuals of the stripes, and the camera."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -18,12 +18,16 @@ def page(made: ScannerRun) -> Page:
     calibration = made.calibration
     good = ~calibration.wrong
     numbers = [
-        ("stripes from their planes, RMS", rounded(_rms(calibration.residual_mm[good])), "mm"),
+        (
+            "stripe points from their planes, RMS",
+            rounded(_rms(calibration.residual_mm[good])),
+            "mm",
+        ),
         ("along the scan line", rounded(calibration.sigma_stripe_px), "px"),
     ]
     if calibration.left_out:
-        numbers.append(("placements left out", rounded(calibration.left_out.rms_mm), "mm"))
-    numbers.append(("corners, a coordinate", rounded(calibration.sigma_corner_px), "px"))
+        numbers.append(("held-out board poses", rounded(calibration.left_out.rms_mm), "mm"))
+    numbers.append(("corners, per coordinate", rounded(calibration.sigma_corner_px), "px"))
     return Page(
         "Scanner calibration",
         made.recording.title or made.recording.name,
@@ -35,53 +39,53 @@ def page(made: ScannerRun) -> Page:
 
 
 def sections(made: ScannerRun) -> tuple[Section, ...]:
-    """What the page shows: the light first, then the camera from its corners alone."""
+    """Sections on the light planes, then on the camera (from its corners only)."""
     calibration = made.calibration
     return (
         Section("planes", "Light planes", tuple(_planes(calibration))),
-        Section("stripes", "What the stripes leave", (*_stripes(calibration), *_rejected(made))),
-        Section("mirror", "One mirror for all planes", tuple(_mirror(calibration))),
-        Section("leftout", "Placements left out", tuple(_left_out(calibration))),
+        Section("stripes", "Residuals of the stripes", (*_stripes(calibration), *_rejected(made))),
+        Section("mirror", "Mirror model", tuple(_mirror(calibration))),
+        Section("leftout", "Held-out board poses", tuple(_left_out(calibration))),
         *cameras.sections(made.camera, "camera-"),
     )
 
 
 def lead(made: ScannerRun) -> list[str]:
-    """What was adjusted together, on what, and what was left out."""
+    """Adjusted quantities and their data basis."""
     calibration = made.calibration
     kind = (
-        "one mirror that makes all planes"
+        "one mirror model for all planes"
         if calibration.scanner.mirror is not None
-        else "a light plane of its own for every step"
+        else "an independent light plane for every step"
         if len(calibration.scanner.steps) > 1
         else "one light plane"
     )
     points, low, high = int((~calibration.wrong).sum()), *calibration.volume
     first = (
-        f"Distance of {points:,} points of the laser’s line, seen on the board at "
-        f"{counted(len(np.unique(calibration.made.sheets.labels['placement'])), 'placement')}, from their light "
+        f"Distance of {points:,} points of the laser stripe, seen on the board at "
+        f"{counted(len(np.unique(calibration.made.sheets.labels['placement'])), 'board pose')}, from their light "
         "planes. "
-        f"Camera, bow of the board, its poses and {kind} were adjusted together, every residual in pixels, between "
-        f"{low:.0f} and {high:.0f} mm from the camera."
+        f"Camera, warp and poses of the board, and {kind} are adjusted jointly, with all residuals in pixels, at "
+        f"{low:.0f} to {high:.0f} mm from the camera."
     )
     return [first, *(sentence(calibration.left_out.sentence) for _ in (1,) if calibration.left_out)]
 
 
 def _rejected(made: ScannerRun):
-    """Images under the laser that were left out, by reason, and what is to be said of the adjustment."""
+    """Laser images that were excluded, by reason, and remarks on the adjustment."""
     by_reason: dict[str, list[str]] = {}
     for one in made.rejected:
         by_reason.setdefault(one.why, []).append(one.image)
     if by_reason:
         yield note(
-            "Images under the laser that were left out",
+            "Excluded laser images",
             [
                 f"{counted(len(names), 'image')} ({', '.join(names[:6])}{' …' * (len(names) > 6)}): {why}."
                 for why, names in by_reason.items()
             ],
         )
     yield note(
-        "What was left out, and what the sigmas hold",
+        "Exclusions, and content of the standard deviations",
         [sentence(line) for line in made.calibration.sentences],
     )
 
@@ -97,14 +101,14 @@ def _planes(calibration):
         scene(calibration),
         "Camera, its field and the light planes between the nearest and the "
         "farthest "
-        "board; drag to turn, scroll to come closer.",
+        "board. Drag to rotate, scroll to zoom.",
     )
     chosen = np.unique(
         np.linspace(0, len(scanner.steps) - 1, min(len(scanner.steps), _MOST_ROWS)).astype(int)
     )
     if len(chosen) < len(scanner.steps):
         yield words(
-            f"{len(chosen)} of {len(scanner.steps)} planes; scanner.toml and the JSON hold all of them.",
+            f"{len(chosen)} of {len(scanner.steps)} planes. scanner.toml and the JSON hold all.",
             quiet=True,
         )
     head = ["step", "nx", "ny", "nz", "offset (mm)", "RMS (mm)", "RMS (px)", "1 σ (mm)"]
@@ -123,20 +127,20 @@ def _planes(calibration):
     ]
     yield table(head, rows)
     yield words(
-        "A plane is n·X + b = 0 in the frame of the camera. RMS: of its points’ distances. 1 σ: of the plane itself "
-        f"over the working volume, in the frame {'of the camera' if alone else 'that fits best'}.",
+        "A plane is n·X + b = 0 in the camera frame. RMS: distances of its points. 1 σ: uncertainty of the plane over "
+        f"the working volume, in the {'camera frame' if alone else 'best-fit frame'}.",
         quiet=True,
     )
     if len(scanner.steps) > 1:
         yield figure(
             "persteps",
             per_step(calibration),
-            "RMS distance of each step’s points from its plane, and how well the plane itself is known.",
+            "RMS distance of the points of each step from their plane, and 1 σ of the plane.",
         )
 
 
 def scene(calibration) -> go.Figure:
-    """Camera, boards, sheets and the mirror's axis, camera frame, mm."""
+    """Camera, boards, light planes and mirror axis, camera frame, mm."""
     scanner, made = calibration.scanner, space.space(eye=(0.4, -1.5, -1.3))
     low, high = calibration.volume
     scene = made.layout.scene
@@ -186,8 +190,8 @@ def _stripes(calibration):
     pixels, size = calibration.stripes.pixels[:, good], calibration.camera.size
     residual, step = calibration.residual_px[good], calibration.stripes.labels["step"][good]
     yield words(
-        "Stripe minus light plane, along the scan line. A pattern over the image points at a bowed sheet or at the "
-        "lens; a step that stands out, at the mirror."
+        "Stripe minus light plane, along the scan line. A pattern over the image indicates a curved light sheet or an "
+        "unmodelled lens effect; a deviating step indicates a mirror error."
     )
     steps = calibration.scanner.steps
     figures = [
@@ -202,14 +206,14 @@ def _stripes(calibration):
             figure(
                 "stripestep",
                 over_step(step, residual, steps),
-                "Residuals over the step: mean, and the band that holds two thirds of the points.",
+                "Residuals over the step: mean, and the band from the 16th to the 84th percentile.",
             )
         )
     figures.append(
         figure(
             "stripehist",
             spread(residual),
-            "How the residuals are spread, beside a normal distribution of the same width.",
+            "Distribution of the residuals, and the normal distribution of the same RMS.",
         )
     )
     yield pair(*figures[:2])
@@ -217,11 +221,11 @@ def _stripes(calibration):
     if calibration.dropped:
         rows = [(why, f"{number:,}") for why, number in calibration.dropped.items() if number]
         if rows:
-            yield table(["points of stripes left out", "points"], rows)
+            yield table(["excluded stripe points", "points"], rows)
 
 
 def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.Figure:
-    """Mean residual (px) of each step's points and the band from the 16 % to the 84 % point."""
+    """Mean residual (px) of the points of each step, and the band from the 16th to the 84th percentile."""
     order = np.argsort(step, kind="stable")
     parts = np.split(residual[order], np.cumsum(np.bincount(step, minlength=len(steps)))[:-1])
     low, mean, high = np.array(
@@ -286,28 +290,28 @@ def _mirror(calibration):
     check = calibration.mirror
     if check is None:
         yield words(
-            "Too few steps for a mirror, or none was asked for: every plane stands by itself."
+            "The planes are independent: there are too few steps for a mirror model, or none was requested."
         )
         return
     yield words(
-        f"All planes come from one sheet of light and one turning mirror: {len(check.fitted)} numbers instead "
-        "of "
-        f"{3 * len(calibration.scanner.steps)}. The free planes are the check: they differ by "
-        f"{rounded(check.difference_mm)} mm RMS over the working volume, where their sigmas let expect "
-        f"{rounded(check.expected_mm)} mm; with a true mirror the fit would get worse by as much with "
-        f"probability {rounded(check.probability, 2)}: {check.verdict}."
+        f"The mirror model generates all planes from one light plane and one rotating mirror: "
+        f"{len(check.fitted)} numbers instead of "
+        f"{3 * len(calibration.scanner.steps)}. Independent planes differ from it by "
+        f"{rounded(check.difference_mm)} mm RMS over the working volume; expected from their standard deviations: "
+        f"{rounded(check.expected_mm)} mm. Lack-of-fit test of the mirror model: "
+        f"p = {rounded(check.probability, 2)}, {check.verdict}."
     )
     yield figure(
         "mirrorcheck",
         against_free(calibration),
-        "Distance between each free plane and the mirror’s, RMS over the working volume.",
+        "Distance between each independent plane and that of the mirror model, RMS over the working volume.",
     )
     mirror = check.mirror
     vectors = {
         "axis": mirror.axis,
         "a point of it (mm)": mirror.point,
         "normal of the face at angle 0": mirror.face,
-        "sheet before the mirror, normal": mirror.beam[:3],
+        "light plane before the mirror, normal": mirror.beam[:3],
     }
     rows = [
         (name, *(f"{v:.5f}".replace("-", "−") for v in vector)) for name, vector in vectors.items()
@@ -315,14 +319,14 @@ def _mirror(calibration):
     yield table(["mirror, frame of the camera", "x", "y", "z"], rows)
     if check.sentences:
         yield note(
-            "What the stripes do not determine of the mirror",
+            "Mirror parameters that are not identifiable",
             [sentence(line) for line in check.sentences],
         )
 
 
 def against_free(calibration) -> go.Figure:
-    """Distance of the free plane from the mirror's at each step, mm."""
-    made = style.figure(320, "mirror step", "free plane from the mirror’s (mm)")
+    """Distance between the independent plane and that of the mirror model at each step, mm."""
+    made = style.figure(320, "mirror step", "independent plane to mirror model (mm)")
     made.add_bar(
         x=calibration.scanner.steps,
         y=calibration.mirror.difference_of_step_mm,
@@ -336,21 +340,20 @@ def against_free(calibration) -> go.Figure:
 def _left_out(calibration):
     left = calibration.left_out
     if left is None:
-        yield words("There are too few placements to leave any out.")
+        yield words("There are too few board poses for cross-validation.")
         return
     yield words(
-        sentence(left.sentence)
-        + " The pose of a placement that is left out comes from its corners alone."
+        sentence(left.sentence) + " The pose of a held-out board comes from its corners only."
     )
     known = np.isfinite(left.placement_rms_mm)
-    names = [f"placement {name}" for name, there in zip(calibration.placements, known) if there]
+    names = [f"board pose {name}" for name, there in zip(calibration.placements, known) if there]
     yield figure(
         "leftoutbars",
         field.bars(
             names,
             left.placement_rms_mm[known],
             "RMS of all its points (mm)",
-            across="placement with laser images",
+            across="board pose with laser images",
         ),
-        "Each placement’s stripes, from planes that were made without them.",
+        "Stripes of each board pose, relative to planes that were estimated without them.",
     )

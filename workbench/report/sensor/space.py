@@ -1,4 +1,4 @@
-"""Figures in space: cameras as pyramids, boards, light planes, the mirror's axis and clouds, in mm."""
+"""3-D figures: cameras as pyramids, boards, light planes, mirror axis and point clouds, in mm."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -90,7 +90,7 @@ def moved(poses: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
 
 def pyramid(camera, depth: float) -> np.ndarray:
-    """(p, 3) mm: the path that draws a camera's field up to `depth` mm in front of it."""
+    """(p, 3) mm: line path of the field of view of a camera up to `depth` mm."""
     width, height = camera.size
     u, v = np.array([0, width, width, 0]) - 0.5, np.array([0, 0, height, height]) - 0.5
     corners = (
@@ -122,7 +122,7 @@ def outline(columns: int, rows: int, square: float) -> np.ndarray:
 
 def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
     """(k, 4, 3) mm: corners of light planes (4, k), cut to the camera's field from `near` to `far` mm."""
-    across = int(np.abs(planes[:2]).mean(1).argmax())  # the image axis that the sheets stand across
+    across = int(np.abs(planes[:2]).mean(1).argmax())  # the image axis normal to the light planes
     other, size = 1 - across, camera.size[1 - across]
     focal, middle = (camera.fx, camera.cx) if other == 0 else (camera.fy, camera.cy)
     corners = np.empty((planes.shape[1], 4, 3))
@@ -136,9 +136,9 @@ def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
 
 
 def sheets(made: go.Figure, corners: np.ndarray, name: str) -> None:
-    """Add quadrilaterals (k, 4, 3) mm as thin coloured sheets, no more than a few of them."""
+    """Add at most a few of the quadrilaterals (k, 4, 3) mm as translucent surfaces."""
     shown = np.unique(np.linspace(0, len(corners) - 1, min(len(corners), _MOST_PLANES)).astype(int))
-    told = name if len(shown) == len(corners) else f"{name}, {len(shown)} of {len(corners)} drawn"
+    label = name if len(shown) == len(corners) else f"{name}, {len(shown)} of {len(corners)} drawn"
     corners = corners[shown]
     x, y, z = np.round(corners.reshape(-1, 3).T, 3)
     first = 4 * np.arange(len(corners))
@@ -155,7 +155,7 @@ def sheets(made: go.Figure, corners: np.ndarray, name: str) -> None:
         k=k,
         color=style.ORANGE,
         opacity=0.18,
-        name=told,
+        name=label,
         showlegend=True,
         hoverinfo="skip",
     )

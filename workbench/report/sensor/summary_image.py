@@ -1,4 +1,4 @@
-"""`summary.png` of the sensor's commands: the figures at the head of the page, and two graphs, in one image."""
+"""`summary.png` of the sensor commands: the numbers of the page's headline and two graphs."""
 
 import logging
 from collections.abc import Callable
@@ -11,25 +11,23 @@ from workbench.report.page import IMAGE
 from workbench.report.sections import Page
 
 _INK, _MOST = "#222222", 5000
-_SCANS = 60  # as many bars as can be told apart
+_SCANS = 60  # largest number of bars that stay distinguishable
 _log = logging.getLogger(__name__)
 Panel = Callable[[object], None]
 
 
 def write_summary(page: Page, panels: tuple[Panel, ...], folder: Path) -> bool:
-    """Write `summary.png` into a folder; False, with a sentence in the log, where it cannot be drawn."""
+    """Write `summary.png` into a folder. Return False, with a warning in the log, if it cannot be drawn."""
     try:
         summary(page, panels).savefig(Path(folder) / IMAGE, dpi=150)
     except (ImportError, OSError, RuntimeError) as error:
-        _log.warning(
-            "%s was not drawn, because of: %s; the page is complete without it.", IMAGE, error
-        )
+        _log.warning("%s was not drawn: %s. The report page is complete without it.", IMAGE, error)
         return False
     return True
 
 
 def summary(page: Page, panels: tuple[Panel, ...]):
-    """A matplotlib figure: the page's numbers above, each panel drawn into axes of its own."""
+    """A matplotlib figure: the numbers of the page on top, and one axes object per panel."""
     from matplotlib.figure import Figure
 
     made = Figure(figsize=(13, 4.9), facecolor="white")
@@ -58,7 +56,7 @@ def summary(page: Page, panels: tuple[Panel, ...]):
 
 
 def camera(run) -> tuple[Panel, ...]:
-    """RMS image by image, and every residual."""
+    """RMS by image, and all residuals."""
     made = run.calibration
 
     def images(axes):
@@ -75,7 +73,7 @@ def camera(run) -> tuple[Panel, ...]:
 
 
 def scanner(run) -> tuple[Panel, ...]:
-    """Step by step, and how far points lie from their planes."""
+    """RMS by mirror step, and distances of the points from their planes."""
     made = run.calibration
 
     def steps(axes):
@@ -91,16 +89,14 @@ def scanner(run) -> tuple[Panel, ...]:
         _ecdf(axes, np.abs(made.residual_mm[~made.wrong]), "fit", style.GREEN)
         if made.left_out is not None:
             _ecdf(axes, np.abs(made.left_out.residual_mm), "placement left out", style.BLUE)
-        axes.set(
-            xlabel="distance from the plane (mm)", title="share of stripe points that err by less"
-        )
+        axes.set(xlabel="distance from the plane (mm)", title="cumulative share of stripe points")
         style.legend_above(axes)
 
     return steps, spread
 
 
 def scan(run) -> tuple[Panel, ...]:
-    """Form of the balls, and how well their centres are known; of a long session those of some scans, evenly spread."""
+    """Form error of the balls and uncertainty of their centres; for a long session, of evenly spaced scans."""
     some = np.linspace(0, len(run.scans) - 1, min(len(run.scans), _SCANS)).astype(int)
     balls = [
         (one.name, ball)
@@ -119,7 +115,7 @@ def scan(run) -> tuple[Panel, ...]:
             _ecdf(axes, 1000 * np.abs(ball.fit.residual[ball.fit.inliers]), name, None)
         axes.set(
             xlabel="distance from the ball (um)",
-            title="share of points that err by less, ball by ball",
+            title="cumulative share of points, by ball",
         )
         if 0 < len(balls) <= 12:
             style.legend_above(axes, 6, 7)
@@ -134,14 +130,14 @@ def scan(run) -> tuple[Panel, ...]:
                 color=colour,
                 label=axis,
             )
-        axes.set(xlabel=f"ball{of}", ylabel="1 sigma (um)", title="how well the centres are known")
+        axes.set(xlabel=f"ball{of}", ylabel="1 sigma (um)", title="uncertainty of the centres")
         style.legend_above(axes)
 
     return form, centres
 
 
 def handeye(run) -> tuple[Panel, ...]:
-    """Errors pose by pose, and by how much the adjustment thinks the robot was off."""
+    """Errors by pose, and the estimated errors of the flange poses."""
     rows, unit = run.made.poses, run.made.unit
     place = np.arange(1, len(rows) + 1)
 
@@ -151,15 +147,13 @@ def handeye(run) -> tuple[Panel, ...]:
             place + 0.2, [row.held_out for row in rows], 0.38, color=style.BLUE, label="held out"
         )
         axes.set(
-            xlabel="pose", ylabel=f"RMS ({unit})", title="error pose by pose, robot held exact"
+            xlabel="pose", ylabel=f"RMS ({unit})", title="error by pose, recorded flange poses"
         )
         style.legend_above(axes)
 
     def moved(axes):
         axes.bar(place, [row.moved_mm for row in rows], color=style.ORANGE)
-        axes.set(
-            xlabel="pose", ylabel="mm", title="by how much the robot was off, as these data say"
-        )
+        axes.set(xlabel="pose", ylabel="mm", title="estimated errors of the flange poses")
 
     return errors, moved
 

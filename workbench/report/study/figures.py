@@ -1,4 +1,4 @@
-"""Figures of a study's page: outcomes over parameters, by load and incidence, shares of variance, coverage."""
+"""Figures of a study page: outcome over parameters, by load and incidence, sensitivity indices, coverage."""
 
 import re
 
@@ -16,17 +16,17 @@ _BINS, _EACH = 12, 12
 def over(
     axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.ndarray | None = None
 ) -> go.Figure:
-    """A dot a run, medians and the band of 90 % in bins of the parameter; apart for each of `groups`."""
+    """One dot per run, medians and the 90 % band in bins of the parameter; separately for each of `groups`."""
     made = style.figure(340, axis.name, name)
     for k, group in enumerate([None] if groups is None else list(dict.fromkeys(groups.tolist()))):
-        mine = np.isfinite(up) & (True if group is None else groups == group)
+        chosen = np.isfinite(up) & (True if group is None else groups == group)
         colour = _COLOURS[k % len(_COLOURS)]
-        places, low, middle, high = _binned(axis, across[mine], up[mine])
+        places, low, middle, high = _binned(axis, across[chosen], up[chosen])
         _band(made, places, low, high, colour)
-        drawn = style.thinned(int(mine.sum()))
+        drawn = style.thinned(int(chosen.sum()))
         made.add_scatter(
-            x=across[mine][drawn],
-            y=up[mine][drawn],
+            x=across[chosen][drawn],
+            y=up[chosen][drawn],
             mode="markers",
             showlegend=False,
             hoverinfo="skip",
@@ -48,16 +48,17 @@ def over(
 
 
 def _upwards(made, values):
-    """From zero, or logarithmic where the values span more than a factor of fifty."""
-    there = values[np.isfinite(values) & (values > 0)]
-    if there.size and (values[np.isfinite(values)] > 0).all() and there.max() > 50 * there.min():
-        made.update_yaxes(style.log_axis(there.min() / 1.1, there.max() * 1.1))
+    """From zero, or logarithmic if the values span more than a factor of fifty."""
+    positive = values[np.isfinite(values) & (values > 0)]
+    all_positive = (values[np.isfinite(values)] > 0).all()
+    if positive.size and all_positive and positive.max() > 50 * positive.min():
+        made.update_yaxes(style.log_axis(positive.min() / 1.1, positive.max() * 1.1))
     else:
         made.update_yaxes(rangemode="tozero")
 
 
 def _binned(axis, across, up):
-    """Places and the 5 %, 50 % and 95 % points of the runs in each bin; listed values are bins of their own."""
+    """Position and the 5 %, 50 % and 95 % quantiles of the runs in each bin; each listed value is a bin."""
     values, bins = np.unique(across), int(np.clip(len(across) // _EACH, 3, _BINS))
     if len(values) > _BINS:
         scale = np.log if axis.scale == "log" else np.asarray
@@ -88,9 +89,9 @@ def _band(made, places, low, high, colour):
 
 def spread(values: np.ndarray, name: str) -> go.Figure:
     """Histogram of the outcome."""
-    there = values[np.isfinite(values)]
-    bins = int(np.clip(len(np.histogram_bin_edges(there, "fd")) - 1, 10, 60))
-    counts, edges = np.histogram(there, bins)
+    finite = values[np.isfinite(values)]
+    bins = int(np.clip(len(np.histogram_bin_edges(finite, "fd")) - 1, 10, 60))
+    counts, edges = np.histogram(finite, bins)
     made = style.figure(300, name, "runs")
     made.add_bar(
         x=(edges[1:] + edges[:-1]) / 2,
@@ -103,8 +104,8 @@ def spread(values: np.ndarray, name: str) -> go.Figure:
 
 
 def stiffen(rows: list[dict]) -> go.Figure:
-    """Error left, in per cent, with one joint twice as stiff."""
-    made = style.figure(60 + 46 * len(rows) + 60, "error left (%)")
+    """Remaining error, in per cent, if one joint is twice as stiff."""
+    made = style.figure(60 + 46 * len(rows) + 60, "remaining error (%)")
     left = np.array([100 * row["error_left"] for row in rows])
     low, high = (
         np.array([100 * row[f"error_left_{end}"] for row in rows]) for end in ("p5", "p95")
@@ -129,7 +130,7 @@ def stiffen(rows: list[dict]) -> go.Figure:
 
 
 def by_load(columns: list[dict]) -> go.Figure | None:
-    """Error over payload for each model, of columns `<model>_test_<load>kg_mm`; None where no load was varied."""
+    """Error over payload for each model, from columns `<model>_test_<load>kg_mm`; None for a single load."""
     found: dict[str, list] = {}
     for row in columns:
         match = re.fullmatch(r"(.+)_test_([0-9.]+)kg(?:_[0-9.-]+c)?_mm", row["column"])
@@ -159,13 +160,13 @@ def by_load(columns: list[dict]) -> go.Figure | None:
 
 
 def by_incidence(columns: list[dict]) -> go.Figure | None:
-    """Form error by band of incidence; None where there are no such columns."""
+    """Form error by band of incidence angle; None without such columns."""
     bands = [(re.fullmatch(r"form_(\d+)_(\d+)deg_mm", row["column"]), row) for row in columns]
     bands = [(match, row) for match, row in bands if match]
     if not bands:
         return None
     made = style.figure(
-        340, "angle between surface and line of sight (deg)", "RMS distance from the ball (mm)"
+        340, "angle between surface and line of sight (deg)", "RMS distance from the sphere (mm)"
     )
     middle = np.array([(int(match[1]) + int(match[2])) / 2 for match, _ in bands])
     low, median, high = (
@@ -184,7 +185,7 @@ def by_incidence(columns: list[dict]) -> go.Figure | None:
 
 
 def stated(sigma: np.ndarray, error: np.ndarray) -> go.Figure:
-    """Error over stated sigma, a dot a run, and the line at which both are equal."""
+    """Error over stated sigma, one dot per run, and the line of equality."""
     fine = np.isfinite(sigma) & np.isfinite(error) & (sigma > 0) & (error > 0)
     made = style.figure(360, "stated σ (mm)", "error of the centre (mm)")
     if fine.any():
@@ -213,7 +214,7 @@ def stated(sigma: np.ndarray, error: np.ndarray) -> go.Figure:
 
 
 def indices(rows: list[dict]) -> go.Figure:
-    """Bars of first-order, and total, indices."""
+    """Bars of first-order and total sensitivity indices."""
     made = style.figure(90 + 52 * len(rows), "share of the variance")
     for key, colour, name in (("total", style.GREY, "total"), ("first", style.BLUE, "first")):
         if key in rows[0]:
@@ -231,7 +232,7 @@ def indices(rows: list[dict]) -> go.Figure:
 
 
 def coverage(rows: list[dict]) -> go.Figure:
-    """Coverage of 95 % intervals, or spread over sigma, a dot a parameter."""
+    """Coverage of 95 % intervals, or the ratio of spread to sigma, one dot per parameter."""
     known = "within_2" in rows[0]
     names = [row["parameter"].partition(":")[2] for row in rows]
     made = style.figure(
@@ -261,15 +262,10 @@ def coverage(rows: list[dict]) -> go.Figure:
 
 
 def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
-    """Medians over a grid of two parameters, with their numbers."""
-    first, second = (np.unique(columns[axis.name]) for axis in axes)
-    cells = [
-        [
-            np.nanmedian(columns[name][(columns[axes[0].name] == a) & (columns[axes[1].name] == b)])
-            for a in first
-        ]
-        for b in second
-    ]
+    """Median outcome over a grid of two parameters, as a labelled heat map."""
+    along, up, outcome = columns[axes[0].name], columns[axes[1].name], columns[name]
+    first, second = np.unique(along), np.unique(up)
+    cells = [[np.nanmedian(outcome[(along == a) & (up == b)]) for a in first] for b in second]
     made = style.figure(400, axes[0].name, axes[1].name)
     made.add_heatmap(
         x=[f"{a:g}" for a in first],

@@ -1,4 +1,4 @@
-"""Where in the workspace a robot errs, before and after its models: maps of one run of a study, made again."""
+"""Maps of the robot error over the workspace, nominal and calibrated, for one repeated run of a study."""
 
 from pathlib import Path
 
@@ -19,17 +19,17 @@ _POSES = 1200
 
 
 def blocks(study: Study, folder: Path, run: int = 1):
-    """Maps of the error of a run over the workspace, under its last load: uncalibrated, or nominal and each model.
+    """Maps of the error over the workspace under the last load: uncalibrated, or nominal and each model.
 
-    Writes the volume of the first model into the folder, as an image and for ParaView.
+    Writes the volume of the first model into the folder, as an image and a file for ParaView.
     """
-    own = with_values(study, values_of(study, run))
-    more = own.test.model_copy(update={"samples": _POSES})
+    run_study = with_values(study, values_of(study, run))
+    more = run_study.test.model_copy(update={"samples": _POSES})
+    changed = run_study.model_copy(update={"test": more, "tasks": None})
     try:
-        world = robots.world(
-            own.model_copy(update={"test": more, "tasks": None}), seed_of(study, run)
-        )
-        made = robots.calibrations(own, world.measured) if "calibrate" in own.do else {}
+        world = robots.world(changed, seed_of(study, run))
+        calibrated = "calibrate" in run_study.do
+        made = robots.calibrations(run_study, world.measured) if calibrated else {}
     except InputError:
         return
     name, test = list(world.tests.items())[-1]
@@ -38,16 +38,16 @@ def blocks(study: Study, folder: Path, run: int = 1):
     places = _places(robot, test)
     load = name.removeprefix("test").strip("_").replace("_", ", ") or "the scene's loads"
     yield words(
-        f"Run {run} again, at {_POSES:,} further poses under {load}: the flange of each pose in the robot's "
-        "root frame, coloured by the error there. Every map has a scale of its own."
+        f"Run {run}, repeated at {_POSES:,} further poses under {load}: flange position of each pose in the "
+        "robot's root frame, coloured by the error. Each map has its own colour scale."
     )
     first, error = errors[min(1, len(errors) - 1)]
     drawn = write_volume(places, np.linalg.norm(error, axis=0), _arm(robot), folder, "workspace")
     if drawn:
         yield image(
             drawn,
-            f"{first}: the error through the workspace, cut open around the arm with all joints at "
-            "zero. workspace.vti beside it opens in ParaView.",
+            f"{first}: error over the workspace, cut open around the arm with all joints at zero. "
+            "Open workspace.vti from the same folder in ParaView.",
         )
     distances = [(title, np.linalg.norm(error, axis=0)) for title, error in errors]
     shown = [
@@ -61,7 +61,7 @@ def blocks(study: Study, folder: Path, run: int = 1):
 
 
 def _errors(world, made, test):
-    """Title and (3, n) errors of what is judged."""
+    """Title and (3, n) errors of each model."""
     if not made:
         return [("Uncalibrated", robots.believed(world.truth, test))]
     first = next(iter(made.values()))

@@ -1,4 +1,4 @@
-"""The page of a study: its outcome over what was varied, what matters most, and a table of every figure."""
+"""Page of a study: outcome over the varied parameters, sensitivity, and a table of all figures."""
 
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.study import figures as figures
@@ -12,7 +12,7 @@ _ROWS = 120
 
 
 def page(made, found: dict) -> Page:
-    """The page of a finished study; found: what `summary` says of it."""
+    """The page of a finished study; found: the result of `summary`."""
     outcome = next((row for row in found["columns"] if row["column"] == found["outcome"]), None)
     numbers = [("runs", f"{found['runs']:,}", "")]
     if outcome is not None:
@@ -44,45 +44,45 @@ def _lead(made, found) -> str:
 
 
 def _sections(made, found):
-    yield Section("outcome", "The outcome", tuple(_outcome(made, found)))
-    own = {
+    yield Section("outcome", "Outcome", tuple(_outcome(made, found)))
+    blocks_of = {
         "compliance": _compliance,
         "sensor": _sensor,
         "uncertainty": _uncertainty,
         "design": _design,
     }[found["kind"]]
-    blocks = tuple(own(made, found))
+    blocks = tuple(blocks_of(made, found))
     if blocks:
         yield Section(found["kind"], _TITLES[found["kind"]], blocks)
     if "indices" in found["sensitivity"]:
-        yield Section("sensitivity", "What matters", tuple(_sensitivity(found)))
-    yield Section("figures", "Every figure", tuple(_table(found)))
-    yield Section("made", "How it was made", tuple(_made(made, found)))
+        yield Section("sensitivity", "Sensitivity", tuple(_sensitivity(found)))
+    yield Section("figures", "All figures", tuple(_table(found)))
+    yield Section("made", "Seed, work and parameters", tuple(_made(made, found)))
 
 
 _TITLES = {
     "compliance": "Compliance error",
     "sensor": "Form and incidence",
-    "uncertainty": "Do stated sigmas hold?",
-    "design": "What is bought",
+    "uncertainty": "Coverage of the stated standard deviations",
+    "design": "Outcome by design",
 }
 
 
 def _outcome(made, found):
-    """The outcome against each parameter, and how it is spread."""
+    """The outcome over each parameter, and its distribution."""
     axes, name = made.study.vary.parameter, found["outcome"]
     columns = tables.columns(made.path, [name, *(axis.name for axis in axes)])
     values = columns[name]
     if found["not_done"]:
         lines = [sentence(f"{row['runs']} runs: {row['why']}") for row in found["not_done"]]
-        yield note("Not every run could be done", lines)
+        yield note("Some runs failed", lines)
     drawn = [axis for axis in axes if numeric(axis)][:_MOST_FIGURES]
     groups = next((columns[axis.name] for axis in axes if not numeric(axis)), None)
     shown = [
         figure(
             f"over{k}",
             figures.over(axis, columns[axis.name], values, name, groups),
-            f"{name} over {axis.name}: a dot a run, the line through medians, the band holds 90 %.",
+            f"{name} over {axis.name}: one dot per run, line through the medians, band of 90 %.",
         )
         for k, axis in enumerate(drawn)
     ]
@@ -91,7 +91,7 @@ def _outcome(made, found):
     yield figure(
         "spread",
         figures.spread(values, name),
-        f"How {name} is spread over {counted(len(values), 'run')}.",
+        f"Distribution of {name} over {counted(len(values), 'run')}.",
     )
 
 
@@ -100,9 +100,8 @@ def _compliance(made, found):
         yield figure(
             "stiffen",
             figures.stiffen(found["stiffen"]),
-            "The uncalibrated error with one joint twice as stiff, as a share of what it is; bars are "
-            "means over "
-            "the runs, whiskers hold 90 % of them. The shortest bar is the joint to stiffen.",
+            "Uncalibrated error with one joint twice as stiff, as a share of the present error. Bars are "
+            "means over the runs, whiskers cover 90 % of them. The shortest bar is the joint to stiffen.",
         )
     loads = figures.by_load(found["columns"])
     if loads is not None:
@@ -110,7 +109,7 @@ def _compliance(made, found):
             "loads",
             loads,
             "RMS error at further poses of the workspace, by payload: medians over the "
-            "runs and the band that holds 90 % of them.",
+            "runs and the band that covers 90 % of them.",
         )
     if made.study.scene is not None:
         yield from maps.blocks(made.study, made.path)
@@ -122,9 +121,8 @@ def _sensor(made, found):
         yield figure(
             "incidence",
             bands,
-            "Distance of points from their ball by the angle between its surface and "
-            "the line of sight: medians over the runs and the band that holds 90 % of "
-            "them.",
+            "RMS distance of points from the sphere, by the angle between surface and line of sight: "
+            "medians over the runs and the band that covers 90 % of them.",
         )
     names = [row["column"] for row in found["columns"]]
     if {"centre_rms_mm", "sigma_mm"} <= set(names):
@@ -132,8 +130,8 @@ def _sensor(made, found):
         yield figure(
             "stated",
             figures.stated(columns["sigma_mm"], columns["centre_rms_mm"]),
-            "The error of centres over what was stated for them, a dot a run; about six in ten should lie "
-            "below the line.",
+            "Error of the centres over their stated standard deviation, one dot per run. About 60 % of the dots "
+            "should lie below the line.",
         )
 
 
@@ -142,14 +140,14 @@ def _uncertainty(made, found):
     if not rows:
         return
     known = "within_2" in rows[0]
-    told = (
-        "Share of runs whose 95 % interval holds the value that the noise was added to. The band is what chance "
-        "alone allows beside 95 %."
+    caption = (
+        "Share of runs whose 95 % interval contains the true value. The band is the 95 % sampling range "
+        "around 95 %."
         if known
-        else "Spread of the values over resampled poses, in units of the sigma that the whole recording "
-        "states."
+        else "Standard deviation of the values over resampled poses, divided by the standard deviation that "
+        "the calibration of the whole recording states."
     )
-    yield figure("coverage", figures.coverage(rows), told)
+    yield figure("coverage", figures.coverage(rows), caption)
     head = [
         "parameter",
         "value",
@@ -162,10 +160,10 @@ def _uncertainty(made, found):
 
 
 def _covered(row, known) -> list[str]:
-    """A line of the table of coverage."""
-    told = [("whole", 5), ("whole_std", 2), ("spread", 2), ("ratio", 2)]
+    """A row of the table of coverage."""
+    columns = [("whole", 5), ("whole_std", 2), ("spread", 2), ("ratio", 2)]
     shares = [rounded(100 * row[key]) for key in ("within_1", "within_2")] if known else []
-    return [row["parameter"], *(rounded(row[key], digits) for key, digits in told), *shares]
+    return [row["parameter"], *(rounded(row[key], digits) for key, digits in columns), *shares]
 
 
 def _design(made, found):
@@ -182,9 +180,8 @@ def _design(made, found):
 def _sensitivity(found):
     made = found["sensitivity"]
     yield words(
-        f"Share of the variance of {made['outcome']} that each parameter makes ({made['method']}, SALib). "
-        "First: "
-        "alone. Total: also together with others; where it is larger, effects do not simply add."
+        f"Share of the variance of {made['outcome']} due to each parameter ({made['method']}, SALib). "
+        "First: the parameter alone. Total: including interactions with other parameters."
     )
     yield figure("indices", figures.indices(made["indices"]), "Whiskers are 95 % intervals.")
 
@@ -192,14 +189,12 @@ def _sensitivity(found):
 def _table(found):
     head = ["column", "runs", "mean", "std", "5 %", "median", "95 %", "max"]
     keys = ["mean", "std", "p5", "median", "p95", "max"]
-    own = [row for row in found["columns"] if ":" not in row["column"]][:_ROWS]
-    yield table(
-        head,
-        [[row["column"], f"{row['n']:,}", *(rounded(row[key]) for key in keys)] for row in own],
-    )
-    if len(found["columns"]) > len(own):
+    shown = [row for row in found["columns"] if ":" not in row["column"]][:_ROWS]
+    rows = [[row["column"], f"{row['n']:,}", *(rounded(row[key]) for key in keys)] for row in shown]
+    yield table(head, rows)
+    if len(found["columns"]) > len(shown):
         yield words(
-            f"answer.json holds the other {len(found['columns']) - len(own)} columns, such as each parameter.",
+            f"answer.json holds the other {len(found['columns']) - len(shown)} columns, such as each parameter.",
             quiet=True,
         )
 
@@ -214,21 +209,21 @@ def _made(made, found):
     yield facts(
         [
             ("Seed", study.seed),
-            ("Made now", f"{work['runs_made_now']:,} runs, {spent}"),
+            ("Computed now", f"{work['runs_made_now']:,} runs, {spent}"),
             (
                 "Overhead",
                 ""
                 if work["overhead"] is None
-                else f"{100 * work['overhead']:.1f} % over the runs themselves, with the start of the workers",
+                else f"{100 * work['overhead']:.1f} % on top of the runs, including the start of the workers",
             ),
-            ("Any run again", f"workbench study {made.name} --run NUMBER"),
+            ("Repeat a run", f"workbench study {made.name} --run NUMBER"),
             *axes,
         ]
     )
 
 
 def _range(axis) -> str:
-    """What a parameter was varied over."""
+    """Range or values of a varied parameter."""
     if axis.values is None:
         return f"{axis.low:g} to {axis.high:g}, {axis.scale}"
     return ", ".join(map(str, axis.values))

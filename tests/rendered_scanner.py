@@ -1,4 +1,4 @@
-"""The rendered twin of Ye's instrument: pictures of a scene, the whole chain on them, and how far it is from the truth.
+"""Rendered scanner after Ye: images of a scene, the complete chain on them, and the errors against the truth.
 
 Distances of planes and balls are told twice: in the camera's frame as it was found, and after the
 rigid motion that lays the found scanner over the true one (`laid_over`). Where a camera's own frame
@@ -55,7 +55,7 @@ def _changed(scene: Scene, changes: dict) -> Scene:
 
 
 @dataclass(frozen=True)
-class Twin:
+class RenderedScanner:
     """A scene, the `run` of its calibration, its `scans`, and the truth that the pictures were made from."""
 
     scene: Scene
@@ -165,7 +165,7 @@ class BallError:
         return vectors.T @ self.laid / np.sqrt(values)
 
 
-def twin(scene: Scene, scans: bool = True) -> Twin:
+def render_scanner(scene: Scene, scans: bool = True) -> RenderedScanner:
     """Render a scene and run the whole chain on its pictures, which are gone afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         recording, out = Path(folder) / "recording", Path(folder) / "run"
@@ -178,10 +178,10 @@ def twin(scene: Scene, scans: bool = True) -> Twin:
             if scans and truth["scans"]
             else None
         )
-    return Twin(scene, truth, run, made)
+    return RenderedScanner(scene, truth, run, made)
 
 
-def plane_whitened(made: Twin, free: bool = False) -> np.ndarray:
+def plane_whitened(made: RenderedScanner, free: bool = False) -> np.ndarray:
     """Errors of camera and planes together, as independent numbers of variance one where the covariance is right."""
     adjustment, real = made.found.free if free else made.found.made, made.planes
     found = adjustment.sheets.planes
@@ -212,7 +212,7 @@ def camera_whitened(scene: Scene) -> np.ndarray:
     return vectors.T @ (error / size) / np.sqrt(values)
 
 
-def without_bow(made: Twin):
+def without_bow(made: RenderedScanner):
     """The camera of the same corners with a board that is taken to be flat."""
     start = made.found.start
     return calibrate_camera(start.views, start.board, start.camera.size, bow=False, folds=0)

@@ -5,10 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rendered_scanner import (
+    BOW,
+    camera_whitened,
+    plane_whitened,
+    render_scanner,
+    rms,
+    small_scene,
+    without_bow,
+    ye_scene,
+)
 from sensors.rendering import BallSurface, laser_light
 from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
-from twin import BOW, camera_whitened, plane_whitened, rms, small_scene, twin, without_bow, ye_scene
 
 TINY = {
     "mirror": {"steps": 10, "first_deg": -3.0, "last_deg": 3.0},
@@ -19,7 +28,7 @@ TINY = {
 
 @pytest.fixture(scope="module")
 def tiny():
-    return twin(small_scene(3, **TINY))
+    return render_scanner(small_scene(3, **TINY))
 
 
 def test_pictures_become_a_scanner_and_a_ball_centre(tiny):
@@ -67,7 +76,7 @@ def test_what_a_ball_does_to_its_stripes_is_known():
 
 @pytest.mark.slow
 def test_the_twin_of_ye_reaches_what_is_asked():
-    made = twin(ye_scene())
+    made = render_scanner(ye_scene())
     error, sigma = made.camera_errors()["fx"]
     assert abs(error) < 3 * sigma and sigma < 1e-3 * made.scene.sees.fx
     assert made.plane_errors()[0] < 0.004 and made.plane_errors(free=True)[0] < 0.004
@@ -89,7 +98,7 @@ def test_the_camera_covers_the_truth_over_seeds():
 def test_planes_and_ball_centres_cover_the_truth_over_seeds():
     planes, balls = [], []
     for seed in range(101, 109):
-        made = twin(small_scene(seed, scans={"count": 4}))
+        made = render_scanner(small_scene(seed, scans={"count": 4}))
         planes.append(plane_whitened(made))
         balls += [ball.z for ball in made.ball_errors()]
     for z in (np.concatenate(planes), np.concatenate(balls)):
@@ -117,7 +126,7 @@ def test_an_effect_in_the_pictures_is_recovered(name, where, options, values, mo
         "mirror": {**TINY["mirror"], "steps": 14},
         "scans": {"count": 0},
     }
-    made = twin(small_scene(5, effect=causes, **{**boards, **more}))
+    made = render_scanner(small_scene(5, effect=causes, **{**boards, **more}))
     found = made.again([(name, where, options)])
     for key, true in values.items():
         key = f"{where}.{name}.{key}"

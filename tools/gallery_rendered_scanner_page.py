@@ -1,37 +1,37 @@
-"""Text and image of docs/gallery/rendered-twin.md, from the figures of gallery_rendered_twin."""
+"""Text and image of docs/gallery/rendered-scanner.md, from the figures of gallery_rendered_scanner."""
 
 import textwrap
 from pathlib import Path
 
 import numpy as np
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "gallery" / "rendered-twin.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "gallery" / "rendered-scanner.md"
 
-_TEXT = """# The rendered twin of Ye's instrument: images in, ball centres out, truth known
+_TEXT = """# Rendered scanner after Ye et al.: from images to ball centres, with known truth
 
 Ye et al., Sensors 2024, 24, 2559, section 5.1: 1280 × 1024 px, fx 3423 px, baseline 69 mm, 120 light planes. No
-public set holds such a scanner's raw images together with what is true, so they are rendered
-([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)): 20 boards with a bow of 50 µm at a corner, ten of them
-swept by the laser, six scans of a 15 mm ball, 1940 images in all. The chain sees the images and nothing else.
-This page is written by `python tools/gallery.py rendered-twin`.
+public data set has raw images of such a scanner together with the truth, so the images are rendered
+([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)): 20 boards with a warp of 50 µm at a corner, ten of them
+swept by the laser, six scans of a 15 mm ball, 1940 images in total. The chain uses only the images.
+This page is written by `python tools/gallery.py rendered-scanner`.
 
-![what effects do, and what of them is left](rendered-twin.png)
+![influence of the effects, without and with the effect in the model](rendered-scanner.png)
 
-| | asked | reached | stated 1 σ |
+| | criterion | result | stated 1 σ |
 |---|---|---|---|
 {whole}
 
-- **Frame.** Centres and planes are compared after the rigid motion that lays the found scanner over the true one,
-  over the working volume and without using the balls. Where a camera's own frame stands is known only to its
-  principal point (here {cx:+.2f} ± {cxs:.2f} px). In the camera's frame as it was found the same centres are off by
-  {raw:.1f} µm RMS; a hand-eye calibration takes that up, and no measurement with the scanner notices it.
+- **Frame.** Centres and planes are compared after rigid alignment of the calibrated scanner with the true one
+  over the working volume, without the balls. The pose of the camera frame is known only to the uncertainty of the
+  principal point (here {cx:+.2f} ± {cxs:.2f} px). In the calibrated camera frame the same centres are off by
+  {raw:.1f} µm RMS. A hand-eye calibration absorbs this error, and it does not affect measurements with the scanner.
 - **Speckle** has a contrast of 0.10 and Gaussian grains of 0.8 px (1 σ). That is an assumption: grains about as
   wide as the lens's blur, and some hundred independent patterns (wavelengths of a diode laser, depths of a ceramic,
   places within a pixel) that average in each; the speckle of Ye's instrument is not published. The form that
   follows, {form:.1f} µm, is the noise of single points; noise in proportion, 11.4 µm would be a contrast of about
   0.24.
-- **Bow.** Taken to be flat, the same board puts fx {flat:+.1f} px off, with a stated 1 σ of {flats:.2f} px, and the
-  corners' RMS grows from {corner:.4f} to {cornerflat:.4f} px a coordinate.
+- **Warp.** With the same board modelled as flat, fx is off by {flat:+.1f} px, with a stated 1 σ of {flats:.2f} px, and
+  the RMS of the corners grows from {corner:.4f} to {cornerflat:.4f} px per coordinate.
 
 ## The stripe on a ball is not symmetric
 
@@ -41,7 +41,7 @@ surface f has a second derivative along the scan line and the cosine a slope: th
     c = a² (l − (f2/f1) (3 − q a²/w²)),    a = s/f1
 
 (sensors/stripe/bend.py (`sensors/stripe/bend.py`) says what the letters mean). Almost without noise it agrees
-with rendered lines to 5 % (2 % with the true s) and leaves 0.0012 px of 0.0105 px RMS (tests/test_sensor_twin.py).
+with rendered lines to 5 % (2 % with the true s) and leaves 0.0012 px of 0.0105 px RMS (tests/test_sensor_rendered.py).
 It is a physical effect and not one of the renderer: its size is s²/R times a function of both angles, 0.03 px where
 the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A sheet of 0.15
 mm and a ball of 10 mm have ten times as much. `workbench scan` takes it off: s comes from how the lines widen with
@@ -49,10 +49,10 @@ the slope, the light from the mirror. Where the light grazes by more than 60° i
 speckle that no first order describes (another −1 µm): these points are left out as those are that are seen too
 steeply.
 
-## Do the stated sigmas cover?
+## Coverage of the stated standard deviations
 
-{seeds} small twins (half the pixels, 24 planes, 12 boards, 8 of them swept, 4 scans) of other seeds. 68 % is right;
-z² is the mean
+{seeds} small rendered scanners (half the pixels, 24 planes, 12 boards, 8 of them swept, 4 scans) of other
+seeds. 68 % is correct; z² is the mean
 of the squares of independent standardised errors, 1 is right.
 
 | | within 1 σ | z² | numbers |
@@ -63,7 +63,7 @@ of the squares of independent standardised errors, 1 is right.
 
 ## One effect at a time
 
-A small twin with each effect of the sensor in its images and nothing of it in the model: what shows (stripe:
+A small rendered scanner with each effect in its images and not in the model: what shows (stripe:
 what is left of single centres; points: of the working volume after the rigid motion). Then the effect in the model:
 its value, and what is left. Bold is more than 3 σ off.
 
@@ -175,13 +175,13 @@ def _verdict(seeds) -> str:
         called for called, z in _errors(seeds).items() if not 0.62 <= (np.abs(z) < 1).mean() <= 0.74
     ]
     most = 100 * (max(_rms(z) for z in _errors(seeds).values()) - 1)
-    told = (
-        f"**Short of the 62 to 74 % that are asked for: {'; '.join(short)}.**"
+    verdict = (
+        f"**Outside the criterion of 62 to 74 %: {'; '.join(short)}.**"
         if short
-        else "All are as asked for."
+        else "All meet the criterion."
     )
     return textwrap.fill(
-        f"Ball centres are {_rms(laid):.2f} µm RMS off (mean {mean}), planes {planes:.2f} µm. {told} By z² stated "
+        f"Ball centres are {_rms(laid):.2f} µm RMS off (mean {mean}), planes {planes:.2f} µm. {verdict} By z² stated "
         f"sigmas are up to {most:.0f} % too small. Stripes on tilted boards are pulled as those on balls are "
         "(sensors/light/straight.py (`sensors/light/straight.py`)): nearer parts are seen larger and lit more. "
         "Against true boards and planes that makes means of up to 0.005 px of a placement, in proportion to the "

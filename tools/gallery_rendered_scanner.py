@@ -1,6 +1,6 @@
-"""Writes docs/gallery/rendered-twin.md with its image: the whole chain on rendered images, truth known.
+"""Writes docs/gallery/rendered-scanner.md with its image: the complete chain on rendered images with known truth.
 
-`python tools/gallery.py rendered-twin` keeps the figures of each part as JSON and makes the missing
+`python tools/gallery.py rendered-scanner` keeps the figures of each part as JSON and makes the missing
 ones: some ten minutes in all on two cores.
 """
 
@@ -13,7 +13,15 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from twin import BOW, plane_whitened, rms, small_scene, twin, without_bow, ye_scene  # noqa: E402
+from rendered_scanner import (  # noqa: E402
+    BOW,
+    plane_whitened,
+    render_scanner,
+    rms,
+    small_scene,
+    without_bow,
+    ye_scene,
+)
 
 SEEDS = range(101, 111)
 SWEPT = {"both_ways": True, "speed_deg_s": (2.0, 10.0)}
@@ -42,8 +50,8 @@ MIRROR = {"steps": 24, "first_deg": -3.5, "last_deg": 3.5}
 
 
 def whole() -> dict:
-    """The full twin."""
-    made = twin(ye_scene())
+    """The scanner of Ye at full size."""
+    made = render_scanner(ye_scene())
     balls, flat, start = made.ball_errors(), without_bow(made), made.found.start
     plain = {key: list(value) for key, value in made.camera_errors().items()}
     return {
@@ -72,8 +80,8 @@ def whole() -> dict:
 
 
 def seed(number: int) -> dict:
-    """One small twin of another seed: standardised errors."""
-    made = twin(small_scene(number, scans={"count": 4}))
+    """A small rendered scanner of another seed: standardised errors."""
+    made = render_scanner(small_scene(number, scans={"count": 4}))
     balls = made.ball_errors()
     return {
         "camera": [e / s for e, s in made.camera_errors().values()],
@@ -86,12 +94,12 @@ def seed(number: int) -> dict:
 
 
 def effect(name: str) -> dict:
-    """One small twin with one effect, without and with it in the model."""
+    """A small rendered scanner with one effect, without and with it in the model."""
     _, where, options, values, more = next(row for row in EFFECTS if row[0] == name)
     cause = {"effect": name, "where": where, "values": values, **options}
     causes = [cause] if name == "board-bow" else [BOW, cause]
     more = {key: {**MIRROR, **value} if key == "mirror" else value for key, value in more.items()}
-    made = twin(small_scene(5, effect=causes, **more))
+    made = render_scanner(small_scene(5, effect=causes, **more))
     row = figures(made) | {"recovered": None}
     if name not in ("board-bow", "subsurface-scatter"):
         row |= recovered(made.again([(name, where, options)]), f"{where}.{name}.", values, made)
@@ -139,7 +147,7 @@ def recovered(found, start: str, values: dict, made) -> dict:
 
 def parts() -> dict:
     """What is to be made, by its name."""
-    made = {"whole": whole, "none": lambda: figures(twin(small_scene(5)))}
+    made = {"whole": whole, "none": lambda: figures(render_scanner(small_scene(5)))}
     made |= {f"seed-{k}": lambda k=k: seed(k) for k in SEEDS}
     return made | {row[0]: lambda name=row[0]: effect(name) for row in EFFECTS}
 
