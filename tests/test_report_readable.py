@@ -12,7 +12,12 @@ from workbench.core.solution import Stage
 from workbench.report import style
 from workbench.report.calibration import summary_image
 from workbench.report.calibration.errors import errors_of
-from workbench.report.calibration.residuals import against, group_ticks, overview, quantities
+from workbench.report.calibration.residuals import (
+    bin_residuals,
+    group_ticks,
+    overview,
+    quantities,
+)
 from workbench.report.page import write_report
 from workbench.report.sensor.overlays import overlay, overlays
 from workbench.report.text import p_value
@@ -81,7 +86,7 @@ def test_the_overview_names_groups(calibration):
 
     errors = errors_of(calibration)
     found = [pair for pair in quantities(calibration.recording) if pair[0] == "ball (number)"]
-    every = [against(label, x, errors) for label, x in found]
+    every = [bin_residuals(label, x, errors) for label, x in found]
     named = replace(calibration.recording, group_names={"ball": ("A", "B", "C", "D")})
     assert list(overview(every, errors, named.group_names).layout.xaxis.ticktext) == [
         "A",
