@@ -36,6 +36,8 @@ class State:
     measured: np.ndarray
     index: np.ndarray
     target: np.ndarray
+    root_rotation: np.ndarray | None = None
+    """(3, 3) from the robot's root frame to the external one, at the start of the fit; None where there is none."""
 
     @property
     def n(self) -> int:
@@ -115,25 +117,29 @@ class State:
 
         Port `gravity`: slots 0-2, change of the direction (a small tilt keeps its length). Port `mass`: slot
         3 k + c, change of the first moment (kg mm) of body k along axis c of its own frame; body J
-        is the load, in the flange frame.
+        is the load, in the flange frame. Slot 3 J + 3: change of the load's mass (kg), at the origin of the flange.
         """
-        gravity, moments = self.gravity.copy(), np.zeros(3 * self.robot.joints + 3)
+        gravity, moments = self.gravity.copy(), np.zeros((3 * self.robot.joints + 4, self.n))
         for port, slots, delta in changes:
-            np.add.at(gravity if port == "gravity" else moments, np.asarray(slots), delta[:, 0])
-        of_link = np.repeat(np.arange(self.robot.joints + 1), 3) < self.robot.joints
-        levers = (
-            self._more(self.link_levers, np.where(of_link, moments, 0)),
-            self._more(self.load_levers, np.where(of_link, 0, moments)),
-        )
+            if port == "gravity":
+                np.add.at(gravity, np.asarray(slots), delta[:, 0])
+            else:
+                np.add.at(moments, np.asarray(slots), delta)
+        mass, moments = moments[-1], moments[:-1].reshape(-1, 3, self.n)
+        of_link = (np.arange(self.robot.joints + 1) < self.robot.joints)[:, None, None]
+        of_links = self._more(self.link_levers, np.where(of_link, moments, 0))
+        of_load = self._more(self.load_levers, np.where(of_link, 0, moments))
+        if mass.any():
+            of_load = of_load + load_levers(self.robot, self.frames, mass, np.zeros(3))
         kept = {field.name: getattr(self, field.name) for field in fields(State)}
-        kept |= {"gravity": gravity, "same_frames": self.frames, "levers": levers}
+        kept |= {"gravity": gravity, "same_frames": self.frames, "levers": (of_links, of_load)}
         return _Altered(**kept)
 
     def _more(self, levers: Levers, moments: np.ndarray) -> Levers:
-        """The levers with (3 J + 3,) kg mm of first moments more."""
+        """The levers with (J + 1, 3, n) kg mm of first moments more."""
         if not moments.any():
             return levers
-        return levers + moment_levers(self.robot, self.frames, moments.reshape(-1, 3))
+        return levers + moment_levers(self.robot, self.frames, moments)
 
     @cached_property
     def unit_moments(self) -> "tuple[State, ...]":

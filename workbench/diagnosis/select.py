@@ -10,6 +10,7 @@ from workbench.diagnosis.elastic_choice import exchange_elastic_terms, probabili
 from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.findings import finding, tells, with_hidden
 from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
+from workbench.diagnosis.joint_functions import merge_joint_functions
 from workbench.diagnosis.locate import located
 from workbench.diagnosis.parts import against, folded, near, outdone
 from workbench.diagnosis.problem import Bench, Found, Problem
@@ -71,6 +72,7 @@ def _found(search: Search) -> Found:
         search.say(f"{search.scatter.site.where} moves from sample to sample")
         search.level = CLAIMED  # how much it moves is only known nearly
         first = _first(search, anew=True)
+    merge_joint_functions(search)
     names = probabilities_of_names(search)
     findings = tuple(with_hidden(search, finding(search, i, names)) for i in search.everyone)
     rest = family_wise(search.table(search.everyone))

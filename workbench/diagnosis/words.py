@@ -174,6 +174,8 @@ def length(value: float | None, unit: str = "mm") -> str:
 
 def figures(rows: Sequence[Mapping]) -> str:
     """The parameters of a finding: pairs of cosine and sine as amplitudes, at most three, the surest first."""
+    if rows and "cycles" in rows[0]:
+        return _spectrum(rows[0])
     masses = [row for row in rows if _MASSES in row["name"]]
     rows = [row for row in rows if row not in masses]
     parts = list(_waves(rows)) or [
@@ -188,6 +190,14 @@ def figures(rows: Sequence[Mapping]) -> str:
         if masses
         else ""
     )
+
+
+def _spectrum(row: Mapping) -> str:
+    """Size of an error curve and its dominant cycles per revolution with their amplitudes."""
+    unit = row["unit"]
+    per = "per revolution" if unit == "rad" else "per mm"
+    waves = [f"{order:.3g} ({measured(size, None, unit)})" for order, size in row["cycles"]]
+    return f"RMS {measured(row['curve_rms'], None, unit)}, cycles {per}: {listed(waves)}"
 
 
 def _name(row) -> str:

@@ -1,0 +1,200 @@
+"""Changes in the course of a recording: a step of a pose, a tool that loosens, warming-up without a thermometer."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from workbench.core.covariates import clock
+from workbench.core.effect import Effect, Grid, Variant
+
+_TWIST = (
+    ("x", "mm", 0.1),
+    ("y", "mm", 0.1),
+    ("z", "mm", 0.1),
+    ("rx", "rad", 3e-4),
+    ("ry", "rad", 3e-4),
+    ("rz", "rad", 3e-4),
+)
+_TIME_CONSTANTS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the recording's length
+_GROWTH = 1e-4  # of a length, about ten kelvin
+
+
+def instants_between(state) -> np.ndarray:
+    """(V,) instants midway between two samples, but for the first and the last two."""
+    instants = np.unique(clock(state))
+    return ((instants[1:] + instants[:-1]) / 2)[2:-2]
+
+
+class Shift(Effect):
+    """The pose of the tool, the base or a link changes once, as after a bump, a slipped clamp or a bent link.
+
+    Six numbers: the step of the twist at the place, in its own axes. `after` is an instant in s where time was
+    recorded, else the number of a row.
+    """
+
+    effect = "shift"
+    port = "frame"
+    places = ("tool", "base", "link")
+    equation = "twist = d after an instant"
+    source = "step change of a pose: change-point model, Basseville & Nikiforov, Detection of Abrupt Changes (1993)"
+    reads = ("time",)
+
+    def __init__(self, where: str, after: float):
+        super().__init__(where)
+        self.after = after
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: `grids` has all instants."""
+        return ()
+
+    @classmethod
+    def grids(cls, chain):
+        """Any instant between two samples, but for the first and the last two; the last link is the tool."""
+        between = instants_between(chain.state)
+        last = f"link-{chain.robot.joints}"
+        for where in (w for place in cls.places for w in chain.places(place) if w != last):
+            even, sizes = np.ones(len(between)), tuple(size for _, _, size in _TWIST)
+            if len(between):
+                yield Grid(cls, where, "after", "step", "time", between, even, sizes, "after {:g}")
+
+    def table(self, chain):
+        label = f"the shift of {self.where} after {self.after:g}"
+        return tuple(
+            self.parameter(name, unit, size, f"{label}, {name}") for name, unit, size in _TWIST
+        )
+
+    def basis(self, state):
+        is_after = (clock(state) > self.after).astype(float)
+        return np.eye(6)[:, :, None] * is_after
+
+
+class Loosening(Effect):
+    """The tool loosens: it gives way to its own weight by more and more in the course of the recording.
+
+    The sag grows linearly from `start` to `end`, in the unit of the clock: along each axis of the flange with the
+    component of gravity along it, and as a rotation about the axis across the tool's z and gravity.
+    """
+
+    effect = "loosening"
+    port = "frame"
+    places = ("tool",)
+    elastic = True
+    equation = "twist = u(t) (c_i g_i, c_r z x g), u from 0 at start to 1 at end"
+    source = "tool deflection with a compliance that grows linearly in time"
+    reads = ("time",)
+
+    def __init__(self, where: str, start: float, end: float):
+        super().__init__(where)
+        self.start, self.end = start, end
+
+    @classmethod
+    def candidates(cls, chain):
+        """Over the whole recording."""
+        time = clock(chain.state)
+        if np.ptp(time) > 0:
+            yield Variant(cls("tool", float(time.min()), float(time.max())))
+
+    def table(self, chain):
+        label = "the growth of the tool's sag"
+        shifts = [self.parameter(f"sag_{a}", "mm", 0.1, f"{label} along {a}") for a in "xyz"]
+        return (*shifts, self.parameter("tilt", "rad", 3e-4, f"{label}, rotation"))
+
+    def basis(self, state):
+        down = np.einsum("cin,i->cn", state.frames.link[-1], state.gravity)
+        out = np.zeros((4, 6, state.n))
+        out[range(3), range(3)] = down
+        out[3, 3], out[3, 4] = -down[1], down[0]  # z x g in the axes of the flange
+        grown = (clock(state) - self.start) / max(self.end - self.start, 1e-12)
+        return out * np.clip(grown, 0.0, 1.0)
+
+
+class _WarmUp(Effect):
+    """What approaches a steady state with one time constant, from the first sample on, without a thermometer."""
+
+    effect = "warm-up"
+    equation = "1 - exp(-(t - start) / T)"
+    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
+    reads = ("time",)
+
+    def __init__(
+        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
+    ):
+        super().__init__(where)
+        self.time_constant, self.start = time_constant, start
+
+    @classmethod
+    def candidates(cls, chain):
+        """With time constants of a share of the recording's length, where no temperature is recorded."""
+        time = clock(chain.state)
+        start, span = float(time.min()), float(np.ptp(time))
+        if span <= 0 or any("temperature" in name for name in chain.state.covariates):
+            return
+        for where in (w for place in cls.places for w in chain.places(place)):
+            for share in _TIME_CONSTANTS:
+                constant = float(f"{share * span:.3g}")
+                made = cls(where, constant, start)
+                if np.any(made.basis(chain.state)):
+                    label = f"with time constant {constant:g}"
+                    yield Variant(made, label, 1 / len(_TIME_CONSTANTS), "temperature")
+
+    def progress(self, state) -> np.ndarray:
+        """(n,) from 0 at the start to 1 in the steady state."""
+        return -np.expm1(-np.maximum(clock(state) - self.start, 0.0) / self.time_constant)
+
+
+class JointWarmUp(_WarmUp):
+    """Joint K warms up and its zero drifts to a steady value, with one time constant and no temperature recorded."""
+
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = c (1 - exp(-(t - start) / T))"
+
+    def table(self, chain):
+        unit = "mm" if chain.slides(self.number) else "rad"
+        size = {"mm": 0.05, "rad": 3e-4}[unit]
+        return (self.parameter("final", unit, size, f"joint {self.number}'s drift by warming up"),)
+
+    def basis(self, state):
+        return self.progress(state)[None, None]
+
+
+class LinkWarmUp(_WarmUp):
+    """Link K warms up and grows to a steady length, with one time constant and no temperature recorded."""
+
+    port = "geometry"
+    places = ("link",)
+    components = (1, 2)
+    equation = "(d, a) grow by c (1 - exp(-(t - start) / T)) (d, a)"
+
+    def table(self, chain):
+        return (
+            self.parameter("final", "1", _GROWTH, f"link {self.number}'s growth by warming up"),
+        )
+
+    def basis(self, state):
+        lengths = state.robot.geometry[self.number - 1, 1:3]
+        if state.robot.prismatic[self.number - 1]:
+            lengths = lengths * [0.0, 1.0]
+        return (lengths[:, None] * self.progress(state))[None]
+
+
+class BaseWarmUp(_WarmUp):
+    """The base warms up and moves to a steady pose, with one time constant and no temperature recorded."""
+
+    port = "frame"
+    places = ("base",)
+    equation = "twist = c (1 - exp(-(t - start) / T))"
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(name, unit, size, f"the base's drift by warming up, {name}")
+            for name, unit, size in _TWIST
+        )
+
+    def basis(self, state):
+        return np.eye(6)[:, :, None] * self.progress(state)
+
+
+__all__ = ["BaseWarmUp", "JointWarmUp", "LinkWarmUp", "Loosening", "Shift"]
