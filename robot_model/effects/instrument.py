@@ -22,6 +22,7 @@ def sight_lines(state) -> tuple[np.ndarray, np.ndarray]:
 
 class _Instrument(Effect):
     port = "sensor"
+    of_session = True
 
     def slots(self, chain):
         return (0, 1, 2)

@@ -70,6 +70,7 @@ class LoadDeflection(Effect):
 
     effect = "payload"
     port = "joint"
+    of_session = True
     places = ("tool",)
     elastic = True
     equation = (
