@@ -9,7 +9,7 @@ import numpy as np
 from robot_model.chain import Frames, cross, forward
 from robot_model.robot import Robot
 from robot_model.statics import Levers, link_levers, load_levers, moment_levers
-from workbench.core.covariates import last_moves
+from workbench.core.covariates import WIND_UP, last_moves, wound_up
 from workbench.core.errors import InputError
 
 _STILL = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
@@ -184,9 +184,18 @@ class _Altered(State):
 def moved(
     robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """`move<k>` (n,) rad, mm: how far each joint of the arm came from the configuration before; pose (n,): labels."""
+    """How each joint came to its pose: `move<k>`, `move<k>_wound_<i>`; pose (n,): labels.
+
+    `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_wound_<i>` (n,): the state of
+    friction with the width `WIND_UP[i]` (mm of a slide: times 1000).
+    """
     still = np.where(robot.prismatic, *_STILL)
-    return {f"move{k}": row for k, row in enumerate(last_moves(variables, time, still, pose), 1)}
+    moves = last_moves(variables, time, still, pose)
+    widths = np.where(robot.prismatic, 1e3, 1.0)[:, None] * np.array(WIND_UP)
+    made = {f"move{k}": row for k, row in enumerate(moves, 1)}
+    for k, states in enumerate(wound_up(moves, time, widths), 1):
+        made |= {f"move{k}_wound_{i}": row for i, row in enumerate(states)}
+    return made
 
 
 def sliding(robot: Robot) -> np.ndarray:

@@ -5,31 +5,40 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from robot_model.effects.unknown_masses import bar_moments
+from workbench.core.covariates import WIND_UP
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
-_WIDTHS, _WEIGHT = (0.005, 0.05, 0.3), 0.2  # rad (m of a slide); prior weight relative to backlash
+_WEIGHT = 0.2  # prior weight of a width, relative to backlash
 _HALF_GAP_RAD, _HALF_GAP_MM = 3e-4, 0.03
 
 
 class JointHysteresis(Effect):
     """Joint K stops short by friction and wind-up, on the side that it came from and by more under load.
 
-    The spring between reading and joint is wound up by a move m to z = sign(m) (1 - exp(-|m| / width)): the Dahl
-    curve, which is the Bouc-Wen model with exponent 1. Friction grows with the gravity torque. For a small `width`
-    (rad, mm) and no growth it is the backlash.
+    The spring between reading and joint is wound up by every move in the order of the samples, to z between -1 and 1
+    (`workbench.core.covariates.wound_up`); `width` is one of `WIND_UP` (rad; m of a slide), 0 for the side of approach,
+    which is fully wound up at once. Friction grows with the gravity torque; where no masses are stated, with that of
+    uniform bars. For a small width and no growth it is the backlash.
     """
 
     effect = "joint-hysteresis"
     port = "joint"
     places = ("joint",)
     elastic = True
-    equation = "dq = (g + h |tau| / tau_max) z, z = sign(m) (1 - exp(-|m| / width))"
-    source = "Dahl (1968); Bouc-Wen with n = 1: Ikhouane & Rodellar, Systems with Hysteresis (2007), ch. 2"
+    equation = "dq = (g + h |tau| / tau_max) z, dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width"
+    source = "Bouc-Wen with n = 1: Ikhouane & Rodellar, Systems with Hysteresis (2007), ch. 2; Dahl (1968)"
     family = "backlash"
+    by_moves = True
 
-    def __init__(self, where: str, width: Annotated[float, Field(gt=0)] = 0.01):
+    def __init__(self, where: str, width: Annotated[float, Field(ge=0)] = 0.01):
         super().__init__(where)
+        if width and width not in WIND_UP:
+            raise InputError(
+                f"effect '{self.effect}', option width: expected 0 or one of "
+                f"{', '.join(map(str, WIND_UP))}, found {width:g}; choose one of them"
+            )
         self.width = width
 
     @property
@@ -38,16 +47,17 @@ class JointHysteresis(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """At every joint that came from both sides, wound up over short and long moves."""
+        """At every joint that came from both sides, wound up over short and long moves, and by the side of approach."""
         for where in chain.places("joint"):
             number = int(where.rpartition("-")[2])
+            if chain.varies(f"approach{number}"):
+                yield Variant(cls(where, 0.0), "that grows with the load", _WEIGHT)
             moves = chain.state.covariates.get(f"move{number}", np.zeros(1))
             if not moves.min() < 0 < moves.max():
                 continue
-            unit, factor = ("mm", 1e3) if chain.slides(number) else ("rad", 1.0)
-            for width in _WIDTHS:
-                made = cls(where, width * factor)
-                yield Variant(made, f"wound up within {width * factor:g} {unit}", _WEIGHT)
+            unit = "m" if chain.slides(number) else "rad"
+            for width in WIND_UP:
+                yield Variant(cls(where, width), f"wound up within {width:g} {unit}", _WEIGHT)
 
     def table(self, chain):
         slides = chain.slides(self.number)
@@ -59,16 +69,25 @@ class JointHysteresis(Effect):
         )
 
     def basis(self, state):
-        move = state.covariate(f"move{self.number}")
-        wound = -np.sign(move) * np.expm1(-np.abs(move) / self.width)
-        load = np.abs(state.torque[self.number - 1]) / self._greatest(state)
-        return np.stack([wound, wound * load])[:, None]
+        wound = state.covariate(self._column)
+        return np.stack([wound, wound * self._load(state)])[:, None]
 
-    def _greatest(self, state) -> float:
-        """N m that all masses of the arm stretched out would make: the same for any part of the samples."""
-        robot = state.robot
+    @property
+    def _column(self) -> str:
+        """The covariate that holds the state of friction."""
+        if not self.width:
+            return f"approach{self.number}"
+        return f"move{self.number}_wound_{WIND_UP.index(self.width)}"
+
+    def _load(self, state) -> np.ndarray:
+        """(n,) gravity torque over the greatest that all masses can make, without sign: the same on any samples."""
+        robot, joint = state.robot, self.number - 1
+        if not robot.mass.any() and not robot.payload_mass:
+            moments, shares = bar_moments(state, joint)
+            return np.abs(np.einsum("b,bin,in->n", shares, moments, state.frames.z[joint]))
         reach = np.abs(robot.geometry[:, 1:3]).sum() * 1e-3
-        return max(9.80665 * reach * (robot.mass.sum() + robot.payload_mass), 1.0)
+        greatest = 9.80665 * reach * (robot.mass[joint:].sum() + robot.payload_mass)
+        return np.abs(state.torque[joint]) / max(greatest, 1.0)
 
 
 class JointTorque(Effect):

@@ -92,28 +92,54 @@ class InstrumentRange(RangeScale):
 
 
 class ReflectorIncidence(_Instrument):
-    """The reflector of the tool measures short or long with the direction from which the instrument sees it.
+    """The centre of a reflector on the tool shifts with the direction from which the instrument sees it.
 
-    A range error that is linear in the sight line's components in the flange frame, and one that grows with the square
-    of its component along the flange's z.
+    A polynomial of degree 2 in the sight line in the flange frame, eight numbers along each axis of the flange; the
+    squares of a unit vector add up to 1. `reflector`: its number in the recording; 0 for all of them.
     """
 
     effect = "reflector-incidence"
+    port = "target"
     places = ("tool",)
-    equation = "dp = u (c.v + c_4 v_z^2), v the sight line in the flange frame"
-    source = "centring error and acceptance of a retroreflector: ISO 10360-10, annex; Muralikrishnan (2016)"
+    equation = "dp = B s + C (s_x^2, s_y^2, s_x s_y, s_x s_z, s_y s_z), s towards the instrument in the flange frame"
+    source = "centring error of a retroreflector: ISO 10360-10, annex B; Muralikrishnan et al., Precis. Eng. 44 (2016)"
+    coexists = True
+
+    def __init__(self, where: str, reflector: Annotated[int, Field(ge=0)] = 0):
+        super().__init__(where)
+        self.reflector = reflector
+
+    @classmethod
+    def candidates(cls, chain):
+        """Where an external instrument measures: of every reflector."""
+        numbers = np.unique(chain.state.index)
+        if not chain.places("instrument"):
+            return
+        for number in numbers if len(numbers) > 1 else [0]:
+            label = f"of reflector {number}" if number else ""
+            yield Variant(cls("tool", int(number)), label, 1 / len(numbers))
 
     def table(self, chain):
-        label = "the reflector's range error"
-        names = ("x", "y", "z", "zz")
-        return tuple(self.parameter(name, "mm", 0.02, f"{label} with {name}") for name in names)
+        which = f"reflector {self.reflector}" if self.reflector else "the reflector"
+        key = f"r{self.reflector}_" if self.reflector else ""
+        powers = ("x", "y", "z", "xx", "yy", "xy", "xz", "yz")
+        names = [f"{a}_by_{power}" for a in "xyz" for power in powers]
+        return tuple(
+            self.parameter(
+                key + name, "mm", 0.05, f"the centre of {which}, {name.replace('_', ' ')}"
+            )
+            for name in names
+        )
 
     def basis(self, state):
         sight, _ = sight_lines(state)
-        root = state.root_rotation.T @ sight
+        root = state.root_rotation.T @ -sight
         seen = np.einsum("cin,in->cn", state.frames.link[-1], root)
-        factors = np.concatenate([seen, seen[2:] ** 2])
-        return factors[:, None] * sight[None]
+        first, second = [0, 1, 0, 0, 1], [0, 1, 1, 2, 2]
+        factors = np.concatenate([seen, seen[first] * seen[second]])
+        if self.reflector:
+            factors = factors * (state.index == self.reflector)
+        return np.einsum("at,fn->aftn", np.eye(3), factors).reshape(24, 3, state.n)
 
 
 class AngularNoise(Effect):

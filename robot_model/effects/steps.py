@@ -16,7 +16,7 @@ _TWIST = (
     ("ry", "rad", 3e-4),
     ("rz", "rad", 3e-4),
 )
-_TIME_CONSTANTS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the recording's length
+_TIME_CONSTANTS = np.geomspace(0.03, 1.0, 10)  # of the recording's length
 _GROWTH = 1e-4  # of a length, about ten kelvin
 
 
