@@ -99,9 +99,9 @@ def test_warming_up_starts_with_its_rate_and_ends_at_one():
     state = state_of()
     time = state.covariates["time_s"]
     effect = CATALOGUE["warm-up"]("joint-2", time_constant=1e6, start=float(time.min()))
-    np.testing.assert_allclose(effect.progress(state), (time - time.min()) / 1e6, rtol=1e-3)
+    np.testing.assert_allclose(effect.basis(state)[0, 0], (time - time.min()) / 1e6, rtol=1e-3)
     quick = CATALOGUE["warm-up"]("joint-2", time_constant=1e-3, start=float(time.min()) - 1)
-    np.testing.assert_allclose(quick.progress(state), 1)
+    np.testing.assert_allclose(quick.basis(state), 1)
 
 
 def test_friction_is_fully_wound_up_by_long_moves():

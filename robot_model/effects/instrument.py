@@ -8,7 +8,6 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.effects.sensed import RangeScale
 from workbench.core.effect import Effect, Variant
 
 _METRE = 1e-3  # m per mm
@@ -20,21 +19,7 @@ def sight_lines(state) -> tuple[np.ndarray, np.ndarray]:
     return state.measured / np.maximum(length, 1e-9), length * _METRE
 
 
-class _Instrument(Effect):
-    port = "sensor"
-    of_session = True
-
-    def slots(self, chain):
-        return (0, 1, 2)
-
-    @classmethod
-    def candidates(cls, chain):
-        """Where an external instrument measures."""
-        if chain.places("instrument"):
-            yield Variant(cls(cls.places[0]))
-
-
-class SightLineRefraction(_Instrument):
+class SightLineRefraction(Effect):
     """The sight line of the instrument is bent by a gradient of the air's temperature.
 
     Three numbers: the gradient of the refractive index across space, which shifts a point across the sight line with
@@ -42,11 +27,16 @@ class SightLineRefraction(_Instrument):
     """
 
     effect = "sight-line-refraction"
+    port = "sensor"
+    of_session = True
     places = ("instrument",)
     equation = "dp = r^2 / 2 (G - u (u.G)), u the sight line, r the range"
     source = (
         "curvature of a ray in a linear index gradient: Born & Wolf, Principles of Optics, sec. 3.2"
     )
+
+    def slots(self, chain):
+        return (0, 1, 2)
 
     def table(self, chain):
         return tuple(
@@ -60,7 +50,7 @@ class SightLineRefraction(_Instrument):
         return across * distance**2 / 2
 
 
-class InstrumentRange(RangeScale):
+class InstrumentRange(Effect):
     """The instrument's range is wrong by a share of the distance: its scale or the refractive index of the air.
 
     About the robot's root, as the base pose takes up the rest. The same share of all lengths of the arm has the same
@@ -68,12 +58,10 @@ class InstrumentRange(RangeScale):
     """
 
     effect = "range-scale"
+    port = "sensor"
     places = ("instrument",)
     equation = "dp = c p, p from the robot's root"
     source = "first-order scale error of an interferometer or distance meter: ISO 10360-10"
-
-    def __init__(self, where: str):
-        Effect.__init__(self, where)
 
     @classmethod
     def candidates(cls, chain):
@@ -91,7 +79,7 @@ class InstrumentRange(RangeScale):
         return (state.root_rotation @ state.frames.point(state.target))[None]
 
 
-class ReflectorIncidence(_Instrument):
+class ReflectorIncidence(Effect):
     """The centre of a reflector on the tool shifts with the direction from which the instrument sees it.
 
     A polynomial of degree 2 in the sight line in the flange frame, eight numbers along each axis of the flange; the
@@ -104,6 +92,7 @@ class ReflectorIncidence(_Instrument):
     equation = "dp = B s + C (s_x^2, s_y^2, s_x s_y, s_x s_z, s_y s_z), s towards the instrument in the flange frame"
     source = "centring error of a retroreflector: ISO 10360-10, annex B; Muralikrishnan et al., Precis. Eng. 44 (2016)"
     coexists = True
+    of_session = True
 
     def __init__(self, where: str, reflector: Annotated[int, Field(ge=0)] = 0):
         super().__init__(where)
@@ -118,6 +107,9 @@ class ReflectorIncidence(_Instrument):
         for number in numbers if len(numbers) > 1 else [0]:
             label = f"of reflector {number}" if number else ""
             yield Variant(cls("tool", int(number)), label, 1 / len(numbers))
+
+    def slots(self, chain):
+        return (0, 1, 2)
 
     def table(self, chain):
         which = f"reflector {self.reflector}" if self.reflector else "the reflector"

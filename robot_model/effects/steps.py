@@ -110,13 +110,37 @@ class Loosening(Effect):
         return out * np.clip(grown, 0.0, 1.0)
 
 
-class _WarmUp(Effect):
-    """What approaches a steady state with one time constant, from the first sample on, without a thermometer."""
+def warm_up_variants(kind, chain) -> list[Variant]:
+    """Time constants of a share of the recording's length at every place, where no temperature is recorded."""
+    time = clock(chain.state)
+    start, span = float(time.min()), float(np.ptp(time))
+    if span <= 0 or any("temperature" in name for name in chain.state.covariates):
+        return []
+    found = []
+    for where in (w for place in kind.places for w in chain.places(place)):
+        for share in _TIME_CONSTANTS:
+            constant = float(f"{share * span:.3g}")
+            made = kind(where, constant, start)
+            if np.any(made.basis(chain.state)):
+                label = f"with time constant {constant:g}"
+                found.append(Variant(made, label, 1 / len(_TIME_CONSTANTS), "temperature"))
+    return found
+
+
+def warm_up_progress(state, time_constant: float, start: float) -> np.ndarray:
+    """(n,) from 0 at the start to 1 in the steady state."""
+    return -np.expm1(-np.maximum(clock(state) - start, 0.0) / time_constant)
+
+
+class JointWarmUp(Effect):
+    """Joint K warms up and its zero drifts to a steady value, with one time constant and no temperature recorded."""
 
     effect = "warm-up"
-    equation = "1 - exp(-(t - start) / T)"
     source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
     reads = ("time",)
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = c (1 - exp(-(t - start) / T))"
 
     def __init__(
         self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
@@ -127,29 +151,7 @@ class _WarmUp(Effect):
     @classmethod
     def candidates(cls, chain):
         """With time constants of a share of the recording's length, where no temperature is recorded."""
-        time = clock(chain.state)
-        start, span = float(time.min()), float(np.ptp(time))
-        if span <= 0 or any("temperature" in name for name in chain.state.covariates):
-            return
-        for where in (w for place in cls.places for w in chain.places(place)):
-            for share in _TIME_CONSTANTS:
-                constant = float(f"{share * span:.3g}")
-                made = cls(where, constant, start)
-                if np.any(made.basis(chain.state)):
-                    label = f"with time constant {constant:g}"
-                    yield Variant(made, label, 1 / len(_TIME_CONSTANTS), "temperature")
-
-    def progress(self, state) -> np.ndarray:
-        """(n,) from 0 at the start to 1 in the steady state."""
-        return -np.expm1(-np.maximum(clock(state) - self.start, 0.0) / self.time_constant)
-
-
-class JointWarmUp(_WarmUp):
-    """Joint K warms up and its zero drifts to a steady value, with one time constant and no temperature recorded."""
-
-    port = "joint"
-    places = ("joint",)
-    equation = "dq = c (1 - exp(-(t - start) / T))"
+        return warm_up_variants(cls, chain)
 
     def table(self, chain):
         unit = "mm" if chain.slides(self.number) else "rad"
@@ -157,16 +159,30 @@ class JointWarmUp(_WarmUp):
         return (self.parameter("final", unit, size, f"joint {self.number}'s drift by warming up"),)
 
     def basis(self, state):
-        return self.progress(state)[None, None]
+        return warm_up_progress(state, self.time_constant, self.start)[None, None]
 
 
-class LinkWarmUp(_WarmUp):
+class LinkWarmUp(Effect):
     """Link K warms up and grows to a steady length, with one time constant and no temperature recorded."""
 
+    effect = "warm-up"
+    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
+    reads = ("time",)
     port = "geometry"
     places = ("link",)
     components = (1, 2)
     equation = "(d, a) grow by c (1 - exp(-(t - start) / T)) (d, a)"
+
+    def __init__(
+        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
+    ):
+        super().__init__(where)
+        self.time_constant, self.start = time_constant, start
+
+    @classmethod
+    def candidates(cls, chain):
+        """With time constants of a share of the recording's length, where no temperature is recorded."""
+        return warm_up_variants(cls, chain)
 
     def table(self, chain):
         return (
@@ -177,15 +193,29 @@ class LinkWarmUp(_WarmUp):
         lengths = state.robot.geometry[self.number - 1, 1:3]
         if state.robot.prismatic[self.number - 1]:
             lengths = lengths * [0.0, 1.0]
-        return (lengths[:, None] * self.progress(state))[None]
+        return (lengths[:, None] * warm_up_progress(state, self.time_constant, self.start))[None]
 
 
-class BaseWarmUp(_WarmUp):
+class BaseWarmUp(Effect):
     """The base warms up and moves to a steady pose, with one time constant and no temperature recorded."""
 
+    effect = "warm-up"
+    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
+    reads = ("time",)
     port = "frame"
     places = ("base",)
     equation = "twist = c (1 - exp(-(t - start) / T))"
+
+    def __init__(
+        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
+    ):
+        super().__init__(where)
+        self.time_constant, self.start = time_constant, start
+
+    @classmethod
+    def candidates(cls, chain):
+        """With time constants of a share of the recording's length, where no temperature is recorded."""
+        return warm_up_variants(cls, chain)
 
     def table(self, chain):
         return tuple(
@@ -194,7 +224,16 @@ class BaseWarmUp(_WarmUp):
         )
 
     def basis(self, state):
-        return np.eye(6)[:, :, None] * self.progress(state)
+        return np.eye(6)[:, :, None] * warm_up_progress(state, self.time_constant, self.start)
 
 
-__all__ = ["BaseWarmUp", "JointWarmUp", "LinkWarmUp", "Loosening", "Shift"]
+__all__ = [
+    "BaseWarmUp",
+    "JointWarmUp",
+    "LinkWarmUp",
+    "Loosening",
+    "Shift",
+    "instants_between",
+    "warm_up_progress",
+    "warm_up_variants",
+]

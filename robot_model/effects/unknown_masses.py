@@ -13,6 +13,7 @@ import numpy as np
 from robot_model.chain import cross, forward
 from robot_model.robot import Robot
 from workbench.core.effect import Effect, Variant
+from workbench.core.parameters import Parameter
 
 TYPICAL_RAD = 3e-4
 """Deflection of a joint under the whole arm stretched out: 0.3 mm at 1 m."""
@@ -169,62 +170,46 @@ class GravityCompliance(Effect):
         return np.stack([sag, *columns])[:, None]
 
 
-class _Tilt(Effect):
-    """What tilts under the moment of links whose masses are not stated: of uniform bars, and of each bar."""
+def _tilt_table(effect: Effect, chain, said: str) -> tuple[Parameter, ...]:
+    """Parameters of what tilts: under uniform bars, and under each bar but the last by itself."""
+    label, first = f"{said} {effect.where} under the links", effect.first()
+    shares = bar_shares(chain.robot)
+    bodies = [i for i in range(first, chain.robot.joints) if shares[i] > _NO_BAR_MM]
+    whole = max(shares[first:].sum(), _NO_BAR_MM)
+    table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
+    for body in bodies[:-1]:
+        size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
+        about = f"{label}, first moment of link {body + 1}"
+        table.append(effect.parameter(f"link{body + 1}", "rad", size, about, 10 * size))
+    return tuple(table)
+
+
+def _tilt_moments(state, first: int) -> np.ndarray:
+    """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each but the last."""
+    each, shares = bar_moments(state, first)
+    whole = np.einsum("b,bin->in", shares, each)
+    return np.concatenate([whole[None], each[:-1]])
+
+
+def _in_frame(state, place: int, world: np.ndarray) -> np.ndarray:
+    """(P, 3, n) vectors of the root frame in the axes of a place of the frame port."""
+    return np.einsum("cin,pin->pcn", state.frames.link[place], world)
+
+
+class GravityBearing(Effect):
+    """The bearing of joint K tilts under the weight of links whose masses are not stated.
+
+    A rotation about a point on the axis of joint K, across that axis.
+    """
 
     effect = "gravity-compliance"
     port = "frame"
     elastic = True
     source = GravityCompliance.source
     nonnegative = 1
-    said = ""
-
-    @classmethod
-    def candidates(cls, chain):
-        """Where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain)
-
-    def first(self) -> int:
-        """Number from 0 of the first link whose weight acts."""
-        return self.number - 1
-
-    def bodies(self, chain) -> list[int]:
-        """Numbers from 0 of the links that have a bar; the last has no term of its own."""
-        shares = bar_shares(chain.robot)
-        return [i for i in range(self.first(), chain.robot.joints) if shares[i] > _NO_BAR_MM]
-
-    def table(self, chain):
-        label = f"{self.said} {self.where} under the links"
-        table = [self.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
-        bodies, shares = self.bodies(chain), bar_shares(chain.robot)
-        whole = max(shares[self.first() :].sum(), _NO_BAR_MM)
-        for body in bodies[:-1]:
-            size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
-            about = f"{label}, first moment of link {body + 1}"
-            table.append(self.parameter(f"link{body + 1}", "rad", size, about, 10 * size))
-        return tuple(table)
-
-    def moments(self, state) -> np.ndarray:
-        """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each but the last."""
-        each, shares = bar_moments(state, self.first())
-        whole = np.einsum("b,bin->in", shares, each)
-        return np.concatenate([whole[None], each[:-1]])
-
-    def in_frame(self, state, place: int, world: np.ndarray) -> np.ndarray:
-        """(P, 3, n) vectors of the root frame in the axes of a place of the frame port."""
-        return np.einsum("cin,pin->pcn", state.frames.link[place], world)
-
-
-class GravityBearing(_Tilt):
-    """The bearing of joint K tilts under the weight of links whose masses are not stated.
-
-    A rotation about a point on the axis of joint K, across that axis.
-    """
-
     places = ("joint",)
     stage = "bending"
     equation = "w = sum_i t_i (b_i x g) across z"
-    said = "the tilt of the bearing of"
 
     @classmethod
     def candidates(cls, chain):
@@ -237,48 +222,81 @@ class GravityBearing(_Tilt):
         last = max((v.effect.number for v in GravityCompliance.candidates(chain)), default=0)
         return [(f"joint-{k}", {}) for k in range(1, last + 1) if not chain.slides(k)]
 
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
+        return self.number - 1
+
+    def table(self, chain):
+        return _tilt_table(self, chain, "the tilt of the bearing of")
+
     def slots(self, chain):
         return chain.slots("frame", f"link-{self.number}")
 
     def basis(self, state):
-        world, z = self.moments(state), state.frames.z[self.number - 1]
+        world, z = _tilt_moments(state, self.first()), state.frames.z[self.number - 1]
         across = world - z * (world * z).sum(1, keepdims=True)
-        turns = self.in_frame(state, self.number, across)
+        turns = _in_frame(state, self.number, across)
         return about_axis(state, self.number, turns)
 
 
-class GravityLink(_Tilt):
+class GravityLink(Effect):
     """Link K bends under the weight of the links beyond it, whose masses are not stated."""
 
+    effect = "gravity-compliance"
+    port = "frame"
+    elastic = True
+    source = GravityCompliance.source
+    nonnegative = 1
     places = ("link",)
     components = (3, 4, 5)
     equation = "w = sum_i t_i (b_i x g) across the link"
-    said = "the bending of"
 
-    def first(self):
+    @classmethod
+    def candidates(cls, chain):
+        """Where the moment of uniform bars varies; none where masses are stated."""
+        return _of_bars(cls, chain)
+
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
         return self.number
 
+    def table(self, chain):
+        return _tilt_table(self, chain, "the bending of")
+
     def basis(self, state):
-        world = self.moments(state)
+        world = _tilt_moments(state, self.first())
         along = _bars(state.frames)[self.number - 1]
         along = along / np.maximum(np.linalg.norm(along, axis=0), _NO_BAR_MM)
         across = world - along * (world * along).sum(1, keepdims=True)
-        return self.in_frame(state, self.number, across)
+        return _in_frame(state, self.number, across)
 
 
-class GravityPedestal(_Tilt):
+class GravityPedestal(Effect):
     """The base tilts about its origin under the weight of links whose masses are not stated."""
 
+    effect = "gravity-compliance"
+    port = "frame"
+    elastic = True
+    source = GravityCompliance.source
+    nonnegative = 1
     places = ("base",)
     components = (3, 4)
     equation = "w = sum_i t_i (b_i x g) across the vertical"
-    said = "the tilt of"
 
-    def first(self):
+    @classmethod
+    def candidates(cls, chain):
+        """Where the moment of uniform bars varies; none where masses are stated."""
+        return _of_bars(cls, chain)
+
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
         return 0
 
+    def table(self, chain):
+        return _tilt_table(self, chain, "the tilt of")
+
     def basis(self, state):
-        return self.in_frame(state, 0, self.moments(state))[:, :2]
+        return _in_frame(state, 0, _tilt_moments(state, self.first()))[:, :2]
 
 
 def about_axis(state, number: int, turns: np.ndarray) -> np.ndarray:
