@@ -52,6 +52,7 @@ from workbench.fitting.verdicts.residual_structure import in_root
 _OUTLIER = 15.0
 _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
 _ROUNDS = 2
+_JUDGED = 4000  # samples by which stages are compared at most
 _LEAST_POSES = 4
 _NANOMETRE = 1e-6  # mm: nothing is measured better
 
@@ -103,11 +104,21 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Split:
-    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested."""
+    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested.
+
+    `judged` (n,) int: the folds by which stages are compared, -1 for samples that have no part in it. Of many samples
+    these are every k-th, as fits on thousands decide the same.
+    """
 
     fit: np.ndarray
     fold: np.ndarray
     test: np.ndarray
+
+    @cached_property
+    def judged(self) -> np.ndarray:
+        step = -(-int((self.fold >= 0).sum()) // _JUDGED)
+        folded = np.cumsum(self.fold >= 0) - 1
+        return np.where((self.fold >= 0) & (folded % step == 0), self.fold, -1)
 
 
 @dataclass(frozen=True)
@@ -376,13 +387,16 @@ def _extra_variance(squares, sigma):
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
     """Judged on folds of the fit samples alone: test samples have no part in choosing stages."""
-    return cross_validate(model, fit.parameters, split.fold, loss, steps, settle)
+    return cross_validate(model, fit.parameters, split.judged, loss, steps, settle)
 
 
 def _final_held_out(step: _Step, split: Split) -> HeldOut:
-    """The error on the named test samples, else that over the folds."""
+    """The error on the named test samples, else that over the folds of all fitted samples."""
     if not split.test.any():
-        return step.held_out
+        if np.array_equal(split.judged, split.fold):
+            return step.held_out
+        start, loss = step.fit.parameters, step.loss
+        return cross_validate(step.model, start, split.fold, loss, settle=step.settle)
     return hold_out(
         step.model, step.parameters, split.test, split.fit, step.loss, settle=step.settle
     )
