@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.effects.friction import lattice_step
 from robot_model.effects.instrument import sight_lines
@@ -14,6 +15,7 @@ from scenes import ABB, CRAIG, model_of, scene
 from workbench.core.covariates import WIND_UP, wound_up
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.jobs.calibrate import calibrate
 
 
 def state_of(arm=ABB, n=60, measures="external-point", seed=4):
@@ -56,6 +58,31 @@ def test_a_bearing_turns_about_its_joint_axis(name, arm):
     point = state.frames.z_origin[number - 1] + half * axis
     moved = shift + np.cross(turn, point - state.frames.pivot[number], axis=0)
     assert np.abs(moved).max() <= 1e-9 * max(np.abs(shift).max(), 1.0)
+
+
+def without_masses(recording):
+    """The recording with the masses taken out of its robot file."""
+    robot = dict(recording.robot)
+    robot.pop("payload", None)
+    hidden = ("mass_kg", "com_mm")
+    rows = robot.get("joint", [])
+    robot["joint"] = [{k: v for k, v in row.items() if k not in hidden} for row in rows]
+    return replace(recording, robot=robot)
+
+
+@pytest.mark.slow
+def test_without_masses_the_held_out_error_is_nearly_that_with_masses(recording):
+    """ABB IRB 120 with a probe arm: the product of compliance and first moment serves as well, within 10 %."""
+    known = recording("irb120_wu_arm")
+    hidden = without_masses(known)
+    assert (
+        not load_robot(hidden.robot, "robot").mass.any() and load_robot(known.robot, "r").mass.any()
+    )
+    with_masses, without = (calibrate(one) for one in (known, hidden))
+    assert without.held_out["rms_mm"] <= 1.1 * with_masses.held_out["rms_mm"]
+    compliance = next(stage for stage in without.stages if stage.name == "compliance")
+    assert compliance.earned
+    assert all(row["known_from"] == PRODUCT for row in without.as_json()["stiffness"])
 
 
 def test_a_payload_adds_its_own_torque():

@@ -15,6 +15,7 @@ from workbench.diagnosis.locate import located
 from workbench.diagnosis.parts import against, folded, near, outdone
 from workbench.diagnosis.problem import Bench, Found, Problem
 from workbench.diagnosis.rest import grown_by_prediction
+from workbench.diagnosis.rounded_readings import rounded_readings
 from workbench.diagnosis.scatter import CLAIMED, Scatter, beside, place_of, scattered, told
 from workbench.diagnosis.search import Search, name_of
 from workbench.diagnosis.sets import LAW, SECOND, Sets, room
@@ -87,6 +88,10 @@ def _found(search: Search) -> Found:
     if moving:
         data, places = _with_scatter(search, before, data, places)
         first = min(first, search.scatter.p_value)
+    lattice = rounded_readings(after, level)
+    rounded = {f.where for f in lattice}
+    others = tuple(f for f in data if f.effect != "encoder-quantisation" or f.where not in rounded)
+    data = (*lattice, *others)
     left = located(search.problem.keeping(), search.table(search.everyone))
     return Found(
         findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail)

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from robot_model.effects import CATALOGUE as ROBOT
+from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.vocabulary import Covariate, Place
@@ -60,7 +61,7 @@ BY_POSE = (
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
-_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation")
+_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
 _EITHER = "with temperature, or with time where none was recorded"
 
 
@@ -292,6 +293,8 @@ def _of_data(found: Finding) -> str:
     if found.effect == NoiseLaw.effect:
         depends = listed([covariate(name) for name in found.depends_on])
         return f"The noise is not the same everywhere: its spread goes with {depends}."
+    if found.effect == ReadingLattice.effect:
+        return f"The readings of {place(found.where)} are rounded, {found.label}."
     if found.effect == "encoder-quantisation":
         return f"The reading of {place(found.where)} is rounded to counts."
     if found.label == ALONG:

@@ -33,6 +33,7 @@ from workbench.files.results import StageResult, calibration_json, parameter_row
 from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.fitting.cross_validation import (
     HeldOut,
+    Split,
     blocks,
     cross_validate,
     error_summary,
@@ -52,7 +53,6 @@ from workbench.fitting.verdicts.residual_structure import in_root
 _OUTLIER = 15.0
 _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
 _ROUNDS = 2
-_JUDGED = 4000  # samples by which stages are compared at most
 _LEAST_POSES = 4
 _NANOMETRE = 1e-6  # mm: nothing is measured better
 
@@ -100,25 +100,6 @@ class Calibration:
     def as_json(self) -> dict:
         """The object of the JSON contract."""
         return calibration_json(self)
-
-
-@dataclass(frozen=True)
-class Split:
-    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested.
-
-    `judged` (n,) int: the folds by which stages are compared, -1 for samples that have no part in it. Of many samples
-    these are every k-th, as fits on thousands decide the same.
-    """
-
-    fit: np.ndarray
-    fold: np.ndarray
-    test: np.ndarray
-
-    @cached_property
-    def judged(self) -> np.ndarray:
-        step = -(-int((self.fold >= 0).sum()) // _JUDGED)
-        folded = np.cumsum(self.fold >= 0) - 1
-        return np.where((self.fold >= 0) & (folded % step == 0), self.fold, -1)
 
 
 @dataclass(frozen=True)
