@@ -1,6 +1,8 @@
 """Laws of the effects of real arms: compliance without masses, loads, steps, warm-up, friction and the instrument."""
 
+import tomllib
 from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -63,6 +65,9 @@ def test_a_bearing_turns_about_its_joint_axis(name, arm):
 def without_masses(recording):
     """The recording with the masses taken out of its robot file."""
     robot = dict(recording.robot)
+    if "builtin" in robot:
+        file = resources.files("robot_model").joinpath("robots", f"{robot['builtin']}.toml")
+        robot = tomllib.loads(file.read_text())
     robot.pop("payload", None)
     hidden = ("mass_kg", "com_mm")
     rows = robot.get("joint", [])
