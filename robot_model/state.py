@@ -9,7 +9,7 @@ import numpy as np
 from robot_model.chain import Frames, cross, forward
 from robot_model.robot import Robot
 from robot_model.statics import Levers, link_levers, load_levers, moment_levers
-from workbench.core.covariates import last_moves
+from workbench.core.covariates import WIND_UP, last_moves, wound_up
 from workbench.core.errors import InputError
 
 _STILL = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
@@ -36,6 +36,8 @@ class State:
     measured: np.ndarray
     index: np.ndarray
     target: np.ndarray
+    root_rotation: np.ndarray | None = None
+    """(3, 3) from the robot's root frame to the external one, at the start of the fit; None where there is none."""
 
     @property
     def n(self) -> int:
@@ -115,25 +117,29 @@ class State:
 
         Port `gravity`: slots 0-2, change of the direction (a small tilt keeps its length). Port `mass`: slot
         3 k + c, change of the first moment (kg mm) of body k along axis c of its own frame; body J
-        is the load, in the flange frame.
+        is the load, in the flange frame. Slot 3 J + 3: change of the load's mass (kg), at the origin of the flange.
         """
-        gravity, moments = self.gravity.copy(), np.zeros(3 * self.robot.joints + 3)
+        gravity, moments = self.gravity.copy(), np.zeros((3 * self.robot.joints + 4, self.n))
         for port, slots, delta in changes:
-            np.add.at(gravity if port == "gravity" else moments, np.asarray(slots), delta[:, 0])
-        of_link = np.repeat(np.arange(self.robot.joints + 1), 3) < self.robot.joints
-        levers = (
-            self._more(self.link_levers, np.where(of_link, moments, 0)),
-            self._more(self.load_levers, np.where(of_link, 0, moments)),
-        )
+            if port == "gravity":
+                np.add.at(gravity, np.asarray(slots), delta[:, 0])
+            else:
+                np.add.at(moments, np.asarray(slots), delta)
+        mass, moments = moments[-1], moments[:-1].reshape(-1, 3, self.n)
+        of_link = (np.arange(self.robot.joints + 1) < self.robot.joints)[:, None, None]
+        of_links = self._more(self.link_levers, np.where(of_link, moments, 0))
+        of_load = self._more(self.load_levers, np.where(of_link, 0, moments))
+        if mass.any():
+            of_load = of_load + load_levers(self.robot, self.frames, mass, np.zeros(3))
         kept = {field.name: getattr(self, field.name) for field in fields(State)}
-        kept |= {"gravity": gravity, "same_frames": self.frames, "levers": levers}
+        kept |= {"gravity": gravity, "same_frames": self.frames, "levers": (of_links, of_load)}
         return _Altered(**kept)
 
     def _more(self, levers: Levers, moments: np.ndarray) -> Levers:
-        """The levers with (3 J + 3,) kg mm of first moments more."""
+        """The levers with (J + 1, 3, n) kg mm of first moments more."""
         if not moments.any():
             return levers
-        return levers + moment_levers(self.robot, self.frames, moments.reshape(-1, 3))
+        return levers + moment_levers(self.robot, self.frames, moments)
 
     @cached_property
     def unit_moments(self) -> "tuple[State, ...]":
@@ -178,9 +184,18 @@ class _Altered(State):
 def moved(
     robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """`move<k>` (n,) rad, mm: how far each joint of the arm came from the configuration before; pose (n,): labels."""
+    """How each joint came to its pose: `move<k>`, `move<k>_wound_<i>`; pose (n,): labels.
+
+    `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_wound_<i>` (n,): the state of
+    friction with the width `WIND_UP[i]` (mm of a slide: times 1000).
+    """
     still = np.where(robot.prismatic, *_STILL)
-    return {f"move{k}": row for k, row in enumerate(last_moves(variables, time, still, pose), 1)}
+    moves = last_moves(variables, time, still, pose)
+    widths = np.where(robot.prismatic, 1e3, 1.0)[:, None] * np.array(WIND_UP)
+    made = {f"move{k}": row for k, row in enumerate(moves, 1)}
+    for k, states in enumerate(wound_up(moves, time, widths), 1):
+        made |= {f"move{k}_wound_{i}": row for i, row in enumerate(states)}
+    return made
 
 
 def sliding(robot: Robot) -> np.ndarray:

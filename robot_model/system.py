@@ -344,10 +344,16 @@ def bind(
         start = np.concatenate(measurement.at(start_on).start(frames))
     tool = start if measurement.grounded else start[_BASE:]
     state = _state(robot, looks, variables, measurement, tool)
+    state = replace(state, root_rotation=root_rotation(measurement, start))
     sigma = _checked_sigma(measurement.sigma(recording), recording.name)
     return RobotChain(
         robot, measurement, variables, sigma, state, start, sigma, recording.sigma is None
     )
+
+
+def root_rotation(measurement, start: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation from the robot's root frame to the external one, as the start has placed the base."""
+    return np.eye(3) if measurement.grounded else rotation_matrix(start[3:_BASE])
 
 
 def _checked_sigma(sigma: np.ndarray, name: str) -> np.ndarray:

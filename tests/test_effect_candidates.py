@@ -65,7 +65,7 @@ def test_variants_of_one_family_differ_in_their_label():
 def test_an_effect_of_gravity_in_the_model_makes_the_tilt_of_the_mount_observable():
     chain = chain_of(ABB)
     rigid, elastic = (names(v.effect for v in variants(ROBOT, chain, e)) for e in (False, True))
-    assert elastic - rigid == {"mount-tilt"}
+    assert elastic - rigid == {"mount-tilt", "payload"}
 
 
 @pytest.mark.parametrize(("catalogue", "chain"), [(ROBOT, None), (SCANNER, SCAN)])
@@ -89,4 +89,5 @@ def test_compliances_are_the_mass_dependent_effects_without_their_special_cases(
 
 def test_what_belongs_to_the_session_is_no_part_of_the_arm():
     of_session = names(kind for kind in ROBOT.values() if kind.of_session)
-    assert of_session == {"base-drift", "time-offset", "reading-lag"}
+    instrument = {"sight-line-refraction", "reflector-incidence"}
+    assert of_session == {"base-drift", "time-offset", "reading-lag", "payload"} | instrument

@@ -104,14 +104,13 @@ def test_backlash_is_tried_only_where_the_approach_was_recorded():
     assert not [where for name, where in without if name == "backlash"]
 
 
-def test_an_arm_without_masses_and_load_gets_no_compliance():
+def test_an_arm_without_masses_and_load_gets_only_compliance_times_first_moment():
     made = scene("external-point", n=40, arm={"builtin": "fanuc_lr_mate_200id"})
     columns = made.recording.columns | {"payload_kg": 0 * made.recording.columns["payload_kg"]}
-    names = [
-        stage.name
-        for stage in default_plan(bind(made.robot, replace(made.recording, columns=columns)))
-    ]
-    assert "compliance" not in names and "bending" not in names
+    plan = default_plan(bind(made.robot, replace(made.recording, columns=columns)))
+    stages = {stage.name: {row[0] for row in stage.effects} for stage in plan}
+    assert stages["compliance"] == {"gravity-compliance"}
+    assert stages["bending"] == {"gravity-bearing-compliance"}
 
 
 def test_slides_get_no_wave_and_no_torsion():

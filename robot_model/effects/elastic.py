@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from robot_model.effects.unknown_masses import about_axis
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
@@ -240,13 +241,12 @@ class LinkCompliance(Effect):
 class BearingCompliance(Effect):
     """The bearing of joint K tilts under the gravity moment across its axis.
 
-    A rotation vector in frame K about the pivot of link K. The moment is that of bodies K to J and the load about a
-    point on the axis.
+    A rotation across the axis of joint K about a point on it: halfway along the offset d of the joint (Craig: the
+    origin of frame K). The moment is that of bodies K to J and the load about a point on the axis.
     """
 
     effect = "bearing-compliance"
     port = "frame"
-    components = TURNS
     places = ("joint",)
     elastic = True
     equation = "w = c M_across(q, payload)"
@@ -263,7 +263,9 @@ class BearingCompliance(Effect):
 
     @classmethod
     def planned(cls, chain):
-        """At the revolute joints up to the last one that gravity loads."""
+        """At the revolute joints up to the last one that gravity loads, where masses are stated."""
+        if not chain.robot.mass.any():
+            return ()
         last = max(loaded_joints(chain), default=0)
         return [(f"joint-{k}", {}) for k in range(1, last + 1) if not chain.slides(k)]
 
@@ -271,12 +273,15 @@ class BearingCompliance(Effect):
         """(3, n) N m, the gravity moment across the axis."""
         return state.bearing_moment[self.number - 1]
 
+    def slots(self, chain):
+        return chain.slots("frame", f"link-{self.number}")
+
     def table(self, chain):
         label = f"the tilting compliance of joint {self.number}'s bearing"
         return (self.parameter("tilt", "rad/(N m)", 1e-4, label, prior=1e-3),)
 
     def basis(self, state):
-        return self.load(state)[None]
+        return about_axis(state, self.number, self.load(state)[None])
 
 
 class PedestalCompliance(Effect):

@@ -50,6 +50,39 @@ def warmth(state, *names: str) -> np.ndarray:
     return clock(state) / 3600
 
 
+WIND_UP = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""Widths (rad; m of a slide) over which friction winds up a joint, for which the state is known for each sample."""
+
+
+def wound_up(moves: np.ndarray, time: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """(J, W, n) state of friction, from -1 to 1, after the moves (J, n) in the order of `time` (n,); 0 at first.
+
+    Bouc-Wen with exponent 1 and beta = gamma = 1/2, straight moves: dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width, so
+    that z first falls linearly to 0 and then approaches the sign of the move exponentially. widths (J, W), units of the
+    moves. Rows of one pose share a move and a state: a move counts where it differs from that of the row before.
+    """
+    order = np.argsort(time, kind="stable")
+    steps = moves[:, order]
+    is_new = np.ones(len(order), bool)
+    is_new[1:] = (np.diff(steps, axis=1) != 0).any(0)
+    out, z = np.zeros((*widths.shape, len(order))), np.zeros(widths.shape)
+    for i, row in enumerate(order):
+        if is_new[i]:
+            z = _wound(z, steps[:, i, None] / widths)
+        out[..., row] = z
+    return out
+
+
+def _wound(z: np.ndarray, move: np.ndarray) -> np.ndarray:
+    """The state z after a straight move, in widths."""
+    side = np.sign(move)
+    against = np.where(z * side < 0, np.abs(z), 0.0)  # widths on which the spring is released
+    left = np.maximum(np.abs(move) - against, 0.0)
+    start = np.where(against > 0, 0.0, np.abs(z))
+    wound = side * (1 - (1 - start) * np.exp(-left))
+    return np.where(np.abs(move) < against, z + move, np.where(move == 0, z, wound))
+
+
 def missing_temperature(state, *names: str) -> str:
     """ "temperature" where `warmth` has to use time instead; else ""."""
     known = any(name in state.covariates for name in (*names, "temperature_c"))

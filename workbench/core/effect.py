@@ -219,6 +219,10 @@ class Effect:
             return self.basis(state)
         return numeric_derivative(lambda x: self.delta(x, state), p, self.steps())
 
+    def shrinkage_groups(self) -> tuple[str, ...]:
+        """Names of the groups in which its parameters share a prior scale, one a parameter; () for one group."""
+        return ()
+
     @property
     def linear(self) -> bool:
         """True for an effect that gives a basis: linear in its parameters."""

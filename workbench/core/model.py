@@ -73,6 +73,14 @@ class Model:
             start = spans[-1].stop
         return tuple(spans)
 
+    @cached_property
+    def shrunk(self) -> np.ndarray:
+        """(P,) True for terms of series, whose common prior decides how many of them the data determine."""
+        mask = np.zeros(len(self.parameters), bool)
+        for effect, span in zip(self.effects, self.spans):
+            mask[span] = bool(effect.shrinkage_groups())
+        return mask
+
     def at(self, samples: np.ndarray) -> "Model":
         """The same model on some of the samples (indices or mask)."""
         return Model(self.chain.at(samples), self.effects)

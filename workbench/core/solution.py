@@ -1,13 +1,14 @@
 """Result of a calibration: parameters with their identifiability, residuals, provenance."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from workbench.core.least_squares.identifiability import Identifiability, identifiability
 from workbench.core.least_squares.solver import Fit
+from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 _STATED = 20.0
@@ -21,6 +22,7 @@ class Stage:
     `canonical` True leaves out of the solve what earlier parameters already make; `earn` True:
     the stage stays in the result only where it lowers the held-out error. `hold`: (pattern, value)
     of parameters that the whole plan takes as known, such as a base that is the instrument's frame.
+    `choose`: gives further rows of effects, from the model and the parameters that the stages before have fitted.
     """
 
     name: str
@@ -32,6 +34,13 @@ class Stage:
     earn: bool = True
     steps: int = 50
     hold: tuple[tuple[str, float], ...] = ()
+    choose: Callable | None = None
+
+    def chosen_for(self, model: Model, parameters: Parameters) -> "Stage":
+        """The stage with the effects that it chooses on the samples of a fitted model."""
+        if self.choose is None:
+            return self
+        return replace(self, effects=(*self.effects, *self.choose(model, parameters)), choose=None)
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,8 @@ class Solution:
     """Result of a solve.
 
     `parameters` with the free mask of the solve; `scores` (F, F) the outer products of the poses'
-    gradients, None where every pose has one sample; `all_known` what the data determine of all
+    gradients, None where every pose has one sample; `shrunk` keys of terms of a series, which their common prior makes
+    identifiable; `all_known` what the data determine of all
     parameters that a stage freed, also of those then held because others make them; `residual`
     (m, n) predicted minus measured (mm, rad); `outcome` a sentence; `provenance` versions, hash of
     the data, date.
@@ -50,6 +60,7 @@ class Solution:
     all_known: Identifiability
     provenance: Mapping[str, str]
     scores: np.ndarray | None = None
+    shrunk: frozenset[str] = frozenset()
 
     @property
     def residual(self) -> np.ndarray:

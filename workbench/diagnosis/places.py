@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_model.effects import CATALOGUE
+from robot_model.effects.curve import curve_candidates
 from workbench.core.covariates import clock
 from workbench.core.effect import Grid
 from workbench.core.vocabulary import Covariate
@@ -88,6 +89,7 @@ def _is_general(name: str) -> bool:
 def _joint_sites(chain, rows, angles, general) -> list[Site]:
     """The joints, each with the covariates that its angle may be wrong with."""
     own = chain.state.covariates
+    curved = {curve.number for curve in curve_candidates(chain)}
     made = []
     for k in range(1, chain.robot.joints + 1):
         mine = tuple(
@@ -109,7 +111,8 @@ def _joint_sites(chain, rows, angles, general) -> list[Site]:
             )
         )
         if f"q{k}" in angles:
-            made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
+            if k not in curved:  # elsewhere a joint-curve is a named candidate
+                made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
     return made
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from robot_model.effects import CATALOGUE
+from robot_model.effects.curve import JointCurve, dominant_cycles
 from robot_model.effects.elastic import JointCompliance
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
@@ -26,6 +27,7 @@ from workbench.diagnosis.rivals import Smooth
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.plans import geometry, stage_mask
+from workbench.fitting.shrinkage import settled
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 BASELINES = ("geometry", JointCompliance.effect)
@@ -35,6 +37,7 @@ _SEEN = 1e-2
 _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be off together
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
+_STEPS = 50  # of a solve
 _KEPT = 4  # parts of the samples whose bases are kept
 
 
@@ -217,6 +220,8 @@ class RobotBench:
             widened = _widened(chain, fit)
             model = replace(model, chain=widened)
             fit = solve(model, fit.parameters, "huber")
+        if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it
+            fit = settled(model, fit, "huber", _STEPS, only=model.shrunk)
         white = fit.residual / model.sigma(fit.parameters)
         if self._start is None:
             self._start = fit.parameters
@@ -272,7 +277,15 @@ class RobotBench:
                         "size_mm": size,
                     }
                 )
+            if isinstance(effect, JointCurve):
+                rows[-effect.terms] |= self._cycles(effect, fit.parameters.values[span])
         return tuple(rows)
+
+    def _cycles(self, effect: JointCurve, coefficients: np.ndarray) -> dict:
+        """Size of an error curve on the visited angles, and its dominant cycles, for the row of its first term."""
+        error = effect.curve(coefficients, self.chain.variables[effect.number - 1])
+        cycles = [(c.order, c.amplitude) for c in dominant_cycles(effect, coefficients)]
+        return {"curve_rms": float(error.std()), "cycles": cycles}
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
         """A smooth function of the covariates at a site, as an effect that can join the model."""

@@ -10,10 +10,12 @@ from workbench.diagnosis.elastic_choice import exchange_elastic_terms, probabili
 from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.findings import finding, tells, with_hidden
 from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
+from workbench.diagnosis.joint_functions import merge_joint_functions
 from workbench.diagnosis.locate import located
 from workbench.diagnosis.parts import against, folded, near, outdone
 from workbench.diagnosis.problem import Bench, Found, Problem
 from workbench.diagnosis.rest import grown_by_prediction
+from workbench.diagnosis.rounded_readings import rounded_readings
 from workbench.diagnosis.scatter import CLAIMED, Scatter, beside, place_of, scattered, told
 from workbench.diagnosis.search import Search, name_of
 from workbench.diagnosis.sets import LAW, SECOND, Sets, room
@@ -71,6 +73,7 @@ def _found(search: Search) -> Found:
         search.say(f"{search.scatter.site.where} moves from sample to sample")
         search.level = CLAIMED  # how much it moves is only known nearly
         first = _first(search, anew=True)
+    merge_joint_functions(search)
     names = probabilities_of_names(search)
     findings = tuple(with_hidden(search, finding(search, i, names)) for i in search.everyone)
     rest = family_wise(search.table(search.everyone))
@@ -85,6 +88,10 @@ def _found(search: Search) -> Found:
     if moving:
         data, places = _with_scatter(search, before, data, places)
         first = min(first, search.scatter.p_value)
+    lattice = rounded_readings(after, level)
+    rounded = {f.where for f in lattice}
+    others = tuple(f for f in data if f.effect != "encoder-quantisation" or f.where not in rounded)
+    data = (*lattice, *others)
     left = located(search.problem.keeping(), search.table(search.everyone))
     return Found(
         findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail)

@@ -255,7 +255,9 @@ class Sets:
             own = (place.replace("joint-", "q"),)
             rest = tuple(i for i in lawful if i not in mine)
             functions = [
-                i for i, h in enumerate(self.short) if h.unnamed == own and h.where == place
+                i
+                for i, h in enumerate(self.short)
+                if h.where == place and (h.unnamed == own or h.effect == "joint-curve")
             ]
             if len(mine) >= _SERIES and functions:
                 other, weight = max(

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from robot_model.effects import CATALOGUE as ROBOT
+from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.vocabulary import Covariate, Place
@@ -60,7 +61,7 @@ BY_POSE = (
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
-_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation")
+_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
 _EITHER = "with temperature, or with time where none was recorded"
 
 
@@ -174,6 +175,8 @@ def length(value: float | None, unit: str = "mm") -> str:
 
 def figures(rows: Sequence[Mapping]) -> str:
     """The parameters of a finding: pairs of cosine and sine as amplitudes, at most three, the surest first."""
+    if rows and "cycles" in rows[0]:
+        return _spectrum(rows[0])
     masses = [row for row in rows if _MASSES in row["name"]]
     rows = [row for row in rows if row not in masses]
     parts = list(_waves(rows)) or [
@@ -188,6 +191,14 @@ def figures(rows: Sequence[Mapping]) -> str:
         if masses
         else ""
     )
+
+
+def _spectrum(row: Mapping) -> str:
+    """Size of an error curve and its dominant cycles per revolution with their amplitudes."""
+    unit = row["unit"]
+    per = "per revolution" if unit == "rad" else "per mm"
+    waves = [f"{order:.3g} ({measured(size, None, unit)})" for order, size in row["cycles"]]
+    return f"RMS {measured(row['curve_rms'], None, unit)}, cycles {per}: {listed(waves)}"
 
 
 def _name(row) -> str:
@@ -282,6 +293,8 @@ def _of_data(found: Finding) -> str:
     if found.effect == NoiseLaw.effect:
         depends = listed([covariate(name) for name in found.depends_on])
         return f"The noise is not the same everywhere: its spread goes with {depends}."
+    if found.effect == ReadingLattice.effect:
+        return f"The readings of {place(found.where)} are rounded, {found.label}."
     if found.effect == "encoder-quantisation":
         return f"The reading of {place(found.where)} is rounded to counts."
     if found.label == ALONG:

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model.effects.curve import describe_curves
+from robot_model.effects.stiffness import stiffness_rows
+
 
 @dataclass(frozen=True)
 class StageResult:
@@ -45,6 +48,7 @@ def parameter_rows(solution) -> list[dict]:
     """
     parameters, known = solution.parameters, solution.all_known
     determined = dict(zip(known.keys, known.determined.tolist()))
+    determined |= dict.fromkeys(solution.shrunk, True)
     tied = known.tied()
     std = solution.std if solution.redundancy > 0 else {}
     return [
@@ -121,6 +125,8 @@ def calibration_json(calibration) -> dict:
         "nominal": calibration.nominal,
         "converged": solution.converged,
         "outcome": solution.outcome,
+        "joint_curves": describe_curves(calibration.model, solution.parameters),
+        "stiffness": _stiffness(calibration),
         "undetermined": list(solution.null_sentences),
         "observability": known.observability(calibration.recording.n),
         "suspect_samples": list(calibration.suspects),
@@ -129,6 +135,14 @@ def calibration_json(calibration) -> dict:
         "selection": "stages were chosen on folds of the fit samples; without named test samples these give held_out",
         "provenance": calibration.provenance,
     }
+
+
+def _stiffness(calibration) -> list[dict]:
+    """Which joint stiffness is known in N m/rad, and which only times a first moment."""
+    solution = calibration.solution
+    std = solution.std if solution.redundancy > 0 else {}
+    rows = stiffness_rows(calibration.model, solution.parameters, std)
+    return [row.as_json() for row in rows]
 
 
 _STAGE_KEYS = (

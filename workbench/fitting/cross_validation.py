@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from workbench.fitting.shrinkage import settled
 
 # Below a nanometre and a nanoradian a change of the error is rounding, whatever the recording states.
 _ROUNDING = (1e-6, 1e-9)
+_JUDGED = 4000  # samples by which stages are compared at most
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,25 @@ class HeldOut:
             stated = 0.0 if self.sigma is None else float((self.sigma[rows] ** 2).sum(0).mean())
             levels.append(max(float(np.nanmean(squares)), stated, least**2))
         return levels
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested.
+
+    `judged` (n,) int: the folds by which stages are compared, -1 for samples that have no part in it. Of many samples
+    these are every k-th, as fits on thousands decide the same.
+    """
+
+    fit: np.ndarray
+    fold: np.ndarray
+    test: np.ndarray
+
+    @cached_property
+    def judged(self) -> np.ndarray:
+        step = -(-int((self.fold >= 0).sum()) // _JUDGED)
+        folded = np.cumsum(self.fold >= 0) - 1
+        return np.where((self.fold >= 0) & (folded % step == 0), self.fold, -1)
 
 
 def blocks(poses: np.ndarray, folds: int) -> np.ndarray:

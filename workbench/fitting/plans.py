@@ -15,22 +15,25 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import LOSSES
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
+from workbench.fitting.joint_curves import choose_joint_curves
 
 FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
 PLAN_FILES = Path(__file__).parent / "plan_files"
+CURVES = "joint curves"
 STAGES = {
     "transmission": "gears and encoders err once and twice a turn, and have play",
     "compliance": "joints yield to the weight of links and load, whose centres are not sure",
     "bending": "bearings of joints tilt, and with them links bend, under the moment across them",
+    CURVES: "gears and encoders have errors of many cycles per revolution, or of none",
     "drift": "base or instrument wander in the course of the recording",
 }
 """The stages of the default plan after the geometry, and why each is there; `Effect.stage` names one of them."""
 
 
 def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
-    """Geometry, transmission, compliance, bending and drift, as far as this recording can show them."""
-    planned = (_stage_of(name, chain) for name in STAGES)
-    return geometry(chain.robot), *(stage for stage in planned if stage.effects)
+    """Geometry, transmission, compliance, bending, joint curves and drift, as far as this recording can show them."""
+    planned = (joint_curves() if name == CURVES else _stage_of(name, chain) for name in STAGES)
+    return geometry(chain.robot), *(stage for stage in planned if stage.effects or stage.choose)
 
 
 def frames_of(parameters) -> tuple[str, ...]:
@@ -67,6 +70,11 @@ def geometry(robot: Robot) -> Stage:
     """Base, tool and all link parameters; kept whatever it does, since the rest stands on it."""
     why = "lengths, twists and zero offsets of this arm are not those of the data sheet"
     return Stage("geometry", why, free=(*FRAMES, *geometry_free(robot)), earn=False)
+
+
+def joint_curves() -> Stage:
+    """The error curves of joints that the fit before supports; none where it supports none."""
+    return Stage(CURVES, STAGES[CURVES], choose=choose_joint_curves)
 
 
 def _stage_of(name: str, chain: RobotChain) -> Stage:

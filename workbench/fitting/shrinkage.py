@@ -22,20 +22,26 @@ _LEAST, _MOST = (
 )  # typical sizes: a prior of a family is never tighter, or looser where it has none
 
 
-def settled(model: Model, fit: Fit, loss: str, steps: int) -> Fit:
-    """The fit once more, with the priors of each family of effects as wide as its parameters turned out large."""
-    scaled = rescaled(model, fit.parameters)
+def settled(model: Model, fit: Fit, loss: str, steps: int, only: np.ndarray | None = None) -> Fit:
+    """The fit once more, with the priors of each family of effects as wide as its parameters turned out large.
+
+    only (P,) bool: parameters whose priors may change; None for all.
+    """
+    scaled = rescaled(model, fit.parameters, only)
     return fit if scaled is fit.parameters else solve(model, scaled, loss, steps)
 
 
-def rescaled(model: Model, parameters: Parameters) -> Parameters:
+def rescaled(model: Model, parameters: Parameters, only: np.ndarray | None = None) -> Parameters:
     """The same parameters with the common prior of every family of linear effects that maximises the evidence.
 
-    A family is all free parameters of one effect, in one unit, at all its places. Their prior (1 sigma, in
+    A family is all free parameters of one effect, in one unit, at all its places, or as `Effect.shrinkage_groups`
+    divides them. Their prior (1 sigma, in
     typical sizes, about null) becomes s with s^2 = sum x^2 / sum (1 - C_kk / s^2), C the covariance under it:
     the size of what is determined. Linearised at `parameters`. Never wider than the effect's own prior.
     """
     family = _families(model, parameters)
+    if only is not None:
+        family = _renumbered(np.where(only[parameters.mask], family, -1))
     if family.max(initial=-1) < 0:
         return parameters
     size = parameters.typical[parameters.mask]
@@ -53,9 +59,17 @@ def _families(model, parameters) -> np.ndarray:
     family, names = np.full(len(parameters), -1), {}
     for effect, span in zip(model.effects, model.spans):
         if effect.linear and effect.port != NOISE:
-            kinds = [(effect.effect, p.unit) for p in parameters.table[span]]
+            groups = effect.shrinkage_groups() or [""] * (span.stop - span.start)
+            table = parameters.table[span]
+            kinds = [(effect.effect, group, p.unit) for group, p in zip(groups, table)]
             family[span] = [names.setdefault(kind, len(names)) for kind in kinds]
     return family[parameters.mask]
+
+
+def _renumbered(family: np.ndarray) -> np.ndarray:
+    """(F,) the same families with consecutive numbers from 0; -1 stays."""
+    numbers = np.unique(family[family >= 0])
+    return np.where(family < 0, -1, np.searchsorted(numbers, family))
 
 
 def _scaled(normal, away, precision, least, family):

@@ -33,6 +33,7 @@ from workbench.files.results import StageResult, calibration_json, parameter_row
 from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.fitting.cross_validation import (
     HeldOut,
+    Split,
     blocks,
     cross_validate,
     error_summary,
@@ -99,15 +100,6 @@ class Calibration:
     def as_json(self) -> dict:
         """The object of the JSON contract."""
         return calibration_json(self)
-
-
-@dataclass(frozen=True)
-class Split:
-    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested."""
-
-    fit: np.ndarray
-    fold: np.ndarray
-    test: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -225,15 +217,19 @@ def _first(model: Model, split: Split, stages: Sequence[Stage]) -> _Step:
 
 def _run(nominal: _Step, stages, split, progress):
     """All stages in order, then once more without each: what does not earn its place is left out."""
-    step, results = nominal, []
-    for stage in stages:
+    step, results, tried = nominal, [], []
+    for planned in stages:
+        stage = planned.chosen_for(step.model.at(split.fit), step.parameters)
+        if planned.choose is not None and not stage.effects:
+            continue
+        tried.append(stage)
         progress(f"stage {stage.name}: {stage.why}")
         after = _try(step, stage, split)
         earned = not stage.earn or after.held_out.beats(step.held_out)
         results.append(_stage_result(stage, step, after, earned))
         progress(results[-1].sentence)
         step = after if earned else step
-    return _prune(nominal, step, list(zip(stages, results)), split, progress)
+    return _prune(nominal, step, list(zip(tried, results)), split, progress)
 
 
 def _prune(nominal: _Step, step: _Step, rows, split, progress):
@@ -323,12 +319,15 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
 def _canonical(model, trial: Fit, wanted: Parameters):
     """Free only what earlier parameters do not already make, judged at the trial's solution.
 
-    Starts from the trial's values; what is left out goes back to where it was before.
+    Starts from the trial's values; what is left out goes back to where it was before. The terms of a series stay:
+    their common prior decides what the data determine.
     """
-    normal = normal_matrix(model, trial.parameters)
+    shrunk = model.shrunk
+    others = trial.parameters.only(trial.parameters.mask & ~shrunk)
     free, tied = independent(
-        normal, trial.parameters, redundant=redundant_geometry(model.chain.robot)
+        normal_matrix(model, others), others, redundant=redundant_geometry(model.chain.robot)
     )
+    free = free.only(free.mask | (shrunk & trial.parameters.mask))
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
 
 
@@ -369,13 +368,16 @@ def _extra_variance(squares, sigma):
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
     """Judged on folds of the fit samples alone: test samples have no part in choosing stages."""
-    return cross_validate(model, fit.parameters, split.fold, loss, steps, settle)
+    return cross_validate(model, fit.parameters, split.judged, loss, steps, settle)
 
 
 def _final_held_out(step: _Step, split: Split) -> HeldOut:
-    """The error on the named test samples, else that over the folds."""
+    """The error on the named test samples, else that over the folds of all fitted samples."""
     if not split.test.any():
-        return step.held_out
+        if np.array_equal(split.judged, split.fold):
+            return step.held_out
+        start, loss = step.fit.parameters, step.loss
+        return cross_validate(step.model, start, split.fold, loss, settle=step.settle)
     return hold_out(
         step.model, step.parameters, split.test, split.fit, step.loss, settle=step.settle
     )
@@ -413,7 +415,8 @@ def _calibration(
     parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
     known = _all_known(step, parameters, split)
-    solution = Solution(parameters, step.fit, known, provenance(recording), scores)
+    shrunk = frozenset(np.array(parameters.keys)[step.model.shrunk & parameters.mask].tolist())
+    solution = Solution(parameters, step.fit, known, provenance(recording), scores, shrunk)
     residuals = {
         "fit": step.model.residual(parameters),
         "held_out": held_out.residual,
@@ -450,7 +453,10 @@ def _calibration(
 
 def _all_known(step: _Step, parameters: Parameters, split: Split) -> Identifiability:
     """What the data determine of all that any stage freed, also of what was then held, and what Hayati's rows hold."""
-    everything = parameters.only(parameters.mask | np.isin(parameters.keys, list(step.tied)))
+    asked = parameters.mask | np.isin(parameters.keys, list(step.tied))
+    everything = parameters.only(
+        asked & ~step.model.shrunk
+    )  # the terms of a series have no sentence of their own
     robot = step.model.chain.robot
     if set(geometry_free(robot)) <= {
         key for key, free in zip(everything.keys, everything.mask) if free

@@ -21,7 +21,12 @@ def calibration(console, answer: Mapping) -> None:
     warnings(console, answer)
     _errors(console, answer)
     _stages(console, answer["stages"])
-    _parameters(console, answer["parameters"])
+    curves = answer.get("joint_curves", [])
+    _joint_curves(console, curves)
+    _stiffness(console, answer.get("stiffness", []))
+    described = tuple(f"{row['where']}.joint-curve." for row in curves)
+    others = [p for p in answer["parameters"] if not _key(p).startswith(described)]
+    _parameters(console, others)
 
 
 def warnings(console, answer: Mapping) -> None:
@@ -126,6 +131,45 @@ def _stages(console, stages: Sequence[Mapping]) -> None:
 def _verdict(stage: Mapping) -> str:
     earned = stage.get("earned", stage.get("kept"))
     return "" if earned is None or earned else "not retained"
+
+
+def _stiffness(console, stiffness: Sequence[Mapping]) -> None:
+    """Stiffness of the joints in N m/rad where loads or masses are known, else deflection under the links."""
+    if not stiffness:
+        return
+    rows = []
+    for row in stiffness:
+        value, std, shown = row["stiffness"], row["stiffness_std"], "kN m/rad"
+        factor = 1e-3
+        if value is None:
+            value, std = row["value"], row["std"]
+            shown, factor = ("mrad", 1e3) if row["unit"] == "rad" else ("µrad/(N m)", 1e6)
+        spread = "" if std is None else f" ± {std * factor:.2g}"
+        said = f"{value * factor:.3g}{spread} {shown}" if row["clear"] else "not determined"
+        rows.append([row["where"], row["known_from"], said])
+    title = (
+        "Joint stiffness; 'product only': deflection under the links, whose masses are not stated"
+    )
+    grid(
+        console, title, ["where", "known from", "stiffness, compliance or deflection"], rows, left=2
+    )
+
+
+def _key(row: Mapping) -> str:
+    return f"{row['where']}.{row['name']}"
+
+
+def _joint_curves(console, curves: Sequence[Mapping]) -> None:
+    """Size and dominant cycles of the error curve of each joint."""
+    if not curves:
+        return
+    rows = []
+    for curve in curves:
+        factor, unit = (1e3, "mrad") if curve["unit"] == "rad" else (1.0, "mm")
+        cycles = [f"{c['order']:.3g} ({c['amplitude'] * factor:.2g})" for c in curve["cycles"]]
+        rows.append([curve["where"], f"{curve['rms'] * factor:.3f} {unit}", ", ".join(cycles)])
+    title = "Joint error curves: cycles per revolution (amplitude), the largest of each"
+    grid(console, title, ["where", "RMS", "dominant cycles"], rows)
 
 
 def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:

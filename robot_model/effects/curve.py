@@ -1,0 +1,215 @@
+"""Any function of one joint's own angle: transmission errors without a stated order, encoders, worn gears."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from workbench.core.effect import Effect, Variant
+from workbench.core.errors import InputError
+
+MARGIN = 0.05
+"""Share of the visited span by which the domain of a curve exceeds it on either side."""
+MOST_TERMS = 63
+_LEAST_TERMS = 3
+_TERMS = (3, 7, 15, 31, 63)
+_OCCUPIED = 0.5  # share of the half waves of the highest term that must be visited; the prior bridges the others
+_VISITS = 2  # poses within a half wave that count as a visit
+_NUMBERS_PER_TERM = 4  # measured numbers per coefficient of all curves together
+_SAME_POSE = 4  # decimals of rad or mm
+_MOVES = {"rad": 0.2, "mm": 20.0}  # travel below which a curve is the zero offset
+_TYPICAL = {"rad": 3e-4, "mm": 0.02}
+_WIDEST = 3.0  # typical sizes: what a term may be, 1 sigma
+_GRID = 4096
+_LEFT = 0.05  # share of a curve's variance below which further cycles are not stated
+_OVERSAMPLING = 8  # candidate orders per cycle over the domain
+
+
+class JointCurve(Effect):
+    """Joint K has an error that is a function of its own angle, periodic or not, such as that of a gear or an encoder.
+
+    A cosine series on [start, end] (rad; mm of a slide) with zero slope at both ends; outside of the interval the
+    curve is constant. The constant term is left to the zero offset. A domain that is a little wider than the visited
+    angles leaves the slope at their ends free. The typical size of a term falls with the square root of its number,
+    so that the curve is smooth unless the data say otherwise.
+    """
+
+    effect = "joint-curve"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = sum_j c_j cos(j pi u), u = (q_K - start) / (end - start), j = 1 ... terms"
+    source = "Hilbert-space approximation of a Gaussian process: Solin & Sarkka, Stat. Comput. 30 (2020) 419"
+
+    def __init__(
+        self,
+        where: str,
+        start: float,
+        end: float,
+        terms: Annotated[int, Field(ge=1, le=256)] = 16,
+    ):
+        super().__init__(where)
+        if end <= start:
+            raise InputError(
+                f"effect '{self.effect}', options start and end: expected an end after the start, "
+                f"found {start:g} and {end:g}; correct them"
+            )
+        self.start, self.end, self.terms = start, end, terms
+
+    @property
+    def reads(self):
+        return (f"q{self.number}",)
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every joint that moves, at each resolution that the visited angles support.
+
+        The torque of a cable or a spring deflects a joint by a smooth function of its angle, too: a curve of few terms.
+        """
+        for finest in curve_candidates(chain):
+            for terms in _TERMS:
+                if terms <= finest.terms:
+                    made = cls(finest.where, finest.start, finest.end, terms)
+                    yield Variant(made, f"of {terms} terms")
+
+    def table(self, chain):
+        unit = "mm" if chain.slides(self.number) else "rad"
+        table = []
+        for j in range(1, self.terms + 1):
+            typical = _TYPICAL[unit] / np.sqrt(j)
+            label = f"joint {self.number}'s error curve, term {j}"
+            table.append(self.parameter(f"c{j}", unit, typical, label, _WIDEST * typical))
+        return tuple(table)
+
+    def basis(self, state):
+        return self.cosines(state.variables[self.number - 1])[:, None]
+
+    def cosines(self, angle: np.ndarray) -> np.ndarray:
+        """(terms, n) the terms of the series at joint variables (n,) in rad or mm."""
+        u = np.clip((angle - self.start) / (self.end - self.start), 0.0, 1.0)
+        return np.cos(np.pi * np.arange(1, self.terms + 1)[:, None] * u)
+
+    def shrinkage_groups(self) -> tuple[str, ...]:
+        """One group per joint and octave of the term's number: each has a prior scale of its own."""
+        return tuple(f"{self.where} octave {j.bit_length()}" for j in range(1, self.terms + 1))
+
+    def curve(self, coefficients: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """(n,) error in rad (mm) at joint variables (n,), for coefficients (terms,)."""
+        return np.asarray(coefficients) @ self.cosines(np.asarray(angle, float))
+
+    @property
+    def title(self):
+        return f"{self.effect} of {self.terms} terms at {self.where}"
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A sinusoid in a curve: `order` cycles per revolution (per mm of a slide), `amplitude` in rad or mm."""
+
+    order: float
+    amplitude: float
+
+
+def dominant_cycles(effect: JointCurve, coefficients: np.ndarray, count: int = 4) -> list[Cycle]:
+    """The sinusoids that make most of a curve on its domain, largest first.
+
+    Matching pursuit (Mallat & Zhang, IEEE Trans. Signal Process. 41 (1993) 3397) over sinusoids from half a cycle per
+    domain to the resolution of the series; it ends where less than 5 % of the variance is left.
+    """
+    span = effect.end - effect.start
+    angle = np.linspace(effect.start + MARGIN * span, effect.end - MARGIN * span, _GRID)
+    left = effect.curve(coefficients, angle)
+    left = left - left.mean()
+    whole = float(left @ left)
+    step = 2 * np.pi / span / _OVERSAMPLING
+    frequencies = np.arange(_OVERSAMPLING / 2, _OVERSAMPLING * (effect.terms / 2 + 1)) * step
+    phases = np.exp(1j * frequencies[:, None] * angle)
+    cycles: list[Cycle] = []
+    while len(cycles) < count and float(left @ left) > _LEFT * max(whole, 1e-300):
+        best = int(np.argmax(np.abs(phases @ left)))
+        columns = np.stack([phases[best].real, phases[best].imag, np.ones(_GRID)], 1)
+        fitted = np.linalg.lstsq(columns, left, rcond=None)[0]
+        left = left - columns @ fitted
+        cycles.append(Cycle(float(frequencies[best]), float(np.hypot(fitted[0], fitted[1]))))
+    return sorted(cycles, key=lambda cycle: -cycle.amplitude)
+
+
+def resolved_terms(angle: np.ndarray, numbers: int) -> int:
+    """Terms of a curve that the visited angles (n,) and a budget of measured numbers support; 0 where none.
+
+    3, 7, 15, 31 or 63, which are complete octaves: at least half of the half waves of the highest term are visited.
+    """
+    low, high = float(angle.min()), float(angle.max())
+    terms = MOST_TERMS
+    while terms >= _LEAST_TERMS:
+        visits = np.histogram(angle, bins=terms + 1, range=(low, high))[0]
+        is_visited = float((visits >= _VISITS).mean()) >= _OCCUPIED
+        if is_visited and terms * _NUMBERS_PER_TERM <= numbers:
+            return terms
+        terms //= 2
+    return 0
+
+
+def curve_options(angle: np.ndarray, terms: int) -> dict:
+    """Options of a `JointCurve` of a joint with visited angles (n,) in rad (mm)."""
+    low, high = float(angle.min()), float(angle.max())
+    margin = MARGIN * (high - low)
+    return {
+        "start": float(np.round(low - margin, 6)),
+        "end": float(np.round(high + margin, 6)),
+        "terms": terms,
+    }
+
+
+def curve_candidates(chain) -> list[JointCurve]:
+    """A curve for each joint that moves, at the resolution that the visited angles support."""
+    poses = np.round(
+        chain.variables, _SAME_POSE
+    )  # repeats count once, several reflectors of a pose do not
+    visited = np.unique(poses, axis=1)
+    rows = np.unique(np.concatenate([poses, chain.state.index[None]]), axis=1).shape[1]
+    numbers = chain.sigma.shape[0] * rows // chain.robot.joints
+    curves = []
+    for k in range(1, chain.robot.joints + 1):
+        angle = visited[k - 1]
+        if np.ptp(angle) < _MOVES["mm" if chain.slides(k) else "rad"]:
+            continue
+        terms = resolved_terms(angle, numbers)
+        if terms:
+            curves.append(JointCurve(f"joint-{k}", **curve_options(angle, terms)))
+    return curves
+
+
+def describe_curves(model, parameters) -> list[dict]:
+    """One row per joint curve of a model: its size on the visited angles and its dominant cycles.
+
+    Keys: `where`, `unit` (rad or mm), `rms` (without the mean), `terms`, and `cycles`: `order` in cycles per revolution
+    (per mm of a slide) and `amplitude`, largest first.
+    """
+    rows = []
+    for effect, span in zip(model.effects, model.spans):
+        if not isinstance(effect, JointCurve):
+            continue
+        coefficients = parameters.values[span]
+        error = effect.curve(coefficients, model.chain.variables[effect.number - 1])
+        cycles = dominant_cycles(effect, coefficients)
+        rows.append(
+            {
+                "where": effect.where,
+                "unit": parameters.table[span.start].unit,
+                "rms": float(error.std()),
+                "terms": effect.terms,
+                "cycles": [{"order": c.order, "amplitude": c.amplitude} for c in cycles],
+            }
+        )
+    return rows
+
+
+__all__ = [
+    "Cycle",
+    "JointCurve",
+    "curve_options",
+    "describe_curves",
+    "dominant_cycles",
+    "resolved_terms",
+]

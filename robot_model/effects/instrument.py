@@ -1,0 +1,177 @@
+"""Effects of an external instrument, such as a laser tracker: its sight line is part of the measuring chain.
+
+The instrument stands at the origin of the external frame, as it does where its own coordinates are recorded.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from workbench.core.effect import Effect, Variant
+
+_METRE = 1e-3  # m per mm
+
+
+def sight_lines(state) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (3, n) from the instrument to the measured points, external frame, and ranges (n,) in m."""
+    length = np.linalg.norm(state.measured, axis=0)
+    return state.measured / np.maximum(length, 1e-9), length * _METRE
+
+
+class SightLineRefraction(Effect):
+    """The sight line of the instrument is bent by a gradient of the air's temperature.
+
+    Three numbers: the gradient of the refractive index across space, which shifts a point across the sight line with
+    the square of the range.
+    """
+
+    effect = "sight-line-refraction"
+    port = "sensor"
+    of_session = True
+    places = ("instrument",)
+    equation = "dp = r^2 / 2 (G - u (u.G)), u the sight line, r the range"
+    source = (
+        "curvature of a ray in a linear index gradient: Born & Wolf, Principles of Optics, sec. 3.2"
+    )
+
+    def slots(self, chain):
+        return (0, 1, 2)
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(f"gradient_{a}", "mm/m^2", 0.01, f"the gradient of the air along {a}")
+            for a in "xyz"
+        )
+
+    def basis(self, state):
+        sight, distance = sight_lines(state)
+        across = np.eye(3)[:, :, None] - sight[:, None] * sight[None]
+        return across * distance**2 / 2
+
+
+class InstrumentRange(Effect):
+    """The instrument's range is wrong by a share of the distance: its scale or the refractive index of the air.
+
+    About the robot's root, as the base pose takes up the rest. The same share of all lengths of the arm has the same
+    effect, so that a recording cannot distinguish them; a known scale in space decides.
+    """
+
+    effect = "range-scale"
+    port = "sensor"
+    places = ("instrument",)
+    equation = "dp = c p, p from the robot's root"
+    source = "first-order scale error of an interferometer or distance meter: ISO 10360-10"
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: all lengths of the arm together have the same effect."""
+        return ()
+
+    def slots(self, chain):
+        return (0, 1, 2)
+
+    def table(self, chain):
+        return (self.parameter("scale", "1", 2e-5, "the scale of the instrument's range"),)
+
+    def basis(self, state):
+        # of the nominal arm: measured points hold the errors themselves, and a share of these explains them
+        return (state.root_rotation @ state.frames.point(state.target))[None]
+
+
+class ReflectorIncidence(Effect):
+    """The centre of a reflector on the tool shifts with the direction from which the instrument sees it.
+
+    A polynomial of degree 2 in the sight line in the flange frame, eight numbers along each axis of the flange; the
+    squares of a unit vector add up to 1. `reflector`: its number in the recording; 0 for all of them.
+    """
+
+    effect = "reflector-incidence"
+    port = "target"
+    places = ("tool",)
+    equation = "dp = B s + C (s_x^2, s_y^2, s_x s_y, s_x s_z, s_y s_z), s towards the instrument in the flange frame"
+    source = "centring error of a retroreflector: ISO 10360-10, annex B; Muralikrishnan et al., Precis. Eng. 44 (2016)"
+    coexists = True
+    of_session = True
+
+    def __init__(self, where: str, reflector: Annotated[int, Field(ge=0)] = 0):
+        super().__init__(where)
+        self.reflector = reflector
+
+    @classmethod
+    def candidates(cls, chain):
+        """Where an external instrument measures: of every reflector."""
+        numbers = np.unique(chain.state.index)
+        if not chain.places("instrument"):
+            return
+        for number in numbers if len(numbers) > 1 else [0]:
+            label = f"of reflector {number}" if number else ""
+            yield Variant(cls("tool", int(number)), label, 1 / len(numbers))
+
+    def slots(self, chain):
+        return (0, 1, 2)
+
+    def table(self, chain):
+        which = f"reflector {self.reflector}" if self.reflector else "the reflector"
+        key = f"r{self.reflector}_" if self.reflector else ""
+        powers = ("x", "y", "z", "xx", "yy", "xy", "xz", "yz")
+        names = [f"{a}_by_{power}" for a in "xyz" for power in powers]
+        return tuple(
+            self.parameter(
+                key + name, "mm", 0.05, f"the centre of {which}, {name.replace('_', ' ')}"
+            )
+            for name in names
+        )
+
+    def basis(self, state):
+        sight, _ = sight_lines(state)
+        root = state.root_rotation.T @ -sight
+        seen = np.einsum("cin,in->cn", state.frames.link[-1], root)
+        first, second = [0, 1, 0, 0, 1], [0, 1, 1, 2, 2]
+        factors = np.concatenate([seen, seen[first] * seen[second]])
+        if self.reflector:
+            factors = factors * (state.index == self.reflector)
+        return np.einsum("at,fn->aftn", np.eye(3), factors).reshape(24, 3, state.n)
+
+
+class AngularNoise(Effect):
+    """The noise grows with the distance from the instrument, as that of its angles does.
+
+    The logarithm of sigma is linear in that of the range; 1 is proportional. `reference_m` is the range at which sigma
+    is as stated.
+    """
+
+    effect = "angular-noise"
+    port = "noise"
+    places = ("noise",)
+    equation = "log sigma -> log sigma + c log(r / r_0)"
+    source = "angle encoders of a tracker: ISO 10360-10; log-linear variance: Harvey, Econometrica 44 (1976)"
+    nonnegative = 1
+
+    def __init__(self, where: str, reference_m: Annotated[float, Field(gt=0)] = 1.0):
+        super().__init__(where)
+        self.reference_m = reference_m
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: noise that depends on a covariate is judged on what all laws leave."""
+        return ()
+
+    def slots(self, chain):
+        return (0,)
+
+    def table(self, chain):
+        return (self.parameter("exponent", "1", 0.5, "the exponent of the noise with range"),)
+
+    def basis(self, state):
+        _, distance = sight_lines(state)
+        return np.log(np.maximum(distance, 1e-9) / self.reference_m)[None, None]
+
+
+__all__ = [
+    "AngularNoise",
+    "InstrumentRange",
+    "ReflectorIncidence",
+    "SightLineRefraction",
+    "sight_lines",
+]

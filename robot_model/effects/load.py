@@ -1,0 +1,181 @@
+"""The load on the flange, of unknown mass and centre, from the start or after an instant; links that bend as beams."""
+
+import numpy as np
+
+from robot_model.chain import cross
+from robot_model.effects.elastic import one_each
+from robot_model.effects.steps import instants_between
+from workbench.core.covariates import clock
+from workbench.core.effect import Effect, Grid, Variant
+from workbench.core.parameters import Parameter
+
+_LEVER_M, _DEFLECTION = 0.02, 3e-4  # m of lever that must vary; rad/N that a joint deflects by
+_LOAD_KG, _CENTRE_MM = 1.0, 100.0
+
+
+class Payload(Effect):
+    """The tool carries a load of unknown mass and centre of mass, in addition to what is recorded.
+
+    Mass and first moment in the flange frame (centre = first moment / mass); only seen through what deflects under the
+    load. `after`: an instant in s where time was recorded, else the number of a row; absent: all the time.
+    """
+
+    effect = "payload"
+    port = "mass"
+    places = ("tool",)
+    needs_compliance = True
+    of_session = True
+    equation = "m -> m + d, m c -> m c + h, all the time or after an instant"
+    source = "load identification: Khalil, Gautier & Lemoine, ICRA 2007; Swevers et al., IEEE Control Syst. 27 (2007)"
+    unrecorded = "payload_kg"
+
+    def __init__(self, where: str, after: float | None = None):
+        super().__init__(where)
+        self.after = after
+
+    @classmethod
+    def candidates(cls, chain):
+        """A constant load, where masses are known, so that the load is distinguishable from them."""
+        if chain.robot.mass.any():
+            yield Variant(cls("tool"), "constant")
+
+    def slots(self, chain):
+        first = 3 * chain.robot.joints
+        return (first + 3, first, first + 1, first + 2)
+
+    def table(self, chain):
+        mass = max(0.05 * float(chain.robot.mass.sum()), _LOAD_KG)
+        label = "the load"
+        moments = [
+            self.parameter(
+                f"m{axis}", "kg mm", mass * _CENTRE_MM, f"{label}'s first moment in {axis}"
+            )
+            for axis in "xyz"
+        ]
+        return (self.parameter("mass", "kg", mass, f"{label}'s mass"), *moments)
+
+    def basis(self, state):
+        there = np.ones(state.n)
+        if self.after is not None:
+            there = (clock(state) > self.after).astype(float)
+        return np.eye(4)[:, :, None] * there
+
+
+class LoadDeflection(Effect):
+    """The tool carries another load after an instant, and the joints deflect by it; no joint's compliance is known.
+
+    One number a joint: its compliance times the change of mass, with the centre of the load at the
+    measured point or at the tool's centre of mass.
+    """
+
+    effect = "payload"
+    port = "joint"
+    of_session = True
+    places = ("tool",)
+    elastic = True
+    equation = (
+        "dq_K = l_K t_K(q) after an instant, t_K the torque of one newton at the load's centre"
+    )
+    source = (
+        "linear torsion springs under a change of load: Ye et al., Sensors 24, 2559 (2024), eq. 22"
+    )
+    reads = ("time",)
+    unrecorded = "payload_kg"
+
+    def __init__(self, where: str, after: float):
+        super().__init__(where)
+        self.after = after
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: `grids` has all instants."""
+        return ()
+
+    @classmethod
+    def grids(cls, chain):
+        """Any instant between two samples, but for the first and the last two."""
+        between = instants_between(chain.state)
+        torque = chain.state.unit_load_torque
+        if len(between) and np.ptp(torque, axis=1).max() > _LEVER_M:
+            even, label = np.ones(len(between)), "after {:g}"
+            yield Grid(
+                cls, "tool", "after", "step", "time", between, even, _DEFLECTION, label, torque
+            )
+
+    def slots(self, chain):
+        return tuple(range(chain.robot.joints))
+
+    def table(self, chain):
+        table = []
+        for k in range(1, chain.robot.joints + 1):
+            unit = "mm" if chain.slides(k) else "rad/m"
+            label = f"the deflection of joint {k} by the change of load"
+            size = _DEFLECTION
+            table.append(
+                Parameter(f"tool.{self.effect}.joint{k}", unit, 0.0, size, label, 30 * size)
+            )
+        return tuple(table)
+
+    def basis(self, state):
+        is_after = clock(state) > self.after
+        return one_each(state.unit_load_torque * is_after)
+
+
+class LinkBeam(Effect):
+    """Link K bends as a beam under the gravity moments at its root and its tip, and twists about itself.
+
+    A cantilever of constant section under a force and a moment at its tip: the rotation of the tip is that of a flexure
+    at mid-link, its shift differs by L/12 times the difference of the moments at root and tip.
+    """
+
+    effect = "link-compliance"
+    port = "frame"
+    places = ("link",)
+    elastic = True
+    equation = (
+        "w = c (M_root + M_tip) / 2 across + t M_mid along; shift + c L (M_root - M_tip) / 12"
+    )
+    source = "Euler-Bernoulli cantilever: Gere & Timoshenko, Mechanics of Materials, app. G; Klimchik et al. (2017)"
+    nonnegative = 2
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: a flexure at mid-link stands for it, which differs by a twelfth of the link."""
+        return ()
+
+    def table(self, chain):
+        about = f"link {self.number}'s"
+        return (
+            self.parameter("bending", "rad/(N m)", 3e-5, f"{about} bending compliance", 3e-4),
+            self.parameter("torsion", "rad/(N m)", 3e-5, f"{about} torsional compliance", 3e-4),
+        )
+
+    def basis(self, state):
+        moment = state.moment[self.number]
+        vector = self._vector(state)  # from root to tip, in the axes of frame K
+        length = float(np.linalg.norm(vector))
+        along = vector / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+        across = moment - along[:, None] * (along @ moment)
+        difference = self._by_weight(state, vector)
+        lever = np.broadcast_to((vector / 12)[:, None], difference.shape)
+        out = np.zeros((2, 6, state.n))
+        out[0, :3] = cross(difference, lever)
+        out[0, 3:] = across
+        out[1, 3:] = along[:, None] * (along @ moment)
+        return out
+
+    def _vector(self, state) -> np.ndarray:
+        """(3,) mm from the root of the link to its tip in frame K: twice the way from its pivot to its end."""
+        frames = state.frames
+        half = frames.origin[self.number - 1][:, :1] - frames.pivot[self.number][:, :1]
+        return 2 * np.einsum("cin,in->c", frames.link[self.number][..., :1], half)
+
+    def _by_weight(self, state, vector: np.ndarray) -> np.ndarray:
+        """(3, n) N m: moment at the root minus that at the tip, the link's vector times the weight beyond it."""
+        masses = state.robot.mass[self.number :].sum() + state.payload
+        gravity = np.einsum("cin,i->cn", state.frames.link[self.number], state.gravity)
+        weight = gravity * masses * 9.80665
+        return cross(np.broadcast_to(vector[:, None] * 1e-3, weight.shape), weight)
+
+
+__all__ = ["LinkBeam", "LoadDeflection", "Payload"]

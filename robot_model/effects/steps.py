@@ -1,0 +1,239 @@
+"""Changes in the course of a recording: a step of a pose, a tool that loosens, warming-up without a thermometer."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from workbench.core.covariates import clock
+from workbench.core.effect import Effect, Grid, Variant
+
+_TWIST = (
+    ("x", "mm", 0.1),
+    ("y", "mm", 0.1),
+    ("z", "mm", 0.1),
+    ("rx", "rad", 3e-4),
+    ("ry", "rad", 3e-4),
+    ("rz", "rad", 3e-4),
+)
+_TIME_CONSTANTS = np.geomspace(0.03, 1.0, 10)  # of the recording's length
+_GROWTH = 1e-4  # of a length, about ten kelvin
+
+
+def instants_between(state) -> np.ndarray:
+    """(V,) instants midway between two samples, but for the first and the last two."""
+    instants = np.unique(clock(state))
+    return ((instants[1:] + instants[:-1]) / 2)[2:-2]
+
+
+class Shift(Effect):
+    """The pose of the tool, the base or a link changes once, as after a bump, a slipped clamp or a bent link.
+
+    Six numbers: the step of the twist at the place, in its own axes. `after` is an instant in s where time was
+    recorded, else the number of a row.
+    """
+
+    effect = "shift"
+    port = "frame"
+    places = ("tool", "base", "link")
+    equation = "twist = d after an instant"
+    source = "step change of a pose: change-point model, Basseville & Nikiforov, Detection of Abrupt Changes (1993)"
+    reads = ("time",)
+
+    def __init__(self, where: str, after: float):
+        super().__init__(where)
+        self.after = after
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: `grids` has all instants."""
+        return ()
+
+    @classmethod
+    def grids(cls, chain):
+        """Any instant between two samples, but for the first and the last two; the last link is the tool."""
+        between = instants_between(chain.state)
+        last = f"link-{chain.robot.joints}"
+        for where in (w for place in cls.places for w in chain.places(place) if w != last):
+            even, sizes = np.ones(len(between)), tuple(size for _, _, size in _TWIST)
+            if len(between):
+                yield Grid(cls, where, "after", "step", "time", between, even, sizes, "after {:g}")
+
+    def table(self, chain):
+        label = f"the shift of {self.where} after {self.after:g}"
+        return tuple(
+            self.parameter(name, unit, size, f"{label}, {name}") for name, unit, size in _TWIST
+        )
+
+    def basis(self, state):
+        is_after = (clock(state) > self.after).astype(float)
+        return np.eye(6)[:, :, None] * is_after
+
+
+class Loosening(Effect):
+    """The tool loosens: it gives way to its own weight by more and more in the course of the recording.
+
+    The sag grows linearly from `start` to `end`, in the unit of the clock: along each axis of the flange with the
+    component of gravity along it, and as a rotation about the axis across the tool's z and gravity.
+    """
+
+    effect = "loosening"
+    port = "frame"
+    places = ("tool",)
+    elastic = True
+    equation = "twist = u(t) (c_i g_i, c_r z x g), u from 0 at start to 1 at end"
+    source = "tool deflection with a compliance that grows linearly in time"
+    reads = ("time",)
+
+    def __init__(self, where: str, start: float, end: float):
+        super().__init__(where)
+        self.start, self.end = start, end
+
+    @classmethod
+    def candidates(cls, chain):
+        """Over the whole recording."""
+        time = clock(chain.state)
+        if np.ptp(time) > 0:
+            yield Variant(cls("tool", float(time.min()), float(time.max())))
+
+    def table(self, chain):
+        label = "the growth of the tool's sag"
+        shifts = [self.parameter(f"sag_{a}", "mm", 0.1, f"{label} along {a}") for a in "xyz"]
+        return (*shifts, self.parameter("tilt", "rad", 3e-4, f"{label}, rotation"))
+
+    def basis(self, state):
+        down = np.einsum("cin,i->cn", state.frames.link[-1], state.gravity)
+        out = np.zeros((4, 6, state.n))
+        out[range(3), range(3)] = down
+        out[3, 3], out[3, 4] = -down[1], down[0]  # z x g in the axes of the flange
+        grown = (clock(state) - self.start) / max(self.end - self.start, 1e-12)
+        return out * np.clip(grown, 0.0, 1.0)
+
+
+def warm_up_variants(kind, chain) -> list[Variant]:
+    """Time constants of a share of the recording's length at every place, where no temperature is recorded."""
+    time = clock(chain.state)
+    start, span = float(time.min()), float(np.ptp(time))
+    if span <= 0 or any("temperature" in name for name in chain.state.covariates):
+        return []
+    found = []
+    for where in (w for place in kind.places for w in chain.places(place)):
+        for share in _TIME_CONSTANTS:
+            constant = float(f"{share * span:.3g}")
+            made = kind(where, constant, start)
+            if np.any(made.basis(chain.state)):
+                label = f"with time constant {constant:g}"
+                found.append(Variant(made, label, 1 / len(_TIME_CONSTANTS), "temperature"))
+    return found
+
+
+def warm_up_progress(state, time_constant: float, start: float) -> np.ndarray:
+    """(n,) from 0 at the start to 1 in the steady state."""
+    return -np.expm1(-np.maximum(clock(state) - start, 0.0) / time_constant)
+
+
+class JointWarmUp(Effect):
+    """Joint K warms up and its zero drifts to a steady value, with one time constant and no temperature recorded."""
+
+    effect = "warm-up"
+    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
+    reads = ("time",)
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = c (1 - exp(-(t - start) / T))"
+
+    def __init__(
+        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
+    ):
+        super().__init__(where)
+        self.time_constant, self.start = time_constant, start
+
+    @classmethod
+    def candidates(cls, chain):
+        """With time constants of a share of the recording's length, where no temperature is recorded."""
+        return warm_up_variants(cls, chain)
+
+    def table(self, chain):
+        unit = "mm" if chain.slides(self.number) else "rad"
+        size = {"mm": 0.05, "rad": 3e-4}[unit]
+        return (self.parameter("final", unit, size, f"joint {self.number}'s drift by warming up"),)
+
+    def basis(self, state):
+        return warm_up_progress(state, self.time_constant, self.start)[None, None]
+
+
+class LinkWarmUp(Effect):
+    """Link K warms up and grows to a steady length, with one time constant and no temperature recorded."""
+
+    effect = "warm-up"
+    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
+    reads = ("time",)
+    port = "geometry"
+    places = ("link",)
+    components = (1, 2)
+    equation = "(d, a) grow by c (1 - exp(-(t - start) / T)) (d, a)"
+
+    def __init__(
+        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
+    ):
+        super().__init__(where)
+        self.time_constant, self.start = time_constant, start
+
+    @classmethod
+    def candidates(cls, chain):
+        """With time constants of a share of the recording's length, where no temperature is recorded."""
+        return warm_up_variants(cls, chain)
+
+    def table(self, chain):
+        return (
+            self.parameter("final", "1", _GROWTH, f"link {self.number}'s growth by warming up"),
+        )
+
+    def basis(self, state):
+        lengths = state.robot.geometry[self.number - 1, 1:3]
+        if state.robot.prismatic[self.number - 1]:
+            lengths = lengths * [0.0, 1.0]
+        return (lengths[:, None] * warm_up_progress(state, self.time_constant, self.start))[None]
+
+
+class BaseWarmUp(Effect):
+    """The base warms up and moves to a steady pose, with one time constant and no temperature recorded."""
+
+    effect = "warm-up"
+    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
+    reads = ("time",)
+    port = "frame"
+    places = ("base",)
+    equation = "twist = c (1 - exp(-(t - start) / T))"
+
+    def __init__(
+        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
+    ):
+        super().__init__(where)
+        self.time_constant, self.start = time_constant, start
+
+    @classmethod
+    def candidates(cls, chain):
+        """With time constants of a share of the recording's length, where no temperature is recorded."""
+        return warm_up_variants(cls, chain)
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(name, unit, size, f"the base's drift by warming up, {name}")
+            for name, unit, size in _TWIST
+        )
+
+    def basis(self, state):
+        return np.eye(6)[:, :, None] * warm_up_progress(state, self.time_constant, self.start)
+
+
+__all__ = [
+    "BaseWarmUp",
+    "JointWarmUp",
+    "LinkWarmUp",
+    "Loosening",
+    "Shift",
+    "instants_between",
+    "warm_up_progress",
+    "warm_up_variants",
+]

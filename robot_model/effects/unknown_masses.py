@@ -1,0 +1,327 @@
+"""Compliance under the weight of links whose masses nobody states: linear in compliance times first moment.
+
+The gravity torque at a joint is linear in the first moments of the bodies beyond it, and only in their base (minimal)
+combinations: Khalil & Dombre, Modeling, Identification and Control of Robots (2002), ch. 9. Compliance times first
+moment times g is an angle: the deflection where the moment is horizontal. Only this product is identifiable without a
+known load. What is expected before measuring follows from the lengths: each link a uniform bar between its joint axes.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from robot_model.chain import cross, forward
+from robot_model.robot import Robot
+from workbench.core.effect import Effect, Variant
+from workbench.core.parameters import Parameter
+
+TYPICAL_RAD = 3e-4
+"""Deflection of a joint under the whole arm stretched out: 0.3 mm at 1 m."""
+_TILT_RAD = 1e-4  # of a bearing, a link or the foot
+_OFF_THE_BAR, _LEAST_SHARE = (
+    0.3,
+    0.03,
+)  # how far first moments are from those of uniform bars, and at least
+_CONFIGURATIONS, _DEPENDENT = 64, 1e-6
+_NO_BAR_MM = 1e-6
+_UNDER_BARS = (
+    0.05  # variation, of the greatest moment of the bars, below which no deflection is measurable
+)
+_BEARING_WEIGHT = 0.2  # prior weight of a bearing, relative to the joint
+
+
+@lru_cache(maxsize=64)
+def bar_shares(robot: Robot) -> np.ndarray:
+    """(J,) expected first moment of every link with all beyond it, for uniform bars: its length times what it carries.
+
+    Slides count with their nominal position. The sum over the links from K on normalises what joint K carries.
+    """
+    frames = forward(robot, np.zeros((robot.joints, 1)), links=True)
+    length = np.linalg.norm(_bars(frames), axis=1)[:, 0]
+    beyond = np.cumsum(length[::-1])[::-1] - length
+    return length * (length / 2 + beyond)
+
+
+def _bars(frames) -> np.ndarray:
+    """(J, 3, n) mm from a point on the axis of each joint to one on the next axis, the last to the flange."""
+    ends = np.concatenate([frames.z_origin[1:], frames.end_origin[None]])
+    return ends - frames.z_origin
+
+
+def bar_moments(state, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit moments of the bars of links `first` ... J (from 0) under gravity, root frame (B, 3, n), and shares (B,).
+
+    Links without a length between their axes are left out. The shares add up to 1.
+    """
+    shares = bar_shares(state.robot)[first:]
+    bars = _bars(state.frames)[first:]
+    used = shares > _NO_BAR_MM
+    if not used.any():
+        return np.zeros((0, 3, state.n)), np.zeros(0)
+    directions = bars[used] / np.linalg.norm(bars[used], axis=1, keepdims=True)
+    gravity = np.broadcast_to(state.gravity[:, None], directions.shape)
+    return cross(directions, gravity), shares[used] / shares[used].sum()
+
+
+@lru_cache(maxsize=256)
+def base_columns(robot: Robot, joint: int) -> tuple[tuple[int, int], ...]:
+    """(body, axis) of a minimal set of first moments in the torque of a joint, all from 0: bodies `joint` ... J - 1.
+
+    Numerically, by QR of the regressor at random configurations: Gautier, J. Robotic Systems 8 (1991) 485. Bodies
+    closer to the joint come first, so that the others are grouped with them.
+    """
+    rng = np.random.default_rng(0)
+    variables = rng.uniform(-np.pi, np.pi, (robot.joints, _CONFIGURATIONS))
+    frames = forward(robot, variables, links=True)
+    names = [(body, axis) for body in range(joint, robot.joints) for axis in range(3)]
+    columns = [_unit_torque(frames, robot.gravity, joint, *name) for name in names]
+    kept, basis = [], np.zeros((_CONFIGURATIONS, 0))
+    for name, column in zip(names, columns):
+        left = column - basis @ (basis.T @ column)
+        size = float(np.linalg.norm(left))
+        if size > _DEPENDENT * np.sqrt(_CONFIGURATIONS):
+            kept.append(name)
+            basis = np.concatenate([basis, left[:, None] / size], 1)
+    return tuple(kept)
+
+
+def _unit_torque(frames, gravity, joint: int, body: int, axis: int) -> np.ndarray:
+    """(n,) torque about a joint of a unit first moment along an axis of a body, per unit of gravity."""
+    moment = cross(
+        frames.link[body + 1][axis], np.broadcast_to(gravity[:, None], frames.z[0].shape)
+    )
+    return (frames.z[joint] * moment).sum(0)
+
+
+def _of_bars(kind, chain, label: str = "", mass: float = 1.0) -> list[Variant]:
+    """A variant at each place where the moment of uniform bars varies; none where masses are stated."""
+    if chain.robot.mass.any():
+        return []
+    found = []
+    for place in kind.places:
+        for made in map(kind, chain.places(place)):
+            numbered = place in ("joint", "link")
+            if numbered and (chain.slides(made.number) or made.first() >= chain.robot.joints):
+                continue
+            if np.ptp(made.basis(chain.state)[0], axis=-1).max() > _UNDER_BARS:
+                found.append(Variant(made, label, mass))
+    return found
+
+
+class GravityCompliance(Effect):
+    """Joint K deflects under the weight of the links, whose masses are not stated.
+
+    `sag` is the deflection for uniform bars, at the greatest moment that they can have about the joint; the other
+    parameters are compliance times further first moments of the base set. None of them is a stiffness: the compliance
+    in rad/(N m) follows only with a known load (`joint-compliance`).
+    """
+
+    effect = "gravity-compliance"
+    port = "joint"
+    places = ("joint",)
+    elastic = True
+    turning = True
+    equation = "dq = sag sum_i s_i z.(b_i x g) + sum_b p_b z.(e_b x g), p_b = lambda m_b g"
+    source = (
+        "base parameters: Khalil & Dombre (2002), ch. 9; Gautier, J. Robotic Systems 8 (1991) 485"
+    )
+    stage = "compliance"
+    nonnegative = 1
+
+    @property
+    def reads(self):
+        return (f"tau{self.number}",)
+
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
+        return self.number - 1
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every revolute joint whose torque would vary with uniform bars; none where masses are stated."""
+        return _of_bars(cls, chain)
+
+    @classmethod
+    def planned(cls, chain):
+        """The same."""
+        return [(variant.effect.where, {}) for variant in cls.candidates(chain)]
+
+    def table(self, chain):
+        label = f"joint {self.number}'s deflection under the links"
+        table = [self.parameter("sag", "rad", TYPICAL_RAD, label, 10 * TYPICAL_RAD)]
+        shares = bar_shares(chain.robot)
+        whole = max(shares[self.number - 1 :].sum(), _NO_BAR_MM)
+        for body, axis in base_columns(chain.robot, self.number - 1):
+            share = max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
+            about = f"first moment of link {body + 1} along {'xyz'[axis]}"
+            name = f"link{body + 1}_{'xyz'[axis]}"
+            size = TYPICAL_RAD * share
+            table.append(self.parameter(name, "rad", size, f"{label}, {about}", 10 * size))
+        return tuple(table)
+
+    def basis(self, state):
+        joint = self.number - 1
+        moments, shares = bar_moments(state, joint)
+        sag = np.einsum("b,bin,in->n", shares, moments, state.frames.z[joint])
+        columns = [
+            _unit_torque(state.frames, state.gravity, joint, body, axis)
+            for body, axis in base_columns(state.robot, joint)
+        ]
+        return np.stack([sag, *columns])[:, None]
+
+
+def _tilt_table(effect: Effect, chain, said: str) -> tuple[Parameter, ...]:
+    """Parameters of what tilts: under uniform bars, and under each bar but the last by itself."""
+    label, first = f"{said} {effect.where} under the links", effect.first()
+    shares = bar_shares(chain.robot)
+    bodies = [i for i in range(first, chain.robot.joints) if shares[i] > _NO_BAR_MM]
+    whole = max(shares[first:].sum(), _NO_BAR_MM)
+    table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
+    for body in bodies[:-1]:
+        size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
+        about = f"{label}, first moment of link {body + 1}"
+        table.append(effect.parameter(f"link{body + 1}", "rad", size, about, 10 * size))
+    return tuple(table)
+
+
+def _tilt_moments(state, first: int) -> np.ndarray:
+    """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each but the last."""
+    each, shares = bar_moments(state, first)
+    whole = np.einsum("b,bin->in", shares, each)
+    return np.concatenate([whole[None], each[:-1]])
+
+
+def _in_frame(state, place: int, world: np.ndarray) -> np.ndarray:
+    """(P, 3, n) vectors of the root frame in the axes of a place of the frame port."""
+    return np.einsum("cin,pin->pcn", state.frames.link[place], world)
+
+
+class GravityBearing(Effect):
+    """The bearing of joint K tilts under the weight of links whose masses are not stated.
+
+    A rotation about a point on the axis of joint K, across that axis.
+    """
+
+    effect = "gravity-compliance"
+    port = "frame"
+    elastic = True
+    source = GravityCompliance.source
+    nonnegative = 1
+    places = ("joint",)
+    stage = "bending"
+    equation = "w = sum_i t_i (b_i x g) across z"
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every revolute joint whose moment across the axis would vary if the links were uniform bars."""
+        return _of_bars(cls, chain, "of its bearing", _BEARING_WEIGHT)
+
+    @classmethod
+    def planned(cls, chain):
+        """At the revolute joints up to the last one whose torque would vary."""
+        last = max((v.effect.number for v in GravityCompliance.candidates(chain)), default=0)
+        return [(f"joint-{k}", {}) for k in range(1, last + 1) if not chain.slides(k)]
+
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
+        return self.number - 1
+
+    def table(self, chain):
+        return _tilt_table(self, chain, "the tilt of the bearing of")
+
+    def slots(self, chain):
+        return chain.slots("frame", f"link-{self.number}")
+
+    def basis(self, state):
+        world, z = _tilt_moments(state, self.first()), state.frames.z[self.number - 1]
+        across = world - z * (world * z).sum(1, keepdims=True)
+        turns = _in_frame(state, self.number, across)
+        return about_axis(state, self.number, turns)
+
+
+class GravityLink(Effect):
+    """Link K bends under the weight of the links beyond it, whose masses are not stated."""
+
+    effect = "gravity-compliance"
+    port = "frame"
+    elastic = True
+    source = GravityCompliance.source
+    nonnegative = 1
+    places = ("link",)
+    components = (3, 4, 5)
+    equation = "w = sum_i t_i (b_i x g) across the link"
+
+    @classmethod
+    def candidates(cls, chain):
+        """Where the moment of uniform bars varies; none where masses are stated."""
+        return _of_bars(cls, chain)
+
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
+        return self.number
+
+    def table(self, chain):
+        return _tilt_table(self, chain, "the bending of")
+
+    def basis(self, state):
+        world = _tilt_moments(state, self.first())
+        along = _bars(state.frames)[self.number - 1]
+        along = along / np.maximum(np.linalg.norm(along, axis=0), _NO_BAR_MM)
+        across = world - along * (world * along).sum(1, keepdims=True)
+        return _in_frame(state, self.number, across)
+
+
+class GravityPedestal(Effect):
+    """The base tilts about its origin under the weight of links whose masses are not stated."""
+
+    effect = "gravity-compliance"
+    port = "frame"
+    elastic = True
+    source = GravityCompliance.source
+    nonnegative = 1
+    places = ("base",)
+    components = (3, 4)
+    equation = "w = sum_i t_i (b_i x g) across the vertical"
+
+    @classmethod
+    def candidates(cls, chain):
+        """Where the moment of uniform bars varies; none where masses are stated."""
+        return _of_bars(cls, chain)
+
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
+        return 0
+
+    def table(self, chain):
+        return _tilt_table(self, chain, "the tilt of")
+
+    def basis(self, state):
+        return _in_frame(state, 0, _tilt_moments(state, self.first()))[:, :2]
+
+
+def about_axis(state, number: int, turns: np.ndarray) -> np.ndarray:
+    """(P, 6, n) twists of frame K that turn by `turns` (P, 3, n) about a point on the axis of joint K.
+
+    The port turns about the middle of the link; the shift moves the pivot to the joint axis, halfway along offset d.
+    """
+    frames, d = state.frames, state.robot.geometry[number - 1, 1]
+    half = 0.0 if state.robot.prismatic[number - 1] else d / 2
+    point = frames.z_origin[number - 1]
+    if state.robot.convention == "distal":
+        point = point + half * frames.z[number - 1]
+    lever = frames.pivot[number] - point
+    lever = np.einsum("cin,in->cn", frames.link[number], lever)
+    shifts = cross(turns, np.broadcast_to(lever, turns.shape))
+    return np.concatenate([shifts, turns], 1)
+
+
+__all__ = [
+    "GravityBearing",
+    "GravityCompliance",
+    "GravityLink",
+    "GravityPedestal",
+    "about_axis",
+    "bar_moments",
+    "bar_shares",
+    "base_columns",
+]

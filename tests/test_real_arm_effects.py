@@ -1,0 +1,198 @@
+"""Laws of the effects of real arms: compliance without masses, loads, steps, warm-up, friction and the instrument."""
+
+import tomllib
+from dataclasses import replace
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from robot_model import load_robot
+from robot_model.effects import CATALOGUE
+from robot_model.effects.friction import lattice_step
+from robot_model.effects.instrument import sight_lines
+from robot_model.effects.stiffness import MASSES, PRODUCT, stiffness_rows
+from robot_model.effects.unknown_masses import bar_moments, base_columns
+from scenes import ABB, CRAIG, model_of, scene
+from workbench.core.covariates import WIND_UP, wound_up
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.jobs.calibrate import calibrate
+
+
+def state_of(arm=ABB, n=60, measures="external-point", seed=4):
+    """The state of a simulated recording."""
+    return model_of(scene(measures, n=n, arm=arm, seed=seed)).chain.state
+
+
+@pytest.mark.parametrize("arm", [ABB, CRAIG], ids=["abb", "craig"])
+def test_base_moments_make_the_torque_of_any_masses(arm):
+    """Every joint's torque under the true masses is a combination of the base columns, and no column is redundant."""
+    state = state_of(arm)
+    for joint in range(1, 6):
+        effect = CATALOGUE["gravity-compliance"](f"joint-{joint + 1}")
+        columns = effect.basis(state)[1:, 0].T
+        torque = state.self_torque[joint]
+        left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
+        assert np.abs(left).max() <= 1e-9 * max(np.abs(torque).max(), 1.0)
+        assert np.linalg.matrix_rank(columns, tol=1e-6) == len(base_columns(state.robot, joint))
+
+
+def test_a_sag_is_that_of_the_stretched_arm():
+    """Unit moments of bars are at most 1, and their shares add up to 1."""
+    moments, shares = bar_moments(state_of(), 1)
+    assert np.sqrt((moments**2).sum(1)).max() <= 1 + 1e-12
+    assert shares.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("name", ["bearing-compliance", "gravity-bearing-compliance"])
+@pytest.mark.parametrize("arm", [ABB, CRAIG], ids=["abb", "craig"])
+def test_a_bearing_turns_about_its_joint_axis(name, arm):
+    """A point on the axis of joint 3 stays, and the rotation is across the axis."""
+    state = state_of(arm)
+    effect, number = CATALOGUE[name]("joint-3"), 3
+    twist = effect.basis(state)[0]
+    link = state.frames.link[number]
+    shift, turn = (np.einsum("cin,cn->in", link, part) for part in (twist[:3], twist[3:]))
+    axis = state.frames.z[number - 1]
+    assert np.abs((turn * axis).sum(0)).max() <= 1e-9 * np.abs(turn).max()
+    half = 0.0 if state.robot.convention == "craig" else state.robot.geometry[number - 1, 1] / 2
+    point = state.frames.z_origin[number - 1] + half * axis
+    moved = shift + np.cross(turn, point - state.frames.pivot[number], axis=0)
+    assert np.abs(moved).max() <= 1e-9 * max(np.abs(shift).max(), 1.0)
+
+
+def without_masses(recording):
+    """The recording with the masses taken out of its robot file."""
+    robot = dict(recording.robot)
+    if "builtin" in robot:
+        file = resources.files("robot_model").joinpath("robots", f"{robot['builtin']}.toml")
+        robot = tomllib.loads(file.read_text())
+    robot.pop("payload", None)
+    hidden = ("mass_kg", "com_mm")
+    rows = robot.get("joint", [])
+    robot["joint"] = [{k: v for k, v in row.items() if k not in hidden} for row in rows]
+    return replace(recording, robot=robot)
+
+
+@pytest.mark.slow
+def test_without_masses_the_held_out_error_is_nearly_that_with_masses(recording):
+    """ABB IRB 120 with a probe arm: the product of compliance and first moment serves as well, within 10 %."""
+    known = recording("irb120_wu_arm")
+    hidden = without_masses(known)
+    assert (
+        not load_robot(hidden.robot, "robot").mass.any() and load_robot(known.robot, "r").mass.any()
+    )
+    with_masses, without = (calibrate(one) for one in (known, hidden))
+    assert without.held_out["rms_mm"] <= 1.1 * with_masses.held_out["rms_mm"]
+    compliance = next(stage for stage in without.stages if stage.name == "compliance")
+    assert compliance.earned
+    assert all(row["known_from"] == PRODUCT for row in without.as_json()["stiffness"])
+
+
+def test_a_payload_adds_its_own_torque():
+    state = state_of()
+    effect = CATALOGUE["payload"]("tool")
+    mass, centre = 2.0, np.array([10.0, -20.0, 50.0])
+    p = np.append(mass, mass * centre)
+    model = model_of(scene("external-point", n=60, seed=4))
+    changed = state.altered([("mass", effect.slots(model.chain), effect.delta(p, state))])
+    heavier = replace(state, payload=np.full(state.n, mass), load_centre=centre)
+    expected = heavier.torque - replace(state, payload=np.zeros(state.n)).torque
+    np.testing.assert_allclose(changed.torque - state.torque, expected, atol=1e-9)
+
+
+def test_a_payload_after_an_instant_is_absent_before_it():
+    state = state_of()
+    effect = CATALOGUE["payload"]("tool", after=float(np.median(state.covariates["time_s"])))
+    late = state.covariates["time_s"] > effect.after
+    basis = effect.basis(state)
+    assert not basis[..., ~late].any() and basis[..., late].any()
+
+
+def test_a_beam_is_a_flexure_where_its_root_and_tip_carry_the_same_moment():
+    """Without weight beyond the link the moments at root and tip agree."""
+    state = state_of()
+    bare = replace(state.robot, mass=np.zeros(6))
+    state = replace(state, robot=bare, payload=np.zeros(state.n))
+    beam = CATALOGUE["link-beam"]("link-2").basis(state)
+    assert not beam[0, :3].any()
+
+
+def test_a_shift_is_zero_before_its_instant():
+    state = state_of()
+    after = float(np.median(state.covariates["time_s"]))
+    basis = CATALOGUE["shift"]("base", after=after).basis(state)
+    early = state.covariates["time_s"] <= after
+    assert not basis[..., early].any() and (basis[range(6), range(6)][:, ~early] == 1).all()
+
+
+def test_warming_up_starts_with_its_rate_and_ends_at_one():
+    state = state_of()
+    time = state.covariates["time_s"]
+    effect = CATALOGUE["warm-up"]("joint-2", time_constant=1e6, start=float(time.min()))
+    np.testing.assert_allclose(effect.basis(state)[0, 0], (time - time.min()) / 1e6, rtol=1e-3)
+    quick = CATALOGUE["warm-up"]("joint-2", time_constant=1e-3, start=float(time.min()) - 1)
+    np.testing.assert_allclose(quick.basis(state), 1)
+
+
+def test_friction_is_fully_wound_up_by_long_moves():
+    moves = np.array([[1.0, -2.0, 0.5, -0.7]])
+    state = wound_up(moves, np.arange(4.0), np.array([[0.003]]))
+    np.testing.assert_allclose(state[0, 0], np.sign(moves[0]))
+
+
+def test_friction_is_released_linearly_and_remembers_short_moves():
+    """From fully wound up, a move back by half the width leaves half of it; then forward again to where it was."""
+    moves = np.array([[5.0, -0.05, 0.05]])
+    state = wound_up(moves, np.arange(3.0), np.array([[0.1]]))[0, 0]
+    assert state[1] == pytest.approx(0.5)
+    assert state[2] == pytest.approx(1 - 0.5 * np.exp(-0.5))
+
+
+def test_rows_of_one_pose_share_the_state_of_friction():
+    moves = np.array([[0.02, 0.02, 0.02, -0.01]])
+    state = wound_up(moves, np.arange(4.0), np.array([[0.1]]))[0, 0]
+    assert state[0] == state[1] == state[2] != state[3]
+
+
+def test_a_width_that_is_not_known_is_a_sentence():
+    with pytest.raises(InputError, match="option width: expected 0 or one of"):
+        make_effects(CATALOGUE, [("joint-hysteresis", "joint-2", {"width": 0.02})])
+    assert 0.03 in WIND_UP
+
+
+@pytest.mark.parametrize("step", [0.01, 0.0137, 0.5])
+def test_a_lattice_is_recognised_from_the_readings(step):
+    readings = step * np.random.default_rng(1).integers(-4000, 4000, 400)
+    assert lattice_step(readings) == pytest.approx(step, rel=1e-6)
+
+
+def test_readings_that_are_not_rounded_show_no_lattice():
+    rng = np.random.default_rng(2)
+    assert lattice_step(rng.uniform(-90, 90, 400)) is None
+    assert lattice_step(np.repeat([0.0, 90.0], 50)) is None
+
+
+def test_refraction_shifts_across_the_sight_line_with_the_square_of_the_range():
+    state = state_of()
+    sight, distance = sight_lines(state)
+    moved = CATALOGUE["sight-line-refraction"]("instrument").basis(state)
+    assert np.abs(np.einsum("pin,in->pn", moved, sight)).max() < 1e-9
+    far = replace(state, measured=2 * state.measured)
+    twice = CATALOGUE["sight-line-refraction"]("instrument").basis(far)
+    np.testing.assert_allclose(twice, 4 * moved, rtol=1e-9)
+
+
+def test_stiffness_is_stated_only_where_masses_are_known():
+    made = scene("external-point", n=60, seed=4)
+    terms = [("joint-compliance", "joint-2", {}), ("gravity-compliance", "joint-3", {})]
+    model = model_of(made, *terms)
+    values = model.parameters.values.copy()
+    first = [span.start for span in model.spans]
+    values[first] = 2e-5, 3e-4
+    parameters = replace(model.parameters, values=values, mask=np.ones(len(values), bool))
+    std = {parameters.table[k].key: 1e-6 for k in first}
+    known, product = stiffness_rows(model, parameters, std)
+    assert known.known_from == MASSES and known.stiffness == pytest.approx(5e4)
+    assert product.known_from == PRODUCT and product.stiffness is None and product.unit == "rad"
