@@ -133,6 +133,9 @@ class RobotBench:
     `pose` (n,) labels of repeats; `baseline` the effects that the baseline holds; `warnings` on the recording.
     """
 
+    unit = "mm"
+    whole = False  # a part of many poses finds the same terms
+
     def __init__(
         self,
         chain: RobotChain,
@@ -273,6 +276,10 @@ class RobotBench:
                     }
                 )
         return tuple(rows)
+
+    def reviewed(self, found, samples: np.ndarray | None):
+        """What a search found, as it is."""
+        return found
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
         """A smooth function of the covariates at a site, as an effect that can join the model."""
