@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from workbench.diagnosis import judging, proof, words
+from workbench.diagnosis import words
 from workbench.diagnosis.answer import _somewhere, diagnose
-from workbench.diagnosis.folds import SPACE, TIME, Scheme
-from workbench.diagnosis.problem import Finding, Found, Located, Problem
+from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.result import UNEXPLAINED, Term, verdict_of
+from workbench.diagnosis.validation import judging, proof
+from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme
 from workbench.jobs.simulate import simulate
 
 SCENE = {
@@ -101,7 +102,8 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     whole = proof._Whole([scheme], [np.full(4, 0.479)], [np.full(4, 0.548)], [{}], [5.0])
     monkeypatch.setattr(proof, "_judges_of_all", lambda bench, terms, parts: parts)
     errors = SimpleNamespace(
-        bench=SimpleNamespace(), predicted=lambda scheme, kept, plain: plain + 0.01
+        bench=SimpleNamespace(unit="mm", sigma=None),
+        predicted=lambda scheme, kept, plain: plain + 0.01,
     )
     kept, refused, rows = proof._supported(errors, terms, [], whole, np.ones(4, bool))
     assert kept == [] and [term.finding.effect for term in refused] == [

@@ -21,10 +21,12 @@ def calibration(console, answer: Mapping) -> None:
     warnings(console, answer)
     _errors(console, answer)
     _stages(console, answer["stages"])
+    from robot_model.effects.curve import JointCurve
+
     curves = answer.get("joint_curves", [])
     _joint_curves(console, curves)
     _stiffness(console, answer.get("stiffness", []))
-    described = tuple(f"{row['where']}.joint-curve." for row in curves)
+    described = tuple(f"{row['where']}.{JointCurve.effect}." for row in curves)
     others = [p for p in answer["parameters"] if not _key(p).startswith(described)]
     _parameters(console, others)
 

@@ -1,0 +1,420 @@
+"""What a diagnosis looks at: a fitted baseline's residual and everything that might explain it, as arrays.
+
+Robot samples and the sensor chain's own residuals become the same `Problem`; all that follows
+(evidence, rivals, selection, place) knows no robot and no camera. A `Bench` makes problems: it can
+put effects into the model, solve it again non-linearly and linearise it there.
+
+Coordinates: a recording of n samples with m measured components has N = m n whitened coordinates,
+component by component as `residual.ravel()` of an (m, n) array leaves them; `Problem.sample` says
+which sample each belongs to. Everything in a problem is already whitened by the stated sigma and by
+the square root of the sample's robust weight.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
+
+_ROUNDING = 1e-9  # share of columns below which what a baseline leaves of them is only rounding
+_SAME = 1e-10  # squared share of a column below which what others leave of it is only rounding
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One library effect at one place, as columns beside the baseline's.
+
+    `effect`, `where`: words of the vocabulary. `label`: tells variants apart ("order 2", "seated by
+    gravity", "from joint 5", ""). `effects`: what would join the model. `columns` (N, P): whitened
+    derivative of the residual at the null. `typical` (P,): what size each parameter would have
+    before measuring, in its own unit; the prior's scale. `family`: candidates that differ only in
+    an option that is searched (order, instant, the other joint) share one, and share its prior.
+    `mass`: this variant's share of its family's prior, relative to the family's others.
+    `missing`: a covariate that the law needs and the recording does not hold ("temperature"), for
+    which another stands in (time); "" where nothing is missing. `together`: whether another of the
+    family may act beside it (a second order), or they exclude one another (a gap has one law).
+    `positive`: how many of its first parameters cannot be negative (what yields to a load yields with it).
+    `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others.
+    """
+
+    effect: str
+    where: str
+    label: str
+    effects: tuple[Effect, ...]
+    columns: np.ndarray
+    typical: np.ndarray
+    family: str
+    mass: float = 1.0
+    missing: str = ""
+    together: bool = False
+    positive: int = 0
+    load: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A family of candidates with one option on a fine grid, never held as columns all at once.
+
+    `kind` "step": columns rows * (x > option); "wave": rows * cos(option x), rows * sin(option x).
+    `rows` (k, N) whitened derivatives of the slots that move together (k = 1 at a joint); `x` (n,)
+    covariate; `options` (V,) ascending; `make` gives the effects for an option, or None where the
+    family has no name (a periodic movement of the floor). `typical`: prior size of an amplitude in
+    the port's unit, one a row. `mass` (V,): prior of each option, relative to the others.
+    `unnamed`: the covariates it would depend on, for a family without a name.
+    """
+
+    effect: str
+    where: str
+    kind: str
+    rows: np.ndarray
+    x: np.ndarray
+    options: np.ndarray
+    mass: np.ndarray
+    typical: np.ndarray
+    family: str
+    make: object = None
+    word: str = ""  # of the label: "order {:g}", "after {:g}"
+    unnamed: tuple[str, ...] = ()
+    together: bool = False
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place where something unnamed may act.
+
+    `where`: a word of the vocabulary; `port`: the port there; `rows` (k, N): whitened derivatives of
+    its k slots; `unit`: of the slots, one a slot or one for all; `typical` (k,): the size that a
+    disturbance of each slot would have before measuring. `covariates`: names of those that an
+    unnamed function here may depend on, one at a time; `pairs`: two at a time. `sharp`: the function may change
+    sharply, as at a worn place.
+    """
+
+    where: str
+    port: str
+    rows: np.ndarray
+    unit: str
+    typical: np.ndarray
+    covariates: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...] = ()
+    sharp: bool = False
+
+    @property
+    def fine(self) -> int:
+        """How finely a function may change here, see `rivals.functions`."""
+        return 2 if self.sharp else int(len(self.rows) == 1)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A fitted baseline, linearised. n samples, N coordinates, R the baseline's rank.
+
+    `residual` (N,): whitened, predicted minus measured. `basis` (N, R): orthonormal basis of the
+    baseline's Jacobian (with the effects found so far). `sample` (N,): which sample each coordinate
+    is of. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
+    out as an outlier. `sigma` (N,): what one whitened unit is, in the coordinate's own unit (mm, rad,
+    px); `widened`: by how much it exceeds the stated sigma. `pose` (n,): labels; repeats share one.
+    `order` (n,): time or row. `covariates` name -> (n,). `effects`: those in the model beside the
+    baseline's. `added`, `values`: columns (N, P) and fitted values
+    (P,) of each of them, where they are not in the basis yet; `keeping` puts them there, or back into the
+    residual. `loose`: variants of candidates with numbers more for what their law takes from a data sheet.
+    `growing`: places that are looked at only for what moves from sample to sample (the length of a link).
+    `given`: whitened sum of squares of what elastic laws of the baseline make beyond its geometry.
+    `mass_responses`: of every elastic law, what first moments that are off by one sigma change in its columns;
+    `given_values`: (effect, where) -> fitted values (P,) of the elastic laws that the baseline holds.
+    """
+
+    residual: np.ndarray
+    basis: np.ndarray
+    sample: np.ndarray
+    weights: np.ndarray
+    sigma: np.ndarray
+    pose: np.ndarray
+    order: np.ndarray
+    covariates: Mapping[str, np.ndarray]
+    sites: tuple[Site, ...]
+    candidates: tuple[Candidate, ...]
+    scans: tuple[Scan, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    widened: float = 1.0
+    added: tuple[np.ndarray, ...] = ()
+    values: tuple[np.ndarray, ...] = ()
+    loose: tuple[Candidate, ...] = ()
+    growing: tuple[Site, ...] = ()
+    given: float = 0.0
+    mass_responses: tuple[Candidate, ...] = ()
+    given_values: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
+    made: dict = field(
+        default_factory=dict, compare=False, repr=False
+    )  # functions of the covariates, made once
+    # what is known of all that is compared with the first `bare` columns of the basis (None: all), made once
+    known: dict = field(default_factory=dict, compare=False, repr=False)
+    bare: int | None = None
+    beyond: "Beyond | None" = (
+        None  # of a problem that keeps some effects: what these make, see `keeping`
+    )
+    rotation: np.ndarray | None = (
+        None  # (N,) True for coordinates of an orientation, in rad; None: there are none
+    )
+
+    def keeping(self, kept: Sequence[int] | None = None) -> "Problem":
+        """The problem with some of the effects (None: all) in the basis and the others back in the residual.
+
+        To first order, about the solution with all of them; so each can be questioned without a new solve.
+        """
+        if not self.added:
+            return replace(self, bare=self.first)
+        kept = range(len(self.added)) if kept is None else kept
+        back = [self.added[i] @ self.values[i] for i in range(len(self.added)) if i not in kept]
+        if "added" not in self.known:
+            self.known["added"] = Added.of(self)
+        beyond = self.known["added"].kept(kept)
+        return replace(
+            self,
+            residual=self.residual - sum(back) if back else self.residual,
+            basis=np.concatenate([self.basis, beyond.basis], 1),
+            effects=tuple(self.effects[i] for i in kept),
+            added=(),
+            values=(),
+            bare=self.first,
+            beyond=beyond,
+        )
+
+    def through(
+        self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
+    ) -> "Problem":
+        """The problem with residual, basis and all that is compared with them mapped by `white`, rows (k, N) to (k, N).
+
+        weights (n,): those of the samples, where the map changes them.
+        """
+
+        def columns(held: np.ndarray) -> np.ndarray:
+            return white(np.ascontiguousarray(held.T)).T
+
+        def candidates(held):
+            return tuple(replace(c, columns=columns(c.columns)) for c in held)
+
+        def places(held):
+            return tuple(replace(s, rows=white(s.rows)) for s in held)
+
+        return replace(
+            self,
+            residual=white(self.residual),
+            basis=np.linalg.qr(columns(self.basis))[0],
+            weights=self.weights if weights is None else weights,
+            added=tuple(map(columns, self.added)),
+            sites=places(self.sites),
+            growing=places(self.growing),
+            scans=places(self.scans),
+            candidates=candidates(self.candidates),
+            loose=candidates(self.loose),
+            known={},
+            bare=None,
+            beyond=None,
+            mass_responses=candidates(self.mass_responses),
+        )
+
+    def beside(self, columns: np.ndarray) -> np.ndarray:
+        """(N, R) orthonormal basis of what columns (N, P) make and the baseline does not, without rounding's share.
+
+        What the baseline makes exactly leaves 1e-13 of itself, in no direction that means anything.
+        """
+        own = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
+        u, s, _ = thin_svd(self.clear(own))
+        return np.linalg.qr(self.clear(u[:, s > _ROUNDING]))[0]
+
+    def clear(self, columns: np.ndarray) -> np.ndarray:
+        """(N,) or (N, P) with all that the baseline can make of it taken out: M x = x - Q Q' x."""
+        return columns - self.basis @ (self.basis.T @ columns)
+
+    @property
+    def first(self) -> int:
+        """How many columns of the basis are those of the baseline alone, for which `known` holds."""
+        return self.basis.shape[1] if self.bare is None else self.bare
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return len(self.pose)
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom that the baseline has left: coordinates in use less its rank."""
+        return int((self.weights[self.sample] > 0).sum()) - self.basis.shape[1]
+
+
+@dataclass(frozen=True)
+class Added:
+    """Columns (N, A) of all effects beside the baseline, this projected out, of unit length; `start` (E + 1,) of each.
+
+    `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
+    `score` (A,) inner products of the two. What any of the effects make follows from these without the samples.
+    """
+
+    columns: np.ndarray
+    start: np.ndarray
+    gram: np.ndarray
+    y: np.ndarray
+    score: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Added":
+        """Of a problem solved with effects."""
+        columns = np.concatenate(problem.added, 1)
+        made = columns @ np.concatenate(problem.values)
+        y = problem.clear(problem.residual - made)
+        whole = np.sqrt((columns**2).sum(0))
+        clear = problem.clear(columns / np.maximum(whole, 1e-300))
+        clear = problem.clear(clear)  # again: rounding of the first time is no direction
+        length = np.sqrt((clear**2).sum(0))
+        clear = np.where(length > _ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
+        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
+        return cls(clear, start, clear.T @ clear, y, clear.T @ y)
+
+    def kept(self, effects: Sequence[int]) -> "Beyond":
+        """What some of the effects, by their numbers, make."""
+        parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
+        held = np.concatenate([np.zeros(0, int), *parts])
+        values, vectors = symmetric_eigen(self.gram[np.ix_(held, held)])
+        seen = values > _SAME
+        mixing = np.zeros((len(self.score), int(seen.sum())))
+        mixing[held] = vectors[:, seen] / np.sqrt(values[seen])
+        return Beyond(self, mixing, self.columns @ mixing)
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """What some of the added effects make: `basis` (N, R) orthonormal, columns of `added` times `mixing` (A, R)."""
+
+    added: Added
+    mixing: np.ndarray
+    basis: np.ndarray
+
+    @property
+    def y(self) -> np.ndarray:
+        """(N,) the residual with all that baseline and kept effects make projected out."""
+        return self.added.y - self.basis @ self.score
+
+    @property
+    def score(self) -> np.ndarray:
+        """(R,) inner products of the basis with the residual."""
+        return self.mixing.T @ self.added.score
+
+
+class Bench(Protocol):
+    """What makes problems out of data: a robot with samples, or a sensor chain.
+
+    `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `whole`: whether a search
+    needs all samples, however many; `pose` (n,) labels of repeats; `sigma` (n,) noise of each sample, None where all
+    are of one kind; `warnings` on the recording; `chain`: that of the arm, None where no arm is measured.
+    """
+
+    baseline: tuple[Effect, ...]
+    unit: str
+    whole: bool
+    pose: np.ndarray
+    sigma: np.ndarray | None
+    warnings: tuple[str, ...]
+    chain: object | None
+
+    def problem(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> Problem:
+        """Baseline and effects solved non-linearly on `samples` (n,) bool (None: all), linearised there."""
+
+    def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
+        """(n,) error (mm or px, 3-D or 2-D distance) of each sample predicted from the other folds (n,) int."""
+
+    def parameters(
+        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+    ) -> tuple[dict, ...]:
+        """Of every effect's parameters: key, name, where, effect, value, std, unit, typical, size_mm."""
+
+    def units(self, effects: Sequence[Effect]) -> list[str]:
+        """Units of the parameters of some effects."""
+
+    def reviewed(self, found: "Found", samples: np.ndarray | None) -> "Found":
+        """What a search found, with what only this bench can say of it."""
+
+    def smooth(self, site: "Site", names: tuple[str, ...]) -> Effect:
+        """An effect that is a smooth function of the covariates `names` at a site: an unknown, fitted."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Something that explains a finding about as well.
+
+    `probability`: its share of the posterior; `alike`: how much of the finding's signature it makes
+    in these poses (squared canonical correlation, 0-1); `why`: a short reason; `missing`: the
+    covariate that was not recorded and that it would need.
+    """
+
+    effect: str
+    where: str
+    label: str
+    probability: float
+    alike: float
+    why: str
+    missing: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that the baseline does not hold.
+
+    `effect` is "unknown" for a function without a name; then `depends_on` names its covariates and
+    `effects` is empty. `p_value`: valid under the whole search. `probability`: posterior that it is
+    this effect at this place, among all named and unnamed. `size`: RMS over all coordinates of what
+    survives of it after the baseline has swallowed what it can, in sigmas. `gain`: fall of the
+    whitened sum of squares.
+    """
+
+    effect: str
+    where: str
+    label: str
+    effects: tuple[Effect, ...]
+    p_value: float
+    probability: float
+    size: float
+    gain: float
+    depends_on: tuple[str, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    alarms: tuple[str, ...] = ()
+    function: object = None  # of an unknown: rivals.Function, to be drawn and described
+
+
+@dataclass(frozen=True)
+class Located:
+    """Share of the mismatch that a smooth function of some covariate at a place explains.
+
+    `p_value` is family-wise over all places; `depends_on`: the covariate that does it best.
+    """
+
+    where: str
+    port: str
+    depends_on: tuple[str, ...]
+    share: float
+    p_value: float
+    size: float = 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What `select.find` returns, in the order found.
+
+    `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise
+    p-value that anything at all is missing; `p_rest` that anything is left at the end. `located`:
+    of the baseline's mismatch, and of what is left (`rest`). `outliers`: (n,) bool. `spread`:
+    findings on the variance. `trail`: lines that say what was tried and why.
+    """
+
+    findings: tuple[Finding, ...]
+    before: Problem
+    after: Problem
+    p_first: float
+    p_rest: float
+    located: tuple[Located, ...]
+    rest: tuple[Located, ...]
+    outliers: np.ndarray
+    spread: tuple[Finding, ...] = ()
+    trail: tuple[str, ...] = field(default_factory=tuple)

@@ -1,0 +1,121 @@
+"""A search under way: what is accepted so far, the problem solved with it, and all else judged beside it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, judged
+from workbench.diagnosis.linear.problem import Bench, Problem
+from workbench.diagnosis.noise.data import evened_out
+from workbench.diagnosis.noise.scatter import Scatter, evened_by
+from workbench.diagnosis.search.compatible import compatible
+
+
+@dataclass
+class Search:
+    """`accepted` hypotheses and the `problem` solved with them, on `samples` (n,) bool (None: all).
+
+    `level`: chance of a false alarm on the whole search. `scatter`: a place that moves by chance, `spread` (n,) how
+    far each sample's noise is spread: all is judged beside them. `trail`: a line for each step.
+    """
+
+    bench: Bench
+    samples: np.ndarray | None
+    level: float
+    progress: Callable[[str], None]
+    accepted: tuple[Hypothesis, ...] = ()
+    trail: list[str] = field(default_factory=list)
+    problem: Problem | None = None
+    plain: Problem | None = None
+    tables: dict = field(default_factory=dict)
+    scatter: Scatter | None = None
+    spread: np.ndarray | None = None
+
+    def say(self, line: str):
+        """A line for the trail and for whoever waits."""
+        self.trail.append(line)
+        self.progress(line)
+
+    def solve(self):
+        """Everything solved with what is accepted; tables of before are void."""
+        effects = [e for h in self.accepted for e in h.effects]
+        problem = self.plain = self.bench.problem(effects, self.samples)
+        if self.spread is not None:
+            problem = evened_out(problem, self.spread)
+        self.problem, self.tables = (
+            problem if self.scatter is None else evened_by(problem, self.scatter),
+            {},
+        )
+
+    def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
+        """Everything that has room beside those accepted whose numbers are kept, judged there."""
+        if kept not in self.tables:
+            wanted = [(h.family, h.label) for h in self.accepted]
+            table, held = (
+                judged(self.problem.keeping(kept), wanted=wanted),
+                [self.accepted[i] for i in kept],
+            )
+            self.tables[kept] = [
+                h for h in table if h.unnamed or all(compatible(h, other) for other in held)
+            ]
+        return self.tables[kept]
+
+    @property
+    def everyone(self) -> tuple[int, ...]:
+        """Numbers of all accepted."""
+        return tuple(range(len(self.accepted)))
+
+    def others(self, i: int) -> tuple[int, ...]:
+        """Numbers of all accepted but one."""
+        return tuple(j for j in self.everyone if j != i)
+
+    def own(self, i: int) -> Hypothesis:
+        """An accepted hypothesis as the table beside the others judges it."""
+        table, mine = self.table(self.others(i)), name_of(self.accepted[i])
+        return next((h for h in table if name_of(h) == mine), table[0])
+
+    def beside(self, i: int) -> tuple[float, float]:
+        """Gain of an accepted hypothesis beside the others, and the p-value of its F test by itself."""
+        return _asked(self.problem, i, self.others(i))
+
+    def size(self, i: int) -> float:
+        """RMS over all coordinates of what an accepted hypothesis makes beside the others, in stated sigmas."""
+        return float(np.sqrt(_asked(self.plain, i, self.others(i))[0] / len(self.plain.sample)))
+
+    def left(self) -> float:
+        """Gain of the best function of what is left, where that is beyond chance."""
+        table = self.table(self.everyone)
+        if family_wise(table) > self.level:
+            return 0.0
+        return max(
+            (h.gain for h in table if h.unnamed and h.p / h.weight <= self.level), default=0.0
+        )
+
+    def explained(self) -> float:
+        """Fall of the sum of squares by all that is accepted."""
+        kept, bare = self.problem.keeping(), self.problem.keeping(())
+        return float(
+            (bare.clear(bare.residual) ** 2).sum() - (kept.clear(kept.residual) ** 2).sum()
+        )
+
+    def variance(self) -> float:
+        """Variance of a whitened coordinate that is left."""
+        kept = self.problem.keeping()
+        return float((kept.clear(kept.residual) ** 2).sum()) / max(kept.degrees, 1)
+
+
+def _asked(problem: Problem, i: int, others: tuple[int, ...]) -> tuple[float, float]:
+    columns, projected = problem.added[i], Projected(problem.keeping(others))
+    columns = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
+    scores = projected.judge(projected.of_columns(columns[None]))
+    return float(scores.gain[0]), float(scores.p[0])
+
+
+def name_of(h: Hypothesis) -> tuple:
+    """What tells a hypothesis from all others."""
+    return (*h.key, h.label)
+
+
+__all__ = ["Search", "name_of"]
