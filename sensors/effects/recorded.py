@@ -10,8 +10,10 @@ from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.vocabulary import Covariate
 
 _TIME_CONSTANTS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0)  # s
-_FINEST = 2.0  # values of the frequency per 1 / duration
-_MOST = 600  # frequencies
+_FINEST = (
+    6.0  # frequencies per 2 pi / duration: the phase is then off by at most a quarter of a radian
+)
+_MOST = 3000  # frequencies
 _KNOWN = ("time_s", "sweep", "mirror_speed_deg_s")
 
 
@@ -81,13 +83,14 @@ class MirrorVibration(Effect):
 
     @classmethod
     def grids(cls, chain):
-        """Frequencies (rad/s) from three periods in the recording up to the rate of the images."""
+        """Frequencies (rad/s) from three periods in the recording up to half the rate of the images."""
         times = np.unique(np.asarray(getattr(chain, "times", ()), float))
         if len(times) < 12:
             return
         duration, step = float(np.ptp(times)), float(np.median(np.diff(times)))
-        count = int(min(_MOST, _FINEST * duration / max(step, 1e-9)))
-        values = np.linspace(6 * np.pi / duration, 2 * np.pi / max(step, duration / _MOST), count)
+        spacing = 2 * np.pi / (_FINEST * duration)
+        highest = min(np.pi / max(step, 1e-9), spacing * _MOST)
+        values = np.arange(6 * np.pi / duration, highest, spacing)
         even = np.full(len(values), 1 / max(len(values), 1))
         for where in chain.places("mirror") if len(values) else ():
             label = "{:.4g} rad/s"

@@ -101,7 +101,7 @@ def _decomposed(values: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _tested(explained: np.ndarray, rest: list[np.ndarray]) -> Misfit:
-    from scipy.stats import f as fisher
+    from scipy.special import fdtrc
 
     stripes = len(rest)
     count = sum(len(part) for part in rest)
@@ -112,7 +112,7 @@ def _tested(explained: np.ndarray, rest: list[np.ndarray]) -> Misfit:
     # Correlated noise gives low degrees of a polynomial more than the variance of independent noise.
     expected = variance * inflation * stripes
     ratio = float(explained.sum()) / (_ORDERS * expected)
-    p_value = float(fisher.sf(ratio, _ORDERS * stripes, max(degrees / inflation, 1.0)))
+    p_value = float(fdtrc(_ORDERS * stripes, max(degrees / inflation, 1.0), ratio))
     beyond = np.sqrt(np.maximum(explained - expected, 0.0) / count)
     bend = float(np.hypot(beyond[2], beyond[3]))
     return Misfit(

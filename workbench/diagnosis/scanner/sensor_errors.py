@@ -109,12 +109,12 @@ def _scatter(means: np.ndarray, weight: np.ndarray) -> float:
 
     Method of moments: DerSimonian and Laird, Controlled Clinical Trials 7 (1986).
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     away = means - np.average(means, weights=weight)
     degrees = len(means) - 1
     statistic = float(weight @ away**2)
-    if chi2.sf(statistic, degrees) > _LEVEL:
+    if chdtrc(degrees, statistic) > _LEVEL:
         return 0.0
     unit = weight.sum() - (weight**2).sum() / weight.sum()
     return float(np.sqrt(max(statistic - degrees, 0.0) / unit))
