@@ -11,6 +11,7 @@ import numpy as np
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
 from workbench.diagnosis import against, proof, replicates, stated_noise, words
+from workbench.diagnosis.differences import with_differences
 from workbench.diagnosis.experiment import missing_of, next_experiment
 from workbench.diagnosis.fixed import fixed_points
 from workbench.diagnosis.problem import Bench, Finding, Found
@@ -78,7 +79,9 @@ def diagnose(
     if reference is not None:
         bench, shares = _against(bench, reference, recording)
         baseline = reference.name
-    return _whole(recording, bench, baseline, shares, progress, jobs)
+    made = _whole(recording, bench, baseline, shares, progress, jobs)
+    made = replace(made, given=bench.baseline)
+    return made if reference is None else with_differences(made, reference, recording)
 
 
 def _of_sensor(recording, reference, progress) -> Diagnosis:
