@@ -10,12 +10,13 @@ from datasets.files import inside, label, read_text, read_toml
 from datasets.keys import shown
 from workbench.core.robot_file import checked_robot_file
 
+DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
 _UNIT = 1e-3  # by which the length of a unit vector may differ from 1
 
 
 def read_robot(folder: Path, section: Mapping, called: str) -> dict:
     """What `Recording.robot` holds. Raises InputError for a missing or impossible robot."""
-    urdf = str(section.get("file", "")).lower().endswith(".urdf")
+    urdf = str(section.get("file", "")).lower().endswith(DESCRIPTIONS)
     if "gravity" in section and ("builtin" in section or not urdf):
         raise complaint(
             f"{called}, key robot.gravity",
@@ -33,12 +34,12 @@ def read_robot(folder: Path, section: Mapping, called: str) -> dict:
             'write file = "robot.toml" or builtin = "<name>" under [robot]',
         )
     path = inside(folder, section["file"], "key robot.file", called)
-    if path.suffix.lower() == ".urdf":
+    if path.suffix.lower() in DESCRIPTIONS:
         return _urdf(path, section)
     if path.suffix.lower() != ".toml":
         raise complaint(
             f"{called}, key robot.file",
-            "a .toml or .urdf file",
+            "a .toml, .urdf or MJCF (.xml) file",
             repr(section["file"])[:60],
             "name one",
         )
@@ -77,12 +78,12 @@ def _urdf(path: Path, section: Mapping) -> dict:
         raise complaint(
             label(path), "a URDF", f"XML that breaks off ({problem})", "export it again"
         ) from None
-    if root.tag != "robot":
+    if root.tag not in ("robot", "mujoco"):
         raise complaint(
             label(path),
-            "a URDF whose outermost element is <robot>",
+            "a URDF or MJCF file whose outermost element is <robot> or <mujoco>",
             f"<{root.tag}>",
-            "name the URDF",
+            "name the robot's file",
         )
     names = {j.get("name") for j in root.iter("joint")}
     for name in section.get("joints", ()):

@@ -9,6 +9,9 @@ from robot_model.robot import Robot, wrong
 from robot_model.robot_file import read_toml, robot_from_keys
 from robot_model.urdf import robot_from_urdf
 
+DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
+"""Suffixes of files that describe an arm as a tree of links: URDF and MJCF."""
+
 
 def builtin_robots() -> list[str]:
     """Names that `load_robot` knows without a file."""
@@ -22,7 +25,7 @@ def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
     """The arm that `spec` names.
 
     spec: the keys of robot.toml; {"builtin": name}; {"urdf": path, "joints": [...], "tip": link}
-    (see `robot_model.urdf.robot_from_urdf`); a path to a .toml or .urdf file; or a builtin name.
+    (see `robot_model.urdf.robot_from_urdf`); a path to a .toml, .urdf or MJCF (.xml, .mjcf) file; or a builtin name.
     where: what to call a mapping in an error sentence, usually the file that it came from.
     Raises InputError where the arm is not known or its numbers cannot be right.
     """
@@ -36,7 +39,7 @@ def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
 
 
 def _load_named(path: Path) -> Robot:
-    if path.suffix.lower() == ".urdf":
+    if path.suffix.lower() in DESCRIPTIONS:
         return load_robot({"urdf": str(path)}, str(path))
     if path.suffix.lower() == ".toml":
         keys = read_toml(path)

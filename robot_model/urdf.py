@@ -8,11 +8,13 @@ into `Robot.base` and `Robot.flange`, so that the flange stands where the URDF p
 """
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.chain import THETA, D
+from robot_model.mjcf import MjcfTree, is_mjcf
 from robot_model.robot import PARALLEL, Robot, wrong
 from robot_model.urdf_tree import Joint, Tree
 
@@ -24,12 +26,13 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
     that move. A joint of the chain that is neither named nor mimics a named one stands still at
     zero. tip: link whose frame is the flange; left out: the leaf beyond most joints. mimic: joint
     -> {"joint": parent, "ratio": r, "offset": o}, in the URDF's units (m, rad), over the URDF's
-    own. gravity: direction in the root link's frame, (0, 0, -1) if left out. Also name, source.
+    own. gravity: direction in the root link's frame; that of the file, else (0, 0, -1), if left out. Also name,
+    source. The file may also be MJCF (MuJoCo); then tip may be a body or a site.
 
     A body's mass is that of all links that move with its joint, side branches at their zero.
     Raises InputError where the file or a name does not serve.
     """
-    tree = Tree(spec, where)
+    tree = tree_of(spec, where)
     tip = spec.get("tip") or tree.farthest_leaf()
     drives = {joint.name: tree.drive(joint) for joint in tree.path(tip)}
     moving = [tree.joints[name] for name, drive in drives.items() if drive is not None]
@@ -40,10 +43,10 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
     prismatic = np.array([joint.kind == "prismatic" for joint in moving])
     rows[np.arange(len(rows)), np.where(prismatic, D, THETA)] += offsets
     mass, com = _masses(tree, moving, frames)
-    gravity = np.array(spec.get("gravity", (0.0, 0.0, -1.0)), float)
+    gravity = np.array(spec.get("gravity", tree.gravity), float)
     return Robot(
         name=spec.get("name", tree.name),
-        source=spec.get("source", f"URDF {tree.file.name}"),
+        source=spec.get("source", f"{tree.language} {tree.file.name}"),
         convention="distal",
         geometry=rows,
         hayati=hayati,
@@ -59,6 +62,13 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
         base=frames[0],
         flange=_flange(frames[-1], tree.places[tip]),
     )
+
+
+def tree_of(spec: Mapping, where: str) -> Tree:
+    """The tree of links and joints of a URDF or MJCF file, told by its root element. Raises InputError."""
+    file = spec.get("urdf")
+    is_other = isinstance(file, str | Path) and is_mjcf(Path(file))
+    return MjcfTree(spec, where) if is_other else Tree(spec, where)
 
 
 def _denavit(

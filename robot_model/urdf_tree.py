@@ -47,20 +47,21 @@ class Joint:
 class Tree:
     """A URDF: `links` (name -> element), `joints` (name -> Joint), `into` (link -> the joint before it).
 
+    `gravity`: direction in the root frame, where the file states it.
     `places`: link -> (4, 4) in the frame of the `root` link with every joint at zero, mm, from the
     root outward. `named`: the joints that have a reading, None: all. Raises InputError.
     """
 
+    gravity = (0.0, 0.0, -1.0)
+    language = "URDF"
+
     def __init__(self, spec: Mapping, where: str):
         check_keys(spec, where)
         self.file = Path(spec["urdf"])
-        element = _parse(self.file)
-        self.name = element.get("name", self.file.stem)
-        self.links = {e.get("name"): e for e in element.findall("link")}
-        self.joints = {e.get("name"): _joint(e, self.file) for e in element.findall("joint")}
-        self.into = {joint.child: joint for joint in self.joints.values()}
         self.named = spec.get("joints")
-        self.mimic = {name: joint.mimic for name, joint in self.joints.items() if joint.mimic}
+        self.mimic: dict[str, tuple[str, float, float]] = {}
+        self._read(spec, where)
+        self.into = {joint.child: joint for joint in self.joints.values()}
         for name, words in (spec.get("mimic") or {}).items():
             self.mimic[name] = self._said(f"{where}: key mimic.{name}", name, words)
         self._check_names(where)
@@ -69,6 +70,14 @@ class Tree:
         self.places = {self.root: np.eye(4)}
         for joint in self._outward():
             self.places[joint.child] = self.places[joint.parent] @ joint.origin
+
+    def _read(self, spec: Mapping, where: str) -> None:
+        """Name, links, joints, and what a joint mimics, from the file."""
+        element = _parse(self.file)
+        self.name = element.get("name", self.file.stem)
+        self.links = {e.get("name"): e for e in element.findall("link")}
+        self.joints = {e.get("name"): _joint(e, self.file) for e in element.findall("joint")}
+        self.mimic |= {name: joint.mimic for name, joint in self.joints.items() if joint.mimic}
 
     def _said(self, key: str, name: str, words: object) -> tuple[str, float, float]:
         """A mimic of the spec; what it leaves out is as the URDF has it."""

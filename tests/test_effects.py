@@ -99,7 +99,43 @@ PORT_SIZES = {
     "noise": 1,
 }
 
+MIXTURE = [[[10.0 * k, -5.0, 3.0 * k] for k in range(7)]]
 CASES = (
+    (
+        "smooth-function",
+        "joint-3",
+        {"port": "joint", "names": ["q3"], "spans": [[-1.5, 1.5]], "unit": "rad", "sizes": [3e-4]},
+    ),
+    (
+        "smooth-function",
+        "link-2",
+        {
+            "port": "frame",
+            "names": ["q2", "tau3"],
+            "spans": [[-1.5, 1.5], [-20.0, 20.0]],
+            "unit": "mm and rad",
+            "sizes": [0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4],
+        },
+    ),
+    (
+        "periodic-motion",
+        "base",
+        {
+            "rate": 0.03,
+            "units": ["mm", "mm", "mm", "rad", "rad", "rad"],
+            "sizes": [0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4],
+        },
+    ),
+    (
+        "compliance-with-masses",
+        "joint-2",
+        {"law": "joint-compliance", "mixtures": MIXTURE, "shares": [[0.3]]},
+    ),
+    (
+        "compliance-with-masses",
+        "base",
+        {"law": "pedestal-compliance", "mixtures": MIXTURE, "shares": [[0.3, 0.1]]},
+    ),
     ("transmission-harmonic", "joint-2", {"order": 1}),
     ("transmission-harmonic", "joint-5", {"order": 80}),
     ("zero-offset", "joint-3", {}),
@@ -217,7 +253,8 @@ def test_every_effect_of_the_catalogue_is_in_the_table():
 def test_its_name_is_in_the_vocabulary_and_says_where_it_is_from(case):
     kind = CATALOGUE[case[0]]
     assert kind.effect in VOCABULARY | ADDITIONS
-    assert kind.effect == case[0] or case[0] in (*VARIANTS,)  # variants of laws
+    own = ("smooth-function", "periodic-motion", "compliance-with-masses")
+    assert kind.effect == case[0] or case[0] in (*VARIANTS, *own)  # variants of laws
     assert kind.port in PORT_SIZES
     assert kind.__doc__.strip() and kind.equation and kind.source
 
@@ -235,7 +272,7 @@ def test_parameters_carry_key_unit_null_size_and_label(case):
         if (
             case[0] != "ye-compliance"
         ):  # which sits at all six joints at once, and has two laws of the vocabulary
-            assert (where, effect) == (case[1], CATALOGUE[case[0]].effect)
+            assert (where, effect) == (case[1], model.effects[0].effect)
         assert effect in VOCABULARY | ADDITIONS
 
 

@@ -277,11 +277,11 @@ def test_a_broken_hand_eye_file_is_a_sentence(tmp_path, matrix, transform):
     [
         (["hand-eye.toml"], "urdf", "it gives of its hand-eye transform ros"),
         (["camera.toml"], "mdh-csv", "it gives of its calibrated camera ros, opencv, kalibr"),
-        (["solution.json"], "ros", "it gives of its calibrated arm urdf, mdh-json, mdh-csv"),
+        (["solution.json"], "kalibr", "it gives of its calibrated arm urdf, mjcf, python, ros"),
         (
             ["solution.json", "camera.toml"],
             "none",
-            "expected one of urdf, mdh-json, mdh-csv, ros, opencv, kalibr",
+            "expected one of urdf, mjcf, python, ros, urscript, krl, rapid, mdh-json, mdh-csv",
         ),
         (
             ["answer.json"],

@@ -49,6 +49,7 @@ _FUNCTIONS = (
     "scanner",
     "significance",
     "simulate",
+    "stiffness",
     "study",
 )
 

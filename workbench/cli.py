@@ -39,6 +39,7 @@ from workbench.commands.robot import (
     poses,
     significance,
     simulate,
+    stiffness,
 )
 from workbench.commands.sensor import camera, handeye, render, scan, scanner
 from workbench.core.errors import InputError, Stopped
@@ -83,7 +84,7 @@ app.command("diagnose", short_help="Identify unmodelled effects, with cross-vali
 app.command("prove", short_help="Blind benchmark of the diagnosis.")(prove.command)
 app.command("poses", short_help="Which poses to measure.")(poses.command)
 app.command("compensate", short_help="Targets in, corrected targets out.")(compensate.command)
-app.command("export", short_help="URDF, MDH tables, camera files of other programs.")(
+app.command("export", short_help="Python, MJCF, URDF, ROS, robot programs, camera files.")(
     export.command
 )
 app.command("identifiability", short_help="Which parameters a recording identifies.")(
@@ -92,6 +93,7 @@ app.command("identifiability", short_help="Which parameters a recording identifi
 app.command("significance", short_help="Which parameters move the end of an arm.")(
     significance.command
 )
+app.command("stiffness", short_help="What a wrench at the tool moves an arm by.")(stiffness.command)
 app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
 app.command("open", short_help="A run or a recording in a local web page.")(open.command)
 app.command("doctor", short_help="Check the installation.")(doctor.command)

@@ -109,8 +109,9 @@ def _write_robot(robot: Mapping, folder: Path) -> dict:
     if "builtin" in robot:
         return dict(robot)
     if "urdf" in robot:
-        shutil.copyfile(robot["urdf"], folder / "robot.urdf")
-        return {"file": "robot.urdf"} | {k: v for k, v in robot.items() if k != "urdf"}
+        name = f"robot{Path(robot['urdf']).suffix.lower()}"
+        shutil.copyfile(robot["urdf"], folder / name)
+        return {"file": name} | {k: v for k, v in robot.items() if k != "urdf"}
     if not robot:
         return {}
     _write_toml(folder / "robot.toml", robot)

@@ -31,6 +31,7 @@ COMMANDS = {
     "poses": "robot.poses",
     "significance": "robot.significance",
     "simulate": "robot.simulate",
+    "stiffness": "robot.stiffness",
     "camera": "sensor.camera",
     "hand_eye": "sensor.handeye",
     "render": "sensor.render",

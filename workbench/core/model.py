@@ -195,6 +195,10 @@ class Model:
         values = parameters.values
         return self.chain.evaluate(values[: len(self.chain.parameters)], self._deltas(values))
 
+    def deltas(self, parameters: Parameters) -> Deltas:
+        """Changes of every port's slots that the effects make at these parameters."""
+        return self._deltas(parameters.values)
+
     def _loads(self, values):
         """The effects on gravity and masses that are not at their null, with their spans."""
         pairs = zip(self.effects, self.spans)

@@ -5,9 +5,15 @@ from scipy.spatial.transform import Rotation
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) rotation of rotation vectors (..., 3) in rad."""
-    flat = np.reshape(vector, (-1, 3))
-    return Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(vector)[:-1], 3, 3)
+    """(..., 3, 3) rotation of rotation vectors (..., 3) in rad: Rodrigues' formula, exact at 0.
+
+    In numpy alone, since exported modules contain it.
+    """
+    vector = np.asarray(vector, float)
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    turn = skew(vector)
+    half = np.sinc(angle / (2 * np.pi))
+    return np.eye(3) + np.sinc(angle / np.pi) * turn + half**2 / 2 * (turn @ turn)
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
 from workbench.diagnosis import words
+from workbench.diagnosis.differences import with_differences
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
 from workbench.diagnosis.linear.visible import smallest
 from workbench.diagnosis.noise import replicates, stated_noise
@@ -80,7 +81,9 @@ def diagnose(
     if reference is not None:
         bench, shares = _against(bench, reference, recording)
         baseline = reference.name
-    return _whole(recording, bench, baseline, shares, progress, jobs)
+    made = _whole(recording, bench, baseline, shares, progress, jobs)
+    made = replace(made, given=bench.baseline)
+    return made if reference is None else with_differences(made, reference, recording)
 
 
 def _of_sensor(recording, reference, progress) -> Diagnosis:

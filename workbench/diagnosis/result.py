@@ -167,6 +167,9 @@ class Diagnosis:
     fixed: object = None  # fixed.FixedPoints, where the recording holds reflectors that do not move
     by_kind: Sequence[Mapping] = ()  # of a sensor: rows of `sensor_errors.errors_by_kind`
     balls: Mapping | None = None  # of a sensor: `sensor_errors.ball_centres`
+    differences: object = None  # differences.Differences, where a simulation or solution was named
+    given: tuple = ()  # effects that the baseline holds
+    robot_keys: Mapping | None = None  # of the reference's robot; None: that of the recording
 
     def as_json(self) -> dict:
         """The object of the JSON contract, with more keys."""
@@ -195,10 +198,17 @@ class Diagnosis:
             "outliers": list(self.outliers),
             "not_recorded": list(self.not_recorded),
             "against": self.shares.as_json() if self.shares else None,
+            "differences": self._differences(),
             "fixed_reflectors": self.fixed.as_json() if self.fixed else None,
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
+
+    def _differences(self) -> dict | None:
+        if self.differences is None:
+            return None
+        physics = [t for t in self.terms if t.finding.effect != "stated-noise"]
+        return self.differences.as_json([_effect(term, self.unit) for term in physics])
 
 
 def verdict_of(

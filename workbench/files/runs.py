@@ -73,16 +73,22 @@ def input_name(subject: str | Path) -> str:
     return str(path.resolve()) if path.exists() else str(subject)
 
 
-def replace_file(path: Path, text: str | Iterable[str]) -> None:
+def replace_file(path: Path, text: str | bytes | Iterable[str]) -> None:
     """Write `text`, whole or in parts, under a temporary name, then move it to `path`. Raises InputError.
+
+    Bytes are written as they are.
 
     A pipe or a device is written as it is: moving a file there would take its place.
     """
     partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
     special = path.exists() and not path.is_file()
     try:
-        with (path if special else partial).open("w", encoding="utf-8") as file:
-            file.writelines([text] if isinstance(text, str) else text)
+        target = path if special else partial
+        if isinstance(text, bytes):
+            target.write_bytes(text)
+        else:
+            with target.open("w", encoding="utf-8") as file:
+                file.writelines([text] if isinstance(text, str) else text)
         if not special:
             partial.replace(path.resolve())
     except OSError as error:

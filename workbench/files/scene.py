@@ -63,7 +63,8 @@ class Scene(_Table):
     `robot`: a built-in name, or a .toml or .urdf file, relative to the scene. Poses are random within
     `share_of_limits` of the joints' limits; in a ball-centre scene they look at `balls`, `stand_off_mm` away
     along the sensor's z axis, up to `field_deg` off it (15 mm each way where not said) and `cap_deg` off
-    the vertical. Optional
+    the vertical. `geometry`: true values of the arm's own parameters by key ("joint-2.a2"; mm, rad), such as a
+    calibration found; the others are nominal with `errors`. Optional
     covariates: `payload_kg` [low, high] and `approach` at random; `speeds_deg_s`, each joint's speed at
     random up to it (mm/s of a slide); `temperature_c` [first, last], a smooth ramp over the recording.
     """
@@ -79,6 +80,7 @@ class Scene(_Table):
     reflectors: Annotated[list[Vector], Field(min_length=1)] = [[0.0, 0.0, 100.0]]
     balls: list[Ball] = []
     errors: Errors = Errors()
+    geometry: dict[str, float] = {}
     stand_off_mm: Annotated[tuple[float, float], AfterValidator(_rising)] = (115.0, 135.0)
     field_deg: float | None = Field(None, gt=0, lt=80)
     cap_deg: float = Field(50.0, gt=0, le=90)

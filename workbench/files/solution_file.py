@@ -2,8 +2,8 @@
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
 from workbench.core.effect import Effect, make_effects
 from workbench.core.errors import InputError
+from workbench.core.terms import switched_off, term_names
 
 FORMAT, NAME = "solution/1", "solution.json"
 # What acts on the arm. The instrument's own errors, its drift relative to the base and the moment of reading move no
@@ -68,8 +69,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "measures": recording.measures,
         "robot": _robot_keys(recording),
         "effects": [
-            {"effect": _name_of(e), "where": e.where, **e.options}
-            for e in calibration.model.effects
+            {"effect": name_of(e), "where": e.where, **e.options} for e in calibration.model.effects
         ],
         "values": dict(zip(parameters.keys, parameters.values.tolist())),
         "free": [key for key, free in zip(parameters.keys, parameters.mask) if free],
@@ -115,7 +115,8 @@ def _robot_keys(recording) -> dict:
     return keys
 
 
-def _name_of(effect) -> str:
+def name_of(effect) -> str:
+    """What the catalogue calls an effect."""
     return next(name for name, kind in CATALOGUE.items() if kind is type(effect))
 
 
@@ -164,6 +165,19 @@ def read_solution(path: Path) -> CalibratedArm:
             f"{path}, key values: expected finite numbers, found others; calibrate again"
         )
     return arm
+
+
+def without_terms(arm: CalibratedArm, patterns: Sequence[str], where: str) -> CalibratedArm:
+    """The arm with some of its effects switched off; the values of the others stay as they were calibrated.
+
+    patterns: `<place>.<effect>`, as `joint-3.backlash`, with shell wildcards. where: what to call the calibration in
+    an error sentence. Raises InputError for a pattern that no effect matches.
+    """
+    if not patterns:
+        return arm
+    names = [term_names(effect.effect, effect.where, name_of(effect)) for effect in arm.effects]
+    off = switched_off(names, patterns, where)
+    return replace(arm, effects=tuple(e for e, is_off in zip(arm.effects, off) if not is_off))
 
 
 def _geometry_keys(robot: Robot) -> list[str]:

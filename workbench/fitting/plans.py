@@ -102,6 +102,7 @@ def read_plan(path: Path) -> tuple[Stage, ...]:
     Raises InputError for a file that is no such plan.
     """
     path = PLAN_FILES / f"{path}.toml" if str(path) in plan_names() else Path(path)
+    path = path / "plan.toml" if path.is_dir() else path  # a run folder of `workbench diagnose`
     try:
         rows = tomllib.loads(path.read_text(encoding="utf-8")).get("stage", [])
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:

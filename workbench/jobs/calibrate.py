@@ -43,6 +43,7 @@ from workbench.fitting.cross_validation import (
     repeat_summary,
 )
 from workbench.fitting.gauge import lengths_beside, resized, size_of
+from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
 from workbench.fitting.verdicts.fit_quality import noise_report
@@ -153,7 +154,8 @@ def calibrate(
         split = clean
         nominal = _first(Model(chain), split, stages)
         step, results = _run(nominal, stages, split, progress)
-    return _calibration(checked, nominal, step, results, split)
+    made = _calibration(checked, nominal, step, results, split)
+    return replace(made, warnings=(*made.warnings, *parallelism_warnings(stages, robot)))
 
 
 def _stages(plan, chain) -> tuple[Stage, ...]:

@@ -71,6 +71,7 @@ class Comparison:
                 "stages": [stage.name for stage in calibration.stages if stage.earned],
                 **_fit_rms(calibration),
                 **{f"held_out_{k}": v for k, v in own.items()},
+                **self._std(k),
                 "ratio": own["rms_mm"] / held_out[0]["rms_mm"],
                 **self._paired(k, self.distances),
                 **self._rotation_columns(k, own, held_out[0]),
@@ -82,6 +83,13 @@ class Comparison:
                 zip(self.names, self.calibrations, held_out)
             )
         ]
+
+    def _std(self, k: int) -> dict:
+        """Standard deviation of the held-out distances (mm), and of the angles (deg) where there are any."""
+        made = {"held_out_std_mm": float(self.distances[k].std())}
+        if self.measures_orientation:
+            made["held_out_rotation_std_deg"] = float(self.angles[k].std())
+        return made
 
     def _held_out(self, calibration) -> np.ndarray:
         """(m, held out) residual of the held-out rows, mm and then rad."""

@@ -1,6 +1,6 @@
 """Which poses to measure: reachable, visible, not in the arm's own way, and telling the most."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -99,7 +99,7 @@ def choose_poses(
     n: int,
     criterion: str = "D",
     tasks=None,
-    effects: bool = False,
+    effects: bool | Sequence[tuple[str, str, dict]] = False,
     link_radius_mm: float = LINK_RADIUS_MM,
     seed: int = 0,
     sight: Sight = EVERYTHING,
@@ -107,6 +107,8 @@ def choose_poses(
     trust_data: bool = False,
 ) -> Chosen:
     """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
+
+    effects: True for those of the default plan, or (name, where, options) rows of a plan.
 
     recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
     robot and kind, whose predicted error is to be small. link_radius_mm: half the thickness of the
@@ -212,7 +214,9 @@ def _model(robot, recording, effects):
     if recording.sigma is None:
         recording = replace(recording, sigma_mm=_NOMINAL_SIGMA_MM)
     chain = bind(robot, recording)
-    rows = [row for stage in default_plan(chain) for row in stage.effects] if effects else []
+    rows = effects or ()
+    if effects is True:
+        rows = [row for stage in default_plan(chain) for row in stage.effects]
     model = Model(chain, make_effects(CATALOGUE, rows))
     everything = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
     own = [p.key for effect in model.effects for p in effect.parameters(chain)]

@@ -1,5 +1,6 @@
 """From a scene to a recording: the model that calibrates, run forwards with noise."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from datasets.makers.poses import scanning
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
+from robot_model.loading import DESCRIPTIONS
 from robot_model.poses import pose_values
 from robot_model.robot import Robot
 from robot_model.robot_file import read_toml
@@ -19,12 +21,16 @@ from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.core.terms import switched_off, term_names
 from workbench.files.scene import Pose, Scene, read_scene
 
 
-def simulate(path: Path) -> Recording:
-    """The recording that the scene file `path` describes; raises InputError for a scene that cannot be."""
-    truth = truth_of(path)
+def simulate(path: Path, without: Sequence[str] = ()) -> Recording:
+    """The recording that the scene file `path` describes; raises InputError for a scene that cannot be.
+
+    without: names of effects to switch off, `<place>.<effect>`, with shell wildcards.
+    """
+    truth = truth_from(_without_effects_named(read_scene(path), without, path), path)
     residual, sigma = truth.model.residual(truth.parameters), truth.model.sigma(truth.parameters)
     noisy = residual + truth.rng.normal(size=residual.shape) * sigma
     columns = truth.shown.columns | truth.model.chain.measurement.columns(noisy)
@@ -32,6 +38,18 @@ def simulate(path: Path) -> Recording:
     if len(stated) > 3:  # poses: the noise of the orientation is stated, too
         columns["sigma_deg"] = np.rad2deg(stated[3])
     return replace(truth.shown, columns=columns)
+
+
+def _without_effects_named(scene: Scene, patterns: Sequence[str], path: Path) -> Scene:
+    if not patterns:
+        return scene
+    names = [
+        term_names(getattr(CATALOGUE.get(c.effect), "effect", c.effect), c.where, c.effect)
+        for c in scene.effect
+    ]
+    off = switched_off(names, patterns, f"scene {path}")
+    kept = [cause for cause, is_off in zip(scene.effect, off) if not is_off]
+    return scene.model_copy(update={"effect": kept})
 
 
 @dataclass(frozen=True)
@@ -73,7 +91,7 @@ def truth_from(scene: Scene, path: Path) -> Truth:
 def _robot_keys(scene: Scene, path: Path) -> dict:
     """What the recording says of its robot: a file's own keys, so that the recording stands alone."""
     file = path.parent / scene.robot
-    if file.suffix.lower() == ".urdf":
+    if file.suffix.lower() in DESCRIPTIONS:
         return {"urdf": str(file)}
     if file.suffix.lower() != ".toml":
         return {"builtin": scene.robot}
@@ -100,6 +118,13 @@ def _without_effects(scene, robot, blank, rng):
     start = np.concatenate([_pose(scene.base), at_flange])
     model = Model(bind(robot, blank, start))
     geometry = _geometry_errors(scene, model.parameters, rng)
+    unknown = sorted(set(scene.geometry) - set(geometry))
+    if unknown:
+        raise InputError(
+            f"scene '{scene.title}', key geometry: expected parameters of the arm such as {next(iter(geometry))}, "
+            f"found {unknown[0]}; correct it"
+        )
+    geometry |= scene.geometry
     residual = model.residual(model.parameters.update(geometry))
     shown = replace(blank, columns=dict(blank.columns) | model.chain.measurement.columns(residual))
     if scene.measures == "ball-centre":

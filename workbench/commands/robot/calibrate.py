@@ -14,6 +14,22 @@ from workbench.fitting.verdicts.verdict import Tolerance
 Plan = Annotated[
     Path | None, typer.Option("--plan", metavar="FILE", help="Stages to solve (TOML).")
 ]
+FromDiagnosis = Annotated[
+    Path | None,
+    typer.Option(
+        "--from-diagnosis",
+        metavar="RUN",
+        help="Calibrate the model that a run of `workbench diagnose` found.",
+    ),
+]
+Without = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--without",
+        metavar="TERM",
+        help="Switch off a term by name, as joint-3.backlash; * is a wildcard. Once for each.",
+    ),
+]
 FitSamples = Annotated[
     Path | None,
     typer.Option(
@@ -42,6 +58,8 @@ def command(
         str | None, typer.Argument(help="Folder of a recording, or a known name.")
     ] = None,
     plan: Plan = None,
+    from_diagnosis: FromDiagnosis = None,
+    without: Without = None,
     fit_samples: FitSamples = None,
     test_samples: TestSamples = None,
     folds: Folds = 10,
@@ -78,12 +96,40 @@ def command(
         test = samples.read_list(test_samples, known, "--test-samples")
         samples.check_apart(fit, test, test_samples)
         tolerances = answer.read_tolerances(tolerance, found.measures)
+        stages = _plan(plan, from_diagnosis, without)
         options = dict(
-            plan=plan, fit_samples=fit, test_samples=test, folds=folds, trust_data=trust_data
+            plan=stages, fit_samples=fit, test_samples=test, folds=folds, trust_data=trust_data
         )
         check_scanner(found, scanner)
         result, run = solve(found, recording, options, say, out, not no_report, scanner, tolerances)
     return deliver(result, run, json)
+
+
+def _plan(plan: Path | None, run: Path | None, without: list[str] | None):
+    """Stages of a plan file or of a diagnosis run, without the terms that are switched off; None: the default plan.
+
+    Raises InputError.
+    """
+    if plan is not None and run is not None:
+        raise InputError(
+            "--plan and --from-diagnosis: expected one of them, found both; leave one out."
+        )
+    if run is not None and not (run / "plan.toml").is_file():
+        raise InputError(
+            f"--from-diagnosis {run}: expected the run folder of `workbench diagnose` with a plan.toml, found none; "
+            "name the folder that the diagnosis printed."
+        )
+    named = run if run is not None else plan
+    if not without:
+        return named
+    if named is None:
+        raise InputError(
+            "--without: expected --plan or --from-diagnosis, whose terms have names, found neither; name one."
+        )
+    from workbench.fitting.plan_file import without_terms
+    from workbench.fitting.plans import read_plan
+
+    return without_terms(read_plan(named), without, str(named))
 
 
 def check_scanner(found, scanner: Path | None) -> None:

@@ -13,7 +13,7 @@ Plans = Annotated[
     typer.Option(
         "--plan",
         metavar="NAME|FILE",
-        help="A plan by name or file; 'default'. Repeat for each plan.",
+        help="A plan by name, file or run folder of `workbench diagnose`; 'default'. Once for each.",
     ),
 ]
 
@@ -58,8 +58,19 @@ def _show(console, result) -> None:
     for unit, prefix in (("mm", ""), ("deg", "rotation_")):
         if f"fit_{prefix}rms_{unit}" not in result["plans"][0]:
             continue
-        head = ["plan", "free", "known", f"fit RMS {unit}", "held out", "mean", "max", "ratio", "p"]
-        errors = [f"{name}_{unit}" for name in ("rms", "mean", "max")]
+        head = [
+            "plan",
+            "free",
+            "known",
+            f"fit RMS {unit}",
+            "held out",
+            "mean",
+            "std",
+            "max",
+            "ratio",
+            "p",
+        ]
+        errors = [f"{name}_{unit}" for name in ("rms", "mean", "std", "max")]
         keys = [f"fit_{prefix}{errors[0]}", *(f"held_out_{prefix}{name}" for name in errors)]
         keys = ["free", "identifiable", *keys, f"{prefix}ratio", f"{prefix}p"]
         rows = [[row["plan"], *(row[key] for key in keys)] for row in result["plans"]]

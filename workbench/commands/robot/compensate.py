@@ -7,11 +7,15 @@ from typing import Annotated
 
 import typer
 
+from workbench.commands.robot.calibrate import Without
 from workbench.commands.shared import answer, tables
 from workbench.files import runs
 
 Solution = Annotated[
-    Path, typer.Argument(help="Run folder of `workbench calibrate`, or its solution.json.")
+    Path,
+    typer.Argument(
+        help="Run folder of `workbench calibrate` or `workbench diagnose`, or its solution.json."
+    ),
 ]
 Force = Annotated[
     bool,
@@ -50,6 +54,7 @@ def command(
         Path, typer.Argument(help="Joint readings or flange poses, one row per target (CSV).")
     ],
     force: Force = False,
+    without: Without = None,
     max_correction_mm: MaxPosition = 10.0,
     max_correction_deg: MaxRotation = 1.0,
     max_sigma_mm: MaxSigma = None,
@@ -64,7 +69,7 @@ def command(
     """
     answer.check_target(json)
     with answer.progress(f"reading {solution}") as say:
-        from workbench.files.solution_file import read_solution
+        from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
         from workbench.fitting.verdicts.verdict import parse_tolerances
         from workbench.jobs.compensate import compensate
@@ -78,6 +83,7 @@ def command(
         tolerances = parse_tolerances(tolerance)
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm)
         arm = checked(read_solution(solution), solution, force, limits)
+        arm = without_terms(arm, without or (), str(solution))
         programme = read_programme(targets, arm.robot)
         covariates = covariates_of(arm, programme)
         say("inverting the model")

@@ -12,7 +12,11 @@ from workbench.fitting.verdicts.verdict import parse_tolerances
 
 Simulation = Annotated[
     Path | None,
-    typer.Option("--simulation", metavar="SCENE", help="Compare with this scene (TOML)."),
+    typer.Option(
+        "--simulation",
+        metavar="FILE",
+        help="Compare with this simulation: a scene (TOML), an MJCF (.xml) or URDF file.",
+    ),
 ]
 Solution = Annotated[
     Path | None,
@@ -47,6 +51,7 @@ def command(
         one_thread()  # the matrices are small: several threads would slow one another down
         import datasets
         from workbench.diagnosis.answer import diagnose
+        from workbench.diagnosis.corrected_model import write_model
         from workbench.diagnosis.files import save
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
@@ -68,10 +73,16 @@ def command(
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
-            diagnosis = made.as_json()
-            checked = check_diagnosis(made, found, tolerances).keys(diagnosis)
-            result = {**diagnosis, **checked, "input": runs.input_name(recording), "run": run.path}
+            told = made.as_json()
             save(made, run.partial)
+            model = write_model(made, found, run.partial, say, trust_data)
+            result = {
+                **told,
+                **check_diagnosis(made, found, tolerances).keys(told),
+                "model": model.as_json(run.path),
+                "input": runs.input_name(recording),
+                "run": run.path,
+            }
             if not no_report:
                 say("writing the report")
                 _report(made, run.partial)
@@ -134,6 +145,8 @@ def show(console, result) -> None:
             ["", "mm²"],
             [[name, shares[f"{name}_mm2"]] for name in names],
         )
+    if result["differences"] is not None:
+        _show_differences(console, result["differences"])
     console.print(f"Next: {result['next_experiment']}", markup=False)
 
 
@@ -152,3 +165,24 @@ def _show_sensor(console, result) -> None:
             "from the baseline to the model with what was found.",
             markup=False,
         )
+
+
+def _show_differences(console, found) -> None:
+    """Parameters, noise and physics by which a recording differs from its simulation."""
+    rows = [
+        [f"{row['where']} {row['name']}", row["value"], row["std"], row["unit"], row["sigmas"]]
+        for row in found["parameters"]
+    ]
+    title = f"Parameters that differ, of {found['parameters_tested']}"
+    head = ["parameter", "difference", "std", "unit", "sigmas"]
+    if rows:
+        tables.grid(console, title, head, rows)
+    else:
+        console.print("No parameter of the geometry differs significantly.")
+    noise = found["noise"]
+    if noise["factor"] is not None:
+        console.print(
+            f"Noise: stated {noise['stated']:.3g} mm, found {noise['found']:.3g} mm, factor {noise['factor']:.3g}."
+        )
+    names = ", ".join(f"{one['effect']} at {one['where']}" for one in found["physics"]) or "none"
+    console.print(f"Physics that is not in the simulation: {names}.", markup=False)

@@ -7,14 +7,17 @@ from typing import Annotated
 
 import typer
 
+from workbench.commands.robot.calibrate import Without
 from workbench.commands.robot.compensate import Force
+from workbench.commands.robot.export_arm import FORMATS as ARM_FORMATS
+from workbench.commands.robot.export_arm import ArmOptions, export_arm
 from workbench.commands.shared import answer
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 
 ARM, CAMERA, HAND_EYE = "calibrated arm", "calibrated camera", "hand-eye transform"
 FORMATS = {
-    ARM: ("urdf", "mdh-json", "mdh-csv"),
+    ARM: ARM_FORMATS,
     CAMERA: ("ros", "opencv", "kalibr"),
     HAND_EYE: ("ros",),
 }
@@ -43,6 +46,19 @@ ChildFrame = Annotated[
 ]
 
 
+UrdfFile = Annotated[
+    Path | None,
+    typer.Option("--urdf", metavar="FILE", help="The URDF whose joint origins are corrected."),
+]
+Tip = Annotated[
+    str | None, typer.Option("--tip", metavar="LINK", help="Its link that is the flange.")
+]
+Targets = Annotated[
+    Path | None,
+    typer.Option("--targets", metavar="FILE", help="Targets of a robot program (CSV)."),
+]
+
+
 @dataclass(frozen=True)
 class _Frames:
     """Names of the ROS frames that the user wants; None for the usual ones."""
@@ -63,12 +79,18 @@ def command(
     force: Force = False,
     parent_frame: ParentFrame = None,
     child_frame: ChildFrame = None,
+    without: Without = None,
+    urdf: UrdfFile = None,
+    tip: Tip = None,
+    targets: Targets = None,
     json: answer.JsonTarget = None,
 ) -> None:
     """Write what was calibrated for another program; it is read back and compared before it is kept.
 
-    A calibrated arm goes to urdf, mdh-json and mdh-csv; a camera or the camera of a scanner to ros, opencv and kalibr;
-    a hand-eye transform to ros: a static transform and a launch file that publishes it.
+    A calibrated arm goes to urdf (your own file with corrected origins, where there is one), mjcf, python (one module
+    that needs numpy alone), ros (kinematics of a Universal Robots arm), urscript, krl and rapid (a program with
+    corrected --targets), mdh-json and mdh-csv. A camera or the camera of a scanner goes to ros, opencv and kalibr; a
+    hand-eye transform to ros: a static transform and a launch file that publishes it.
     """
     answer.check_target(json)
     if to not in ALL_FORMATS:
@@ -80,16 +102,9 @@ def command(
             f"--out {file} expects a file in a folder that exists; make {file.parent} or name another"
         )
     kind, path = _choose(source, to)
-    if kind != HAND_EYE and (parent_frame or child_frame):
-        raise InputError(
-            f"--parent-frame, --child-frame: expected with a hand-eye transform only, found a {kind} in {source}; "
-            "leave them out"
-        )
-    if kind == HAND_EYE:
-        texts, left_out = _hand_eye(path, file, _Frames(parent_frame, child_frame), force)
-    else:
-        text, left_out = _camera(path, to) if kind == CAMERA else _arm(path, to, force)
-        texts = {file: text}
+    options = ArmOptions(urdf, tip, targets, tuple(without or ()), force)
+    frames = _Frames(parent_frame, child_frame)
+    texts, left_out, notes = _made((kind, path), source, (to, file), frames, options)
     for target, text in texts.items():
         replace_file(target, text)
     more = [target for target in texts if target != file]
@@ -99,22 +114,53 @@ def command(
         "format": to,
         "file": file,
         "left_out": left_out,
+        "notes": list(notes),
     }
-    answer.deliver(result | ({"launch_file": more[0]} if more else {}), json)
+    if more:
+        result["launch_file" if kind == HAND_EYE else "control_file"] = more[0]
+    answer.deliver(result, json)
     console = answer.console(json)
     if left_out:
         console.print(
             f"Not in this file, since its format cannot say it: {', '.join(left_out)}.",
             markup=False,
         )
+    for note in notes:
+        console.print(note, markup=False)
     for target in (*more, file):
         console.print(str(target), soft_wrap=True, markup=False)
+
+
+def _made(content, source: Path, output, frames: _Frames, options: ArmOptions):
+    """Texts by file, what the format cannot hold, and notes. InputError for options of another kind of source.
+
+    content: kind of what goes out and its file; output: format and file to write.
+    """
+    (kind, path), (to, file) = content, output
+    if kind != HAND_EYE and (frames.parent or frames.child):
+        raise InputError(
+            f"--parent-frame, --child-frame: expected with a hand-eye transform only, found a {kind} in {source}; "
+            "leave them out"
+        )
+    if kind != ARM and options != ArmOptions(force=options.force):
+        raise InputError(
+            f"--without, --urdf, --tip, --targets: expected with a calibrated arm only, found a {kind} in {source}; "
+            "leave them out"
+        )
+    if kind == HAND_EYE:
+        return *_hand_eye(path, file, frames, options.force), ()
+    if kind == CAMERA:
+        text, left_out = _camera(path, to)
+        return {file: text}, left_out, ()
+    made = export_arm(path, to, file, options)
+    return made.texts, made.left_out, made.notes
 
 
 def _choose(source: Path, to: str) -> tuple[str, Path]:
     """What of the source goes to the format, and its file. InputError says which formats the source has."""
     found = _contents(source)
-    for kind, path in found.items():
+    # `ros` of a folder that also holds a camera or a hand-eye transform means these
+    for kind, path in sorted(found.items(), key=lambda item: item[0] == ARM):
         if to in FORMATS[kind]:
             return kind, path
     if found:
@@ -155,19 +201,6 @@ def _is_hand_eye(source: Path) -> bool:
         return tomllib.loads(source.read_text(encoding="utf-8")).get("format") == FORMAT
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
         return False
-
-
-def _arm(path, to, force) -> tuple[str, list[str]]:
-    from workbench.files.exports import mdh_csv, mdh_json, urdf
-    from workbench.files.exports.check import check_mdh, check_urdf
-    from workbench.files.exports.mdh import left_out
-    from workbench.files.solution_file import read_solution
-    from workbench.jobs.correction_limits import checked
-
-    arm = checked(read_solution(path), path, force)
-    text = {"urdf": urdf, "mdh-json": mdh_json, "mdh-csv": mdh_csv}[to](arm)
-    (check_urdf if to == "urdf" else check_mdh)(arm, text)
-    return text, left_out(arm)
 
 
 def _camera(path, to) -> tuple[str, list[str]]:

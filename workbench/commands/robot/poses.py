@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from workbench.commands.robot.calibrate import Without
 from workbench.commands.shared import answer, tables
+from workbench.commands.shared.model_run import SCENE, is_model_run
 from workbench.core.errors import InputError
 from workbench.files import runs
 from workbench.fitting.verdicts import verdict
@@ -22,7 +24,10 @@ Tasks = Annotated[
 
 def command(
     candidates: Annotated[
-        str, typer.Argument(help="A recording, a known name, or a scene (TOML) to draw poses from.")
+        str,
+        typer.Argument(
+            help="A recording, a known name, a scene (TOML) or a run of `workbench diagnose` to draw poses from."
+        ),
     ],
     count: Annotated[int, typer.Option("--count", "-n", help="Number of poses to choose.")] = 40,
     criterion: Annotated[str, typer.Option("--criterion", help="D, O1 ... O5, or task.")] = "D",
@@ -30,6 +35,7 @@ def command(
     effects: Annotated[
         bool, typer.Option("--effects", help="Include transmission and compliance.")
     ] = False,
+    without: Without = None,
     link_radius: Annotated[
         float, typer.Option("--link-radius", min=0, help="Radius of the links, mm.")
     ] = 50.0,
@@ -59,12 +65,22 @@ def command(
         from workbench.jobs.poses import choose_poses, write_poses
 
         tolerances = _tolerances(tolerance, criterion)
+        rows = _terms(candidates, without)
         found = _read(candidates, trust_data)
         wanted = None if tasks is None else _read(tasks, trust_data)
         say("choosing")
         sight = Sight(stand_off, field, cap)
         chosen = choose_poses(
-            found, count, criterion, wanted, effects, link_radius, seed, sight, repeats, trust_data
+            found,
+            count,
+            criterion,
+            wanted,
+            rows or effects,
+            link_radius,
+            seed,
+            sight,
+            repeats,
+            trust_data,
         )
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
@@ -100,8 +116,28 @@ def _verdict(design, tolerances) -> verdict.Verdict:
     return verdict.judge(error, None, tolerances)
 
 
+def _terms(name: str, without: list[str] | None):
+    """Effects of the plan of a diagnosis run, as (name, where, options) rows; () for everything else."""
+    if not is_model_run(Path(name)):
+        if without:
+            raise InputError(
+                f"--without: expected a run of `workbench diagnose`, whose terms have names, found {name}; "
+                "leave --without out."
+            )
+        return ()
+    from workbench.fitting.plan_file import without_terms
+    from workbench.fitting.plans import read_plan
+
+    stages = without_terms(read_plan(Path(name)), without or (), name)
+    return tuple(row for stage in stages for row in stage.effects)
+
+
 def _read(name: str, trust_data: bool):
-    """A recording, or the simulated recording of a scene (TOML)."""
+    """A recording, or what the scene of a TOML file, or of a diagnosis run, simulates."""
+    if is_model_run(Path(name)):
+        from workbench.jobs.simulate import simulate
+
+        return simulate(Path(name) / SCENE)
     if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
         from workbench.jobs.simulate import simulate
 

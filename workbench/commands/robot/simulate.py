@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
+from workbench.commands.robot.calibrate import Without
 from workbench.commands.shared import answer
+from workbench.commands.shared.model_run import scene_of
 from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
 
@@ -13,7 +15,10 @@ _NO_RESIDUAL = "A simulation has no reference, so there is no residual to judge.
 
 
 def command(
-    scene: Annotated[Path, typer.Argument(help="Scene file (TOML).")],
+    scene: Annotated[
+        Path, typer.Argument(help="Scene file (TOML), or run folder of `workbench diagnose`.")
+    ],
+    without: Without = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
@@ -23,7 +28,7 @@ def command(
         import datasets
         from workbench.jobs.simulate import simulate
 
-        recording = simulate(scene)
+        recording = simulate(scene_of(scene), without or ())
         with runs.opened("simulate", scene.stem, out) as run:
             say("writing the recording")
             datasets.write(recording, run.partial)

@@ -11,8 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model import load_robot
+from robot_model.effects import CATALOGUE
+from robot_model.loading import DESCRIPTIONS
 from robot_model.measurements import samples_of
+from robot_model.mjcf import is_mjcf, terms_of, unread
 from robot_model.system import bind, geometry_free
+from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
@@ -27,13 +32,19 @@ _LENGTH_MM, _TURN_RAD = 1.0, 0.01
 
 @dataclass(frozen=True)
 class Reference:
-    """What a recording is compared with: a robot, the effects that it holds, and their values by key."""
+    """What a recording is compared with: a robot, the effects that it holds, and their values by key.
+
+    `robot_keys`: what `load_robot` makes the robot of. `sigma_mm`: the noise that the reference states. `notes`:
+    sentences for what its file says and the comparison does not use.
+    """
 
     name: str
     robot: object
     effects: tuple
     values: dict[str, float]
-    masses: dict[str, object]
+    robot_keys: dict
+    sigma_mm: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,15 +84,42 @@ def reference_of(simulation: Path | None, solution: Path | None) -> Reference | 
             "--simulation and --solution: expected one of them, found both; leave out the one that the recording is "
             "not to be compared with."
         )
+    if simulation is not None and Path(simulation).suffix.lower() in DESCRIPTIONS:
+        return _twin(Path(simulation))
     if simulation is not None:
         truth = truth_of(Path(simulation))
         robot, parameters = truth.model.chain.robot, truth.parameters
         values = dict(zip(parameters.keys, parameters.values.tolist()))
-        return Reference(f"simulation {simulation}", robot, truth.model.effects, values, {})
+        keys = dict(truth.shown.robot)
+        sigma = truth.shown.sigma_mm
+        return Reference(
+            f"simulation {simulation}", robot, truth.model.effects, values, keys, sigma
+        )
     if solution is None:
         return None
     arm = read_solution(Path(solution))
-    return Reference(f"solution {solution}", arm.robot, arm.effects, arm.values, {})
+    keys = dict(arm.keys["robot"])
+    return Reference(f"solution {solution}", arm.robot, arm.effects, arm.values, keys)
+
+
+def _twin(path: Path) -> Reference:
+    """A URDF or MJCF file: its nominal arm, and the terms of an exported one."""
+    keys = {"urdf": str(path.resolve())}
+    robot = load_robot(keys, str(path))
+    held, notes = {}, ()
+    if is_mjcf(path):
+        held = terms_of(path)
+        notes = () if held else tuple(unread(path))
+    if not robot.mass.any():
+        notes = (
+            *notes,
+            f"{path.name} states no masses, so that no deflection under gravity can be tested.",
+        )
+    rows = [(row.pop("effect"), row.pop("where"), row) for row in held.get("effects", [])]
+    effects = make_effects(CATALOGUE, rows)
+    return Reference(
+        f"simulation {path}", robot, effects, held.get("values", {}), keys, None, notes
+    )
 
 
 def bound(reference: Reference, recording) -> tuple[Model, Parameters]:

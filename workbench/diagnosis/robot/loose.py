@@ -8,6 +8,13 @@ would make of first moments that the data sheet does not know.
 
 import numpy as np
 
+from robot_model.effects.estimated_masses import (
+    SOURCE,
+    ComplianceWithMasses,
+)
+from robot_model.effects.estimated_masses import (
+    moment_responses as responses,
+)
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.parameters import Parameter
@@ -22,54 +29,6 @@ MASS_SHARE, CENTRE_MM = 0.05, 5.0
 """1 sigma of a stated first moment as a share of it, and of a centre of mass (mm per axis): prior of the names."""
 
 
-class Loose(Effect):
-    """An elastic law with `mixtures` (R, J + 1, 3) kg mm of first moments as further parameters.
-
-    `inner`: the law with P parameters; `shares` (R, P): the part of itself that each mixture makes and that is
-    left out of it, so that the law's own numbers keep their meaning. P (1 + R) parameters.
-    """
-
-    elastic = True
-    source = "first moments as in rigid-body identification: Atkeson, An & Hollerbach, Int. J. Robot. Res. 5 (1986)"
-
-    def __init__(self, where: str, inner: Effect, mixtures: tuple, shares: tuple):
-        super().__init__(where)
-        self.inner, self.mixtures, self.shares = inner, mixtures, shares
-        self.effect, self.port, self.components = inner.effect, inner.port, inner.components
-        self.nonnegative, self.reads = inner.nonnegative, inner.reads
-        self.subsumes, self.family = inner.subsumes, inner.family
-        self.places, self.equation = (
-            inner.places,
-            f"{inner.equation}, first moments of the links found",
-        )
-
-    def table(self, chain):
-        own = self.inner.table(chain)
-        more = [
-            Parameter(
-                f"{p.key}_mass_{r + 1}",
-                p.unit,
-                0.0,
-                p.typical,
-                f"{p.label}, masses {r + 1}",
-                p.prior,
-            )
-            for r in range(len(self.mixtures))
-            for p in own
-        ]
-        return (*own, *more)
-
-    def basis(self, state):
-        own = self.inner.basis(state)
-        made = responses(self.inner, state)
-        parts = [own]
-        for mixture, share in zip(self.mixtures, self.shares):
-            parts.append(
-                np.tensordot(np.ravel(mixture), made, 1) - np.asarray(share)[:, None, None] * own
-            )
-        return np.concatenate(parts)
-
-
 class MassResponse(Effect):
     """What a law's deflection changes by per standard deviation of each first moment, as P M parameters.
 
@@ -78,7 +37,7 @@ class MassResponse(Effect):
     """
 
     elastic = True
-    source = Loose.source
+    source = SOURCE
 
     def __init__(self, where: str, inner: Effect):
         super().__init__(where)
@@ -107,13 +66,7 @@ class MassResponse(Effect):
         return made.transpose(1, 0, 2, 3).reshape(-1, *made.shape[2:])
 
 
-def responses(law: Effect, state) -> np.ndarray:
-    """(3 J + 3, P, m, n) what a law makes of one kg mm more of each first moment: of the links, then of the load."""
-    own = law.basis(state)
-    return np.stack([law.basis(other) - own for other in state.unit_moments])
-
-
-def loosened(law: Effect, state) -> Loose | None:
+def loosened(law: Effect, state) -> ComplianceWithMasses | None:
     """The law with the mixtures of first moments that move it most in these poses; None where none does."""
     own, made = law.basis(state), responses(law, state) * _sizes(state)[:, None, None, None]
     length = (own**2).sum((1, 2))
@@ -127,11 +80,9 @@ def loosened(law: Effect, state) -> Loose | None:
         return None
     weights = u[:, kept].T  # (R, 3 J + 3) in units of what is likely
     mixtures = (weights * _sizes(state)).reshape(len(kept), -1, 3)
-    return Loose(law.where, law, _plain(mixtures), _plain(weights @ shares))
-
-
-def _plain(values) -> tuple:
-    return tuple(_plain(v) for v in values) if np.ndim(values) else float(values)
+    return ComplianceWithMasses(
+        law.where, law.effect, mixtures.tolist(), (weights @ shares).tolist()
+    )
 
 
 def nearly_known(state) -> np.ndarray:
@@ -152,4 +103,4 @@ def _sizes(state) -> np.ndarray:
     return (masses[:, None] * (_SHARE * np.abs(centres) + _CENTRE_MM)).ravel()
 
 
-__all__ = ["LABEL", "Loose", "MassResponse", "loosened", "nearly_known"]
+__all__ = ["LABEL", "MassResponse", "loosened", "nearly_known"]

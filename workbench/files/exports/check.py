@@ -47,6 +47,61 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
         raise _Differs("the URDF read back puts the flange elsewhere")
 
 
+def check_python(arm: CalibratedArm, text: str) -> None:
+    """RuntimeError where the module, executed, puts the flange elsewhere than the calibrated arm."""
+    from workbench.files.exports.python.module import arm_data, observed_effects
+    from workbench.files.exports.python.runtime import CorrectedArm
+
+    module: dict = {"__name__": "exported_arm"}
+    exec(compile(text, "exported_arm.py", "exec"), module)
+    plain = CorrectedArm(arm_data(arm), arm.acting_effects, observed_effects(arm))
+    readings = np.random.default_rng(0).uniform(-50, 50, (8, arm.robot.mixing.shape[1]))
+    ranges = arm.fitted_range or {}
+    covariates = {name: (low + high) / 2 for name, (low, high) in ranges.items()}
+    if arm.fitted_range is None and any(effect.needs for effect in arm.effects):
+        return  # an older version did not write in which range its covariates are
+    wanted = plain.flange_poses(readings, covariates)
+    if np.abs(module["flange_poses"](readings, covariates) - wanted).max() > _SAME_MM:
+        raise _Differs("the Python module executed puts the flange elsewhere")
+
+
+def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bool) -> None:
+    """RuntimeError where the patched URDF's flange moves otherwise than the calibrated one.
+
+    exact: whether its flange must be that of the calibration; else a constant transform may lie between.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_bytes(content)
+        again = load_robot({**spec, "urdf": str(path)})
+    readings = np.random.default_rng(0).uniform(-1, 1, (16, again.mixing.shape[1]))
+    found = _flanges(again, readings @ again.mixing.T)
+    wanted = _flanges(arm.robot, readings @ arm.robot.mixing.T, calibrated_geometry(arm))
+    if not exact:
+        found, wanted = (part @ np.linalg.inv(part[0]) for part in (found, wanted))
+        found, wanted = (np.trace(part, axis1=1, axis2=2) for part in (found, wanted))
+    if np.abs(found - wanted).max() > _SAME_MM:
+        raise _Differs("the patched URDF read back puts the flange elsewhere")
+
+
+def check_program(readings: np.ndarray, text: str, language: str) -> None:
+    """RuntimeError where the program does not hold the readings (n, 6) rad."""
+    from workbench.files.exports.programs import read_program
+
+    again = read_program(text, language)
+    if again.shape != readings.shape or np.abs(again - readings).max(initial=0) > _SAME:
+        raise _Differs(f"the {language} program read back has other targets")
+
+
+def check_ur_kinematics(arm: CalibratedArm, text: str) -> None:
+    """RuntimeError where the file does not give the places of the joints back."""
+    from workbench.files.exports.ur_kinematics import joint_places, read_ur_kinematics
+
+    for again, place in zip(read_ur_kinematics(text), joint_places(arm)):
+        if np.abs(again - place).max() > _SAME_MM:
+            raise _Differs("the kinematics file read back is another arm")
+
+
 def _flanges(robot, variables, geometry=None):
     frames = forward(robot, variables.T, geometry)
     return transform(flange_matrices(frames), frames.end_origin.T)

@@ -17,8 +17,8 @@ def urdf(arm: CalibratedArm) -> str:
     axes becomes the origin of the second. Where the controller couples joints, which a URDF cannot
     say, its joints are the angles between the links, and a comment gives them from the readings.
     """
-    signs = _signs(arm.robot)
-    origins = _origins(arm)
+    signs = joint_signs(arm.robot)
+    origins = joint_origins(arm)
     root = ET.Element("robot", name=arm.robot.name)
     root.append(ET.Comment(_note(arm)))
     links = ["base_link", *(f"link_{k + 1}" for k in range(arm.robot.joints)), "flange"]
@@ -35,19 +35,24 @@ def urdf(arm: CalibratedArm) -> str:
 def _note(arm):
     out = left_out(arm)
     more = f" Not in here, since a URDF cannot say it: {', '.join(out)}." if out else ""
-    sums = f" In the controller's readings: {_sums(arm.robot)}." if _coupled(arm.robot) else ""
+    sums = (
+        f" In the controller's readings: {coupled_sums(arm.robot)}."
+        if is_coupled(arm.robot)
+        else ""
+    )
     return f" Geometry as calibrated, held-out RMS {arm.held_out_mm:.4g} mm.{more}{sums} ".replace(
         "--", "-"
     )
 
 
-def _signs(robot):
+def joint_signs(robot) -> np.ndarray:
     """(J,) 1 or -1 by which a reading turns its joint; 1 where joints are coupled."""
     own = np.diag(robot.mixing)
-    return np.ones(robot.joints) if _coupled(robot) else own
+    return np.ones(robot.joints) if is_coupled(robot) else own
 
 
-def _coupled(robot) -> bool:
+def is_coupled(robot) -> bool:
+    """Whether a joint variable depends on more than its own reading, or not by plus or minus one."""
     own = np.diag(np.diag(robot.mixing)) if robot.mixing.shape[0] == robot.mixing.shape[1] else None
     return (
         own is None
@@ -56,32 +61,39 @@ def _coupled(robot) -> bool:
     )
 
 
-def _sums(robot) -> str:
-    """joint_3 = q3 + q2 of each joint that is not its own reading."""
+def coupled_sums(robot) -> str:
+    """Joint variables from readings: joint_3 = q3 + q2 of each joint that is not its own reading."""
     return "; ".join(
         f"joint_{k} = " + " + ".join(f"{row[c]:g} q{c + 1}" for c in np.flatnonzero(row))
         for k, row in enumerate(robot.mixing, 1)
     )
 
 
-def _origins(arm) -> list[np.ndarray]:
+def joint_origins(arm) -> list[np.ndarray]:
     """J + 1 fixed transforms (4, 4) mm: before each joint, and from the last to the flange."""
-    before, after = [], []
-    for theta, d, a, alpha, beta in calibrated_geometry(arm)[:, [THETA, D, A, ALPHA, BETA]]:
-        screw, twist = _place("z", theta, (0, 0, d)), _place("xy", [alpha, beta])
-        along = _place("x", 0.0, (a, 0, 0))
-        if arm.robot.convention == "distal":
-            before.append(np.eye(4))
-            after.append(screw @ along @ twist)
-        else:  # Craig: Ry(beta) Rx(alpha) Tx(a) stand before the joint
-            before.append(_place("YX", [beta, alpha]) @ along)
-            after.append(screw)
+    before, after = around_joints(arm)
     starts = [arm.robot.base, *after]
     ends = [*before, arm.robot.flange]
     return [start @ end for start, end in zip(starts, ends)]
 
 
-def _place(axes, angles, shift=(0, 0, 0)):
+def around_joints(arm) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """J transforms (4, 4) mm each: from frame k-1 to the joint's axis, and from there to frame k."""
+    before, after = [], []
+    for theta, d, a, alpha, beta in calibrated_geometry(arm)[:, [THETA, D, A, ALPHA, BETA]]:
+        screw, twist = placed("z", theta, (0, 0, d)), placed("xy", [alpha, beta])
+        along = placed("x", 0.0, (a, 0, 0))
+        if arm.robot.convention == "distal":
+            before.append(np.eye(4))
+            after.append(screw @ along @ twist)
+        else:  # Craig: Ry(beta) Rx(alpha) Tx(a) stand before the joint
+            before.append(placed("YX", [beta, alpha]) @ along)
+            after.append(screw)
+    return before, after
+
+
+def placed(axes, angles, shift=(0, 0, 0)) -> np.ndarray:
+    """(4, 4) of a shift (mm) and rotations (rad) about moving axes, given by their letters."""
     made = np.eye(4)
     made[:3, :3] = Rotation.from_euler(axes.upper(), angles).as_matrix()
     made[:3, 3] = shift

@@ -2,6 +2,7 @@
 
 import numpy as np
 import plotly.graph_objects as go
+from scipy.spatial.transform import Rotation
 
 from workbench.jobs.hand_eye import TO_HAND, HandEyeRun
 from workbench.report import style
@@ -262,6 +263,7 @@ def _transform(run):
         for axis, v, s in zip("xyz", placed["rotvec_deg"], placed["std_deg"])
     ]
     yield table(["", "value", "σ", "unit"], rows)
+    yield from _as_matrix(made.sensor)
     if made.radius is not None:
         std = made.std.get("target.radius")
         radius = (
@@ -271,6 +273,16 @@ def _transform(run):
         )
         yield words(f"Radius of the sphere: {radius}.")
         yield from _profiler(run)
+
+
+def _as_matrix(sensor):
+    """The transform as a 4 x 4 matrix and as a quaternion, with digits enough to be copied."""
+    yield words("As a matrix that takes sensor coordinates to that frame (translation in mm):")
+    rows = [[f"{value:.9f}" for value in row[:3]] + [f"{row[3]:.6f}"] for row in sensor]
+    yield table(["", "", "", "mm"], rows, left=0)
+    quaternion = Rotation.from_matrix(sensor[:3, :3]).as_quat(canonical=True)
+    yield words("Its rotation as a unit quaternion, as ROS orders it:")
+    yield table(["qx", "qy", "qz", "qw"], [[f"{value:.9f}" for value in quaternion]], left=0)
 
 
 def _profiler(run):

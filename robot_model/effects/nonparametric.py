@@ -1,0 +1,219 @@
+"""Smooth functions of covariates at a place: terms without a physical law, which a diagnosis can add to a model.
+
+A term is a linear combination of fixed functions of one or two covariates. Its parameters are the coefficients, so
+that it is solved, stored and used like every other effect.
+"""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+from pydantic import Field
+
+from robot_model.derived_covariates import covariate
+from workbench.core.effect import Effect
+from workbench.core.errors import InputError
+from workbench.core.parameters import Parameter
+
+PLACES = ("joint", "link", "base", "tool", "sensor")
+SHARP_DEGREE = 40
+"""Degree of a function that changes sharply: wear at one place extends over a twentieth of the range."""
+_DEGREE, _LONG_DEGREE, _PAIR_DEGREE = 6, 9, 3
+# Only one number moves at a joint, so that a finer function can be afforded there.
+_FINE_DEGREE, _FINE_PAIR = 15, 5
+# Covariates whose sign alone may matter: the side of approach, or the side that is loaded.
+_SIGNED = ("move", "tau", "down", "moment")
+# Shares of a half span after which a sign is fully felt.
+_SHARPNESS = (20.0, 200.0)
+
+Port = Literal["joint", "frame", "geometry", "sensor"]
+Span = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+def functions(
+    names: tuple[str, ...], values, spans, fine: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """(V, n) functions of one or two covariates, and (V,) their prior sizes, which fall with the degree.
+
+    names: of the covariates; values: (n,) each; spans: (least, most) each, the range of the functions.
+    Legendre polynomials on the span without the constant; products of them for two covariates; for a
+    covariate with two values only itself. fine: 1 of higher degree, for a place where one number moves;
+    2 of so high a degree that the function may change sharply. Beyond its span a function keeps its value at
+    the end: it does not extrapolate.
+    """
+    scaled = [
+        np.clip(2 * (x - low) / max(high - low, 1e-300) - 1, -1, 1)
+        for x, (low, high) in zip(values, spans)
+    ]
+    if len(names) == 2:
+        degrees = [_degree(name, fine) for name in names]
+        return _pair(*scaled, degrees, _FINE_PAIR if fine else _PAIR_DEGREE)
+    degree = _degree(names[0], fine)
+    waves, sizes = legvander(scaled[0], degree).T[1:], 1 / np.arange(1, degree + 1)
+    low, high = spans[0]
+    if names[0].startswith(_SIGNED) and low < 0 < high:
+        half = (high - low) / 2
+        signs = [np.tanh(sharpness * values[0] / half)[None] for sharpness in _SHARPNESS]
+        waves = np.concatenate([waves, *signs])
+        sizes = np.append(sizes, np.ones(len(_SHARPNESS)))
+    return waves, sizes
+
+
+def _degree(name: str, fine: int) -> int:
+    if name.startswith("approach"):
+        return 1
+    if name == "payload":
+        return 2
+    if name == "time" or name[0] == "q":
+        return (_LONG_DEGREE, _FINE_DEGREE, SHARP_DEGREE)[fine]
+    return _DEGREE
+
+
+def _pair(a, b, most, together):
+    every = [(i, j) for i in range(together + 1) for j in range(together + 1 - i)]
+    degrees = [(i, j) for i, j in every if i + j > 0 and i <= most[0] and j <= most[1]]
+    first, second = legvander(a, together).T, legvander(b, together).T
+    waves = np.stack([first[i] * second[j] for i, j in degrees])
+    return waves, np.array([1 / (i + j) for i, j in degrees])
+
+
+class SmoothFunction(Effect):
+    """A part of the machine errs by a smooth function of one or two covariates, without a physical law.
+
+    `names` of the covariates, recorded or derived from the readings; `spans` their lowest and highest value; `unit` of
+    the port's slots; `sizes` expected size of each slot before measuring; `sharp`: the function may change sharply.
+    """
+
+    effect = "unknown"
+    port = "joint"  # that of a term is its own option
+    places = PLACES
+    equation = "slot = sum_k c_k L_k(x), Legendre polynomials on the span of the covariate"
+    source = "regression on an orthogonal basis"
+
+    def __init__(
+        self,
+        where: str,
+        port: Port,
+        names: list[str],
+        spans: list[Span],
+        unit: str,
+        sizes: list[float],
+        sharp: bool = False,
+    ):
+        super().__init__(where)
+        if not 1 <= len(names) <= 2 or len(spans) != len(names):
+            raise InputError(
+                f"{self.effect} at {where}, options names and spans: expected one or two covariates with a "
+                f"span each, found {len(names)} and {len(spans)}; correct them"
+            )
+        self.port, self.names, self.unit, self.sharp = port, tuple(names), unit, sharp
+        self.spans = tuple((float(low), float(high)) for low, high in spans)
+        self.sizes = tuple(float(size) for size in sizes)
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: a search for smooth functions has its own list of places and covariates."""
+        return ()
+
+    @property
+    def options(self) -> dict:
+        """Its constructor's options as lists, which every file format holds."""
+        return {
+            "port": self.port,
+            "names": list(self.names),
+            "spans": [list(span) for span in self.spans],
+            "unit": self.unit,
+            "sizes": list(self.sizes),
+            "sharp": self.sharp,
+        }
+
+    @property
+    def title(self) -> str:
+        return f"smooth function of {' and '.join(self.names)} at {self.where}"
+
+    @property
+    def _fine(self) -> int:
+        return 2 if self.sharp else int(len(self.sizes) == 1)
+
+    def table(self, chain):
+        """One coefficient a slot and function; its prior falls with the degree of the function."""
+        still = [np.zeros(1)] * len(self.names)
+        _, shrink = functions(self.names, still, self.spans, self._fine)
+        about = "_".join(self.names)
+        return tuple(
+            Parameter(
+                f"{self.where}.unknown.{about}_{slot}_{term}",
+                self.unit,
+                0.0,
+                size * share,
+                f"the smooth function at {self.where}, term {term + 1}",
+                30 * size * share,
+            )
+            for slot, size in enumerate(self.sizes)
+            for term, share in enumerate(shrink)
+        )
+
+    def slots(self, chain):
+        """All slots of the place, or the first ones where it has more slots than sizes."""
+        return super().slots(chain)[: len(self.sizes)]
+
+    def basis(self, state):
+        """(slots x functions, slots, n)."""
+        values = [covariate(state, name) for name in self.names]
+        waves, _ = functions(self.names, values, self.spans, self._fine)
+        slots = len(self.sizes)
+        each = np.einsum("st,vn->svtn", np.eye(slots), waves)
+        return each.reshape(slots * len(waves), slots, state.n)
+
+
+class PeriodicMotion(Effect):
+    """The base moves periodically in time, `rate` rad per unit of the clock, like a cycle of a neighbouring machine."""
+
+    effect = "unknown"
+    port = "frame"
+    places = ("base",)
+    equation = "slot = a cos(rate t) + b sin(rate t)"
+    source = "regression on one period"
+    names = ("time",)
+
+    def __init__(self, where: str, rate: float, units: list[str], sizes: list[float]):
+        super().__init__(where)
+        self.rate, self.units = float(rate), tuple(units)
+        self.sizes = tuple(float(size) for size in sizes)
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: the rate is searched for on a fine grid."""
+        return ()
+
+    @property
+    def options(self) -> dict:
+        """Its constructor's options as lists, which every file format holds."""
+        return {"rate": self.rate, "units": list(self.units), "sizes": list(self.sizes)}
+
+    def table(self, chain):
+        """A cosine and a sine amplitude a slot."""
+        rate = f"{self.rate:g}".replace(".", "_")  # a point would end the name in the key
+        return tuple(
+            Parameter(
+                f"{self.where}.unknown.{wave}_{rate}_{slot}",
+                unit,
+                0.0,
+                size,
+                f"the {wave} of {self.where}'s movement, slot {slot + 1}",
+                30 * size,
+            )
+            for slot, (unit, size) in enumerate(zip(self.units, self.sizes))
+            for wave in ("cos", "sin")
+        )
+
+    def basis(self, state):
+        """(2 x slots, slots, n)."""
+        phase = self.rate * covariate(state, "time")
+        slots = len(self.sizes)
+        waves = np.stack([np.cos(phase), np.sin(phase)])
+        each = np.einsum("st,vn->svtn", np.eye(slots), waves)
+        return each.reshape(2 * slots, slots, state.n)
+
+
+__all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions"]

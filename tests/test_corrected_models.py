@@ -1,0 +1,187 @@
+"""A diagnosis leaves a plan, a solution and a scene of what it found, and every command accepts them."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import tomli_w
+
+from robot_model.effects import CATALOGUE
+from robot_model.system import bind
+from workbench.commands.shared.model_run import is_model_run, scene_of
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.core.model import Model
+from workbench.diagnosis.answer import diagnose
+from workbench.diagnosis.corrected_model import corrected_stages, write_model
+from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.result import Term
+from workbench.files.solution_file import read_solution, without_terms
+from workbench.fitting import plan_file
+from workbench.fitting.plans import read_plan
+from workbench.jobs.calibrate import calibrate
+from workbench.jobs.compensate import actual_poses
+from workbench.jobs.poses import choose_poses
+from workbench.jobs.simulate import simulate
+
+HALF_GAP = 4e-4
+SCENE = {
+    "robot": "abb_irb120",
+    "samples": 90,
+    "seed": 3,
+    "sigma_mm": 0.02,
+    "reflectors": [[30.0, -40.0, 100.0]],
+    "approach": True,
+    "base": {"xyz_mm": [1500.0, 100.0, 300.0], "rpy_deg": [2.0, -1.0, 140.0]},
+    "errors": {"length_mm": 0.3, "angle_deg": 0.05},
+    "effect": [{"effect": "backlash", "where": "joint-3", "values": {"half_gap": HALF_GAP}}],
+}
+CURVE = {
+    "port": "joint",
+    "names": ["q2"],
+    "spans": [[-1.8, 1.8]],
+    "unit": "rad",
+    "sizes": [3e-4],
+}
+
+
+def recorded(folder, scene):
+    """The recording of a scene."""
+    path = folder / "given.toml"
+    path.write_text(tomli_w.dumps(scene))
+    return simulate(path)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A recording, its diagnosis and the folder with the model files."""
+    folder = tmp_path_factory.mktemp("run")
+    recording = recorded(tmp_path_factory.mktemp("scene"), SCENE)
+    made = diagnose(recording)
+    files = write_model(made, recording, folder)
+    return recording, made, folder, files
+
+
+def test_the_run_folder_holds_plan_solution_and_scene(run):
+    _, made, folder, files = run
+    assert [(t.finding.effect, t.finding.where) for t in made.terms] == [("backlash", "joint-3")]
+    told = files.as_json(folder)
+    assert all(told[key].startswith(str(folder)) for key in ("plan", "solution", "scene"))
+    assert not told["left_out"] and 0.02 < told["held_out_rms_mm"] < 0.05
+    assert is_model_run(folder) and scene_of(folder).is_file()
+
+
+def test_the_plan_read_back_has_the_accepted_terms(run):
+    recording, made, folder, _ = run
+    robot = bind_robot(recording)
+    stages = corrected_stages(made, robot)
+    assert read_plan(folder) == stages
+    assert [stage.name for stage in stages] == ["geometry", "joint-3.backlash"]
+    assert not any(stage.earn for stage in stages)
+
+
+def bind_robot(recording):
+    from robot_model import load_robot
+
+    return load_robot(recording.robot)
+
+
+def test_the_solution_is_that_of_a_calibration_by_the_plan(run):
+    recording, _, folder, _ = run
+    arm = read_solution(folder)
+    again = calibrate(recording, folder)
+    for key, value in zip(again.solution.parameters.keys, again.solution.parameters.values):
+        assert arm.values[key] == pytest.approx(value, abs=1e-9)
+    index = arm.free.index("joint-3.backlash.half_gap")
+    std = np.sqrt(arm.covariance[index, index])
+    assert abs(arm.values["joint-3.backlash.half_gap"] - HALF_GAP) < 4 * std < HALF_GAP
+    assert arm.trusted
+
+
+def test_a_term_is_switched_off_by_name(run):
+    _, _, folder, _ = run
+    arm = read_solution(folder)
+    bare = without_terms(arm, ["joint-3.back*"], "run")
+    assert not bare.effects and bare.values == arm.values
+    readings = np.deg2rad([[10.0, 20, -15, 30, 40, 5]])
+    side = {f"approach{k}": np.ones(1) for k in range(1, 7)}
+    moved = (
+        actual_poses(arm, readings, side)[0, :3, 3] - actual_poses(bare, readings, side)[0, :3, 3]
+    )
+    assert np.linalg.norm(moved) > 0.05
+    stages = plan_file.without_terms(read_plan(folder), ["joint-3.backlash"])
+    assert [stage.name for stage in stages] == ["geometry"]
+    with pytest.raises(InputError, match="--without joint-4.backlash: .* its terms are joint-3.b"):
+        without_terms(arm, ["joint-4.backlash"], "run")
+
+
+def test_the_scene_simulates_the_corrected_arm(run):
+    """At the recorded readings the simulated arm is where the recording says, within the noise."""
+    recording, _, folder, _ = run
+    keys = tomllib.loads((folder / "scene.toml").read_text())
+    again = simulate(folder / "scene.toml")
+    assert again.n == recording.n and again.sigma_mm == pytest.approx(0.02, rel=0.3)
+    arm = read_solution(folder)
+    model = Model(bind(bind_robot(again), again), arm.effects)
+    known = {k: v for k, v in arm.values.items() if k in model.parameters.index}
+    residual = model.residual(model.parameters.update(known))
+    assert np.sqrt((residual**2).mean()) == pytest.approx(keys["sigma_mm"], rel=0.2)
+    plain = simulate(folder / "scene.toml", ["joint-3.backlash"])
+    off = np.linalg.norm(plain.points - again.points, axis=1)
+    assert np.sqrt((off**2).mean()) > 0.08  # a gap of 0.4 mrad at 300 mm
+    with pytest.raises(InputError, match="--without base.backlash"):
+        simulate(folder / "scene.toml", ["base.backlash"])
+
+
+def test_poses_are_chosen_for_the_terms_of_the_model(run):
+    _, _, folder, _ = run
+    rows = tuple(row for stage in read_plan(folder) for row in stage.effects)
+    found = simulate(folder / "scene.toml")
+    plain = choose_poses(found, 30, link_radius_mm=0)
+    chosen = choose_poses(found, 30, effects=rows, link_radius_mm=0)
+    assert chosen.parameters == plain.parameters + 1
+
+
+def test_a_scene_with_an_unknown_parameter_is_a_sentence(tmp_path):
+    with pytest.raises(InputError, match="key geometry: expected parameters of the arm"):
+        recorded(tmp_path, SCENE | {"geometry": {"joint-9.a9": 1.0}})
+
+
+def test_smooth_functions_are_part_of_the_model_files(run, tmp_path):
+    """A curve without a law goes through plan, solution and scene, and predicts the same after each."""
+    curve = CATALOGUE["smooth-function"]("joint-2", **CURVE)
+    scene = SCENE | {
+        "effect": [
+            {
+                "effect": "smooth-function",
+                "where": "joint-2",
+                **CURVE,
+                "values": {"q2_0_4": 5e-4, "q2_0_6": -4e-4},
+            }
+        ]
+    }
+    recording = recorded(tmp_path, scene)
+    finding = Finding("unknown", "joint-2", "", (curve,), 1e-9, 1.0, 1.0, 1.0, ("q2",))
+    made = replace(run[1], terms=(Term(finding),))
+    files = write_model(made, recording, tmp_path)
+    assert not files.left_out and files.held_out_rms_mm < 0.06
+    arm = read_solution(tmp_path)
+    assert [effect.title for effect in arm.acting_effects] == ["smooth function of q2 at joint-2"]
+    assert arm.effects[0].options == curve.options
+    (again,) = make_effects(CATALOGUE, read_plan(tmp_path)[1].effects)
+    assert again.options == curve.options
+    grid = np.linspace(-1.7, 1.7, 50)
+    readings = np.zeros((50, 6))
+    readings[:, 1] = grid
+    without = without_terms(arm, ["joint-2.unknown"], "run")
+    off = actual_poses(arm, readings) - actual_poses(without, readings)
+    assert 0.05 < np.linalg.norm(off[:, :3, 3], axis=1).max() < 1.5
+    assert simulate(tmp_path / "scene.toml").n == recording.n
+
+
+def test_the_model_of_images_is_said_to_be_none(run, tmp_path):
+    files = write_model(replace(run[1], unit="px"), None, tmp_path)
+    told = json.loads(json.dumps(files.as_json(tmp_path)))
+    assert told["plan"] is None and "images" in told["left_out"][0]

@@ -1,0 +1,139 @@
+"""What a recording and its simulation differ by: parameters with size and significance, the noise, and physics."""
+
+import numpy as np
+import pytest
+import tomli_w
+
+from robot_model.effects import CATALOGUE
+from test_mjcf import TWIN
+from workbench.core.errors import InputError
+from workbench.diagnosis.answer import diagnose
+from workbench.diagnosis.differences import differences
+from workbench.diagnosis.robot.against import reference_of
+from workbench.jobs.simulate import simulate
+
+SCENE = {
+    "robot": "abb_irb120",
+    "samples": 120,
+    "sigma_mm": 0.02,
+    "reflectors": [[30.0, -40.0, 100.0], [-60.0, 10.0, 80.0]],
+    "approach": True,
+    "base": {"xyz_mm": [1500.0, 100.0, 300.0], "rpy_deg": [2.0, -1.0, 140.0]},
+}
+NOMINAL = {"joint-2.a2": 270.0, "joint-3.theta3": 0.0, "joint-2.beta2": 0.0, "joint-4.alpha4": 0.0}
+GAP = {"effect": "backlash", "where": "joint-3", "values": {"half_gap": 3e-4}}
+
+
+def scene_file(folder, name="twin", **changes):
+    path = folder / f"{name}.toml"
+    path.write_text(tomli_w.dumps(SCENE | changes))
+    return path
+
+
+def nominal_of(key):
+    from robot_model import load_robot
+
+    robot = load_robot("abb_irb120")
+    joint, name = int(key[6]), key.split(".")[1][:-1]
+    return robot.geometry[joint - 1, ("theta", "d", "a", "alpha", "beta").index(name)]
+
+
+def recorded(folder, wrong, seed=1, sigma=0.02, effects=()):
+    """A recording of an arm that differs from the simulation in some parameters, noise and effects."""
+    geometry = {key: nominal_of(key) + change for key, change in wrong.items()}
+    path = scene_file(folder, "truth", geometry=geometry, seed=seed, effect=list(effects))
+    text = path.read_text().replace("sigma_mm = 0.02", f"sigma_mm = {sigma}")
+    path.write_text(text)
+    made = simulate(path)
+    return type(made)(**{**vars(made), "sigma_mm": 0.02})
+
+
+CASES = [
+    {},
+    {"joint-3.theta3": 5e-4},
+    {"joint-2.beta2": 5e-4},
+    {"joint-2.a2": 0.2, "joint-4.alpha4": -6e-4},
+    {"joint-3.theta3": 5e-4, "joint-3.a3": 0.15, "joint-5.theta5": -1e-3},
+]
+
+
+@pytest.mark.parametrize("wrong", CASES, ids=lambda case: "-".join(case) or "none")
+def test_the_parameters_that_differ_are_named_with_size_and_significance(wrong, tmp_path):
+    recording = recorded(tmp_path, wrong)
+    found = differences(reference_of(scene_file(tmp_path), None), recording, ())
+    named = {f"{row['where']}.{row['name']}": row for row in found.parameters}
+    assert set(named) == set(wrong)
+    for key, change in wrong.items():
+        row = named[key]
+        assert abs(row["value"] - change) < 4 * row["std"] and row["sigmas"] > 4
+        assert row["size_mm"] > 0.01 and row["unit"] in ("mm", "rad")
+    assert found.noise["factor"] == pytest.approx(1, abs=0.1) and found.noise["p_value"] > 1e-3
+
+
+def test_a_wrong_statement_of_the_noise_has_its_factor(tmp_path):
+    recording = recorded(tmp_path, {"joint-2.a2": 0.3}, sigma=0.05)
+    found = differences(reference_of(scene_file(tmp_path), None), recording, ())
+    assert found.noise["factor"] == pytest.approx(2.5, rel=0.1)
+    assert found.noise["p_value"] < 1e-6
+    assert [row["name"] for row in found.parameters] == ["a2"]
+
+
+def test_physics_is_not_booked_as_parameters_once_it_is_in_the_model(tmp_path):
+    recording = recorded(tmp_path, {"joint-2.a2": 0.3}, effects=[GAP])
+    reference = reference_of(scene_file(tmp_path), None)
+    gap = CATALOGUE["backlash"]("joint-3")
+    found = differences(reference, recording, (gap,))
+    assert [row["name"] for row in found.parameters] == ["a2"]
+    assert found.noise["factor"] == pytest.approx(1, abs=0.1)
+
+
+def test_a_wrong_value_of_an_effect_of_the_simulation_is_a_parameter(tmp_path):
+    right = recorded(tmp_path, {}, effects=[GAP])
+    wrong = {**GAP, "values": {"half_gap": 1e-4}}
+    found = differences(reference_of(scene_file(tmp_path, effect=[wrong]), None), right, ())
+    assert [(r["where"], r["name"]) for r in found.parameters] == [("joint-3", "backlash.half_gap")]
+    assert found.parameters[0]["value"] == pytest.approx(2e-4, rel=0.1)
+
+
+def test_the_answer_has_three_parts_and_the_solution_that_holds_beta_is_found_out(tmp_path):
+    """A twin in MJCF whose axes 2 and 3 are not quite parallel in reality, with a gap that it does not know."""
+    (tmp_path / "twin.xml").write_text(TWIN)
+    wrong = {"joint-2.theta2": 6e-4}
+    scene = {"robot": "twin.xml", "share_of_limits": 0.6, "samples": 100, "effect": [GAP]}
+    truth = scene_file(tmp_path, "truth", **scene)
+    nominal = simulate(truth)
+    from robot_model import load_robot
+
+    robot = load_robot(nominal.robot)
+    geometry = {"joint-2.theta2": robot.geometry[1, 0] + wrong["joint-2.theta2"]}
+    recording = simulate(scene_file(tmp_path, "truth", **scene, geometry=geometry))
+    made = diagnose(recording, simulation=tmp_path / "twin.xml")
+    told = made.as_json()["differences"]
+    assert [(r["where"], r["name"]) for r in told["parameters"]] == [("joint-2", "theta2")]
+    assert told["parameters"][0]["value"] == pytest.approx(6e-4, rel=0.2)
+    assert told["noise"]["factor"] == pytest.approx(1, abs=0.12)
+    assert [(one["effect"], one["where"]) for one in told["physics"]] == [("backlash", "joint-3")]
+    assert any("servos are taken as rigid" in sentence for sentence in made.warnings)
+
+
+def test_a_twin_without_masses_is_said_to_show_no_deflection(tmp_path):
+    import re
+
+    (tmp_path / "twin.xml").write_text(re.sub(r"<(inertial|geom)[^>]*/>", "", TWIN))
+    reference = reference_of(tmp_path / "twin.xml", None)
+    assert any("states no masses" in note for note in reference.notes)
+    with pytest.raises(InputError):
+        reference_of(tmp_path / "absent.xml", None)
+
+
+def test_parameters_of_an_earlier_solution_that_were_held_are_suspects(tmp_path):
+    """A plan without beta at the parallel axes 2 and 3: the solution holds it, and the comparison names it."""
+    from workbench.fitting.plans import read_plan
+    from workbench.jobs.calibrate import calibrate, save
+
+    recording = recorded(tmp_path, {"joint-2.beta2": 8e-4})
+    save(calibrate(recording, read_plan("ye-mdh"), folds=4), tmp_path)
+    found = differences(reference_of(None, tmp_path / "solution.json"), recording, ())
+    assert found.parameters and found.parameters[0]["name"] == "beta2"
+    assert found.parameters[0]["value"] == pytest.approx(8e-4, rel=0.2)
+    assert np.isfinite(found.parameters[0]["std"])

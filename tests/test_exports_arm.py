@@ -1,0 +1,471 @@
+"""A calibrated arm taken elsewhere: each export is executed or read back by another program than the workbench."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robot_model import load_robot
+from robot_model.chain import forward
+from robot_model.effects import CATALOGUE
+from robot_model.measurements import samples_of
+from robot_model.measurements.closure import flange_matrices
+from scenes import ABB, CRAIG, SLIDING
+from workbench.core.errors import InputError
+from workbench.core.rigid import transform
+from workbench.files.exports.mdh import calibrated_geometry
+from workbench.files.exports.mjcf import control_terms, left_out, mjcf
+from workbench.files.exports.programs import LANGUAGES, Program, program_text, read_program
+from workbench.files.exports.python import python_module
+from workbench.files.exports.ur_kinematics import (
+    SEGMENTS,
+    read_ur_kinematics,
+    ur_kinematics_yaml,
+)
+from workbench.files.exports.urdf_patch import patched_urdf
+from workbench.files.solution_file import CalibratedArm
+from workbench.jobs.compensate import actual_poses, compensate
+
+GEOMETRY = ("theta", "d", "a", "alpha", "beta")
+SIZES = np.array([5e-4, 0.1, 0.1, 5e-4, 5e-4])
+CURVE = {"port": "joint", "names": ["q2"], "spans": [[-1.5, 1.5]], "unit": "rad", "sizes": [3e-4]}
+MIXTURE = [[[10.0 * k, -5.0, 3.0 * k] for k in range(7)]]
+EVERY = (
+    ("transmission-harmonic", "joint-2", {"order": 2.0}),
+    ("zero-offset", "joint-3", {}),
+    ("backlash", "joint-3", {}),
+    ("backlash", "joint-2", {"seat": "gravity", "width": 2.0}),
+    ("zero-shift", "joint-1", {"after": 5.0}),
+    ("joint-coupling", "joint-6", {"joint": 5}),
+    ("joint-thermal-drift", "joint-1", {}),
+    ("joint-compliance", "joint-2", {}),
+    ("link-self-weight", "joint-3", {}),
+    ("link-compliance", "link-3", {}),
+    ("bearing-compliance", "joint-1", {}),
+    ("pedestal-compliance", "base", {}),
+    ("tool-deflection", "tool", {}),
+    ("mount-tilt", "base", {}),
+    ("first-moment", "link-3", {}),
+    ("link-thermal-growth", "link-2", {}),
+    ("axis-run-out", "joint-4", {}),
+    ("smooth-function", "joint-2", CURVE),
+    ("smooth-function", "joint-4", CURVE | {"names": ["tau3"], "spans": [[-20.0, 20.0]]}),
+    (
+        "compliance-with-masses",
+        "joint-3",
+        {"law": "joint-compliance", "mixtures": MIXTURE, "shares": [[0.3]]},
+    ),
+)
+
+
+def arm_with(spec, rows, seed=0, values=None):
+    """An arm with small errors in every length and angle, and effects of typical size or of given `values`."""
+    robot = spec if hasattr(spec, "geometry") else load_robot(spec)
+    rng = np.random.default_rng(seed)
+    moved = robot.geometry + rng.normal(size=robot.geometry.shape) * SIZES
+    known = {
+        f"joint-{k + 1}.{name}{k + 1}": moved[k, c]
+        for k in range(robot.joints)
+        for c, name in enumerate(GEOMETRY)
+    }
+    effects = tuple(CATALOGUE[name](where, **options) for name, where, options in rows)
+    keys = {} if hasattr(spec, "geometry") else {"robot": spec}
+    arm = CalibratedArm(
+        robot,
+        effects,
+        known,
+        (),
+        np.zeros((0, 0)),
+        np.array([10.0, -20, 60]),
+        0.05,
+        True,
+        "",
+        keys,
+    )
+    chain = chain_of(robot)
+    for effect in effects:
+        for parameter in effect.parameters(chain):
+            known[parameter.key] = parameter.typical * rng.uniform(0.5, 1.5)
+    return replace(arm, values=known | (values or {}))
+
+
+def chain_of(robot):
+    """Just enough of a chain for an effect to say its parameters."""
+    from robot_model.state import State
+    from robot_model.system import RobotChain
+    from workbench.files.exports.python.runtime import Flange
+
+    zero = np.zeros((robot.joints, 1))
+    blank = np.zeros((3, 1))
+    columns = {"row": np.zeros(1), "temperature_c": np.full(1, 20.0)}
+    state = State(
+        robot,
+        zero,
+        columns,
+        robot.gravity,
+        np.ones(1),
+        np.zeros(3),
+        blank,
+        np.ones(1, int),
+        blank,
+    )
+    return RobotChain(robot, Flange(), zero, np.ones((1, 1)), state, np.zeros(0), np.ones((1, 1)))
+
+
+def readings_of(robot, n=12, seed=1):
+    """(n, R) rad, mm."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (n, robot.mixing.shape[1])) * np.where(robot.prismatic, 60, 1)
+
+
+def covariates_of(n):
+    rng = np.random.default_rng(2)
+    sides = {f"approach{k}": rng.choice([-1.0, 1.0], n) for k in range(1, 7)}
+    return sides | {
+        "payload_kg": np.linspace(0, 3, n),
+        "temperature_c": np.linspace(18, 30, n),
+        "time_s": np.arange(n, dtype=float),
+    }
+
+
+ALONE = """
+import json, sys
+import numpy as np
+import exported
+given = json.load(open("given.json"))
+covariates = {k: np.array(v) for k, v in given["covariates"].items()}
+readings = np.array(given["readings"])
+corrected, left = exported.corrected_readings(readings, None, covariates)
+foreign = [m for m in sys.modules if m.split(".")[0] in
+           ("workbench", "robot_model", "datasets", "sensors", "scipy", "pydantic", "torch")]
+print(json.dumps({"poses": exported.flange_poses(readings, covariates).tolist(),
+                  "corrected": corrected.tolist(), "left": left.tolist(), "foreign": foreign}))
+"""
+
+
+def run_alone(folder, text, readings_deg, covariates):
+    """What the module answers in a fresh interpreter that cannot see the workbench's folder."""
+    (folder / "exported.py").write_text(text)
+    (folder / "alone.py").write_text(ALONE)
+    given = {"readings": readings_deg.tolist()}
+    given["covariates"] = {k: v.tolist() for k, v in covariates.items()}
+    (folder / "given.json").write_text(json.dumps(given))
+    done = subprocess.run(
+        [sys.executable, "alone.py"], cwd=folder, env={}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("spec", [ABB, CRAIG, SLIDING], ids=["abb", "craig", "sliding"])
+def test_the_python_module_alone_predicts_and_corrects_as_the_workbench_does(spec, tmp_path):
+    turning = {"transmission-harmonic", "axis-run-out"}
+    robot = load_robot(spec)
+    rows = [
+        row for row in EVERY if not (row[0] in turning and robot.prismatic[int(row[1][-1]) - 1])
+    ]
+    arm = arm_with(spec, rows)
+    readings = readings_of(robot)
+    covariates = covariates_of(len(readings))
+    shown = np.where(robot.prismatic, readings, np.rad2deg(readings))
+    told = run_alone(tmp_path, python_module(arm), shown, covariates)
+    assert told["foreign"] == []
+    wanted = actual_poses(arm, readings, covariates)
+    np.testing.assert_allclose(told["poses"], wanted, rtol=0, atol=1e-7)
+    found = compensate(arm, readings, covariates=covariates)
+    corrected = np.where(robot.prismatic, found.readings, np.rad2deg(found.readings))
+    near = found.left_mm < 1e-5
+    assert near.sum() > 8
+    np.testing.assert_allclose(np.array(told["corrected"])[near], corrected[near], atol=1e-4)
+    assert np.array(told["left"])[near].max() < 1e-4
+
+
+def test_the_python_module_holds_no_more_than_the_arm_needs():
+    plain = python_module(arm_with(ABB, ()))
+    assert "class Backlash" not in plain and "class TransmissionHarmonic" not in plain
+    with_gap = python_module(arm_with(ABB, [("backlash", "joint-3", {})]))
+    assert "class Backlash" in with_gap and "Terms: backlash at joint-3" in with_gap
+    assert "approach3" in with_gap.split("\n\n")[1] + with_gap.split('"""')[1]
+
+
+SPRINGS = {
+    "none": ([], {}),
+    "joints": (
+        [("joint-compliance", "joint-2", {}), ("joint-compliance", "joint-3", {})],
+        {
+            "joint-2.joint-compliance.compliance": 3e-5,
+            "joint-3.joint-compliance.compliance": 5e-5,
+        },
+    ),
+    "link": ([("link-compliance", "link-2", {})], {"link-2.link-compliance.bending": 2e-5}),
+    "pedestal": ([("pedestal-compliance", "base", {})], {}),
+    "moments": (
+        [("joint-compliance", "joint-2", {}), ("first-moment", "link-3", {})],
+        {"joint-2.joint-compliance.compliance": 3e-5, "link-3.first-moment.mx": 120.0},
+    ),
+    "tilt": (
+        [("joint-compliance", "joint-2", {}), ("mount-tilt", "base", {})],
+        {"joint-2.joint-compliance.compliance": 3e-5},
+    ),
+    "offset": ([("zero-offset", "joint-3", {})], {}),
+}
+
+
+@pytest.mark.parametrize("case", SPRINGS)
+def test_mujoco_puts_the_flange_where_the_model_does(case):
+    pytest.importorskip("mujoco", reason="needs MuJoCo")
+    from mujoco_statics import flange_at_rest
+
+    rows, values = SPRINGS[case]
+    arm = arm_with(ABB, rows, values=values)
+    readings, load = readings_of(arm.robot), np.linspace(0, 3, 12)
+    wanted = actual_poses(arm, readings, {"payload_kg": load})
+    found = flange_at_rest(mjcf(arm), readings, load)
+    rigid = actual_poses(replace(arm, effects=()), readings, {"payload_kg": load})
+    effect = np.linalg.norm((wanted - rigid)[:, :3, 3], axis=1).max()
+    assert effect > 0.05 or case == "none"
+    assert np.abs(found - wanted)[:, :3, 3].max() < 2e-4 + 0.01 * effect
+    assert not left_out(arm) and not control_terms(arm)
+
+
+def test_a_simulation_of_the_exported_model_comes_to_rest_there():
+    mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo")
+    from mujoco_statics import pose_of
+
+    rows, values = SPRINGS["joints"]
+    arm = arm_with(ABB, rows, values=values)
+    reading = readings_of(arm.robot, 1)
+    model = mujoco.MjModel.from_xml_string(mjcf(arm))
+    data = mujoco.MjData(model)
+    data.qpos[:] = data.ctrl[:] = reading[0]
+    for _ in range(600):
+        mujoco.mj_step(model, data)
+    found = pose_of(data, model.site("flange").id)
+    assert np.abs(found - actual_poses(arm, reading)[0])[:3, 3].max() < 2e-3
+
+
+def test_terms_that_are_no_springs_go_into_the_servo_targets():
+    pytest.importorskip("mujoco", reason="needs MuJoCo")
+    from mujoco_statics import flange_at_rest
+
+    rows = [
+        ("joint-compliance", "joint-2", {}),
+        ("transmission-harmonic", "joint-2", {"order": 2.0}),
+        ("backlash", "joint-3", {}),
+        ("smooth-function", "joint-2", CURVE),
+    ]
+    arm = arm_with(ABB, rows, values={"joint-2.joint-compliance.compliance": 2e-5})
+    assert len(control_terms(arm)) == 3
+    assert left_out(arm) == [effect.title for effect in control_terms(arm)]
+    module: dict = {"__name__": "exported"}
+    exec(python_module(arm), module)
+    readings, covariates = readings_of(arm.robot), covariates_of(12)
+    targets = module["servo_targets"](np.rad2deg(readings), covariates)
+    found = flange_at_rest(mjcf(arm), targets, covariates["payload_kg"])
+    wanted = actual_poses(arm, readings, covariates)
+    assert np.abs(found - wanted)[:, :3, 3].max() < 5e-3
+    plain = flange_at_rest(mjcf(arm), readings, covariates["payload_kg"])
+    assert np.abs(plain - wanted)[:, :3, 3].max() > 0.1
+
+
+URDF = """<?xml version="1.0"?>
+<!-- our cell, do not edit by hand -->
+<robot name="cell">
+  <link name="world"/>
+  <link name='base_link'><visual><geometry><mesh filename="package://cell/base.stl"/></geometry></visual></link>
+  <joint name="mount" type="fixed"><origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/><parent link="world"/><child link="base_link"/></joint>
+  <link name="shoulder"><inertial><mass value="9"/><origin xyz="0 0 0.1" rpy="0 0 0"/></inertial></link>
+  <joint name="pan" type="revolute">
+    <parent link="base_link"/><child link="shoulder"/>   <!-- the pan axis > here -->
+    <origin   rpy='0 0 0'
+              xyz="0 0 0.29"/>
+    <axis xyz="0 0 1"/><limit lower="-2.8" upper="2.8" effort="1" velocity="1"/>
+  </joint>
+  <link name="upper"/>
+  <joint name="lift" type="revolute"><parent link="shoulder"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-1.9" upper="1.9" effort="1" velocity="1"/></joint>
+  <link name="fore"/>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0 0 0.27"/><axis xyz="0 1 0"/>
+    <limit lower="-1.9" upper="1.2" effort="1" velocity="1"/></joint>
+  <link name="roll"/>
+  <joint name="wrist1" type="revolute"><parent link="fore"/><child link="roll"/><origin xyz="0.302 0 0.07"/><axis xyz="1 0 0"/>
+    <limit lower="-2.7" upper="2.7" effort="1" velocity="1"/></joint>
+  <link name="bend"/>
+  <joint name="wrist2" type="revolute"><parent link="roll"/><child link="bend"/><origin xyz="0 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <link name="end"/>
+  <joint name="wrist3" type="revolute"><parent link="bend"/><child link="end"/><origin xyz="0.072 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="-6" upper="6" effort="1" velocity="1"/></joint>
+  <link name="tool0"/>
+  <joint name="tool_fixed" type="fixed"><origin xyz="0 0 0" rpy="0 1.5707963267948966 0"/><parent link="end"/><child link="tool0"/></joint>
+  <gazebo reference="tool0"><origin xyz="9 9 9"/></gazebo>
+</robot>
+"""
+
+
+def flanges(robot, readings, geometry=None):
+    frames = forward(robot, robot.mixing @ readings.T, geometry)
+    return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+def write_urdf(folder, text=URDF):
+    path = folder / "cell.urdf"
+    path.write_bytes(text.replace("\n", "\r\n").encode())
+    return {"urdf": str(path), "tip": "tool0"}
+
+
+def test_a_patched_urdf_differs_in_numbers_alone_and_is_the_calibrated_arm(tmp_path):
+    import re
+
+    spec = write_urdf(tmp_path)
+    arm = arm_with(spec, [("joint-compliance", "joint-2", {})])
+    made = patched_urdf(arm, spec)
+    before = (tmp_path / "cell.urdf").read_bytes()
+    (tmp_path / "new.urdf").write_bytes(made.content)
+    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
+    readings = readings_of(arm.robot)
+    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
+    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-6)
+    # what is not a number, or the joint's missing origin that had to be written, is the same byte for byte
+    number = rb"-?\d+\.?\d*(e-?\d+)?"
+    stripped = [
+        re.sub(rb"(xyz|rpy)=(\"[^\"]*\"|'[^']*')", b"#", text) for text in (before, made.content)
+    ]
+    added = [line for line in stripped[1].split(b"\r\n") if line not in stripped[0].split(b"\r\n")]
+    assert all(re.sub(rb"<origin( #)*/>|( #)+", b"", line) for line in added)
+    skeleton = [re.sub(rb"<origin[^>]*>", b"", text) for text in stripped]
+    assert skeleton[0] == skeleton[1] and re.search(number, made.content)
+    assert b"our cell, do not edit by hand" in made.content and b"9 9 9" in made.content
+    assert b'<origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/>' in made.content  # the mount is as it was
+    assert "mount" not in made.changed and "tool_fixed" in made.changed
+    assert made.left_out == ("joint-compliance at joint-2",) and made.is_whole
+
+
+def test_a_nominal_arm_leaves_its_urdf_as_it_is(tmp_path):
+    spec = write_urdf(tmp_path)
+    arm = arm_with(spec, ())
+    nominal = {
+        f"joint-{k + 1}.{n}{k + 1}": arm.robot.geometry[k, c]
+        for k in range(6)
+        for c, n in enumerate(GEOMETRY)
+    }
+    made = patched_urdf(replace(arm, values=nominal), spec)
+    assert made.content == (tmp_path / "cell.urdf").read_bytes() and not made.changed
+
+
+def test_an_arm_of_another_description_patches_the_urdf_of_the_same_kinematics(tmp_path):
+    """An arm calibrated from a table of lengths and angles, and a URDF on a mount and with its own tool frame."""
+    spec = write_urdf(tmp_path)
+    own = load_robot(spec)
+    table = replace(own, base=np.eye(4), flange=np.eye(4), name="table")
+    arm = arm_with(table, ())
+    made = patched_urdf(arm, spec)
+    (tmp_path / "new.urdf").write_bytes(made.content)
+    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
+    readings = readings_of(own)
+    wanted = own.base @ flanges(table, readings, calibrated_geometry(arm)) @ own.flange
+    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-5)
+    with pytest.raises(InputError, match="nominal kinematics of FANUC"):
+        patched_urdf(arm_with({"builtin": "fanuc_lr_mate_200id"}, ()), spec)
+
+
+def test_a_flange_on_the_last_axis_is_said_to_miss_what_no_joint_can_hold(tmp_path):
+    spec = write_urdf(tmp_path) | {"tip": "end"}
+    made = patched_urdf(arm_with(spec, ()), spec)
+    assert not made.is_whole and "no fixed joint follows" in made.left_out[0]
+
+
+def test_pinocchio_reads_the_patched_urdf(tmp_path):
+    pinocchio = pytest.importorskip("pinocchio", reason="needs Pinocchio (pip install pin)")
+    spec = write_urdf(tmp_path)
+    arm = arm_with(spec, ())
+    text = patched_urdf(arm, spec).content.decode()
+    model = pinocchio.buildModelFromXML(text)
+    data = model.createData()
+    readings = readings_of(arm.robot, 5)
+    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
+    for reading, pose in zip(readings, wanted):
+        pinocchio.framesForwardKinematics(model, data, reading)
+        found = data.oMf[model.getFrameId("tool0")]
+        np.testing.assert_allclose(1e3 * found.translation, pose[:3, 3], atol=1e-6)
+        np.testing.assert_allclose(found.rotation, pose[:3, :3], atol=1e-9)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_program_holds_the_corrected_targets(language):
+    robot = load_robot(ABB)
+    readings = readings_of(robot, 5)
+    text = program_text(Program(readings, "weld", "ABB", 0.05), language, robot)
+    np.testing.assert_allclose(read_program(text, language), readings, atol=1e-9)
+    assert "0.05 mm" in text and "weld" in text
+    with pytest.raises(InputError, match="program name"):
+        program_text(Program(readings, "1 weld", "ABB", 0.05), language, robot)
+    with pytest.raises(InputError, match="without; correct the targets"):
+        program_text(Program(np.nan * readings, "weld", "ABB", 0.05), language, robot)
+    sliding = load_robot(SLIDING)
+    with pytest.raises(InputError, match="six joints that turn"):
+        program_text(Program(readings, "weld", "x", 0.05), language, sliding)
+
+
+def test_the_kinematics_of_a_universal_robots_arm_are_those_of_its_own_package():
+    arm = arm_with({"builtin": "ur10"}, ())
+    places = read_ur_kinematics(ur_kinematics_yaml(arm))
+    assert len(places) == len(SEGMENTS)
+    readings = readings_of(arm.robot, 6)
+    geometry = calibrated_geometry(arm)
+    wanted = flanges(arm.robot, readings, geometry)
+    rests = []
+    for reading, pose in zip(readings, wanted):
+        here = np.eye(4)
+        for place, angle in zip(places, reading):
+            turn = np.eye(4)
+            c, s = np.cos(angle), np.sin(angle)
+            turn[:2, :2] = [[c, -s], [s, c]]
+            here = here @ place @ turn
+        rests.append(np.linalg.inv(here) @ pose)
+    # what lies behind the last axis is the same at every pose
+    np.testing.assert_allclose(rests, np.broadcast_to(rests[0], (6, 4, 4)), atol=1e-6)
+    with pytest.raises(InputError, match="Universal Robots"):
+        ur_kinematics_yaml(arm_with(ABB, ()))
+
+
+def test_the_nominal_file_is_the_one_that_the_maker_publishes():
+    """`ur_description` for a UR10: z 0.1273 to the shoulder, x -0.612 to the forearm, y 0.0922 to the last wrist."""
+    robot = load_robot({"builtin": "ur10"})
+    values = {
+        f"joint-{k + 1}.{n}{k + 1}": robot.geometry[k, c]
+        for k in range(6)
+        for c, n in enumerate(GEOMETRY)
+    }
+    nominal = replace(arm_with({"builtin": "ur10"}, ()), values=values)
+    places = read_ur_kinematics(ur_kinematics_yaml(nominal))
+    np.testing.assert_allclose(places[0][:3, 3], [0, 0, 127.3], atol=0.05)
+    np.testing.assert_allclose(places[2][:3, 3], [-612, 0, 0], atol=0.1)
+    np.testing.assert_allclose(places[3][:3, 3], [-572.3, 0, 163.941], atol=0.1)
+    np.testing.assert_allclose(places[4][:3, 3], [0, -115.7, 0], atol=0.1)
+    np.testing.assert_allclose(places[5][:3, 3], [0, 92.2, 0], atol=0.1)
+
+
+def test_the_module_of_one_half_predicts_the_other_as_calibrate_does(recording, tmp_path):
+    """irb120_faro: fitted on the first half, exported, and the second half predicted by the module."""
+    from workbench.files.solution_file import read_solution
+    from workbench.jobs.calibrate import calibrate, save
+
+    measured = recording("irb120_faro")
+    moving = samples_of(measured)
+    is_first = moving.poses <= np.median(moving.poses)
+    first, second = moving.sample_ids[is_first], moving.sample_ids[~is_first]
+    calibration = calibrate(measured, "arm-torsion", fit_samples=first, test_samples=second)
+    save(calibration, tmp_path)
+    arm = read_solution(tmp_path)
+    module: dict = {"__name__": "exported"}
+    exec(python_module(arm), module)
+    unseen = calibration.recording.select(np.isin(calibration.recording.sample_ids, second))
+    tool = [[arm.values[f"tool.reflector{r}_{axis}"] for axis in "xyz"] for r in unseen.reflector]
+    found = module["measured_points"](np.rad2deg(unseen.joints), tool)
+    error = np.sqrt(((found - unseen.points) ** 2).sum(1).mean())
+    assert error == pytest.approx(calibration.held_out["rms_mm"], abs=1e-6)
+    assert 0.1 < error < 0.2

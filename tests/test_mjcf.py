@@ -1,0 +1,165 @@
+"""An arm read from MJCF stands where MuJoCo itself puts it, with MuJoCo's masses and limits."""
+
+import numpy as np
+import pytest
+import tomli_w
+
+import datasets
+from robot_model import load_robot
+from robot_model.chain import forward
+from robot_model.effects import CATALOGUE
+from robot_model.mjcf import terms_of, unread
+from robot_model.state import State
+from scenes import ABB
+from test_exports_arm import SPRINGS, arm_with, calibrated_geometry, flanges, readings_of
+from workbench.core.effect import make_effects
+from workbench.core.errors import InputError
+from workbench.files.exports.mjcf import mjcf
+from workbench.jobs.simulate import simulate
+
+TWIN = """<mujoco model="cell">
+  <compiler angle="degree" autolimits="true"/>
+  <option gravity="0 0.5 -9.8"/>
+  <default><joint axis="0 0 1"/><default class="elbow"><joint axis="0 1 0" range="-120 120"/></default></default>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="foot" pos="0.1 0.2 0.3" euler="0 0 30">
+      <geom type="box" size="0.1 0.1 0.1"/>
+      <body name="turret" pos="0 0 0.29">
+        <joint name="pan" range="-165 165"/>
+        <inertial pos="0.01 0.02 -0.1" mass="7" diaginertia="1 1 1"/>
+        <body name="upper" childclass="elbow">
+          <joint name="lift" pos="0.01 0.05 0.02"/>
+          <geom type="capsule" size="0.05 0.1" pos="0 0 0.1" mass="4"/>
+          <geom type="sphere" size="0.04" pos="0 0.1 0.2"/>
+          <body name="fore" pos="0 0 0.27" axisangle="0 0 1 20">
+            <joint name="elbow"/>
+            <joint name="twist" axis="1 0 0" range="-160 160" pos="0.1 0 0.07"/>
+            <inertial pos="0.1 0 0.05" mass="3" diaginertia="1 1 1"/>
+            <body name="wrist" pos="0.302 0 0.07" xyaxes="1 0 0 0 0.8 0.6">
+              <joint name="bend"/>
+              <inertial pos="0 0 0.01" mass="1" diaginertia="1 1 1"/>
+              <body name="hand" pos="0.072 0 0" quat="0.7 0 0.7 0.1">
+                <joint name="roll" axis="0 0 1"/>
+                <inertial pos="0 0 0.03" mass="0.5" diaginertia="1 1 1"/>
+                <body name="finger"><joint name="grip" type="slide" axis="1 0 0" range="0 0.03"/>
+                  <inertial pos="0 0 0.1" mass="0.1" diaginertia="1 1 1"/></body>
+                <site name="flange" pos="0 0 0.05" euler="10 20 30"/>
+              </body>
+            </body>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="pan" kp="100"/><position joint="lift" kp="100"/><position joint="elbow" kp="100"/>
+    <position joint="twist" kp="100"/><position joint="bend" kp="100"/><position joint="roll" kp="100"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def twin(tmp_path):
+    path = tmp_path / "twin.xml"
+    path.write_text(TWIN)
+    return path
+
+
+def test_the_flange_and_the_torques_are_those_of_mujoco(twin):
+    mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo")
+    robot = load_robot(twin)
+    model = mujoco.MjModel.from_xml_path(str(twin))
+    data = mujoco.MjData(model)
+    readings = readings_of(robot, 8)
+    n = len(readings)
+    frames = flanges(robot, readings)
+    blank = np.zeros((3, n))
+    variables = robot.mixing @ readings.T
+    state = State(
+        robot,
+        variables,
+        {},
+        robot.gravity,
+        np.zeros(n),
+        np.zeros(3),
+        blank,
+        np.ones(n, int),
+        blank,
+    )
+    site = model.site("flange").id
+    strength = np.linalg.norm(model.opt.gravity) / 9.80665
+    for k, reading in enumerate(readings):
+        data.qpos[:6] = reading
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(1e3 * data.site_xpos[site], frames[k, :3, 3], atol=1e-6)
+        np.testing.assert_allclose(data.site_xmat[site].reshape(3, 3), frames[k, :3, :3], atol=1e-9)
+        torque = -data.qfrc_bias[:6]
+        np.testing.assert_allclose(state.torque[:, k] * strength, torque, atol=1e-3)
+    np.testing.assert_allclose(np.rad2deg(robot.limits[:2]), [[-165, 165], [-120, 120]], atol=1e-9)
+    assert forward(robot, variables).end_origin.shape == (3, n)
+
+
+def test_what_a_foreign_file_says_and_is_not_taken_over_is_said(twin):
+    said = unread(twin)
+    assert len(said) == 1 and "servos are taken as rigid" in said[0]
+    twin.write_text(TWIN.replace('name="roll" axis', 'name="roll" stiffness="5" axis'))
+    assert "springs of the joints roll are taken as rigid" in unread(twin)[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<worldbody>", '<include file="a.xml"/><worldbody>', "one whole MJCF file.*include"),
+        ('name="roll" axis="0 0 1"', 'name="roll" type="ball"', "joint roll: expected type hinge"),
+        ('pos="0 0 0.29"', 'pos="0 0"', "expected 3 finite number"),
+        ("</mujoco>", "", "mistake|one of|xml"),
+        ('<site name="flange"', '<site name="elsewhere"', None),
+    ],
+)
+def test_a_broken_file_is_a_sentence(twin, old, new, words):
+    twin.write_text(TWIN.replace(old, new))
+    if words is None:
+        assert load_robot({"urdf": str(twin), "tip": "elsewhere"}).joints == 6
+        with pytest.raises(InputError, match="the tip to be a link"):
+            load_robot({"urdf": str(twin), "tip": "flange"})
+        return
+    with pytest.raises(InputError, match=words):
+        load_robot({"urdf": str(twin)})
+
+
+@pytest.mark.parametrize("case", SPRINGS)
+def test_an_exported_model_read_back_is_the_calibrated_arm_with_its_terms(case, tmp_path):
+    rows, values = SPRINGS[case]
+    arm = arm_with(ABB, rows, values=values)
+    path = tmp_path / "arm.xml"
+    path.write_text(mjcf(arm))
+    again = load_robot({"urdf": str(path), "tip": "flange"})
+    readings = readings_of(again)
+    offset = np.zeros(6)
+    offset[2] = arm.values.get("joint-3.zero-offset.k0", 0.0)
+    wanted = flanges(arm.robot, readings + offset, calibrated_geometry(arm))
+    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-6)
+    held = terms_of(path)
+    effects = make_effects(
+        CATALOGUE, [(e.pop("effect"), e.pop("where"), e) for e in held["effects"]]
+    )
+    assert [e.title for e in effects] == [e.title for e in arm.effects]
+    assert all(arm.values[key] == value for key, value in held["values"].items())
+
+
+def test_a_recording_of_a_twin_is_written_and_read(twin, tmp_path):
+    scene = {
+        "robot": "twin.xml",
+        "samples": 12,
+        "sigma_mm": 0.02,
+        "reflectors": [[0.0, 0.0, 50.0]],
+        "share_of_limits": 0.3,
+    }
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(scene))
+    made = simulate(path)
+    again = datasets.read(datasets.write(made, tmp_path / "recording"))
+    np.testing.assert_allclose(again.points, made.points, atol=1e-5)
+    assert load_robot(again.robot).joints == 6

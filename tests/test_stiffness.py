@@ -1,0 +1,158 @@
+"""Cartesian stiffness: MuJoCo's deflection under a wrench, symmetry, units, and files that other programs read."""
+
+import json
+
+import numpy as np
+import pytest
+
+from scenes import ABB
+from test_exports_arm import arm_with, readings_of
+from workbench.core.errors import InputError
+from workbench.files.exports.mjcf import mjcf
+from workbench.jobs.stiffness import PARTS, cartesian_stiffness, save, stiffness_columns
+
+ROWS = [
+    *(("joint-compliance", f"joint-{k}", {}) for k in range(1, 7)),
+    ("bearing-compliance", "joint-2", {}),
+    ("link-compliance", "link-2", {}),
+    ("link-compliance", "link-3", {}),
+    ("pedestal-compliance", "base", {}),
+]
+TOOL = np.array([20.0, -30.0, 80.0])
+WRENCH = np.array([40.0, -25.0, 60.0, 1.5, -2.0, 1.0])
+
+
+def compliant(rows=ROWS):
+    arm = arm_with(ABB, rows)
+    small = {key: 2e-6 for key in arm.values if key.count(".") == 2}
+    small |= {"joint-1.joint-compliance.compliance": 5e-6, "base.pedestal-compliance.about_y": 1e-6}
+    return arm_with(ABB, rows, values={k: v for k, v in small.items() if k in arm.values})
+
+
+def test_mujoco_deflects_by_as_much_under_a_wrench():
+    mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo")
+    from mujoco_statics import pose_of, settle
+
+    arm = compliant()
+    readings = readings_of(arm.robot, 6)
+    found = cartesian_stiffness(arm, readings, TOOL)
+    model = mujoco.MjModel.from_xml_string(mjcf(arm))
+    model.opt.gravity[:] = 0
+    data = mujoco.MjData(model)
+    site, body = model.site("flange").id, model.body("flange").id
+    expected = sum(found.deflection(WRENCH).values())
+    for reading, point, moved in zip(readings, found.points, expected):
+        settle(model, data, reading)
+        before = pose_of(data, site)
+        # a wrench at the tool point, as force and moment at the body's centre of mass
+        lever = (point - 1e3 * data.xipos[body]) * 1e-3
+        force = np.concatenate([WRENCH[:3], WRENCH[3:] + np.cross(lever, WRENCH[:3])])
+        after = loaded(mujoco, model, data, reading, body, force)
+        shift = (after @ np.append(TOOL, 1) - before @ np.append(TOOL, 1))[:3]
+        turn = after[:3, :3] @ before[:3, :3].T
+        rotation = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
+        np.testing.assert_allclose(shift, moved[:3], atol=2e-3 * np.abs(moved[:3]).max())
+        np.testing.assert_allclose(rotation, moved[3:], atol=2e-3 * np.abs(moved[3:]).max())
+
+
+def loaded(mujoco, model, data, reading, body, force):
+    """Pose of the flange at rest with a constant wrench on a body."""
+    from mujoco_statics import pose_of
+
+    stiffness = np.ravel(
+        model.jnt_stiffness[:, 0] if model.jnt_stiffness.ndim > 1 else model.jnt_stiffness
+    ).copy()
+    for actuator in range(model.nu):
+        stiffness[model.actuator_trnid[actuator, 0]] += model.actuator_gainprm[actuator, 0]
+    data.xfrc_applied[body] = force
+    for _ in range(80):
+        mujoco.mj_forward(model, data)
+        total = np.zeros(model.nv)
+        mujoco.mj_applyFT(model, data, force[:3], force[3:], data.xipos[body], body, total)
+        step = (data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias + total) / stiffness
+        data.qpos[:] += step
+        if np.abs(step).max() < 1e-13:
+            break
+    mujoco.mj_forward(model, data)
+    data.xfrc_applied[body] = 0
+    return pose_of(data, model.site("flange").id)
+
+
+def test_compliance_is_symmetric_and_stiffness_its_inverse():
+    found = cartesian_stiffness(compliant(), readings_of(compliant().robot, 5), TOOL)
+    metres = found.total * np.array([1e-3, 1e-3, 1e-3, 1, 1, 1])[:, None]
+    np.testing.assert_allclose(metres, metres.transpose(0, 2, 1), rtol=0, atol=1e-18)
+    product = found.stiffness @ found.total
+    np.testing.assert_allclose(product, np.broadcast_to(np.eye(6), product.shape), atol=1e-6)
+    assert set(found.compliance) == set(PARTS) and (found.translational()[:, 0] > 0).all()
+
+
+def test_a_direction_that_does_not_deflect_has_no_finite_stiffness():
+    arm = compliant([("joint-compliance", "joint-2", {})])
+    found = cartesian_stiffness(arm, readings_of(arm.robot, 3))
+    assert np.isnan(found.stiffness).all() and (found.compliance["bearing"] == 0).all()
+    with pytest.raises(InputError, match="holds no compliance"):
+        cartesian_stiffness(arm_with(ABB, ()), readings_of(arm.robot, 3))
+
+
+def test_the_files_hold_what_was_computed(tmp_path):
+    arm = compliant()
+    found = cartesian_stiffness(arm, readings_of(arm.robot, 7), TOOL)
+    save(found, WRENCH, tmp_path)
+    columns = stiffness_columns(found, WRENCH)
+    table = np.genfromtxt(tmp_path / "stiffness.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["deflection_mm"], columns["deflection_mm"], rtol=1e-8)
+    np.testing.assert_array_equal(np.load(tmp_path / "compliance.npy"), found.total)
+    import pyvista
+
+    mesh = pyvista.read(tmp_path / "map.vtk")
+    np.testing.assert_allclose(mesh.points, found.points, rtol=1e-6)
+    np.testing.assert_allclose(mesh["deflection_mm"], columns["deflection_mm"], rtol=1e-6)
+    assert (
+        "mm)" in (tmp_path / "map.svg").read_text() or (tmp_path / "map.pdf").stat().st_size > 5000
+    )
+
+
+def test_the_command_says_how_much_each_part_deflects(workbench, tmp_path):
+    keys = solution_of(compliant())
+    (tmp_path / "solution.json").write_text(json.dumps(keys))
+    (tmp_path / "t.csv").write_text(
+        "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,10,10,0,30,0\n9,9,9,9,9,9\n"
+    )
+    done = workbench(
+        "stiffness",
+        "solution.json",
+        "t.csv",
+        "--wrench",
+        *("100", "0", "0", "0", "0", "0"),
+        "--json",
+        "a.json",
+        "--out",
+        "run",
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "a.json").read_text())
+    parts = told["deflection_rms_mm"]
+    assert all(parts[part] > 0 for part in PARTS) and parts["total"] > parts["link"]
+    assert (tmp_path / "run" / "map.pdf").is_file()
+
+
+def solution_of(arm):
+    """The keys of a solution.json of an arm."""
+    from workbench.files.solution_file import FORMAT, name_of
+
+    return {
+        "format": FORMAT,
+        "recording": "made",
+        "measures": "external-point",
+        "robot": ABB,
+        "effects": [{"effect": name_of(e), "where": e.where, **e.options} for e in arm.effects],
+        "values": arm.values,
+        "free": [],
+        "covariance": [],
+        "load_centre_mm": [0, 0, 0],
+        "held_out": {"rms_mm": 0.05},
+        "nominal": {"rms_mm": 1.0},
+        "converged": True,
+        "outcome": "converged",
+    }

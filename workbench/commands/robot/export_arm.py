@@ -1,0 +1,175 @@
+"""A calibrated arm in the formats of other programs: texts by file, and what each format cannot hold."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from workbench.core.errors import InputError
+
+PROGRAMS = ("urscript", "krl", "rapid")
+FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """What belongs to some formats: `urdf` to be patched and its `tip` link, `targets` of a program, terms switched
+    off by name (`without`), and whether a doubtful calibration is used all the same (`force`)."""
+
+    urdf: Path | None = None
+    tip: str | None = None
+    targets: Path | None = None
+    without: Sequence[str] = ()
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class ArmExport:
+    """`texts` by file; `left_out`: what the format cannot hold; `notes`: sentences for the user."""
+
+    texts: dict[Path, str | bytes]
+    left_out: list[str]
+    notes: tuple[str, ...] = ()
+
+
+def check_options(to: str, options: ArmOptions) -> None:
+    """InputError for an option that the format does not take, or a program without targets."""
+    if (options.urdf or options.tip) and to != "urdf":
+        raise InputError(f"--urdf, --tip: expected with --to urdf, found --to {to}; leave them out")
+    if options.targets and to not in PROGRAMS:
+        raise InputError(
+            f"--targets: expected with --to {', '.join(PROGRAMS)}, found --to {to}; leave it out"
+        )
+    if to in PROGRAMS and options.targets is None:
+        raise InputError(
+            f"--to {to}: expected --targets FILE with joint readings or flange poses, found none; name a CSV file"
+        )
+
+
+def export_arm(path: Path, to: str, file: Path, options: ArmOptions) -> ArmExport:
+    """The export of a solution.json in a format of `FORMATS`, read back before it is returned. Raises InputError."""
+    from workbench.files.solution_file import read_solution, without_terms
+    from workbench.jobs.correction_limits import checked
+
+    check_options(to, options)
+    arm = checked(read_solution(path), path, options.force)
+    arm = without_terms(arm, options.without, str(path))
+    if to in PROGRAMS:
+        return _program(arm, to, file, options)
+    makers: dict[str, Callable[..., ArmExport]] = {
+        "urdf": _urdf,
+        "mjcf": _mjcf,
+        "python": _python,
+        "ros": _ros,
+        "mdh-json": _table,
+        "mdh-csv": _table,
+    }
+    return makers[to](arm, file, options, to)
+
+
+def _table(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+    from workbench.files.exports import mdh_csv, mdh_json
+    from workbench.files.exports.check import check_mdh
+    from workbench.files.exports.mdh import left_out
+
+    text = {"mdh-json": mdh_json, "mdh-csv": mdh_csv}[to](arm)
+    check_mdh(arm, text)
+    return ArmExport({file: text}, left_out(arm))
+
+
+def _urdf(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+    """The user's own URDF with corrected numbers, where there is one; else a bare one."""
+    from workbench.files.exports import urdf
+    from workbench.files.exports.check import check_patched_urdf, check_urdf
+    from workbench.files.exports.mdh import left_out
+    from workbench.files.exports.urdf_patch import patched_urdf
+
+    spec = _urdf_spec(arm, options)
+    if spec is None:
+        text = urdf(arm)
+        check_urdf(arm, text)
+        return ArmExport({file: text}, left_out(arm))
+    made = patched_urdf(arm, spec)
+    check_patched_urdf(arm, made.content, spec, exact="urdf" in arm.keys["robot"] and made.is_whole)
+    joints = ", ".join(made.changed) or "none"
+    note = f"Only origins were changed, of joints {joints}; all else is as in {spec['urdf']}."
+    return ArmExport({file: made.content}, list(made.left_out), (note,))
+
+
+def _urdf_spec(arm, options: ArmOptions) -> dict | None:
+    """What names the URDF to patch: --urdf, else the file that the arm was calibrated with."""
+    own = dict(arm.keys["robot"]) if "urdf" in arm.keys["robot"] else {}
+    if options.urdf is not None:
+        own["urdf"] = str(options.urdf)
+    if options.tip is not None:
+        own["tip"] = options.tip
+    return own if "urdf" in own else None
+
+
+def _mjcf(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+    """The MJCF file and, where terms on joints are no springs, a module that computes the servo targets."""
+    from workbench.files.exports.check import check_python
+    from workbench.files.exports.mjcf import control_terms, left_out, mjcf
+    from workbench.files.exports.python import python_module
+
+    texts: dict[Path, str | bytes] = {file: mjcf(arm)}
+    control = [effect.title for effect in control_terms(arm)]
+    notes: tuple[str, ...] = ()
+    if control:
+        module = file.with_name(f"{file.stem.replace('-', '_')}_control.py")
+        texts[module] = python_module(arm)
+        check_python(arm, str(texts[module]))
+        notes = (
+            f"{', '.join(control)}: on joints and no springs, so that MJCF cannot hold them; {module.name} has them: "
+            "set data.ctrl to its servo_targets(readings).",
+        )
+    missing = [title for title in left_out(arm) if title not in control]
+    return ArmExport(texts, missing, notes)
+
+
+def _python(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+    from workbench.files.exports.check import check_python
+    from workbench.files.exports.python import python_module
+    from workbench.files.exports.python.module import observed_effects
+
+    text = python_module(arm)
+    check_python(arm, text)
+    held = set(map(id, observed_effects(arm)))
+    return ArmExport({file: text}, [e.title for e in arm.effects if id(e) not in held])
+
+
+def _ros(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+    from workbench.files.exports.check import check_ur_kinematics
+    from workbench.files.exports.mdh import left_out
+    from workbench.files.exports.ur_kinematics import ur_kinematics_yaml
+
+    text = ur_kinematics_yaml(arm)
+    check_ur_kinematics(arm, text)
+    between = "length and twists between the last axis and the flange"
+    return ArmExport({file: text}, [*left_out(arm), between])
+
+
+def _program(arm, to: str, file: Path, options: ArmOptions) -> ArmExport:
+    """A program whose targets are corrected; refused where `workbench compensate` would refuse one of them."""
+    from workbench.files.exports.check import check_program
+    from workbench.files.exports.programs import Program, program_text
+    from workbench.files.targets import read_programme
+    from workbench.jobs.compensate import compensate
+    from workbench.jobs.correction_limits import Limits, covariates_of, judge_targets
+
+    programme = read_programme(options.targets, arm.robot)
+    covariates = covariates_of(arm, programme)
+    found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
+    refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused
+    refused |= {int(k): ["it is out of reach or limits"] for k in (~found.reached).nonzero()[0]}
+    if refused:
+        row = min(refused)
+        raise InputError(
+            f"{options.targets}, target {row + 1}: expected a target that can be corrected, found that "
+            f"{'; '.join(refused[row])} ({len(refused)} such targets); correct it, or see `workbench compensate`"
+        )
+    name = file.stem.replace("-", "_")
+    program = Program(found.readings, name, arm.robot.name, arm.held_out_mm)
+    text = program_text(program, to, arm.robot)
+    check_program(found.readings, text, to)
+    largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
+    return ArmExport({file: text}, [], (largest,))

@@ -1,0 +1,116 @@
+"""What a diagnosis found, in runnable form: a plan, a solution and a scene of the corrected model.
+
+The plan holds the geometry, the effects of the baseline and one stage a term that was kept. The recording is
+calibrated by it, so that the solution has a covariance and held-out errors like that of every calibration.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from robot_model import load_robot
+from robot_model.effects import CATALOGUE
+from workbench.core.errors import InputError
+from workbench.core.solution import Stage
+from workbench.diagnosis.result import Diagnosis
+from workbench.files.solution_file import NAME as SOLUTION
+from workbench.files.solution_file import solution_keys
+from workbench.fitting.plan_file import NAME as PLAN
+from workbench.fitting.plan_file import plan_text
+from workbench.fitting.plans import geometry
+from workbench.jobs.calibrate import calibrate
+from workbench.jobs.corrected_scene import SCENE, corrected_scene, robot_keys, write_scene
+
+_IMAGES = "a diagnosis of images corrects a sensor, which a plan of an arm does not hold"
+_NO_PARAMETERS = "{title}: it has no parameters, so that no model holds it"
+
+
+@dataclass(frozen=True)
+class ModelFiles:
+    """Names of the files that were written, None where one was not; `left_out`: sentences that say what is missing."""
+
+    plan: str | None = None
+    solution: str | None = None
+    scene: str | None = None
+    held_out_rms_mm: float | None = None
+    left_out: tuple[str, ...] = ()
+
+    def as_json(self, run: Path) -> dict:
+        """The key `model` of the answer; run: the folder in which the files will stand."""
+        files = {"plan": self.plan, "solution": self.solution, "scene": self.scene}
+        paths = {key: None if name is None else str(run / name) for key, name in files.items()}
+        return {
+            **paths,
+            "held_out_rms_mm": self.held_out_rms_mm,
+            "left_out": list(self.left_out),
+        }
+
+
+def corrected_stages(made: Diagnosis, robot) -> tuple[Stage, ...]:
+    """Stages of a plan: geometry, what the baseline already held, and one a term that was kept; all of them stay."""
+    loss = "huber" if made.outliers else "linear"
+    stages = [replace(geometry(robot), loss=loss)]
+    if made.given:
+        rows = tuple(_row(effect) for effect in made.given)
+        why = f"the baseline of the diagnosis, {made.baseline}, holds these effects"
+        stages.append(Stage("baseline", why, rows, loss=loss, earn=False))
+    for term in made.terms:
+        rows = tuple(_row(effect) for effect in term.finding.effects)
+        if rows:
+            name = f"{term.finding.where}.{term.finding.effect}"
+            stages.append(Stage(name, term.statement or name, rows, loss=loss, earn=False))
+    return tuple(stages)
+
+
+def _row(effect) -> tuple[str, str, dict]:
+    name = next(key for key, kind in CATALOGUE.items() if kind is type(effect))
+    return name, effect.where, dict(effect.options)
+
+
+def corrected_recording(made: Diagnosis, recording):
+    """The recording with the robot that the diagnosis used: that of the reference, where it named one."""
+    if made.robot_keys is None:
+        return recording
+    return replace(recording, robot=dict(made.robot_keys))
+
+
+def write_model(
+    made: Diagnosis,
+    recording,
+    folder: Path,
+    progress: Callable[[str], None] = lambda text: None,
+    trust_data: bool = False,
+) -> ModelFiles:
+    """Write plan.toml, solution.json and scene.toml of the corrected model into the run folder of a diagnosis."""
+    if made.unit != "mm":
+        return ModelFiles(left_out=(_IMAGES,))
+    recording = corrected_recording(made, recording)
+    robot = load_robot(robot_keys(recording), "recording.toml, key robot")
+    stages = corrected_stages(made, robot)
+    folder = Path(folder)
+    (folder / PLAN).write_text(plan_text(stages, _comment(made)), encoding="utf-8")
+    without = [_NO_PARAMETERS.format(title=t.title) for t in made.terms if not t.finding.effects]
+    progress("the corrected model")
+    try:
+        calibration = calibrate(recording, stages, trust_data=trust_data)
+    except InputError as problem:
+        return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
+    keys = solution_keys(calibration)
+    (folder / SOLUTION).write_text(json.dumps(keys, indent=1), encoding="utf-8")
+    title = f"{made.title}: corrected by the diagnosis"
+    why = write_scene(corrected_scene(calibration, title), folder)
+    missing = (f"no scene.toml: {why}",) if why else ()
+    held_out = calibration.held_out["rms_mm"]
+    return ModelFiles(PLAN, SOLUTION, None if why else SCENE, held_out, (*without, *missing))
+
+
+def _comment(made: Diagnosis) -> str:
+    kept = sum(bool(term.finding.effects) for term in made.terms)
+    return (
+        f"Plan of the model that `workbench diagnose` found for {made.recording}: {made.verdict}, {kept} terms.\n"
+        "Calibrate by it: workbench calibrate RECORDING --plan plan.toml"
+    )
+
+
+__all__ = ["ModelFiles", "corrected_recording", "corrected_stages", "write_model"]

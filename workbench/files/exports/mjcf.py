@@ -1,0 +1,305 @@
+"""The calibrated arm as MJCF: corrected geometry, masses, and springs where the model deflects under load.
+
+Every joint has a position servo whose stiffness is that of the calibrated joint, so that the arm rests where gravity
+and servo balance. Bearings, links and the pedestal that deflect are pairs of hinges with a torsion spring. Lengths are
+metres and angles radians, as everywhere in MuJoCo.
+"""
+
+import json
+from dataclasses import dataclass, field
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robot_model.effects import elastic, transmission
+from robot_model.mjcf import TERMS
+from robot_model.statics import STANDARD_GRAVITY
+from workbench.core.effect import Effect
+from workbench.files.exports.urdf import (
+    around_joints,
+    coupled_sums,
+    is_coupled,
+    joint_signs,
+)
+from workbench.files.solution_file import CalibratedArm, name_of
+
+RIGID_NM_RAD = 1e9
+"""Stiffness of a joint that does not deflect: 0.1 um at 1 m under 100 N m."""
+_RATE = 100.0  # rad/s, natural frequency of every servo and spring, critically damped
+_NO_MASS_KG = 1e-9  # MuJoCo refuses moving bodies without mass
+_RADIUS_M = 0.05  # radius of gyration of every body, which no calibration at rest tells
+# The laws themselves; their variants with further parameters, which are classes of their own, are not held.
+_CARRIED = (
+    elastic.JointCompliance,
+    elastic.BearingCompliance,
+    elastic.LinkCompliance,
+    elastic.PedestalCompliance,
+    elastic.FirstMoment,
+    elastic.MountTilt,
+    transmission.ConstantTerm,
+)
+
+
+@dataclass
+class Compliances:
+    """rad/(N m): by joint number of joints, bearings and links; of the pedestal about x and y."""
+
+    joint: dict[int, float] = field(default_factory=dict)
+    bearing: dict[int, float] = field(default_factory=dict)
+    link: dict[int, float] = field(default_factory=dict)
+    pedestal: tuple[float, float] = (0.0, 0.0)
+
+
+def mjcf(arm: CalibratedArm) -> str:
+    """MJCF text: bodies link_1 ..., flange and load; joints and servos joint_1 ...; a site `flange`.
+
+    The load of a target is the mass of the body `load`. Inertias are placeholders, since a calibration at rest does
+    not tell them: the model is for static poses.
+    """
+    root = ET.Element("mujoco", model=arm.robot.name)
+    root.append(ET.Comment(_note(arm)))
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(
+        root, "option", gravity=_text(gravity_of(arm)), timestep="0.001", integrator="implicitfast"
+    )
+    custom = ET.SubElement(root, "custom")
+    ET.SubElement(custom, "text", name=TERMS, data=json.dumps(terms(arm)))
+    world = ET.SubElement(root, "worldbody")
+    found = compliances_of(arm)
+    parent, servos = _pedestal(world, found.pedestal, arm.robot.base), ET.Element("actuator")
+    before, after = around_joints(arm)
+    here = np.eye(4) if any(found.pedestal) else arm.robot.base
+    for k in range(arm.robot.joints):
+        parent, here = _link(parent, here @ before[k], k, arm, found, after[k])
+        _servo(servos, k, _stiffness(arm.robot, k, found))
+    _flange(parent, here @ arm.robot.flange, arm)
+    root.append(servos)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def terms(arm: CalibratedArm) -> dict:
+    """The terms of the model and their values, which `robot_model.mjcf.terms_of` reads back."""
+    rows = [{"effect": name_of(e), "where": e.where, **e.options} for e in arm.effects]
+    arms_own = [key for key in arm.values if key.count(".") == 1]
+    return {"effects": rows, "values": {k: v for k, v in arm.values.items() if k not in arms_own}}
+
+
+def left_out(arm: CalibratedArm) -> list[str]:
+    """Terms that the MJCF file does not hold; those of `control_terms` act on the servo targets instead."""
+    masses = _masses(arm)[0]
+    missing = []
+    for effect in arm.effects:
+        is_moment = type(effect) is elastic.FirstMoment
+        massless = is_moment and not masses[_body_number(effect, arm) - 1] > 0
+        if not _is_carried(effect, arm) or massless:
+            missing.append(effect.title)
+    return missing
+
+
+def control_terms(arm: CalibratedArm) -> list[Effect]:
+    """Terms on joints that are no springs (transmission errors, backlash, curves): they change the servo targets."""
+    return [e for e in arm.acting_effects if e.port == "joint" and not _is_carried(e, arm)]
+
+
+def _is_carried(effect, arm: CalibratedArm) -> bool:
+    """Whether the file holds a term: the law itself, and not one of its variants with further parameters.
+
+    In Craig's convention a link bends about a point that its joint does not move, which no hinge of the tree does.
+    """
+    if type(effect) is elastic.LinkCompliance and arm.robot.convention == "craig":
+        return False
+    return type(effect) in _CARRIED
+
+
+def _values(arm: CalibratedArm, effect: Effect, *names: str) -> list[float]:
+    """Values of an effect's parameters by the last part of their keys."""
+    return [arm.values[f"{effect.where}.{effect.effect}.{name}"] for name in names]
+
+
+def _of_kind(arm: CalibratedArm, kind: type[Effect]) -> list:
+    return [effect for effect in arm.effects if type(effect) is kind]
+
+
+def gravity_of(arm: CalibratedArm) -> np.ndarray:
+    """(3,) m/s^2 in the root frame, with the calibrated tilt of the mount."""
+    direction = arm.robot.gravity.copy()
+    across = np.linalg.svd(arm.robot.gravity[None])[2][1:]
+    for effect in _of_kind(arm, elastic.MountTilt):
+        direction += _values(arm, effect, "tilt_1", "tilt_2") @ across
+    return STANDARD_GRAVITY * direction
+
+
+def compliances_of(arm: CalibratedArm) -> Compliances:
+    """The calibrated compliance of every joint, bearing and link, and of the pedestal."""
+    made = Compliances()
+    for effect in _of_kind(arm, elastic.JointCompliance):
+        (made.joint[effect.number],) = _values(arm, effect, "compliance")
+    for effect in _of_kind(arm, elastic.BearingCompliance):
+        (made.bearing[effect.number],) = _values(arm, effect, "tilt")
+    for effect in _of_kind(arm, elastic.LinkCompliance):
+        if _is_carried(effect, arm):
+            (made.link[effect.number],) = _values(arm, effect, "bending")
+    for effect in _of_kind(arm, elastic.PedestalCompliance):
+        made.pedestal = tuple(_values(arm, effect, "about_x", "about_y"))
+    return made
+
+
+def _masses(arm: CalibratedArm) -> tuple[np.ndarray, np.ndarray]:
+    """(J + 1,) kg and (J + 1, 3) mm centres of links and load, with calibrated first moments; frames k and flange."""
+    mass = np.append(arm.robot.mass, arm.robot.payload_mass)
+    centre = np.vstack([arm.robot.com, arm.load_centre])
+    for effect in _of_kind(arm, elastic.FirstMoment):
+        k = _body_number(effect, arm) - 1
+        moment = _values(arm, effect, "mx", "my", "mz")
+        if mass[k] > 0:
+            centre[k] += np.array(moment) / mass[k]
+    return mass, centre
+
+
+def _body_number(effect, arm: CalibratedArm) -> int:
+    return arm.robot.joints + 1 if effect.where == "tool" else effect.number
+
+
+def _pedestal(world, compliance, base) -> ET.Element:
+    """The body that tilts about the base's x and y, where the pedestal deflects; else the world."""
+    if not any(compliance):
+        return world
+    body = _body(world, "pedestal", base)
+    _inertial(body, 0.0, np.zeros(3))
+    for axis, name, value in zip(np.eye(3), "xy", compliance):
+        _spring(body, f"pedestal_{name}", axis, value)
+    return body
+
+
+def _link(parent, here, k, arm, found: Compliances, after) -> tuple[ET.Element, np.ndarray]:
+    """Body and joint k + 1 below `parent`; also where frame k + 1 is in the innermost body that it made."""
+    number, masses = k + 1, _masses(arm)
+    body = _body(parent, f"link_{number}", here)
+    _joint(body, arm.robot, k, _stiffness(arm.robot, k, found))
+    constants = [e for e in _of_kind(arm, transmission.ConstantTerm) if e.number == number]
+    offset = sum(_values(arm, effect, "k0")[0] for effect in constants)
+    after = _screw(offset, arm.robot.prismatic[k]) @ after
+    if found.bearing.get(number):
+        for axis, name in zip(np.eye(3), "uv"):
+            _spring(body, f"bearing_{number}_{name}", axis, found.bearing[number])
+    if found.link.get(number):
+        # the law has the moment of the bodies beyond the link: its own mass stays on the near half
+        _inertial(body, masses[0][k], (after @ np.append(masses[1][k], 1))[:3])
+        pivot = after[:3, 3] / 2
+        bend = _translation(pivot)
+        body = _body(body, f"link_{number}_bent", bend)
+        for axis, name in zip(_across(pivot, after), "uv"):
+            _spring(body, f"link_{number}_{name}", axis, found.link[number])
+        _inertial(body, 0.0, np.zeros(3))
+        return body, np.linalg.inv(bend) @ after
+    _inertial(body, masses[0][k], (after @ np.append(masses[1][k], 1))[:3])
+    return body, after
+
+
+def _flange(parent, here, arm: CalibratedArm) -> None:
+    mass, centre = (part[-1] for part in _masses(arm))
+    flange = _body(parent, "flange", here)
+    _inertial(flange, mass, centre)
+    ET.SubElement(flange, "site", name="flange")
+    load = _body(flange, "load", _translation(centre))
+    _inertial(load, 0.0, np.zeros(3))
+
+
+def _joint(body, robot, k, stiffness: float) -> None:
+    slides, sign = robot.prismatic[k], joint_signs(robot)[k]
+    unit = 1e-3 if slides else 1.0
+    keys = {"name": f"joint_{k + 1}", "type": "slide" if slides else "hinge"}
+    bounds = robot.limits[k] * unit if k < len(robot.limits) and not is_coupled(robot) else [np.nan]
+    if np.isfinite(bounds).all():
+        keys["range"] = _text(bounds)
+    inertia = _text([abs(stiffness) / _RATE**2])
+    ET.SubElement(body, "joint", axis=_text([0, 0, sign]), armature=inertia, **keys)
+
+
+def _stiffness(robot, k, found: Compliances) -> float:
+    """N m/rad of joint k + 1, N/m of a slide, whose compliance is in mm/N."""
+    compliance = found.joint.get(k + 1, 0.0)
+    unit = 1e-3 if robot.prismatic[k] else 1.0
+    return 1 / (compliance * unit) if compliance else RIGID_NM_RAD
+
+
+def _servo(servos, k, stiffness: float) -> None:
+    name = f"joint_{k + 1}"
+    keys = {"kp": _text([stiffness]), "kv": _text([2 * abs(stiffness) / _RATE])}
+    ET.SubElement(servos, "position", name=name, joint=name, **keys)
+
+
+def _spring(body, name: str, axis, compliance: float) -> None:
+    if not compliance:
+        return
+    stiffness = 1 / compliance
+    keys = {
+        "name": name,
+        "type": "hinge",
+        "axis": _text(axis),
+        "stiffness": _text([stiffness]),
+        "armature": _text([abs(stiffness) / _RATE**2]),
+        "damping": _text([2 * abs(stiffness) / _RATE]),
+    }
+    ET.SubElement(body, "joint", **keys)
+
+
+def _across(line, after) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit axes across a line (3,); those of the frame after the joint where the line has no length."""
+    length = np.linalg.norm(line)
+    along = line / length if length > 1e-6 else after[:3, 2]
+    first = np.linalg.svd(along[None])[2][1]
+    return first, np.cross(along, first)
+
+
+def _screw(offset: float, slides) -> np.ndarray:
+    """(4, 4) a constant offset of a joint: a rotation about its axis (rad), or a shift along it (mm)."""
+    made = np.eye(4)
+    if slides:
+        made[2, 3] = offset
+    else:
+        made[:3, :3] = Rotation.from_rotvec([0, 0, offset]).as_matrix()
+    return made
+
+
+def _body(parent, name: str, pose) -> ET.Element:
+    quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+    place = {"pos": _text(pose[:3, 3] / 1e3), "quat": _text(quaternion)}
+    return ET.SubElement(parent, "body", name=name, **place)
+
+
+def _inertial(body, kg: float, centre_mm) -> None:
+    kg = max(float(kg), _NO_MASS_KG)
+    inertia = _text([kg * _RADIUS_M**2] * 3)
+    ET.SubElement(
+        body,
+        "inertial",
+        pos=_text(np.asarray(centre_mm) / 1e3),
+        mass=_text([kg]),
+        diaginertia=inertia,
+    )
+
+
+def _translation(shift) -> np.ndarray:
+    made = np.eye(4)
+    made[:3, 3] = shift
+    return made
+
+
+def _text(numbers) -> str:
+    return " ".join(repr(float(number)) for number in np.ravel(numbers))
+
+
+def _note(arm: CalibratedArm) -> str:
+    """What the file says of itself."""
+    words = [
+        f"Geometry as calibrated, held-out RMS {arm.held_out_mm:.4g} mm.",
+        "For static poses: inertias are placeholders.",
+    ]
+    if is_coupled(arm.robot):
+        words.append(f"Joint angles from the controller's readings: {coupled_sums(arm.robot)}.")
+    if missing := left_out(arm):
+        words.append(f"Not in this file: {', '.join(missing)}.")
+    return f" {' '.join(words)} ".replace("--", "-")

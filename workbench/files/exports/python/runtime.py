@@ -1,0 +1,206 @@
+"""Forward and inverse correction of a calibrated arm from plain data; every exported module contains this code.
+
+Readings are in degrees (mm for a joint that slides), poses are 4 x 4 transforms in mm from the flange to the robot's
+root frame. Covariates are recorded columns by name in file units, such as `payload_kg` or `temperature_c`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_model.chain import forward
+from robot_model.robot import Robot
+from robot_model.state import State, sliding
+from robot_model.system import RobotChain
+from workbench.core.model import Model
+from workbench.core.rigid import rotation_matrix
+
+_STEPS = 40
+_LEVER_MM = 200.0
+_REACHED_MM = 1e-5
+_DAMPING = 1e-6 * _LEVER_MM**2 * 1e-3
+_ARRAYS = (
+    "geometry",
+    "hayati",
+    "prismatic",
+    "mixing",
+    "limits",
+    "gear_ratio",
+    "gravity",
+    "mass",
+    "com",
+    "payload_com",
+    "base",
+    "flange",
+)
+
+
+@dataclass(frozen=True)
+class Flange:
+    """What a chain that ends at the flange measures: nothing, in the robot's root frame."""
+
+    place = "tool"
+    grounded = True
+
+    def parameters(self) -> list:
+        """No parameters of its own."""
+        return []
+
+
+class CorrectedArm:
+    """A calibrated arm.
+
+    data: keys `robot` (fields of a Robot), `values` (parameters by key; mm, rad), `load_centre` (3,) mm.
+    effects: those that move the flange. observed: these and the drift of the base in the instrument's frame.
+    control: those on joints that are no springs, which change the targets of servos.
+    """
+
+    def __init__(self, data, effects, observed, control=()):
+        fields = dict(data["robot"])
+        for name in _ARRAYS:
+            fields[name] = np.array(fields[name])
+        for name in ("limits", "gear_ratio"):
+            fields[name] = np.array(fields[name], float)  # None is nan: unknown
+        self.robot = Robot(**fields)
+        self.values, self.load_centre = data["values"], np.array(data["load_centre"], float)
+        self.effects, self.observed, self.control = tuple(effects), tuple(observed), tuple(control)
+
+    def nominal_poses(self, readings) -> np.ndarray:
+        """(n, 4, 4) T_root_flange of the nominal arm at readings (n, R) in degrees, mm of a slide."""
+        return _poses(forward(self.robot, self._variables(self._radians(readings))))
+
+    def flange_poses(self, readings, covariates=None) -> np.ndarray:
+        """(n, 4, 4) T_root_flange where the real flange is at readings (n, R) in degrees, mm of a slide."""
+        return _poses(self._frames(self._radians(readings), covariates, self.effects))
+
+    def measured_points(self, readings, tool_point=None, covariates=None) -> np.ndarray:
+        """(n, 3) mm: a point of the tool in the frame of the external instrument.
+
+        tool_point (3,) or (n, 3) mm in the flange frame; None: the calibrated one (`tool.x`, ...).
+        """
+        if tool_point is None:
+            tool_point = [self.values[f"tool.{axis}"] for axis in "xyz"]
+        frames = self._frames(self._radians(readings), covariates, self.observed)
+        point = frames.point(np.atleast_2d(np.asarray(tool_point, float)).T)
+        base = np.array([self.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
+        return (rotation_matrix(base[3:]) @ point).T + base[:3]
+
+    def servo_targets(self, readings, covariates=None) -> np.ndarray:
+        """(n, J) rad, m of a slide: targets of the servos of the exported MJCF model at readings (n, R).
+
+        Terms on joints that are no springs are in them: transmission errors, backlash, couplings, curves.
+        """
+        chain, model, parameters = self._model(self._radians(readings), covariates, self.control)
+        targets = chain.variables.copy()
+        for slots, change in model.deltas(parameters).values():
+            targets[slots] += change
+        own = (
+            np.diag(self.robot.mixing)
+            if len(self.robot.mixing) == self.robot.mixing.shape[1]
+            else 1.0
+        )
+        is_coupled = np.count_nonzero(self.robot.mixing) > self.robot.joints
+        signs = np.ones(self.robot.joints) if is_coupled else own
+        return (signs[:, None] * targets * np.where(self.robot.prismatic, 1e-3, 1.0)[:, None]).T
+
+    def corrected_readings(self, readings, poses=None, covariates=None) -> tuple:
+        """Readings (n, R) that bring the real flange to where it shall be, and what is left of the error (n,) mm.
+
+        readings (n, R): as programmed; the target is where the nominal arm would stand. poses (n, 4, 4): targets
+        instead, and readings are where the search starts. The error left is the larger of the distance and of the
+        rotation at a lever of 200 mm; a target is reached where it is below 0.001 mm.
+        """
+        found = self._radians(readings)
+        wanted = self.nominal_poses(readings) if poses is None else np.asarray(poses, float)
+        back = np.linalg.pinv(self.robot.mixing)
+        for _ in range(_STEPS):
+            frames = self._frames(found, covariates, self.effects)
+            error = _difference(_poses(frames), wanted)
+            if _size(error).max(initial=0) < _REACHED_MM:
+                break
+            found = found - (back @ _joint_step(self.robot, frames, error)).T
+        left = _size(_difference(_poses(self._frames(found, covariates, self.effects)), wanted))
+        return np.where(sliding(self.robot), found, np.rad2deg(found)), left
+
+    def _radians(self, readings) -> np.ndarray:
+        given = np.atleast_2d(np.asarray(readings, float))
+        return np.where(sliding(self.robot), given, np.deg2rad(given))
+
+    def _variables(self, readings) -> np.ndarray:
+        return self.robot.mixing @ readings.T
+
+    def _frames(self, readings, covariates, effects):
+        chain, model, parameters = self._model(readings, covariates, effects)
+        own = parameters.values[: len(chain.parameters)]
+        return chain.frames(own, model.deltas(parameters))[0]
+
+    def _model(self, readings, covariates, effects):
+        variables = self._variables(readings)
+        n = variables.shape[1]
+        columns = {
+            k: np.broadcast_to(np.asarray(v, float), (n,)) for k, v in (covariates or {}).items()
+        }
+        columns.setdefault("row", np.zeros(n))
+        payload = self.robot.payload_mass + columns.get("payload_kg", np.zeros(n))
+        blank, ones = np.zeros((3, n)), np.ones((1, n))
+        state = State(
+            self.robot,
+            variables,
+            columns,
+            self.robot.gravity,
+            payload,
+            self.load_centre,
+            blank,
+            np.ones(n, int),
+            blank,
+        )
+        chain = RobotChain(self.robot, Flange(), variables, ones, state, np.zeros(0), ones)
+        model = Model(chain, effects)
+        known = {k: self.values[k] for k in model.parameters.keys if k in self.values}
+        return chain, model, model.parameters.update(known)
+
+
+def _poses(frames) -> np.ndarray:
+    """(n, 4, 4) of the end of a chain."""
+    rotation = np.stack(frames.end, -1).transpose(1, 0, 2)
+    poses = np.zeros((len(rotation), 4, 4))
+    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation, frames.end_origin.T, 1
+    return poses
+
+
+def _difference(actual, wanted) -> np.ndarray:
+    """(6, n) mm and rad: shift and rotation vector that take the wanted poses to the actual ones."""
+    rotation = actual[:, :3, :3] @ wanted[:, :3, :3].transpose(0, 2, 1)
+    axis = np.stack(
+        [
+            rotation[:, 2, 1] - rotation[:, 1, 2],
+            rotation[:, 0, 2] - rotation[:, 2, 0],
+            rotation[:, 1, 0] - rotation[:, 0, 1],
+        ]
+    )
+    sine = np.sqrt((axis**2).sum(0)) / 2
+    cosine = (np.trace(rotation, axis1=1, axis2=2) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    scale = np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-300), 0.5)
+    shift = (actual[:, :3, 3] - wanted[:, :3, 3]).T
+    return np.concatenate([shift, axis * scale])
+
+
+def _size(error) -> np.ndarray:
+    """(n,) mm: the larger of the shift and of the rotation at a lever's length."""
+    shift, turn = np.sqrt((error[:3] ** 2).sum(0)), np.sqrt((error[3:] ** 2).sum(0))
+    return np.maximum(shift, _LEVER_MM * turn)
+
+
+def _joint_step(robot, frames, error) -> np.ndarray:
+    """(J, n) change of the joint variables that makes the error: damped least squares on the geometric Jacobian."""
+    axes, lever = frames.z, frames.end_origin - frames.z_origin
+    turned = np.cross(axes, lever, axis=1)
+    slides = robot.prismatic[:, None, None]
+    moved = np.where(slides, axes, turned)
+    rotated = np.where(slides, 0.0, axes) * _LEVER_MM
+    jacobian = np.concatenate([moved, rotated], 1).transpose(2, 1, 0)
+    scaled = error * np.array([1.0, 1, 1, _LEVER_MM, _LEVER_MM, _LEVER_MM])[:, None]
+    normal = jacobian.transpose(0, 2, 1) @ jacobian + _DAMPING * np.eye(robot.joints)
+    right = jacobian.transpose(0, 2, 1) @ scaled.T[..., None]
+    return np.linalg.solve(normal, right)[..., 0].T

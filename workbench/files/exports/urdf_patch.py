@@ -1,0 +1,250 @@
+"""The user's own URDF with corrected joint origins: only numbers change, byte for byte.
+
+The calibration moves the axis of every joint. The frame of each link moves with its axis, and the origin of each joint
+is the place of its link in the frame of the link before. Names, meshes, comments, limits and spacing stay.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robot_model import load_robot
+from robot_model.chain import forward
+from robot_model.measurements.closure import flange_matrices
+from robot_model.robot import Robot, wrong
+from robot_model.urdf_tree import Joint, Tree
+from workbench.core.rigid import transform
+from workbench.files.exports.mdh import calibrated_geometry
+from workbench.files.exports.urdf import around_joints
+from workbench.files.solution_file import CalibratedArm
+
+_SAME_MM, _SAME = 1e-7, 1e-10
+_SAME_ARM_MM = 1e-2
+_ATTRIBUTE = r"\b{name}\s*=\s*(\"[^\"]*\"|'[^']*')"
+
+
+@dataclass(frozen=True)
+class PatchedUrdf:
+    """`content` of the file; `changed`: joints with other numbers; `left_out`: what the file cannot hold.
+
+    `is_whole`: its flange stands where the calibrated one does.
+    """
+
+    content: bytes
+    changed: tuple[str, ...]
+    left_out: tuple[str, ...]
+    is_whole: bool = True
+
+
+def patched_urdf(arm: CalibratedArm, spec: dict) -> PatchedUrdf:
+    """A URDF whose joint origins are those of the calibrated arm.
+
+    spec: {"urdf": path, "joints": [...], "tip": link, ...} as of `robot_model.urdf.robot_from_urdf`. The arm may have
+    been calibrated with this file, or with another description of the same nominal kinematics.
+    Raises InputError where the file describes another arm.
+    """
+    tree = Tree(spec, "--urdf")
+    tip = spec.get("tip") or tree.farthest_leaf()
+    path = tree.path(tip)
+    moving = [joint for joint in path if tree.drive(joint) is not None]
+    nominal = _described_arm(arm, spec, tree.file)
+    moves = _moves(arm, nominal)
+    if len(moves) != len(moving) + 1:
+        raise wrong(
+            tree.file, f"{len(moves) - 1} moving joints", len(moving), "name tip and joints"
+        )
+    origins = _origins(tree, path, moving, moves)
+    content = tree.file.read_bytes()
+    changed = [j for j in path if not _is_same(origins[j.name], j.origin)]
+    content = _with_origins(content, {j.name: (j.origin, origins[j.name]) for j in changed})
+    titles = tuple(effect.title for effect in arm.effects)
+    rest = _rest_at_flange(tree, path, moving, moves)
+    names = tuple(joint.name for joint in changed)
+    return PatchedUrdf(content, names, (*titles, *rest), not rest)
+
+
+def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
+    """(4, 4) T from the calibrated arm's root frame to the URDF's; InputError where the kinematics differ."""
+    own = load_robot(spec, str(file))
+    if own.mixing.shape != arm.robot.mixing.shape:
+        raise wrong(
+            file, f"an arm with {arm.robot.joints} joints", own.joints, "name tip and joints"
+        )
+    readings = np.random.default_rng(0).uniform(-1, 1, (24, own.mixing.shape[1]))
+    readings = np.vstack([np.zeros(own.mixing.shape[1]), readings])
+    theirs, ours = _flanges(own, readings), _flanges(arm.robot, readings)
+    # T_urdf(q) = A T(q) B with constant A and B: relative motions are conjugate by A
+    left = _conjugation(theirs @ np.linalg.inv(theirs[0]), ours @ np.linalg.inv(ours[0]))
+    right = np.linalg.inv(left @ ours[0]) @ theirs[0]
+    off = np.abs(theirs - left @ ours @ right)[:, :3, 3].max()
+    if not off < _SAME_ARM_MM:
+        raise wrong(
+            file,
+            f"the nominal kinematics of {arm.robot.name}",
+            f"flange poses that differ by up to {off:.3g} mm",
+            "name the URDF of this arm, with the same zero pose",
+        )
+    return left
+
+
+def _conjugation(theirs: np.ndarray, ours: np.ndarray) -> np.ndarray:
+    """(4, 4) A with theirs = A ours A^-1 for relative motions (n, 4, 4): A X = X' A (Park & Martin 1994)."""
+    rotations = [Rotation.from_matrix(m[:, :3, :3]).as_rotvec() for m in (theirs, ours)]
+    rotation = Rotation.align_vectors(*rotations)[0].as_matrix()
+    rows = theirs[:, :3, :3] - np.eye(3)
+    right = np.einsum("ij,nj->ni", rotation, ours[:, :3, 3]) - theirs[:, :3, 3]
+    shift = np.linalg.lstsq(rows.reshape(-1, 3), right.ravel(), rcond=None)[0]
+    return transform(rotation, shift)
+
+
+def _flanges(robot: Robot, readings: np.ndarray, geometry=None) -> np.ndarray:
+    frames = forward(robot, robot.mixing @ readings.T, geometry)
+    return transform(flange_matrices(frames), frames.end_origin.T)
+
+
+def _moves(arm: CalibratedArm, left: np.ndarray) -> list[np.ndarray]:
+    """J + 1 motions (4, 4) in the URDF root frame that take nominal links and flange to their calibrated places."""
+    nominal = _links(arm, arm.robot.geometry)
+    calibrated = _links(arm, calibrated_geometry(arm))
+    back = np.linalg.inv(left)
+    return [left @ new @ np.linalg.inv(old) @ back for new, old in zip(calibrated, nominal)]
+
+
+def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
+    """J + 1 frames (4, 4) at zero readings in the root frame: on each joint's axis behind it, and the flange."""
+    names = ("theta", "d", "a", "alpha", "beta")
+    values = {
+        f"joint-{k + 1}.{n}{k + 1}": geometry[k, c]
+        for k in range(len(geometry))
+        for c, n in enumerate(names)
+    }
+    plain = CalibratedArm(
+        arm.robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {}
+    )
+    before, after = around_joints(plain)
+    here, made = arm.robot.base, []
+    for k in range(arm.robot.joints):
+        here = here @ before[k]
+        made.append(here @ _turned(geometry[k, 0]))
+        here = here @ after[k]
+    return [*made, here @ arm.robot.flange]
+
+
+def _turned(theta: float) -> np.ndarray:
+    made = np.eye(4)
+    made[:3, :3] = Rotation.from_rotvec([0, 0, theta]).as_matrix()
+    return made
+
+
+def _origins(tree: Tree, path: list[Joint], moving: list[Joint], moves) -> dict[str, np.ndarray]:
+    """Origin (4, 4) mm of every joint on the path to the tip.
+
+    A fixed joint keeps its origin, but for the last one before the tip, which takes what the flange moves by.
+    """
+    place, made = {tree.root: np.eye(4)}, {}
+    number = {joint.name: k for k, joint in enumerate(moving)}
+    fixed_after = path[-1] if path[-1].name not in number else None
+    for joint in path:
+        if joint.name in number:
+            target = moves[number[joint.name]] @ tree.places[joint.child]
+            made[joint.name] = np.linalg.inv(place[joint.parent]) @ target
+        elif joint is fixed_after:
+            target = moves[-1] @ tree.places[joint.child]
+            made[joint.name] = np.linalg.inv(place[joint.parent]) @ target
+        else:
+            made[joint.name] = joint.origin
+        place[joint.child] = place[joint.parent] @ made[joint.name]
+    return made
+
+
+def _rest_at_flange(tree: Tree, path, moving, moves) -> tuple[str, ...]:
+    """What the flange moves by beyond the last axis, where no fixed joint follows that could take it."""
+    if path[-1] is not moving[-1]:
+        return ()
+    tip = tree.places[path[-1].child]
+    off = np.linalg.inv(moves[-2] @ tip) @ moves[-1] @ tip
+    if _is_same(off, np.eye(4)):
+        return ()
+    shift = float(np.linalg.norm(off[:3, 3]))
+    angle = float(np.rad2deg(Rotation.from_matrix(off[:3, :3]).magnitude()))
+    return (
+        f"{shift:.3g} mm and {angle:.3g} deg between the last axis and the flange, since no fixed joint follows it",
+    )
+
+
+def _is_same(one: np.ndarray, other: np.ndarray) -> bool:
+    return bool(
+        np.abs(one[:3, 3] - other[:3, 3]).max() < _SAME_MM
+        and np.abs(one[:3, :3] - other[:3, :3]).max() < _SAME
+    )
+
+
+def _with_origins(content: bytes, origins: dict[str, tuple[np.ndarray, np.ndarray]]) -> bytes:
+    """The file with other numbers in the <origin> of some joints; origins: name -> (as it was, as it shall be)."""
+    places = _origin_tags(content)
+    for name, (start, end, has_tag) in sorted(places.items(), key=lambda item: -item[1][0]):
+        if name not in origins:
+            continue
+        tag = content[start:end].decode("utf-8") if has_tag else "<origin/>"
+        made = _tag_with(tag, *origins[name]).encode("utf-8")
+        content = content[:start] + made + content[end:]
+    return content
+
+
+def _tag_with(tag: str, old: np.ndarray, new: np.ndarray) -> str:
+    """The tag with xyz (m) and rpy (rad) of a transform; an attribute whose numbers do not change stays as it is."""
+    if np.abs(new[:3, 3] - old[:3, 3]).max() >= _SAME_MM:
+        tag = _attribute(tag, "xyz", new[:3, 3] / 1000)
+    if np.abs(new[:3, :3] - old[:3, :3]).max() >= _SAME:
+        tag = _attribute(tag, "rpy", Rotation.from_matrix(new[:3, :3]).as_euler("xyz"))
+    return tag
+
+
+def _attribute(tag: str, name: str, numbers) -> str:
+    text = " ".join(f"{number:.12g}" for number in numbers)
+    pattern = re.compile(_ATTRIBUTE.format(name=name))
+    if pattern.search(tag):
+        return pattern.sub(f'{name}="{text}"', tag, count=1)
+    return re.sub(r"\s*/?>$", lambda end: f' {name}="{text}"{end.group()}', tag, count=1)
+
+
+def _origin_tags(content: bytes) -> dict[str, tuple[int, int, bool]]:
+    """Joint -> first byte, end and presence of its <origin> tag; without one, the place behind the joint's own tag."""
+    found: dict[str, tuple[int, int, bool]] = {}
+    stack: list[tuple[str, str | None]] = []
+    parser = expat.ParserCreate()
+
+    def opened(name, attributes):
+        start = parser.CurrentByteIndex
+        end = _end_of_tag(content, start)
+        parent = stack[-1] if stack else ("", None)
+        if name == "joint" and parent[0] == "robot":
+            found[attributes.get("name")] = (end, end, False)
+        elif name == "origin" and parent[0] == "joint" and len(stack) == 2:
+            found[parent[1]] = (start, end, True)
+        stack.append((name, attributes.get("name")))
+
+    def closed(name):
+        stack.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = opened, closed
+    parser.Parse(content, True)
+    return found
+
+
+def _end_of_tag(content: bytes, start: int) -> int:
+    """The byte behind a tag; a > inside of quotes does not end it."""
+    quote = 0
+    for place in range(start, len(content)):
+        byte = content[place]
+        if quote:
+            quote = 0 if byte == quote else quote
+        elif byte in b"\"'":
+            quote = byte
+        elif byte == ord(">"):
+            return place + 1
+    return len(content)

@@ -1,0 +1,188 @@
+"""Cartesian stiffness of a calibrated arm: what a wrench at the tool moves it by, and which part deflects.
+
+Virtual joint method: every compliant joint, bearing, link and the pedestal is a torsion spring about one or two axes.
+A unit rotation about axis i through point o_i moves the tool by the twist t_i = (a_i x (p - o_i), a_i); a wrench w puts
+the torque t_i . w on it. The Cartesian compliance is C = sum_i c_i t_i t_i^T, the stiffness its inverse
+(Salisbury, IEEE CDC 1980; Klimchik et al., Mech. Mach. Theory 79, 2014).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_model.chain import Frames, forward
+from workbench.core.errors import InputError
+from workbench.core.text.csv_text import csv_text
+from workbench.files.exports.mdh import calibrated_geometry
+from workbench.files.exports.mjcf import Compliances, compliances_of
+from workbench.files.solution_file import CalibratedArm
+
+PARTS = ("joint", "bearing", "link", "pedestal")
+_FORCE, _MOMENT = slice(0, 3), slice(3, 6)
+_RIGID = 1e-12  # share of the largest eigenvalue below which a direction does not deflect
+
+
+@dataclass(frozen=True)
+class CartesianStiffness:
+    """Compliance of the tool point at n configurations, in the robot's root frame.
+
+    `compliance` part -> (n, 6, 6): twist (mm, rad) per wrench (N, N m); rows and columns are force and translation,
+    then moment and rotation. `points` (n, 3) mm of the tool point.
+    """
+
+    compliance: Mapping[str, np.ndarray]
+    points: np.ndarray
+
+    @property
+    def total(self) -> np.ndarray:
+        """(n, 6, 6) of all parts together."""
+        return sum(self.compliance.values())
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        """(n, 6, 6) wrench (N, N m) per twist (mm, rad); infinite along what does not deflect, given as nan."""
+        # in metres, so that translations and rotations are of one size
+        scale = np.array([1e-3, 1e-3, 1e-3, 1, 1, 1])
+        balanced = self.total * scale[:, None]
+        values = np.linalg.eigvalsh(balanced)
+        is_rigid = values[:, 0] <= _RIGID * values[:, -1]
+        inverse = np.full_like(balanced, np.nan)
+        inverse[~is_rigid] = np.linalg.inv(balanced[~is_rigid])
+        return inverse * scale
+
+    def deflection(self, wrench: np.ndarray) -> dict[str, np.ndarray]:
+        """Part -> (n, 6) mm and rad that a wrench (6,) N, N m at the tool point, in the root frame, makes."""
+        return {part: made @ np.asarray(wrench, float) for part, made in self.compliance.items()}
+
+    def translational(self) -> np.ndarray:
+        """(n, 3) mm/N: least, middle and largest translation per force without a moment, over all directions."""
+        return np.linalg.eigvalsh(self.total[:, _FORCE, _FORCE])
+
+
+def cartesian_stiffness(
+    arm: CalibratedArm, readings: np.ndarray, tool_point=(0.0, 0.0, 0.0)
+) -> CartesianStiffness:
+    """Cartesian stiffness of a calibrated arm at readings (n, R) rad, mm.
+
+    tool_point (3,) mm in the flange frame: where the wrench acts. Raises InputError for an arm without compliance.
+    """
+    found = compliances_of(arm)
+    if not (found.joint or found.bearing or found.link or any(found.pedestal)):
+        raise InputError(
+            "the calibration holds no compliance of a joint, bearing, link or pedestal, so that nothing deflects; "
+            "calibrate with a plan that estimates compliances, or diagnose a recording with loads"
+        )
+    variables = arm.robot.mixing @ np.asarray(readings, float).T
+    frames = forward(arm.robot, variables, calibrated_geometry(arm), links=True)
+    point = frames.point(np.asarray(tool_point, float))
+    parts = {part: np.zeros((variables.shape[1], 6, 6)) for part in PARTS}
+    for part, compliance, axis, origin in _springs(arm, found, frames):
+        parts[part] += compliance * _outer(axis, point - origin)
+    return CartesianStiffness(parts, point.T)
+
+
+def _springs(arm: CalibratedArm, found: Compliances, frames: Frames):
+    """(part, rad/(N m), axis (3, n), point on it (3, n)) of every spring; a slide has no rotation and is left out."""
+    for number, compliance in found.joint.items():
+        if not arm.robot.prismatic[number - 1]:
+            yield "joint", compliance, frames.z[number - 1], frames.z_origin[number - 1]
+    for number, compliance in found.bearing.items():
+        for axis in _across(frames.z[number - 1], frames.x[number - 1]):
+            yield "bearing", compliance, axis, frames.z_origin[number - 1]
+    for number, compliance in found.link.items():
+        along = _along(frames, number)
+        for axis in _across(along, frames.link[number][0], frames.link[number][1]):
+            yield "link", compliance, axis, frames.pivot[number]
+    for axis, compliance in zip(frames.link[0], found.pedestal):
+        yield "pedestal", compliance, axis, frames.pivot[0]
+
+
+def _along(frames: Frames, number: int) -> np.ndarray:
+    """(3, n) unit vector from the pivot of a link to its end; its z axis where it has no length."""
+    line = frames.origin[number - 1] - frames.pivot[number]
+    length = np.sqrt((line**2).sum(0))
+    return np.where(length > 1e-6, line / np.maximum(length, 1e-6), frames.link[number][2])
+
+
+def _across(along: np.ndarray, *hints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit axes (3, n) across `along`: the hint that is farthest from it, cleared of it, and their product."""
+    shares = np.stack([np.abs((hint * along).sum(0)) for hint in hints])
+    hint = np.choose(np.argmin(shares, 0), hints) if len(hints) > 1 else hints[0]
+    first = hint - along * (hint * along).sum(0)
+    first = first / np.sqrt((first**2).sum(0))
+    return first, np.cross(along, first, axis=0)
+
+
+def _outer(axis: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """(n, 6, 6) twist in mm and rad per rad, times torque in N m per N and N m."""
+    moved = np.cross(axis, lever, axis=0)
+    twist = np.concatenate([moved, axis])
+    torque = np.concatenate([moved * 1e-3, axis])
+    return np.einsum("in,jn->nij", twist, torque)
+
+
+def stiffness_columns(found: CartesianStiffness, wrench) -> dict[str, np.ndarray]:
+    """Columns of stiffness.csv: tool point, compliance along the axes and its extremes, deflection by part."""
+    columns = {f"{axis}_mm": row for axis, row in zip("xyz", found.points.T)}
+    for k, axis in enumerate("xyz"):
+        columns[f"compliance_{axis}_mm_per_n"] = found.total[:, k, k]
+    least, _, largest = found.translational().T
+    columns |= {"compliance_least_mm_per_n": least, "compliance_largest_mm_per_n": largest}
+    if wrench is not None:
+        moved = found.deflection(wrench)
+        for part in PARTS:
+            columns[f"deflection_{part}_mm"] = np.linalg.norm(moved[part][:, _FORCE], axis=1)
+        total = sum(moved.values())
+        columns["deflection_mm"] = np.linalg.norm(total[:, _FORCE], axis=1)
+        columns["deflection_deg"] = np.rad2deg(np.linalg.norm(total[:, _MOMENT], axis=1))
+    return columns
+
+
+def save(found: CartesianStiffness, wrench, folder: Path) -> None:
+    """Write stiffness.csv, compliance.npy (n, 6, 6), map.vtk, and the map as map.pdf and map.svg."""
+    columns = stiffness_columns(found, wrench)
+    lines = [[f"{value:.9g}" for value in row] for row in zip(*columns.values())]
+    (folder / "stiffness.csv").write_text(csv_text(list(columns), lines), encoding="utf-8")
+    np.save(folder / "compliance.npy", found.total)
+    (folder / "map.vtk").write_text(_vtk(found.points, columns), encoding="utf-8")
+    figure = map_figure(found, wrench)
+    for suffix in ("pdf", "svg"):
+        figure.savefig(folder / f"map.{suffix}")
+
+
+def _vtk(points: np.ndarray, columns: Mapping[str, np.ndarray]) -> str:
+    """Legacy VTK text: the tool points as vertices, every column as a scalar field."""
+    n = len(points)
+    lines = ["# vtk DataFile Version 3.0", "Cartesian compliance", "ASCII", "DATASET POLYDATA"]
+    lines += [f"POINTS {n} double", *(" ".join(f"{v:.9g}" for v in row) for row in points)]
+    lines += [f"VERTICES {n} {2 * n}", *(f"1 {k}" for k in range(n)), f"POINT_DATA {n}"]
+    for name, values in columns.items():
+        lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default"]
+        lines += [f"{value:.9g}" for value in values]
+    return "\n".join(lines) + "\n"
+
+
+def map_figure(found: CartesianStiffness, wrench):
+    """A matplotlib figure: largest translational compliance, or the deflection under a wrench, over the workspace."""
+    from matplotlib.figure import Figure
+
+    columns = stiffness_columns(found, wrench)
+    name, label = (
+        ("compliance_largest_mm_per_n", "largest translational compliance (µm/N)")
+        if wrench is None
+        else ("deflection_mm", "deflection under the wrench (µm)")
+    )
+    made = Figure(figsize=(9, 4.2), layout="constrained")
+    panels = made.subplots(1, 2)
+    for axes, (first, second) in zip(panels, ((0, 1), (0, 2))):
+        shown = axes.scatter(
+            found.points[:, first], found.points[:, second], c=1e3 * columns[name], cmap="viridis"
+        )
+        axes.set(xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)", aspect="equal")
+    made.colorbar(shown, ax=panels, label=label)
+    return made
+
+
+__all__ = ["CartesianStiffness", "cartesian_stiffness", "save", "stiffness_columns"]
