@@ -1,12 +1,10 @@
 """Names of elastic terms: sets of joints, links, bearings and pedestal compared, with masses that are nearly known."""
 
-import numpy as np
 import pytest
 
 import datasets
 from datasets.makers import elastic_arms
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.elastic_sets import ElasticSets
 from workbench.diagnosis.library import variants
 from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.select import find
@@ -21,18 +19,6 @@ def elastic_arm():
     return bench_of(datasets.read("elastic-arm"))
 
 
-@pytest.fixture(scope="module")
-def sets(elastic_arm):
-    """The sets in the problem solved with four joints and the slip, which is kept."""
-    slip = CATALOGUE["zero-shift"]("joint-2", after=3104.35)
-    problem = elastic_arm.problem([*law("joint-compliance", "joint-2", "joint-3", "joint-5"), slip])
-    return ElasticSets.of(problem.keeping([3]))
-
-
-def number(sets, effect, where):
-    return next(i for i, term in enumerate(sets.terms) if term.key == (effect, where))
-
-
 def test_the_bundled_arm_has_its_joints_named_and_nothing_that_is_absent(elastic_arm):
     """Joints 2 to 5 deflect and joint 2 slips; a bearing of joint 2 and link 3 with 23 µrad/(N m) do not exist."""
     found = find(elastic_arm)
@@ -43,57 +29,6 @@ def test_the_bundled_arm_has_its_joints_named_and_nothing_that_is_absent(elastic
     assert sure <= joints | {("zero-shift", "joint-2")}
     assert {("joint-compliance", "joint-3"), ("joint-compliance", "joint-2")} <= listed
     assert {("zero-shift", "joint-2"), ("joint-compliance", "joint-2")} <= sure
-
-
-def test_the_likeliest_set_does_not_depend_on_where_the_search_starts(sets):
-    joints = [number(sets, "joint-compliance", f"joint-{k}") for k in (2, 3, 5)]
-    wrong = [
-        number(sets, "joint-compliance", "joint-2"),
-        number(sets, "link-compliance", "link-3"),
-        number(sets, "bearing-compliance", "joint-2"),
-        number(sets, "joint-compliance", "joint-5"),
-    ]
-    assert set(sets.best(joints)) == set(sets.best(wrong))
-
-
-def test_probabilities_over_sets_are_a_distribution(sets):
-    best = sets.best([number(sets, "joint-compliance", "joint-2")])
-    window, weights = sets.window(best)
-    assert weights.sum() == pytest.approx(1.0) and len(set(window)) == len(window)
-    assert max(zip(weights, window), key=lambda pair: pair[0])[1] == frozenset(best)
-
-
-def test_masses_that_are_nearly_known_make_a_name_less_certain(sets):
-    """Without the mass responses the same data speak more strongly for one set over another."""
-    best = sets.best([number(sets, "joint-compliance", "joint-2")])
-    joint = number(sets, "joint-compliance", "joint-3")
-    link = number(sets, "link-compliance", "link-3")
-    exchanged = [link if i == joint else i for i in best if i != link]
-
-    def spread(known):
-        terms = [
-            t if not known else type(t)(**(t.__dict__ | {"responses": ()})) for t in sets.terms
-        ]
-        other = ElasticSets(tuple(terms), sets.gram, sets.score, sets.yy, sets.degrees)
-        return abs(other.weight(best) - other.weight(exchanged))
-
-    assert spread(False) < spread(True)
-
-
-def test_a_joint_is_preferred_to_a_link_that_would_be_as_soft(elastic_arm):
-    """A set with one joint and one with the link behind it, where both fit alike: the prior of sizes decides."""
-    names = [("joint-compliance", "joint-2"), ("link-compliance", "link-2")]
-    problem = elastic_arm.problem(law("joint-compliance", "joint-2", "joint-3")).keeping(())
-    one = ElasticSets.of(problem)
-    pinned = [number(one, "joint-compliance", "joint-5")]
-    joint, link = (number(one, *name) for name in names)
-    one.gram[:] = 0.0
-    every = np.arange(len(one.score))
-    one.gram[every, every] = 1e12  # orthogonal columns, equally well determined
-    one.score[:] = 0.0
-    for i in (joint, link, *pinned):
-        one.score[one.terms[i].columns] = 2e-5 * 1e12
-    assert one.weight([*pinned, joint]) > one.weight([*pinned, link]) + np.log(5)
 
 
 def test_a_link_without_a_length_does_not_bend(elastic_arm):

@@ -13,8 +13,8 @@ from workbench.diagnosis.data import far_off
 from workbench.diagnosis.problem import Finding, Located
 from workbench.diagnosis.robot import bench_of
 from workbench.diagnosis.scatter import _TRIED, LABEL, _constant, _turned, scattered, unrecorded
+from workbench.diagnosis.search.stepwise import LAW
 from workbench.diagnosis.select import _beyond_functions
-from workbench.diagnosis.sets import LAW
 
 
 def _site(rng, n: int, turn: float):

@@ -1,4 +1,4 @@
-"""What a search keeps: tables, sets less a member and rotations as they are made anew, and laws that nothing beats."""
+"""What a search keeps: tables, sets less a member and rotations as they are when made anew."""
 
 from dataclasses import replace
 
@@ -11,11 +11,8 @@ from test_diagnosis_engine import recorded
 from workbench.diagnosis import select
 from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.hypotheses import judged
-from workbench.diagnosis.parts import outdone
 from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.schur import Beside, Table
-from workbench.diagnosis.search import Search, name_of
-from workbench.diagnosis.sets import Sets
+from workbench.diagnosis.search.subset_algebra import Beside, Table
 
 
 def solved():
@@ -73,22 +70,6 @@ def test_a_set_less_a_member_is_the_smaller_set():
         assert all(np.allclose(a, b, rtol=1e-7, atol=1e-7) for a, b in zip(less.blocks, own.blocks))
 
 
-def test_the_weight_of_a_set_is_that_of_its_columns():
-    """Beside a brute-force determinant and solution of every hypothesis that may join."""
-    problem = solved().keeping(())
-    projected = Projected(problem)
-    short = [h for h in judged(problem) if h.effects][:12]
-    sets = Sets.of(projected, problem, short)
-    sets._lose((0, 1, 2))
-    weights, own = sets.grown((0, 2))
-    again, same = Sets.of(projected, problem, short).grown((0, 2))
-    assert own == pytest.approx(same, rel=1e-9)
-    seen = np.isfinite(again)
-    assert (seen == np.isfinite(weights)).all() and np.allclose(
-        weights[seen], again[seen], rtol=1e-9
-    )
-
-
 def test_what_moves_nothing_makes_nothing():
     problem = solved().keeping(())
     seen = np.random.default_rng(8).normal(size=(len(problem.sample), 1))
@@ -110,70 +91,6 @@ def test_several_points_turn_as_each_does():
     rng = np.random.default_rng(6)
     vector, points = 0.01 * rng.normal(size=(3, 7)), rng.normal(size=(4, 3, 7))
     assert all((rotate(vector, points)[k] == rotate(vector, points[k])).all() for k in range(4))
-
-
-def test_a_law_stays_where_what_took_its_place_does_not(monkeypatch):
-    """What is exchanged for a law and then left out itself as too small has beaten nothing."""
-    effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
-    search = Search(
-        bench_of(recorded(32, effects, [4e-6, 4e-6], n=120)), None, select.LEVEL, lambda text: None
-    )
-    search.solve()
-    own = {(h.effect, h.where): h for h in search.table(()) if not h.label}
-    search.accepted = tuple(own[e.effect, e.where] for e in effects)
-    search.solve()
-    weak = next(h for h in reversed(search.table((0, 1))) if h.effect == "joint-coupling")
-    monkeypatch.setattr(
-        select, "_likelier", lambda s, i, slack, failed: None if i or failed else weak
-    )
-    select._beaten(search)
-    assert {name_of(h) for h in search.accepted} == {
-        ("joint-compliance", "joint-2", ""),
-        ("joint-compliance", "joint-3", ""),
-    }
-    assert any("stays" in line for line in search.trail)
-
-
-def test_twins_are_not_left_out_at_once_as_each_is_small_beside_the_other(monkeypatch):
-    """The first two make the same: each gains little beside the other, both together much."""
-    monkeypatch.setattr(
-        Search, "together", lambda self, members: 100.0 if {0, 1} <= set(members) else 9.0
-    )
-    search = Search(None, None, select.LEVEL, lambda text: None)
-    assert search.too_small(np.array([4.0, 5.0, 6.0, 500.0]), 50.0) == {0, 2}
-    assert search.too_small(np.array([4.0, 40.0, 45.0, 500.0]), 50.0) == {0}
-    assert search.too_small(np.array([4.0]), 50.0) == {0}
-
-
-def test_one_function_takes_the_place_of_laws_that_make_less_of_the_same():
-    class Odd(CATALOGUE["joint-coupling"]):
-        def basis(self, state):
-            return np.sin(2 * state.variables[3] * state.variables[5])[None, None]
-
-    search = Search(
-        bench_of(recorded(33, [Odd("joint-5", joint=4)], [6e-4])),
-        None,
-        select.LEVEL,
-        lambda text: None,
-    )
-    search.solve()
-    law = next(h for h in search.table(()) if h.effects and h.where == "joint-5" and h.label)
-    search.accepted = (law,)
-    search.solve()
-    best = outdone(search)
-    assert (best.where, set(best.unnamed)) == ("joint-5", {"q4", "q6"})
-
-
-def test_laws_that_make_all_of_it_are_not_outdone():
-    slip = CATALOGUE["zero-shift"]("joint-4", after=1510.0)
-    search = Search(
-        bench_of(recorded(34, [slip], [1e-3], n=120)), None, select.LEVEL, lambda text: None
-    )
-    search.solve()
-    search.accepted = tuple(h for h in search.table(()) if h.effects)[:1]
-    search.solve()
-    assert search.accepted[0].effect == "zero-shift"
-    assert outdone(search) is None
 
 
 def test_hardly_any_noise_is_no_error(monkeypatch):

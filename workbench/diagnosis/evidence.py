@@ -279,9 +279,13 @@ def _summed(values):
 
 def log_evidence(volume: np.ndarray, gained: np.ndarray, projected: "Projected") -> np.ndarray:
     """Log Bayes factor from log|I + s^2 D Z'Z D| and q(s), each (sizes, ...), summed over the sizes."""
+    return _summed_over_sizes(log_evidence_each(volume, gained, projected))
+
+
+def log_evidence_each(volume: np.ndarray, gained: np.ndarray, projected) -> np.ndarray:
+    """The same of each size by itself."""
     share = np.minimum(gained / (projected.yy + _ANCHOR), 1 - 1e-12)
-    logs = -0.5 * volume - 0.5 * (projected.degrees + _ANCHOR) * np.log1p(-share)
-    return _summed_over_sizes(logs)
+    return -0.5 * volume - 0.5 * (projected.degrees + _ANCHOR) * np.log1p(-share)
 
 
 def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:

@@ -7,14 +7,16 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.elastic_choice import Name
 from workbench.diagnosis.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
 from workbench.diagnosis.library import compliances, names
 from workbench.diagnosis.loose import LABEL
 from workbench.diagnosis.problem import Alternative, Finding
 from workbench.diagnosis.scatter import hidden, movement
-from workbench.diagnosis.search import Search
-from workbench.diagnosis.sets import LAW, SECOND, same_place
+from workbench.diagnosis.search.compatible import same_place
+from workbench.diagnosis.search.posterior import Name
+from workbench.diagnosis.search.prior import SECOND
+from workbench.diagnosis.search.state import Search
+from workbench.diagnosis.search.stepwise import LAW
 
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
 _CREDIBLE = 0.95
@@ -26,7 +28,7 @@ _NUMBERS = 6  # in which a smooth function without a name may differ from anothe
 def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -> Finding:
     """One that is accepted, with its posterior among all that might stand in its place beside the others.
 
-    names: posterior of the elastic terms over sets of them, see `elastic_choice`; it decides between these.
+    names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
     table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
     slack = (1 - LAW) * search.explained()

@@ -1,7 +1,7 @@
 """One error curve in place of a series of laws of one joint's angle: harmonics and a curve are one function there."""
 
 from workbench.diagnosis.hypotheses import Hypothesis
-from workbench.diagnosis.search import Search
+from workbench.diagnosis.search.state import Search
 
 CURVE, HARMONIC = "joint-curve", "transmission-harmonic"
 _FEW = 2  # harmonics of a joint that stand by themselves

@@ -242,9 +242,16 @@ class Problem:
 
 
 class Bench(Protocol):
-    """What makes problems out of data: a robot with samples, or a sensor chain."""
+    """What makes problems out of data: a robot with samples, or a sensor chain.
 
-    baseline: tuple[Effect, ...]  # effects that the baseline already holds
+    `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `whole`: whether a search
+    needs all samples, however many; `pose` (n,) labels of repeats.
+    """
+
+    baseline: tuple[Effect, ...]
+    unit: str
+    whole: bool
+    pose: np.ndarray
 
     def problem(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> Problem:
         """Baseline and effects solved non-linearly on `samples` (n,) bool (None: all), linearised there."""
@@ -256,6 +263,9 @@ class Bench(Protocol):
         self, effects: Sequence[Effect], samples: np.ndarray | None = None
     ) -> tuple[dict, ...]:
         """Of every effect's parameters: key, name, where, effect, value, std, unit, typical, size_mm."""
+
+    def reviewed(self, found: "Found", samples: np.ndarray | None) -> "Found":
+        """What a search found, with what only this bench can say of it."""
 
     def smooth(self, site: "Site", names: tuple[str, ...]) -> Effect:
         """An effect that is a smooth function of the covariates `names` at a site: an unknown, fitted."""

@@ -136,6 +136,9 @@ class RobotBench:
     `pose` (n,) labels of repeats; `baseline` the effects that the baseline holds; `warnings` on the recording.
     """
 
+    unit = "mm"
+    whole = False  # a part of many poses finds the same terms
+
     def __init__(
         self,
         chain: RobotChain,
@@ -286,6 +289,10 @@ class RobotBench:
         error = effect.curve(coefficients, self.chain.variables[effect.number - 1])
         cycles = [(c.order, c.amplitude) for c in dominant_cycles(effect, coefficients)]
         return {"curve_rms": float(error.std()), "cycles": cycles}
+
+    def reviewed(self, found, samples: np.ndarray | None):
+        """What a search found, as it is."""
+        return found
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
         """A smooth function of the covariates at a site, as an effect that can join the model."""

@@ -52,18 +52,37 @@ class Beside:
         self._within = 1 / (
             np.maximum(values, 0.0) + table.shrink[:, None]
         )  # (S, h): of A^-1, along the vectors
-        self._along = self._vectors.T @ table.gram[held]
+        self._held = held
         self._score = self._vectors.T @ table.score[held]
         self._solution = self._within * self._score
 
     @cached_property
+    def _along(self) -> np.ndarray:
+        """(h, T) of the set's inner products with all columns, along the vectors."""
+        return self._vectors.T @ self.table.gram[self._held]
+
+    @cached_property
     def whole(self) -> Left:
         """Beside the whole set."""
-        table, count = self.table, len(self._score)
-        spent = -np.log(self._within).sum(1) - count * np.log(table.shrink)
+        table = self.table
         left = table.score - self._solution @ self._along
         blocks = tuple(self._complement(c, own) for c, own in zip(table.columns, table.blocks))
-        return Left(spent, self._solution @ self._score, left, blocks)
+        return Left(self.spent, self.gained, left, blocks)
+
+    @cached_property
+    def spent(self) -> np.ndarray:
+        """(S,) log determinant of the set."""
+        return -np.log(self._within).sum(1) - len(self._score) * np.log(self.table.shrink)
+
+    @cached_property
+    def gained(self) -> np.ndarray:
+        """(S,) gain of the set."""
+        return self._solution @ self._score
+
+    def coefficients(self, size: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (k,) of some held columns and their standard errors (k,) in sigmas, for one of the sizes."""
+        within, vectors = self._within[size], self._vectors[rows]
+        return vectors @ self._solution[size], np.sqrt((vectors**2 * within).sum(1))
 
     def _complement(self, columns, own) -> np.ndarray:
         """(S, C, w, w)."""

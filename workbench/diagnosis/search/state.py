@@ -10,7 +10,7 @@ from workbench.diagnosis.evidence import Projected
 from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.problem import Bench, Problem
 from workbench.diagnosis.scatter import Scatter, evened_by
-from workbench.diagnosis.sets import room
+from workbench.diagnosis.search.compatible import compatible
 
 
 @dataclass
@@ -49,14 +49,6 @@ class Search:
             {},
         )
 
-    def without(self, gone: set[int], why: str):
-        """Solved anew without some of the accepted."""
-        for i in sorted(gone):
-            one = self.accepted[i]
-            self.say(f"{one.effect} at {one.where} {one.label}: {why}")
-        self.accepted = tuple(h for i, h in enumerate(self.accepted) if i not in gone)
-        self.solve()
-
     def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
         """Everything that has room beside those accepted whose numbers are kept, judged there."""
         if kept not in self.tables:
@@ -66,7 +58,7 @@ class Search:
                 [self.accepted[i] for i in kept],
             )
             self.tables[kept] = [
-                h for h in table if h.unnamed or all(room(h, other) for other in held)
+                h for h in table if h.unnamed or all(compatible(h, other) for other in held)
             ]
         return self.tables[kept]
 
@@ -91,33 +83,8 @@ class Search:
     def together(self, members: tuple[int, ...]) -> float:
         """Gain of some of the accepted hypotheses at once beside the others."""
         others = tuple(j for j in self.everyone if j not in members)
-        return Projected(self.problem.keeping(others)).fall(
-            np.hstack([self.problem.added[i] for i in members])
-        )
-
-    def too_small(self, gains: np.ndarray, least: float) -> set[int]:
-        """Numbers of the smallest of those accepted, more than one only where together they gain less than `least`.
-
-        gains: of each beside the others. Of twins each is small, since the other is there; both are not.
-        """
-        first, *more = np.argsort(gains)[: max(len(gains) - 1, 1)].tolist()
-        gone = [first]
-        for i in more:
-            if gains[i] < least / 2 and self.together((*gone, i)) < least:
-                gone.append(i)
-        return set(gone)
-
-    def against(self, i: int) -> bool:
-        """Whether an accepted hypothesis that cannot be negative is, in the solution."""
-        positive = getattr(self.accepted[i].source, "positive", 0)
-        return bool((self.problem.values[i][:positive] < 0).any())
-
-    def stands(self, h: Hypothesis) -> bool:
-        """Whether a hypothesis is accepted and does not yield against its load."""
-        return any(
-            name_of(one) == name_of(h) and not self.against(i)
-            for i, one in enumerate(self.accepted)
-        )
+        columns = np.hstack([self.problem.added[i] for i in members])
+        return Projected(self.problem.keeping(others)).fall(columns)
 
     def size(self, i: int) -> float:
         """RMS over all coordinates of what an accepted hypothesis makes beside the others, in stated sigmas."""

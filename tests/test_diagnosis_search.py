@@ -1,0 +1,139 @@
+"""The search for missing terms: its objective against brute force, and sets that a greedy search would miss."""
+
+import numpy as np
+import pytest
+from scipy.special import gammaln, logsumexp
+
+import datasets
+from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import found, recorded
+from workbench.diagnosis.evidence import SIZES
+from workbench.diagnosis.hypotheses import judged
+from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.search.objective import LogPosterior
+from workbench.diagnosis.search.posterior import Window
+from workbench.diagnosis.search.stepwise import Stepwise
+
+
+def law(name, *places, **options):
+    return [CATALOGUE[name](where, **options) for where in places]
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """An arm whose joint 3 deflects and whose joint 1 slips."""
+    effects = (*law("joint-compliance", "joint-3"), *law("zero-shift", "joint-1", after=2000.0))
+    return bench_of(recorded(31, effects, [4e-6, 3e-4], n=120)).problem()
+
+
+@pytest.fixture(scope="module")
+def objective(problem):
+    """Of the forty likeliest terms, functions among them."""
+    return LogPosterior.of(problem, judged(problem)[:40])
+
+
+@pytest.fixture(scope="module")
+def elastic_arm():
+    """All candidates of an arm that deflects at several joints, and the numbers of those that deflect."""
+    bench = bench_of(datasets.read("elastic-arm"))
+    problem = bench.problem(law("joint-compliance", "joint-2", "joint-3", "joint-5")).keeping(())
+    deflects = [h for h in judged(problem) if h.effect.endswith("-compliance") and not h.label]
+    return LogPosterior.of(problem, deflects)
+
+
+def log_marginal(objective, members) -> float:
+    """Log marginal likelihood against nothing from the covariance of y, b and sigma integrated, without signs."""
+    held = objective.index(members)
+    gram, score = objective.gram[np.ix_(held, held)], objective.score[held]
+    anchor = 4.0
+    logs = []
+    for size in SIZES:
+        covariance = np.eye(len(held)) + size**2 * gram
+        left = objective.yy - size**2 * score @ np.linalg.solve(covariance, score)
+        power = (objective.degrees + anchor) / 2
+        density = gammaln(power) - power * np.log((left + anchor) / 2)
+        nothing = gammaln(power) - power * np.log((objective.yy + anchor) / 2)
+        logs.append(-0.5 * np.linalg.slogdet(covariance)[1] + density - nothing)
+    weight = 1 / np.maximum(1.0, SIZES / 3.0)
+    return float(logsumexp(logs, b=weight / weight.sum()))
+
+
+def test_the_objective_is_prior_times_marginal_likelihood_times_the_chance_of_the_signs(objective):
+    free = [i for i in range(40) if not objective.priors.positive[i]][:3]
+    for members in ((free[0],), (free[0], free[1]), tuple(free)):
+        expected = log_marginal(objective, members) + objective.priors.of(members)
+        assert objective.value(members) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_move_is_weighed_as_the_set_that_it_leads_to(objective):
+    """Schur complements beside a set, and beside that less a member, against each set solved by itself."""
+    base = (0, int(np.flatnonzero(objective.rooms[0])[0]))
+    objective.reduced(base)
+    for held in (base, base[:1], base[1:]):
+        weights = objective._with_each(held)
+        for k in np.flatnonzero(objective.rooms[list(held)].all(0))[:12]:
+            if not objective.priors.positive[[*held, k]].any():
+                assert weights[k] == pytest.approx(objective.value((*held, int(k))), rel=1e-7)
+
+
+def test_a_compliance_that_would_be_negative_is_not_named():
+    """Joint 3 that rises under load is no joint that yields to it."""
+    answer = found(31, law("joint-compliance", "joint-3"), [-2e-5], n=120)
+    assert ("joint-compliance", "joint-3") not in {(f.effect, f.where) for f in answer.findings}
+
+
+def test_several_terms_of_one_joint_are_found_together():
+    effects = [
+        *law("transmission-harmonic", "joint-3", order=2.0),
+        *law("joint-coupling", "joint-3", joint=2),
+        *law("joint-compliance", "joint-3"),
+        *law("zero-shift", "joint-3", after=2210.0),
+    ]
+    answer = found(41, effects, [4e-4, -3e-4, 6e-4, 1.5e-5, 5e-4])
+    planted = {(effect.effect, "joint-3") for effect in effects}
+    assert planted <= {(f.effect, f.where) for f in answer.findings}
+    assert {(f.effect, f.where) for f in answer.findings if f.probability > 0.95} <= planted
+
+
+def test_the_likeliest_set_does_not_depend_on_where_the_search_starts(elastic_arm):
+    search = Stepwise(elastic_arm)
+    keys = [h.key for h in elastic_arm.terms]
+    wrong = [("joint-compliance", "joint-2"), ("link-compliance", "link-3")]
+    start = tuple(keys.index(key) for key in wrong)
+    assert set(search.likeliest(start)) == set(search.likeliest())
+
+
+def test_probabilities_over_sets_are_a_distribution(elastic_arm):
+    best = Stepwise(elastic_arm).likeliest()
+    window = Window.around(elastic_arm, best, range(len(elastic_arm.terms)))
+    assert window.weights.sum() == pytest.approx(1.0)
+    assert len(set(window.sets)) == len(window.sets)
+    assert set(window.sets[int(np.argmax(window.weights))]) == set(best)
+
+
+def test_a_joint_is_preferred_to_a_link_that_would_be_as_soft(elastic_arm):
+    """The prior of sizes decides between a joint and the link behind it where both fit alike."""
+    keys = [h.key for h in elastic_arm.terms]
+    joint, link = (
+        keys.index(("joint-compliance", "joint-2")),
+        keys.index(("link-compliance", "link-2")),
+    )
+    scale, terms = elastic_arm.priors.scale, elastic_arm.terms
+    assert scale[joint] * terms[joint].source.typical[0] == pytest.approx(
+        10 * scale[link] * terms[link].source.typical[0], rel=0.5
+    )
+    assert elastic_arm.priors.log_odds[joint] > elastic_arm.priors.log_odds[link] + 1
+
+
+def test_masses_that_are_nearly_known_take_certainty_away(elastic_arm, monkeypatch):
+    from workbench.diagnosis.search import prior
+
+    bench = bench_of(datasets.read("elastic-arm"))
+    bare = bench.problem()
+    terms = list(elastic_arm.terms)
+    nearly = LogPosterior.of(bare, terms)
+    monkeypatch.setattr(
+        prior.Masses, "of", classmethod(lambda cls, p, r, s: cls(np.zeros((len(p.sample), 0)), 1.0))
+    )
+    known = LogPosterior.of(bare, terms)
+    assert np.diag(nearly.gram).sum() < 0.9 * np.diag(known.gram).sum()

@@ -1,0 +1,76 @@
+"""Which terms may act side by side.
+
+Variants of one law exclude one another. A function without a name excludes the laws at its place that it can make:
+those that read the same covariates, for a law is a function of these, too.
+"""
+
+import numpy as np
+
+from workbench.diagnosis.hypotheses import Hypothesis
+from workbench.diagnosis.rivals import SHARP_DEGREE
+
+_SLOW = 6.0
+"""Orders of a harmonic that a smooth function of any angles follows over the range that a joint moves."""
+
+
+def compatible(h: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two terms may act side by side."""
+    if bool(h.unnamed) != bool(other.unnamed):
+        function, law = (h, other) if h.unnamed else (other, h)
+        return not _covers(function, law)
+    if h.unnamed:
+        return h.key != other.key or h.unnamed != other.unnamed
+    return h.family != other.family or (h.together and h.label != other.label)
+
+
+def same_place(law: Hypothesis) -> tuple[str, ...]:
+    """A law's place, and of a joint the links before and after it: they turn about its axis, too."""
+    if not law.where.startswith("joint-"):
+        return (law.where,)
+    k = int(law.where.rpartition("-")[2])
+    return law.where, f"link-{k}", f"link-{k - 1}" if k > 1 else "base"
+
+
+def near(place: str, other: str) -> bool:
+    """Whether two places are the same, or of neighbouring links."""
+    numbers = [int(p.rpartition("-")[2]) for p in (place, other) if "-" in p]
+    return place == other or len(numbers) == 2 and abs(numbers[0] - numbers[1]) <= 1
+
+
+def _covers(function: Hypothesis, law: Hypothesis) -> bool:
+    """Whether an unnamed function leaves no room for a law: it makes what the law makes, of what the law reads.
+
+    At a joint a function of any angles leaves none for slow waves and for another angle's share either.
+    """
+    if function.where not in same_place(law) or _fast(law):
+        return False
+    angles = all(name[0] == "q" for name in function.unnamed)
+    slow = law.effect == "transmission-harmonic" and law.effects and law.effects[0].order <= _SLOW
+    if angles and function.where == law.where and (slow or law.effect == "joint-coupling"):
+        return True
+    return bool(_reads(law) & set(function.unnamed))
+
+
+def _reads(law: Hypothesis) -> set[str]:
+    """Covariates of which a law of one joint is a function."""
+    k = law.where.rpartition("-")[2]
+    if law.effect in ("transmission-harmonic", "axis-run-out"):
+        return {f"q{k}"}
+    if law.effect == "joint-coupling":
+        return {f"q{law.effects[0].joint}"}
+    if law.effect == "zero-shift":
+        return {"time"}
+    if law.effect == "backlash":
+        return {f"tau{k}"} if law.effects[0].seat == "gravity" else {f"approach{k}", f"move{k}"}
+    return {f"tau{k}"} if law.effect in ("joint-compliance", "link-self-weight") else set()
+
+
+def _fast(law: Hypothesis) -> bool:
+    """Whether a wave has more turns in these poses than a function can follow that may change sharply."""
+    if law.effect != "transmission-harmonic" or not isinstance(law.source, tuple):
+        return False
+    scan, order = law.source
+    return order * np.ptp(scan.x) / 2 > SHARP_DEGREE
+
+
+__all__ = ["compatible", "near", "same_place"]

@@ -1,0 +1,77 @@
+"""The likeliest set of missing terms: searched in the linearised problem, solved, searched again about the solution."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.diagnosis.evidence import Projected
+from workbench.diagnosis.hypotheses import Hypothesis
+from workbench.diagnosis.search.objective import LogPosterior
+from workbench.diagnosis.search.state import Search, name_of
+from workbench.diagnosis.search.stepwise import Stepwise
+
+_ROUNDS = 4
+"""Solutions about which the set is searched: the second nearly always confirms the first."""
+_FIRST, _BESIDE, _EACH, _UNNAMED = 48, 24, 4, 6
+"""Terms taken into the search: the likeliest alone, beside all, in the place of each, and functions of each table."""
+_WIDE = 6
+"""Accepted terms up to which the likeliest in the place of each are asked for; more are exchanged in pairs anyway."""
+
+
+def accept_likeliest(search: Search) -> None:
+    """Replace what is accepted by the set with the highest posterior, in the order in which its terms explain most."""
+    tried: list[set] = []
+    for _ in range(_ROUNDS):
+        terms, present = _at_hand(search)
+        objective = LogPosterior.of(search.problem.keeping(()), terms)
+        chosen = [terms[i] for i in Stepwise(objective).likeliest(present)]
+        names = {name_of(h) for h in chosen}
+        if names in tried:
+            break
+        tried.append(names)
+        search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
+        search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
+        search.solve()
+    _order(search)
+
+
+def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
+    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone, beside or instead."""
+    alone, own = search.table(()), {name_of(h) for h in search.accepted}
+    chosen = {name_of(h): h for h in alone if name_of(h) in own}
+    order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
+    chosen = {name: chosen[name] for name in order}
+    pools = [(alone, _FIRST, _UNNAMED)]
+    if search.accepted:
+        pools.append((search.table(search.everyone), _BESIDE, _UNNAMED))
+    if len(search.accepted) <= _WIDE:
+        pools += [(search.table(search.others(i)), _EACH, 0) for i in search.everyone]
+    for table, named, unnamed in pools:
+        laws = [h for h in table if not h.unnamed][:named]
+        functions = [h for h in table if h.unnamed][:unnamed]
+        for h in (*laws, *functions):
+            chosen.setdefault(name_of(h), h)
+    return list(chosen.values()), tuple(range(len(order)))
+
+
+def _with_effect(bench, h: Hypothesis) -> Hypothesis:
+    """A function without a name gets an effect, too: itself, fitted."""
+    return replace(h, effects=(bench.smooth(*h.source),)) if h.unnamed and not h.effects else h
+
+
+def _order(search: Search) -> None:
+    """What explains most first, then what explains most beside it, and so on."""
+    left, kept = list(search.everyone), []
+    if len(left) < 2:
+        return
+    bare = search.problem.keeping(())
+    projected, columns = Projected(bare), search.problem.added
+    while left:
+        falls = [projected.fall(np.concatenate([columns[j] for j in (*kept, i)], 1)) for i in left]
+        kept.append(left.pop(int(np.argmax(falls))))
+    if kept != list(search.everyone):
+        search.accepted = tuple(search.accepted[i] for i in kept)
+        search.solve()
+
+
+__all__ = ["accept_likeliest"]

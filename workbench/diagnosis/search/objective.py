@@ -1,0 +1,209 @@
+"""The objective of the search: log posterior of a set of terms in the linearised problem.
+
+With the baseline projected out of everything, a set S of terms with columns X (in typical sizes) explains
+
+    y = X b + G m + e,     b ~ N(0, sigma^2 s^2 I),   m ~ N(0, sigma^2 I),   e ~ N(0, sigma^2 I).
+
+The log posterior of S, up to a constant, is the sum of
+
+- the log prior of its terms (`Priors`),
+- the log marginal likelihood, closed in b, m and sigma (inverse gamma) and summed over a grid of sizes s,
+- the log probability that every coefficient which cannot be negative is not, log 2 Phi(z) each.
+
+G says what first moments of the links that are only nearly known change in the deflection of the arm. It is the same
+for all sets, so that it is marginalised once, in the inner products. Everything follows from the inner products
+X' S^-1 [X, y] of all candidate terms, S = I + G G': no move of the search touches the samples.
+
+Zellner, An Introduction to Bayesian Inference in Econometrics (1971), ch. 3; George & McCulloch, Stat. Sinica 7 (1997).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
+from workbench.diagnosis.evidence import SIZES, Projected, log_evidence, log_evidence_each
+from workbench.diagnosis.hypotheses import Hypothesis
+from workbench.diagnosis.problem import Problem
+from workbench.diagnosis.search.compatible import compatible
+from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior
+from workbench.diagnosis.search.subset_algebra import Beside, Left, Table
+
+Members = tuple[int, ...]
+_ANY_LARGE_NUMBER = 1e300  # of a corner of a Cholesky factor that nobody reads
+
+
+@dataclass(frozen=True)
+class LogPosterior:
+    """Log posterior of sets of K terms with T columns: `gram` (T, T), `score` (T,), `start` (K + 1,) of each term.
+
+    `yy`, `degrees`: squared length of y and the coordinates that it is worth; `seen`: sets that were weighed.
+    """
+
+    terms: tuple[Hypothesis, ...]
+    gram: np.ndarray
+    score: np.ndarray
+    start: np.ndarray
+    yy: float
+    degrees: float
+    priors: Priors
+    seen: dict[frozenset, float] = field(default_factory=dict)
+    joined: dict[frozenset, np.ndarray] = field(default_factory=dict)
+    last: dict = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, problem: Problem, terms: Sequence[Hypothesis]) -> "LogPosterior":
+        """Of some terms, their columns taken at a problem that keeps none of them."""
+        projected = Projected(problem)
+        parts = [h.columns(problem) for h in terms]
+        start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
+        clear = problem.clear(np.concatenate(parts, 1))
+        priors = elastic_prior(problem, projected, terms)
+        clear *= np.repeat(priors.scale, np.diff(start))
+        masses = Masses.of(problem, projected, priors)
+        gram, score, yy = masses.marginalised(clear, projected.y)
+        crowd = projected.crowd
+        yy = yy / crowd + priors.inexact
+        return cls(tuple(terms), gram / crowd, score / crowd, start, yy, projected.degrees, priors)
+
+    @cached_property
+    def rooms(self) -> np.ndarray:
+        """(K, K) bool: which may act side by side."""
+        count = len(self.terms)
+        out = np.zeros((count, count), bool)
+        for i, first in enumerate(self.terms):
+            for j in range(i):
+                out[i, j] = out[j, i] = compatible(first, self.terms[j])
+        return out
+
+    @cached_property
+    def unnamed(self) -> np.ndarray:
+        """(K,) bool: functions without a name."""
+        return np.array([bool(h.unnamed) for h in self.terms])
+
+    @cached_property
+    def groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Numbers (C,) of the terms with equally many columns, and those columns (C, w)."""
+        widths = np.diff(self.start)
+        out = []
+        for width in np.unique(widths):
+            rows = np.flatnonzero(widths == width)
+            out.append((rows, self.start[rows][:, None] + np.arange(width)))
+        return out
+
+    @cached_property
+    def table(self) -> Table:
+        """The inner products by groups of terms with equally many columns."""
+        columns = tuple(columns for _, columns in self.groups)
+        return Table(self.gram, self.score, 1 / SIZES**2, columns)
+
+    def index(self, members: Members) -> np.ndarray:
+        """Columns of a set."""
+        parts = [np.arange(self.start[i], self.start[i + 1]) for i in members]
+        return np.concatenate([np.zeros(0, int), *parts])
+
+    def gain(self, members: Members) -> float:
+        """Fall of the sum of squares by a set, its coefficients hardly held back."""
+        held = self.index(members)
+        gram = self.gram[np.ix_(held, held)] + np.eye(len(held)) / SIZES[-1] ** 2
+        return float(self.score[held] @ solve_positive(gram, self.score[held]))
+
+    def value(self, members: Members) -> float:
+        """Log posterior of a set."""
+        key = frozenset(members)
+        if key not in self.seen:
+            beside = self._beside(tuple(sorted(key)))
+            logs = log_evidence(beside.spent, beside.gained, self)
+            self.seen[key] = float(logs) + self.priors.of(members) + self._signs(members, beside)
+        return self.seen[key]
+
+    def _signs(self, members: Members, beside: Beside) -> float:
+        """Log probability, times 2 for each, that what cannot be negative is not; the coefficients one by one."""
+        members = tuple(sorted(members))
+        widths = np.diff(self.start)[list(members)] if members else np.zeros(0, int)
+        first = np.concatenate([np.zeros(0, int), *(np.arange(w) for w in widths)])
+        cannot = first < np.repeat(self.priors.positive[list(members)], widths)
+        if not cannot.any():
+            return 0.0
+        best = int(np.argmax(log_evidence_each(beside.spent, beside.gained, self)))
+        value, spread = beside.coefficients(best, np.flatnonzero(cannot))
+        variance = max(self.yy - beside.gained[best], 1e-300) / max(self.degrees, 1.0)
+        # the residual is predicted minus measured: what is missing has the opposite sign
+        z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
+        return float((np.log(2) + log_ndtr(z)).sum())
+
+    def likeliest_with(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
+        """The likeliest set with one more of the terms allowed (K,) bool; the set itself where none has room."""
+        free = allowed & (self.rooms[list(base)].all(0) if base else True)
+        weights = np.where(free, self._with_each(base), -np.inf)
+        held = int(self.priors.positive[list(base)].sum())
+        most = np.log(2) * (held + self.priors.positive)  # that signs add
+        top = (-np.inf, base)
+        for k in np.argsort(-(weights + most)):
+            if not weights[k] + most[k] > top[0]:
+                break
+            members = (*base, int(k))
+            top = max(top, (self.value(members) if most[k] else float(weights[k]), members))
+        return top
+
+    def _with_each(self, base: Members) -> np.ndarray:
+        """(K,) log posterior, but for signs, of a set with each other term, by Schur complements."""
+        key = frozenset(base)
+        if key not in self.joined:
+            self.joined[key] = self._weighed(base, self._beside(tuple(sorted(base))).whole)
+        return self.joined[key]
+
+    def _beside(self, base: Members) -> Beside:
+        """What is solved for beside a set; the last one is kept."""
+        if self.last.get("members") != base:
+            self.last.update(members=base, beside=Beside(self.table, self.index(base)))
+        return self.last["beside"]
+
+    def reduced(self, base: Members) -> None:
+        """Weigh all sets with one member less from what is solved for beside the whole."""
+        base = tuple(sorted(base))
+        edges = np.concatenate([[0], np.cumsum(np.diff(self.start)[list(base)])])
+        for k in range(len(base)):
+            fewer = base[:k] + base[k + 1 :]
+            if frozenset(fewer) in self.joined:
+                continue
+            try:
+                left = self._beside(base).without(slice(edges[k], edges[k + 1]))
+            except np.linalg.LinAlgError:  # too close to singular: solved by itself when needed
+                continue
+            self.joined[frozenset(fewer)] = self._weighed(fewer, left)
+
+    def _weighed(self, base: Members, left: Left) -> np.ndarray:
+        weights = np.full(len(self.terms), -np.inf)
+        for (rows, columns), blocks in zip(self.groups, left.blocks):
+            weights[rows] = self._evidence_with(left, columns, blocks)
+        return weights + self.priors.of(base) + self.priors.beside(base)
+
+    def _evidence_with(self, left: Left, columns: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+        """(C,) log evidence of a set with each of C terms with columns (C, w), blocks (S, C, w, w).
+
+        One Cholesky factor of each, the score as its last row, gives both determinant and gain.
+        """
+        shrink, width = self.table.shrink, columns.shape[1]
+        both = np.zeros((*blocks.shape[:2], width + 1, width + 1))
+        both[..., :-1, :-1] = blocks
+        both[..., range(width), range(width)] += shrink[:, None, None]
+        both[..., -1, :-1] = left.left[:, columns]
+        both[..., -1, -1] = _ANY_LARGE_NUMBER
+        try:
+            factor = np.linalg.cholesky(both)
+            more = (factor[..., -1, :-1] ** 2).sum(-1)
+            spent = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
+        except np.linalg.LinAlgError:  # hardly any noise: rounding exceeds what is left
+            values, vectors = symmetric_eigen(blocks)
+            values = np.maximum(values, 0.0) + shrink[:, None, None]
+            along = np.einsum("scij,sci->scj", vectors, left.left[:, columns])
+            more, spent = (along**2 / values).sum(-1), np.log(values).sum(-1)
+        volume = spent - width * np.log(shrink)[:, None]
+        return log_evidence(left.spent[:, None] + volume, left.gained[:, None] + more, self)
+
+
+__all__ = ["LogPosterior", "Members"]

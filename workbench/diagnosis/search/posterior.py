@@ -1,0 +1,146 @@
+"""Probabilities of names: the share of the sets near the likeliest one that hold a term (Occam's window).
+
+Madigan & Raftery, JASA 89 (1994) 1535. A probability conditional on all other terms knows only single exchanges;
+elastic terms move the measured point so much alike that two of them are exchanged for two others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from workbench.core.least_squares.linear_algebra import pseudo_inverse
+from workbench.diagnosis.loose import LABEL
+from workbench.diagnosis.search.objective import LogPosterior, Members
+from workbench.diagnosis.search.prior import DEFLECTS
+
+Key = tuple[str, str]
+_WINDOW = float(np.log(200.0))
+"""Posterior odds against the best set beyond which a set is left out."""
+_EXPANDED = 8  # sets of the window whose neighbours are weighed
+_SWAPS = 6  # terms that are tried in place of each, the most alike first
+_LEAST, _SHOWN = 0.005, 6
+
+
+@dataclass(frozen=True)
+class Name:
+    """`probability` that a term is present, over all sets; `instead`: (key, probability, alike) of others.
+
+    The probability of an alternative is that the term is absent and the alternative, which is not accepted, present.
+    """
+
+    probability: float
+    instead: tuple[tuple[Key, float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Window:
+    """The sets near the likeliest one and their probabilities. `names`: of each term what it counts as."""
+
+    objective: LogPosterior
+    sets: tuple[Members, ...]
+    weights: np.ndarray
+
+    @classmethod
+    def around(cls, objective: LogPosterior, best: Members, open_: Sequence[int]) -> "Window":
+        """About a set, of which the terms `open_` are exchanged for one another."""
+        done: set[frozenset] = set()
+        seen = {frozenset(best): objective.value(best)}
+        for _ in range(_EXPANDED):
+            top = max(seen.values())
+            near = [s for s in seen if seen[s] > top - _WINDOW and s not in done]
+            if not near:
+                break
+            chosen = max(near, key=seen.__getitem__)
+            done.add(chosen)
+            for members in _neighbours(objective, tuple(sorted(chosen)), open_):
+                seen.setdefault(frozenset(members), objective.value(members))
+        top = max(seen.values())
+        sets = [s for s in seen if seen[s] > top - _WINDOW]
+        logs = np.array([seen[s] for s in sets])
+        weights = np.exp(logs - logsumexp(logs))
+        return cls(objective, tuple(tuple(sorted(s)) for s in sets), weights)
+
+    def names(self, accepted: set[Key], keys: Sequence[Key]) -> dict[Key, Name]:
+        """Of each key: its probability, and what is present in the sets without it and not accepted."""
+        present = self._present(keys)
+        out = {}
+        for key in keys:
+            absent = self.weights * ~present[key]
+            instead = []
+            for other in keys:
+                share = float(absent @ present[other])
+                if share >= _LEAST and other not in accepted:
+                    instead.append((other, share, alike(self.objective, key, other)))
+            instead.sort(key=lambda row: -row[1])
+            chance = float(min(self.weights @ present[key], 1.0))
+            out[key] = Name(chance, tuple(instead[:_SHOWN]))
+        return out
+
+    def _present(self, keys: Sequence[Key]) -> dict[Key, np.ndarray]:
+        """Key -> (sets,) bool."""
+        held = [{self.objective.terms[i].key for i in members} for members in self.sets]
+        return {key: np.array([key in own for own in held]) for key in keys}
+
+
+def _neighbours(objective: LogPosterior, members: Members, open_: Sequence[int]) -> list[Members]:
+    """Sets with one of the open terms more, less, or exchanged."""
+    rooms = objective.rooms
+    out = [(*members, i) for i in open_ if rooms[i, list(members)].all()]
+    for i in members:
+        if i not in open_:
+            continue
+        fewer = tuple(j for j in members if j != i)
+        out.append(fewer)
+        free = [j for j in open_ if j != i and rooms[j, list(fewer)].all()]
+        free.sort(key=lambda j: -_share(objective, i, j))
+        out += [(*fewer, j) for j in free[:_SWAPS]]
+    return out
+
+
+def alike(objective: LogPosterior, key: Key, other: Key) -> float:
+    """Share (0-1) of a term's first column, the baseline projected out, that another term's columns make."""
+    numbers = {h.key: i for i, h in reversed(list(enumerate(objective.terms)))}
+    return _share(objective, numbers[key], numbers[other])
+
+
+def _share(objective: LogPosterior, i: int, j: int) -> float:
+    first, columns = objective.start[i], objective.index((j,))
+    length = float(objective.gram[first, first])
+    if not length > 0:
+        return 0.0
+    cross = objective.gram[first, columns]
+    inner = objective.gram[np.ix_(columns, columns)]
+    return float(np.clip(cross @ pseudo_inverse(inner, 1e-9) @ cross / length, 0.0, 1.0))
+
+
+def probabilities_of_names(search) -> dict[Key, Name]:
+    """Of every elastic term that might be present, where one is accepted; search: as in `state`."""
+    accepted = [search.own(i) for i in search.everyone]
+    mine = [i for i in search.everyone if _is_elastic(search.accepted[i])]
+    if not mine:
+        return {}
+    others = tuple(i for i in search.everyone if i not in mine)
+    plain: dict[Key, object] = {}
+    for h in search.table(others):
+        if _is_elastic(h) and not h.label.startswith(LABEL):
+            plain.setdefault(h.key, h)
+    held = {h.key for h in accepted}
+    terms = [*accepted, *(h for key, h in plain.items() if key not in held)]
+    objective = LogPosterior.of(search.problem.keeping(()), terms)
+    best = tuple(range(len(accepted)))
+    open_ = [i for i, h in enumerate(terms) if _is_elastic(h)]
+    window = Window.around(objective, best, open_)
+    return window.names(held, [terms[i].key for i in open_])
+
+
+def _is_elastic(h) -> bool:
+    """Whether a term deflects under gravity, or is the harmonic that is most like it."""
+    if h.unnamed:
+        return False
+    order = getattr(h.effects[0], "order", None) if h.effects else None
+    return h.effect in DEFLECTS or (h.effect == "transmission-harmonic" and order == 1.0)
+
+
+__all__ = ["Name", "Window", "probabilities_of_names"]

@@ -1,0 +1,168 @@
+"""Prior of sets of terms, and what is known of elastic terms: their sizes, and the masses that deflect them.
+
+A robot whose parts deflect under gravity seldom deflects at one place alone: once one elastic term is in a set, each
+further one is likely (`_CHANCE`). Its size follows the robot's: joints of industrial arms have 5 to 50 times the
+compliance of the link behind them, and parts that carry more are stiffer (Dumas et al., Robot. Comput.-Integr. Manuf.
+27 (2011) 881; Abele et al., CIRP Ann. 56 (2007) 387; Klimchik et al., Mech. Mach. Theory 107 (2017)). The scale common
+to a robot is the one at which all its joints together have the highest marginal likelihood.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.evidence import Projected, log_evidence_each
+from workbench.diagnosis.hypotheses import Hypothesis
+from workbench.diagnosis.problem import Candidate, Problem
+
+SECOND = float(np.log(0.2))
+"""Log prior odds of one more term, beside what its own prior says."""
+_CHANCE = {
+    # effect: prior probability that it is of a size worth modelling where something deflects, and its size relative
+    # to a joint's compliance under a like load
+    "joint-compliance": (0.5, 1.0),
+    "link-compliance": (0.15, 0.1),
+    "bearing-compliance": (0.05, 0.1),
+    "pedestal-compliance": (0.15, 0.1),
+    "link-self-weight": (0.02, 1.0),
+}
+DEFLECTS = tuple(_CHANCE)
+_SCALES = np.geomspace(1e-7, 1e-2, 31)
+"""Compliances of a joint under 1 N m, rad/(N m), of which the likeliest is the robot's."""
+_SIZE_BY_LOAD = -0.5
+"""Exponent of the load (N m) that compliances scale with: stronger gears are stiffer, yet deflect more."""
+_LAW_ERROR = 0.005
+"""Relative error of every deflection that is computed: torques from joint angles that are off by 0.3 degrees."""
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Of K terms: `log_prior` (K,) as the first, `log_odds` (K,) of an elastic one beside another, `elastic` (K,).
+
+    `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
+    `reference`: ((effect, where), compliances (P,)) of all joints at their likeliest; `inexact`: sum of squares that
+    errors of the elastic laws leave.
+    """
+
+    log_prior: np.ndarray
+    log_odds: np.ndarray
+    elastic: np.ndarray
+    scale: np.ndarray
+    positive: np.ndarray
+    reference: tuple[tuple[tuple[str, str], np.ndarray], ...] = ()
+    inexact: float = 0.0
+
+    def of(self, members: Sequence[int]) -> float:
+        """Log prior of a set; the set of no term has 0."""
+        members = list(members)
+        if not members:
+            return 0.0
+        deflects = [i for i in members if self.elastic[i]]
+        others = [i for i in members if not self.elastic[i]]
+        total = float(self.log_prior[others].sum()) + (len(others) - 1) * SECOND
+        if deflects:
+            first = max(deflects, key=lambda i: self.log_prior[i] - self.log_odds[i])
+            total += float(self.log_prior[first]) + SECOND
+            total += float(self.log_odds[deflects].sum() - self.log_odds[first])
+        return total
+
+    def beside(self, members: Sequence[int]) -> np.ndarray:
+        """(K,) log prior odds of each term beside a set."""
+        step = self.log_prior + (SECOND if len(members) else 0.0)
+        if any(self.elastic[i] for i in members):
+            step = np.where(self.elastic, self.log_odds, step)
+        return step
+
+
+def elastic_prior(problem: Problem, projected: Projected, terms: Sequence[Hypothesis]) -> Priors:
+    """The priors of some terms in a problem that keeps none of them."""
+    elastic = np.array([h.effect in _CHANCE and not h.unnamed for h in terms], bool)
+    log_prior = np.array([h.log_prior for h in terms])
+    positive = np.array([getattr(h.source, "positive", 0) for h in terms], int)
+    robot = _RobotScale.of(problem, projected)
+    log_odds, scale = log_prior.copy(), np.ones(len(terms))
+    for i in np.flatnonzero(elastic):
+        chance, _ = _CHANCE[terms[i].effect]
+        log_odds[i] = np.log(chance / (1 - chance)) + np.log(terms[i].source.mass)
+        if robot is not None:
+            scale[i] = robot.size(terms[i].source) / float(terms[i].source.typical[0])
+    if robot is None:
+        return Priors(log_prior, log_odds, elastic, scale, positive)
+    return Priors(log_prior, log_odds, elastic, scale, positive, robot.reference, robot.inexact)
+
+
+@dataclass(frozen=True)
+class _RobotScale:
+    """`common`: compliance of a joint under 1 N m (rad/(N m)); `reference`, `inexact` as of `Priors`."""
+
+    common: float
+    reference: tuple
+    inexact: float
+
+    @classmethod
+    def of(cls, problem: Problem, projected: Projected) -> "_RobotScale | None":
+        """From all joints of a robot together; None where nothing deflects them."""
+        joints = [c for c in problem.candidates if c.effect == "joint-compliance" and c.load > 0]
+        if not joints:
+            return None
+        sizes = np.array([c.load**_SIZE_BY_LOAD for c in joints])
+        clear = problem.clear(np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes)
+        values, vectors = symmetric_eigen(clear.T @ clear / projected.crowd)
+        values = np.maximum(values, 0.0)
+        along = vectors.T @ (clear.T @ projected.y) / projected.crowd
+        spread = _SCALES[:, None] ** 2
+        spent = np.log1p(spread * values).sum(1)
+        gained = (along**2 * spread / (1 + spread * values)).sum(1)
+        best = int(np.argmax(log_evidence_each(spent, gained, projected)))
+        common = float(_SCALES[best])
+        found = -vectors @ (along / (values + common**-2))
+        reference = []
+        for candidate, value, size in zip(joints, found, sizes):
+            reference.append((candidate.effect, candidate.where, max(float(value * size), 0.0)))
+        return cls(common, tuple(reference), _LAW_ERROR**2 * float(gained[-1]))
+
+    def size(self, candidate: Candidate) -> float:
+        """Prior size of an elastic law's compliance, rad/(N m)."""
+        _, relative = _CHANCE[candidate.effect]
+        return self.common * relative * max(candidate.load, 1e-3) ** _SIZE_BY_LOAD
+
+
+@dataclass(frozen=True)
+class Masses:
+    """What first moments of the links, each off by one standard deviation, change: columns (N, M), cleared."""
+
+    columns: np.ndarray
+    crowd: float
+
+    @classmethod
+    def of(cls, problem: Problem, projected: Projected, priors: Priors) -> "Masses":
+        """Of the deflection that the baseline holds, and of that of all joints at their likeliest."""
+        responses = {(c.effect, c.where): c.columns for c in problem.mass_responses}
+        known = [(key, values) for key, values in problem.given_values.items()]
+        known += [((effect, where), np.array([value])) for effect, where, value in priors.reference]
+        total = np.zeros((len(problem.sample), 0))
+        for key, values in known:
+            if key not in responses or responses[key].shape[1] % len(values):
+                continue
+            made = responses[key].reshape(len(total), len(values), -1)
+            own = np.einsum("npm,p->nm", made, values)
+            total = own if total.shape[1] != own.shape[1] else total + own
+        return cls(problem.clear(total), projected.crowd)
+
+    def marginalised(
+        self, clear: np.ndarray, y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Inner products (T, T), scores (T,) and y'y of cleared columns (N, T), S^-1 between them (Woodbury)."""
+        gram, score, yy = clear.T @ clear, clear.T @ y, float(y @ y)
+        if not self.columns.shape[1]:
+            return gram, score, yy
+        inner = self.columns.T @ self.columns / self.crowd
+        values, vectors = symmetric_eigen(inner)
+        half = self.columns @ (vectors / np.sqrt(1 + np.maximum(values, 0.0))) / np.sqrt(self.crowd)
+        made, own = half.T @ clear, half.T @ y
+        return gram - made.T @ made, score - made.T @ own, yy - float(own @ own)
+
+
+__all__ = ["SECOND", "Masses", "Priors", "elastic_prior"]

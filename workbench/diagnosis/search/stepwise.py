@@ -1,0 +1,111 @@
+"""The stepwise search: terms are added, dropped and exchanged as long as the log posterior of the set rises.
+
+From several starts: what is accepted already, the best single term, the best pair, and each effect at all places where
+it is likely. Pairs are tried because neither of two terms that hide one another is likely alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnosis.search.objective import LogPosterior, Members
+
+LAW = 0.95
+"""Share of what a set with unnamed functions explains from which on known laws are preferred: no law is exact."""
+_LARGEST, _STEPS, _UNNAMED = 12, 60, 2
+_PAIRED, _KINDS = 40, 3
+
+
+@dataclass(frozen=True)
+class Stepwise:
+    """A search over the sets of terms of one objective."""
+
+    objective: LogPosterior
+
+    def likeliest(self, present: Members = ()) -> Members:
+        """The likeliest set; with functions only where laws explain less than `LAW` of what functions do."""
+        objective = self.objective
+        laws, every = ~objective.unnamed, np.ones(len(objective.terms), bool)
+        named = tuple(i for i in present if laws[i])
+        starts = [named, self._single(laws)] if named else self._starts(laws)
+        lawful = self._best(starts, laws)
+        if not objective.unnamed.any():
+            return lawful
+        free = self._best([present, *self._free_starts()], every)
+        if objective.gain(lawful) >= LAW * objective.gain(free):
+            return lawful
+        return max(free, self._climb(lawful, every), key=objective.value)
+
+    def _best(self, starts: list[Members], allowed: np.ndarray) -> Members:
+        ends = [self._climb(start, allowed) for start in dict.fromkeys(starts)]
+        return max(ends, key=self.objective.value, default=())
+
+    def _climb(self, members: Members, allowed: np.ndarray) -> Members:
+        """The set after moves that each raise its log posterior most."""
+        weight = self.objective.value(members)
+        for _ in range(_STEPS):
+            reached, best = self._moved(members, allowed, weight)
+            if reached <= weight + 1e-6:
+                break
+            members, weight = best, reached
+        return members
+
+    def _moved(self, members: Members, allowed, weight: float) -> tuple[float, Members]:
+        """The likeliest set with one term more, and where that is no likelier, with one less or another."""
+        objective = self.objective
+        top = (-np.inf, members)
+        if len(members) < _LARGEST:
+            top = objective.likeliest_with(members, self._open(members, allowed))
+        if top[0] > weight + 1e-6:
+            return top
+        objective.reduced(members)
+        for i in members:
+            fewer = tuple(j for j in members if j != i)
+            exchanged = objective.likeliest_with(fewer, self._open(fewer, allowed))
+            top = max(top, (objective.value(fewer), fewer), exchanged)
+        return top
+
+    def _open(self, members: Members, allowed: np.ndarray) -> np.ndarray:
+        """(K,) the allowed terms, without functions where there are `_UNNAMED` of them."""
+        functions = sum(bool(self.objective.unnamed[i]) for i in members)
+        return allowed & ~self.objective.unnamed if functions >= _UNNAMED else allowed
+
+    def _starts(self, allowed: np.ndarray) -> list[Members]:
+        return [self._single(allowed), self._pair(allowed), *self._kinds(allowed)]
+
+    def _free_starts(self) -> list[Members]:
+        return [self._single(self.objective.unnamed), *self._kinds(self.objective.unnamed)]
+
+    def _single(self, allowed: np.ndarray) -> Members:
+        return self.objective.likeliest_with((), allowed)[1]
+
+    def _pair(self, allowed: np.ndarray) -> Members:
+        """The likeliest pair of which one is among the likeliest alone."""
+        rows = np.flatnonzero(allowed)[:_PAIRED]
+        pairs = [self.objective.likeliest_with((int(i),), allowed) for i in rows]
+        return max(pairs, default=(0.0, ()))[1]
+
+    def _kinds(self, allowed: np.ndarray) -> list[Members]:
+        """Each effect at all places, each kind of function at all joints, where more than two are at hand."""
+        kinds: dict[tuple, list[int]] = {}
+        for i in np.flatnonzero(allowed):
+            term = self.objective.terms[i]
+            if term.unnamed or not isinstance(term.source, tuple):
+                members = kinds.setdefault(_kind(term), [])
+                if len(members) < _LARGEST and self.objective.rooms[i, members].all():
+                    members.append(int(i))
+        many = [tuple(members) for members in kinds.values() if len(members) > 2]
+        return sorted(many, key=self.objective.value, reverse=True)[:_KINDS]
+
+
+def _kind(term) -> tuple:
+    """("move",) of functions of each joint's own move, at whatever joint; else the effect."""
+    if not term.unnamed:
+        return (term.effect,)
+    number = term.where.rpartition("-")[2]
+    if all(name.endswith(number) for name in term.unnamed):
+        return tuple(name.removesuffix(number) for name in term.unnamed)
+    return (*term.key, term.label)
+
+
+__all__ = ["LAW", "Stepwise"]
