@@ -115,10 +115,14 @@ class LogPosterior:
         """Log posterior of a set."""
         key = frozenset(members)
         if key not in self.seen:
-            beside = self._beside(tuple(sorted(key)))
-            logs = log_evidence(beside.spent, beside.gained, self)
-            self.seen[key] = float(logs) + self.priors.of(members) + self._signs(members, beside)
+            self.seen[key] = self.value_at(members, np.inf)
         return self.seen[key]
+
+    def value_at(self, members: Members, gain: float) -> float:
+        """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing."""
+        beside = self._beside(tuple(sorted(members)))
+        logs = float(log_evidence(beside.spent, np.minimum(beside.gained, gain), self))
+        return logs + self.priors.of(members) + self._signs(members, beside)
 
     def _signs(self, members: Members, beside: Beside) -> float:
         """Log probability, times 2 for each, that what cannot be negative is not; the coefficients one by one."""

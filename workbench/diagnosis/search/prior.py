@@ -8,9 +8,10 @@ to a robot is the one at which all its joints together have the highest marginal
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.evidence import Projected, log_evidence_each
@@ -39,8 +40,10 @@ _LAW_ERROR = 0.005
 
 @dataclass(frozen=True)
 class Priors:
-    """Of K terms: `log_prior` (K,) as the first, `log_odds` (K,) of an elastic one beside another, `elastic` (K,).
+    """Of K terms: `log_prior` (K,), `elastic` (K,), and `log_odds` (K,) of the elastic ones where something deflects.
 
+    `deflects`: log prior that something does, beside the odds of what; so that all sets of one elastic term together
+    are as likely as their families of candidates.
     `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
     `reference`: ((effect, where), compliances (P,)) of all joints at their likeliest; `inexact`: sum of squares that
     errors of the elastic laws leave.
@@ -51,6 +54,7 @@ class Priors:
     elastic: np.ndarray
     scale: np.ndarray
     positive: np.ndarray
+    deflects: float = 0.0
     reference: tuple[tuple[tuple[str, str], np.ndarray], ...] = ()
     inexact: float = 0.0
 
@@ -59,21 +63,15 @@ class Priors:
         members = list(members)
         if not members:
             return 0.0
-        deflects = [i for i in members if self.elastic[i]]
-        others = [i for i in members if not self.elastic[i]]
-        total = float(self.log_prior[others].sum()) + (len(others) - 1) * SECOND
-        if deflects:
-            first = max(deflects, key=lambda i: self.log_prior[i] - self.log_odds[i])
-            total += float(self.log_prior[first]) + SECOND
-            total += float(self.log_odds[deflects].sum() - self.log_odds[first])
-        return total
+        own = np.where(self.elastic, self.log_odds, self.log_prior)[members]
+        first = self.deflects if self.elastic[members].any() else 0.0
+        return float(own.sum()) + first + (len(members) - 1) * SECOND
 
     def beside(self, members: Sequence[int]) -> np.ndarray:
         """(K,) log prior odds of each term beside a set."""
-        step = self.log_prior + (SECOND if len(members) else 0.0)
-        if any(self.elastic[i] for i in members):
-            step = np.where(self.elastic, self.log_odds, step)
-        return step
+        first = 0.0 if self.elastic[list(members)].any() else self.deflects
+        step = np.where(self.elastic, self.log_odds + first, self.log_prior)
+        return step + SECOND if len(members) else step
 
 
 def elastic_prior(problem: Problem, projected: Projected, terms: Sequence[Hypothesis]) -> Priors:
@@ -88,9 +86,15 @@ def elastic_prior(problem: Problem, projected: Projected, terms: Sequence[Hypoth
         log_odds[i] = np.log(chance / (1 - chance)) + np.log(terms[i].source.mass)
         if robot is not None:
             scale[i] = robot.size(terms[i].source) / float(terms[i].source.typical[0])
+    deflects = (
+        float(logsumexp(log_prior[elastic]) - logsumexp(log_odds[elastic]))
+        if elastic.any()
+        else 0.0
+    )
+    priors = Priors(log_prior, log_odds, elastic, scale, positive, deflects)
     if robot is None:
-        return Priors(log_prior, log_odds, elastic, scale, positive)
-    return Priors(log_prior, log_odds, elastic, scale, positive, robot.reference, robot.inexact)
+        return priors
+    return replace(priors, reference=robot.reference, inexact=robot.inexact)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from workbench.diagnosis.search.objective import LogPosterior, Members
 
 LAW = 0.95
-"""Share of what a set with unnamed functions explains from which on known laws are preferred: no law is exact."""
+"""Share of what functions without a name explain that laws must explain: no law is exact."""
 _LARGEST, _STEPS, _UNNAMED = 12, 60, 2
 _PAIRED, _KINDS = 40, 3
 
@@ -23,7 +23,11 @@ class Stepwise:
     objective: LogPosterior
 
     def likeliest(self, present: Members = ()) -> Members:
-        """The likeliest set; with functions only where laws explain less than `LAW` of what functions do."""
+        """The likeliest set.
+
+        Where laws explain `LAW` of what functions without a name do, the rest is the laws' own error and counts for
+        nothing: the simpler of the two is taken.
+        """
         objective = self.objective
         laws, every = ~objective.unnamed, np.ones(len(objective.terms), bool)
         named = tuple(i for i in present if laws[i])
@@ -32,8 +36,9 @@ class Stepwise:
         if not objective.unnamed.any():
             return lawful
         free = self._best([present, *self._free_starts()], every)
-        if objective.gain(lawful) >= LAW * objective.gain(free):
-            return lawful
+        explained = objective.gain(lawful)
+        if explained >= LAW * objective.gain(free):
+            return max(lawful, free, key=lambda members: objective.value_at(members, explained))
         return max(free, self._climb(lawful, every), key=objective.value)
 
     def _best(self, starts: list[Members], allowed: np.ndarray) -> Members:
