@@ -31,7 +31,7 @@ def test_a_table_beside_what_is_kept_is_that_made_anew(kept):
     problem = solved()
     judged(problem.keeping(()))
     shared = problem.keeping(kept)
-    fresh = replace(shared, known={}, made={}, bare=None)
+    fresh = replace(shared, known={}, made={}, bare=None, beyond=None)
     found, expected = judged(shared), judged(fresh)
     own = {
         (h.effect, h.where, h.label): (h.evidence, h.gain, h.rank, np.log(h.p)) for h in expected

@@ -59,24 +59,20 @@ class Scores:
 class Projected:
     """A problem with its baseline projected out: y, y'y, the degrees left, and moments of hypotheses.
 
-    What the baseline alone makes of columns is kept with the problem (`Problem.known`), for all sets of effects that
-    are asked about beside it: of them only what the effects in the basis make is new.
+    Inner products of columns with one another, with y and with the columns of all added effects are made once a
+    solution and kept with the problem (`Problem.known`). Beside any of these effects, moments follow by a Schur
+    complement.
     """
 
     def __init__(self, problem: Problem):
-        self.problem = problem
-        self.y = problem.clear(problem.residual)
+        self.problem, self.beyond = problem, problem.beyond
+        self.y = problem.clear(problem.residual) if self.beyond is None else self.beyond.y
         self.crowd = crowding(self.y, problem)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
-        self.yy, self.degrees = (
-            float(self.y @ self.y) / self.crowd,
-            max(problem.degrees, 1) / self.crowd,
-        )
+        self.yy = float(self.y @ self.y) / self.crowd
+        self.degrees = max(problem.degrees, 1) / self.crowd
         self.known = problem.known
-        self._first, self._more = (
-            problem.basis[:, : problem.first],
-            problem.basis[:, problem.first :],
-        )
+        self._first = problem.basis[:, : problem.first]
         n, size = problem.n, len(problem.sample)
         self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
 
@@ -87,21 +83,46 @@ class Projected:
             raw = np.einsum("cnp,cnq->cpq", columns, columns, optimize=True)
             return _less(raw, _made(self._first, columns)), np.einsum("cpp->cp", raw).max(1)
 
-        gram, largest = first() if name is None else once(self.known, name, first)
-        score = np.einsum("cnp,n->cp", columns, self.y)
-        return Moments(_less(gram, _made(self._more, columns)), score, largest)
+        def beside():
+            return np.einsum("cnp,n->cp", columns, self._y()), _made(self._columns(), columns)
 
-    def slots(self, rows: np.ndarray) -> "Slots":
-        """Sums over each sample's coordinates of rows (k, N) of the problem with y, the basis and one another."""
+        known = {} if name is None else self.known
+        gram, largest = once(known, (name, "gram"), first)
+        return self._complement(gram, largest, *once(known, (name, "added"), beside))
+
+    def _complement(self, gram, largest, score, cross) -> Moments:
+        """Moments beside what is kept: gram (C, P, P), score (C, P) and cross (C, P, A) beside the baseline alone."""
+        if self.beyond is None:
+            return Moments(gram, score, largest)
+        made = cross @ self.beyond.mixing
+        return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
+
+    def _y(self) -> np.ndarray:
+        """(N,) the residual beside the baseline alone."""
+        return self.y if self.beyond is None else self.beyond.added.y
+
+    def _columns(self) -> np.ndarray:
+        """(N, A) columns of all added effects beside the baseline."""
+        return np.zeros((len(self.y), 0)) if self.beyond is None else self.beyond.added.columns
+
+    def slots(self, rows: np.ndarray, name: tuple) -> "Slots":
+        """Sums over each sample's coordinates of rows (k, N) of the problem with y, the bases and one another.
+
+        name: of the rows, under which what is made of them is kept.
+        """
         add = self._sum
-        once(self.known, id(rows), lambda: rows)  # kept so that no others get their id
 
         def with_one_another():
             return np.stack([add @ (rows * row).T for row in rows])
 
-        more = self._with(rows, self._more)
-        first = partial(self._with, rows, self._first)
-        return Slots(add @ (rows * self.y).T, more, first, with_one_another, self.known, id(rows))
+        return Slots(
+            lambda: add @ (rows * self._y()).T,
+            partial(self._with, rows, self._columns()),
+            partial(self._with, rows, self._first),
+            with_one_another,
+            self,
+            name,
+        )
 
     def _with(self, rows, basis) -> np.ndarray:
         """(k, n, R) sums over each sample's coordinates of the rows times a part of the basis."""
@@ -154,31 +175,40 @@ def _less(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Slots:
-    """What is left of k slots once each sample's coordinates are summed: `score` (n, k), and `more` (k, n, R) with the
-    columns of effects beside the baseline. Made where they are asked for: `basis` (k, n, R) with the baseline's own,
-    `rows` (k, n, k) with one another. `known`, `name`: where what depends on these alone is kept, under which name.
+    """What is left of k slots once each sample's coordinates are summed, each made where it is asked for.
+
+    `score` (n, k) with the residual, `added` (k, n, A) with the columns of added effects, `basis` (k, n, R) with the
+    baseline's basis, `rows` (k, n, k) with one another. `name`: under which what depends on these alone is kept.
     """
 
-    score: np.ndarray
-    more: np.ndarray
+    with_residual: Callable[[], np.ndarray]
+    with_added: Callable[[], np.ndarray]
     with_baseline: Callable[[], np.ndarray]
     with_one_another: Callable[[], np.ndarray]
-    known: dict
-    name: int
+    projected: Projected
+    name: tuple
 
+    score = cached_property(lambda self: self.with_residual())
+    added = cached_property(lambda self: self.with_added())
     basis = cached_property(lambda self: self.with_baseline())
     rows = cached_property(lambda self: self.with_one_another())
 
-    def _moments(self, option, score, typical, raw, made) -> Moments:
-        """Of C hypotheses in typical sizes (C, P): `score` (C, P), `raw()` (C, P, P), `made` of a basis (C, P, R)."""
+    def _moments(self, option, typical, score, raw, made) -> Moments:
+        """Of C hypotheses: `score()` (C, P), `raw()` (C, P, P), `made` of a basis (C, P, R); typical (C, P)."""
+        sizes = typical[:, :, None]
 
         def first():
             own = raw()
-            return _less(own, made(self.basis)), (np.einsum("cpp->cp", own) * typical**2).max(1)
+            gram = _less(own, made(self.basis)) * sizes * typical[:, None, :]
+            return gram, (np.einsum("cpp->cp", own) * typical**2).max(1)
 
-        gram, largest = once(self.known, (self.name, option), first)
-        left = _less(gram, made(self.more)) if self.more.shape[2] else gram
-        return Moments(left * typical[:, :, None] * typical[:, None, :], score * typical, largest)
+        def beside():
+            return score() * typical, made(self.added) * sizes
+
+        known = self.projected.known
+        gram, largest = once(known, (self.name, option, "gram"), first)
+        more = once(known, (self.name, option, "added"), beside)
+        return self.projected._complement(gram, largest, *more)
 
     def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares=None) -> Moments:
         """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).
@@ -187,23 +217,25 @@ class Slots:
         products of all pairs of the functions, where they are known.
         """
         groups, count, n = waves.shape
-        k = len(self.more)
         flat = waves.reshape(groups * count, n)
 
         def made(basis):
+            k = len(basis)
             each = np.stack([flat @ b for b in basis]).reshape(k, groups, count, -1)
             return each.transpose(1, 0, 2, 3).reshape(groups, k * count, -1)
 
         def raw():
             return self._of_squares(squares(), count) if squares else self._products(waves)
 
-        score = np.einsum("cvn,nk->ckv", waves, self.score, optimize=True).reshape(groups, -1)
-        return self._moments(name, score, typical, raw, made)
+        def score():
+            return np.einsum("cvn,nk->ckv", waves, self.score, optimize=True).reshape(groups, -1)
+
+        return self._moments(name, typical, score, raw, made)
 
     def _products(self, waves) -> np.ndarray:
         """(C, k V, k V) inner products, slot by slot."""
         groups, count, _ = waves.shape
-        k = len(self.more)
+        k = len(self.rows)
         raw = np.empty((groups, k, count, k, count))
         for i in range(k):
             for j in range(i, k):
@@ -213,7 +245,7 @@ class Slots:
 
     def _of_squares(self, squares, count) -> np.ndarray:
         """As `_products`, from the products of all pairs of functions: one product of matrices for all slots."""
-        k = len(self.more)
+        k = len(self.rows)
         slots, functions = _pairs(k), _pairs(count)
         first, second = np.triu_indices(k)
         sums = squares @ self.rows[first, :, second].T  # (C, pairs of functions, pairs of slots)
@@ -233,8 +265,11 @@ class Slots:
         def raw():
             return np.stack([_summed(r[order])[after] for r in self.rows], 1)
 
-        score = _summed(self.score[order])[after]
-        return self._moments(name, score, np.broadcast_to(typical, score.shape), raw, made)
+        def score():
+            return _summed(self.score[order])[after]
+
+        sizes = np.broadcast_to(typical, (len(options), len(typical)))
+        return self._moments(name, sizes, score, raw, made)
 
     def waves(
         self, name: tuple, pair: tuple[np.ndarray, np.ndarray], typical: np.ndarray
@@ -244,7 +279,8 @@ class Slots:
         name: of the waves; pair: cosines and sines (V, n). Squares and products of waves are waves of twice the
         option, so that sums over samples are two products.
         """
-        (k, n, _), size = self.more.shape, (len(pair[0]), 2 * len(self.more))
+        k, n = len(typical), pair[0].shape[1]
+        size = (len(pair[0]), 2 * k)
 
         def made(basis):
             flat = basis.transpose(1, 0, 2).reshape(n, -1)
@@ -261,8 +297,11 @@ class Slots:
             )
             return blocks.transpose(2, 3, 0, 4, 1).reshape(*size, 2 * k)
 
-        score = np.stack([part @ self.score for part in pair], 2).reshape(size)
-        return self._moments(name, score, np.broadcast_to(np.repeat(typical, 2), size), raw, made)
+        def score():
+            return np.stack([part @ self.score for part in pair], 2).reshape(size)
+
+        sizes = np.broadcast_to(np.repeat(typical, 2), size)
+        return self._moments(name, sizes, score, raw, made)
 
 
 def _pairs(count: int) -> np.ndarray:
@@ -317,7 +356,7 @@ def judge(moments: Moments, yy: float, degrees: float) -> Scores:
 
 def scan_moments(projected: Projected, scan: Scan) -> Moments:
     """Moments of every option of a scan."""
-    slots = projected.slots(scan.rows)
+    slots = projected.slots(scan.rows, ("scan", scan.where, scan.effect, scan.kind))
     if scan.kind == "step":
         return slots.steps(("step",), scan.x, scan.options, scan.typical)
     parts = []

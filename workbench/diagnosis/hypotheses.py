@@ -225,7 +225,7 @@ def _with_priors(rows, share, level):
 
 def _site(site: Site, problem: Problem, projected: Projected):
     """Functions of one covariate and of two at a site, those with equally many numbers at once."""
-    slots = projected.slots(site.rows)
+    slots = projected.slots(site.rows, ("site", site.where, site.port))
     groups: dict[int, list] = {}
     for names in (*((c,) for c in site.covariates), *site.pairs):
         waves, sizes = waves_at(problem, names, site.fine)

@@ -17,9 +17,10 @@ from typing import Protocol
 import numpy as np
 
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import thin_svd
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 
 _ROUNDING = 1e-9  # share of columns below which what a baseline leaves of them is only rounding
+_SAME = 1e-10  # squared share of a column below which what others leave of it is only rounding
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,9 @@ class Problem:
     # what is known of all that is compared with the first `bare` columns of the basis (None: all), made once
     known: dict = field(default_factory=dict, compare=False, repr=False)
     bare: int | None = None
+    beyond: "Beyond | None" = (
+        None  # of a problem that keeps some effects: what these make, see `keeping`
+    )
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
@@ -160,23 +164,22 @@ class Problem:
 
         To first order, about the solution with all of them; so each can be questioned without a new solve.
         """
+        if not self.added:
+            return replace(self, bare=self.first)
         kept = range(len(self.added)) if kept is None else kept
         back = [self.added[i] @ self.values[i] for i in range(len(self.added)) if i not in kept]
-        residual = self.residual - sum(back) if back else self.residual
-        basis = self.basis
-        if len(kept) and self.added:
-            basis = np.concatenate(
-                [basis, self.beside(np.concatenate([self.added[i] for i in kept], 1))], 1
-            )
-        effects = tuple(self.effects[i] for i in kept)
+        if "added" not in self.known:
+            self.known["added"] = Added.of(self)
+        beyond = self.known["added"].kept(kept)
         return replace(
             self,
-            residual=residual,
-            basis=basis,
-            effects=effects,
+            residual=self.residual - sum(back) if back else self.residual,
+            basis=np.concatenate([self.basis, beyond.basis], 1),
+            effects=tuple(self.effects[i] for i in kept),
             added=(),
             values=(),
             bare=self.first,
+            beyond=beyond,
         )
 
     def through(
@@ -209,6 +212,7 @@ class Problem:
             loose=candidates(self.loose),
             known={},
             bare=None,
+            beyond=None,
             mass_responses=candidates(self.mass_responses),
         )
 
@@ -239,6 +243,64 @@ class Problem:
     def degrees(self) -> int:
         """Degrees of freedom that the baseline has left: coordinates in use less its rank."""
         return int((self.weights[self.sample] > 0).sum()) - self.basis.shape[1]
+
+
+@dataclass(frozen=True)
+class Added:
+    """Columns (N, A) of all effects beside the baseline, this projected out, of unit length; `start` (E + 1,) of each.
+
+    `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
+    `score` (A,) inner products of the two. What any of the effects make follows from these without the samples.
+    """
+
+    columns: np.ndarray
+    start: np.ndarray
+    gram: np.ndarray
+    y: np.ndarray
+    score: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Added":
+        """Of a problem solved with effects."""
+        columns = np.concatenate(problem.added, 1)
+        made = columns @ np.concatenate(problem.values)
+        y = problem.clear(problem.residual - made)
+        whole = np.sqrt((columns**2).sum(0))
+        clear = problem.clear(columns / np.maximum(whole, 1e-300))
+        clear = problem.clear(clear)  # again: rounding of the first time is no direction
+        length = np.sqrt((clear**2).sum(0))
+        clear = np.where(length > _ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
+        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
+        return cls(clear, start, clear.T @ clear, y, clear.T @ y)
+
+    def kept(self, effects: Sequence[int]) -> "Beyond":
+        """What some of the effects, by their numbers, make."""
+        parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
+        held = np.concatenate([np.zeros(0, int), *parts])
+        values, vectors = symmetric_eigen(self.gram[np.ix_(held, held)])
+        seen = values > _SAME
+        mixing = np.zeros((len(self.score), int(seen.sum())))
+        mixing[held] = vectors[:, seen] / np.sqrt(values[seen])
+        return Beyond(self, mixing, self.columns @ mixing)
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """What some of the added effects make: `basis` (N, R) orthonormal, columns of `added` times `mixing` (A, R)."""
+
+    added: Added
+    mixing: np.ndarray
+    basis: np.ndarray
+
+    @property
+    def y(self) -> np.ndarray:
+        """(N,) the residual with all that baseline and kept effects make projected out."""
+        return self.added.y - self.basis @ self.score
+
+    @property
+    def score(self) -> np.ndarray:
+        """(R,) inner products of the basis with the residual."""
+        return self.mixing.T @ self.added.score
 
 
 class Bench(Protocol):

@@ -66,7 +66,7 @@ class LogPosterior:
         masses = Masses.of(problem, projected, priors)
         gram, score, yy = masses.marginalised(clear, projected.y)
         crowd = projected.crowd
-        yy = yy / crowd + priors.inexact
+        yy = (yy + masses.inexact(priors.joints, projected.y)) / crowd
         return cls(tuple(terms), gram / crowd, score / crowd, start, yy, projected.degrees, priors)
 
     @cached_property

@@ -9,11 +9,12 @@ to a robot is the one at which all its joints together have the highest marginal
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
 
-from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
 from workbench.diagnosis.evidence import Projected, log_evidence_each
 from workbench.diagnosis.hypotheses import Hypothesis
 from workbench.diagnosis.problem import Candidate, Problem
@@ -34,6 +35,7 @@ _SCALES = np.geomspace(1e-7, 1e-2, 31)
 """Compliances of a joint under 1 N m, rad/(N m), of which the likeliest is the robot's."""
 _SIZE_BY_LOAD = -0.5
 """Exponent of the load (N m) that compliances scale with: stronger gears are stiffer, yet deflect more."""
+_DEPENDENT = 1e-9  # relative eigenvalue from which on joints are told apart at all
 _LAW_ERROR = 0.005
 """Relative error of every deflection that is computed: torques from joint angles that are off by 0.3 degrees."""
 
@@ -45,8 +47,8 @@ class Priors:
     `deflects`: log prior that something does, beside the odds of what; so that all sets of one elastic term together
     are as likely as their families of candidates.
     `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
-    `reference`: ((effect, where), compliances (P,)) of all joints at their likeliest; `inexact`: sum of squares that
-    errors of the elastic laws leave.
+    `reference`: (effect, where, compliance) of all joints at their likeliest; `joints` (N, J): what these make of the
+    residual, the baseline projected out.
     """
 
     log_prior: np.ndarray
@@ -55,8 +57,8 @@ class Priors:
     scale: np.ndarray
     positive: np.ndarray
     deflects: float = 0.0
-    reference: tuple[tuple[tuple[str, str], np.ndarray], ...] = ()
-    inexact: float = 0.0
+    reference: tuple[tuple[str, str, float], ...] = ()
+    joints: np.ndarray | None = None
 
     def of(self, members: Sequence[int]) -> float:
         """Log prior of a set; the set of no term has 0."""
@@ -94,16 +96,16 @@ def elastic_prior(problem: Problem, projected: Projected, terms: Sequence[Hypoth
     priors = Priors(log_prior, log_odds, elastic, scale, positive, deflects)
     if robot is None:
         return priors
-    return replace(priors, reference=robot.reference, inexact=robot.inexact)
+    return replace(priors, reference=robot.reference, joints=robot.joints)
 
 
 @dataclass(frozen=True)
 class _RobotScale:
-    """`common`: compliance of a joint under 1 N m (rad/(N m)); `reference`, `inexact` as of `Priors`."""
+    """`common`: compliance of a joint under 1 N m (rad/(N m)); `reference`, `joints` as of `Priors`."""
 
     common: float
     reference: tuple
-    inexact: float
+    joints: np.ndarray
 
     @classmethod
     def of(cls, problem: Problem, projected: Projected) -> "_RobotScale | None":
@@ -125,7 +127,7 @@ class _RobotScale:
         reference = []
         for candidate, value, size in zip(joints, found, sizes):
             reference.append((candidate.effect, candidate.where, max(float(value * size), 0.0)))
-        return cls(common, tuple(reference), _LAW_ERROR**2 * float(gained[-1]))
+        return cls(common, tuple(reference), clear)
 
     def size(self, candidate: Candidate) -> float:
         """Prior size of an elastic law's compliance, rad/(N m)."""
@@ -159,14 +161,24 @@ class Masses:
         self, clear: np.ndarray, y: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Inner products (T, T), scores (T,) and y'y of cleared columns (N, T), S^-1 between them (Woodbury)."""
-        gram, score, yy = clear.T @ clear, clear.T @ y, float(y @ y)
-        if not self.columns.shape[1]:
-            return gram, score, yy
+        made, own = self._half.T @ clear, self._half.T @ y
+        gram, score = clear.T @ clear - made.T @ made, clear.T @ y - made.T @ own
+        return gram, score, float(y @ y - own @ own)
+
+    def inexact(self, joints: np.ndarray | None, y: np.ndarray) -> float:
+        """Sum of squares that errors of the elastic laws leave: a share of what all joints (N, J) explain."""
+        if joints is None:
+            return 0.0
+        gram, score, _ = self.marginalised(joints, y)
+        return _LAW_ERROR**2 * float(score @ pseudo_inverse(gram, _DEPENDENT) @ score)
+
+    @cached_property
+    def _half(self) -> np.ndarray:
+        """(N, M) H with S^-1 = I - H H'."""
         inner = self.columns.T @ self.columns / self.crowd
         values, vectors = symmetric_eigen(inner)
-        half = self.columns @ (vectors / np.sqrt(1 + np.maximum(values, 0.0))) / np.sqrt(self.crowd)
-        made, own = half.T @ clear, half.T @ y
-        return gram - made.T @ made, score - made.T @ own, yy - float(own @ own)
+        scale = np.sqrt(self.crowd * (1 + np.maximum(values, 0.0)))
+        return self.columns @ (vectors / scale)
 
 
-__all__ = ["SECOND", "Masses", "Priors", "elastic_prior"]
+__all__ = ["DEFLECTS", "SECOND", "Masses", "Priors", "elastic_prior"]
