@@ -6,9 +6,11 @@ those that read the same covariates, for a law is a function of these, too.
 
 import numpy as np
 
+from robot_model.effects.transmission import JointCoupling, TransmissionHarmonic
 from workbench.diagnosis.hypotheses import Hypothesis
 from workbench.diagnosis.rivals import SHARP_DEGREE
 
+_WAVE = TransmissionHarmonic.effect
 _SLOW = 6.0
 """Orders of a harmonic that a smooth function of any angles follows over the range that a joint moves."""
 
@@ -45,29 +47,20 @@ def _covers(function: Hypothesis, law: Hypothesis) -> bool:
     if function.where not in same_place(law) or _fast(law):
         return False
     angles = all(name[0] == "q" for name in function.unnamed)
-    slow = law.effect == "transmission-harmonic" and law.effects and law.effects[0].order <= _SLOW
-    if angles and function.where == law.where and (slow or law.effect == "joint-coupling"):
+    slow = law.effect == _WAVE and law.effects and law.effects[0].order <= _SLOW
+    if angles and function.where == law.where and (slow or law.effect == JointCoupling.effect):
         return True
     return bool(_reads(law) & set(function.unnamed))
 
 
 def _reads(law: Hypothesis) -> set[str]:
     """Covariates of which a law of one joint is a function."""
-    k = law.where.rpartition("-")[2]
-    if law.effect in ("transmission-harmonic", "axis-run-out"):
-        return {f"q{k}"}
-    if law.effect == "joint-coupling":
-        return {f"q{law.effects[0].joint}"}
-    if law.effect == "zero-shift":
-        return {"time"}
-    if law.effect == "backlash":
-        return {f"tau{k}"} if law.effects[0].seat == "gravity" else {f"approach{k}", f"move{k}"}
-    return {f"tau{k}"} if law.effect in ("joint-compliance", "link-self-weight") else set()
+    return set(law.effects[0].reads) if law.effects and law.where.startswith("joint-") else set()
 
 
 def _fast(law: Hypothesis) -> bool:
     """Whether a wave has more turns in these poses than a function can follow that may change sharply."""
-    if law.effect != "transmission-harmonic" or not isinstance(law.source, tuple):
+    if law.effect != _WAVE or not isinstance(law.source, tuple):
         return False
     scan, order = law.source
     return order * np.ptp(scan.x) / 2 > SHARP_DEGREE

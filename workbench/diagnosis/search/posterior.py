@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.loose import LABEL
 from workbench.diagnosis.search.objective import LogPosterior, Members
@@ -140,7 +141,7 @@ def _is_elastic(h) -> bool:
     if h.unnamed:
         return False
     order = getattr(h.effects[0], "order", None) if h.effects else None
-    return h.effect in DEFLECTS or (h.effect == "transmission-harmonic" and order == 1.0)
+    return h.effect in DEFLECTS or (h.effect == TransmissionHarmonic.effect and order == 1.0)
 
 
 __all__ = ["Name", "Window", "probabilities_of_names"]

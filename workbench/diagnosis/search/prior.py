@@ -14,6 +14,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
+from robot_model.effects import CATALOGUE
+from robot_model.effects.elastic import JointCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
 from workbench.diagnosis.evidence import Projected, log_evidence_each
 from workbench.diagnosis.hypotheses import Hypothesis
@@ -22,14 +24,10 @@ from workbench.diagnosis.problem import Candidate, Problem
 SECOND = float(np.log(0.2))
 """Log prior odds of one more term, beside what its own prior says."""
 _CHANCE = {
-    # effect: prior probability that it is of a size worth modelling where something deflects, and its size relative
-    # to a joint's compliance under a like load
-    "joint-compliance": (0.5, 1.0),
-    "link-compliance": (0.15, 0.1),
-    "bearing-compliance": (0.05, 0.1),
-    "pedestal-compliance": (0.15, 0.1),
-    "link-self-weight": (0.02, 1.0),
+    kind.effect: kind.compliance_prior for kind in CATALOGUE.values() if kind.compliance_prior
 }
+"""Effect -> prior probability that it is of a size worth modelling where something deflects, and its size relative to a
+joint's compliance under a like load."""
 DEFLECTS = tuple(_CHANCE)
 _SCALES = np.geomspace(1e-7, 1e-2, 31)
 """Compliances of a joint under 1 N m, rad/(N m), of which the likeliest is the robot's."""
@@ -110,7 +108,9 @@ class _RobotScale:
     @classmethod
     def of(cls, problem: Problem, projected: Projected) -> "_RobotScale | None":
         """From all joints of a robot together; None where nothing deflects them."""
-        joints = [c for c in problem.candidates if c.effect == "joint-compliance" and c.load > 0]
+        joints = [
+            c for c in problem.candidates if c.effect == JointCompliance.effect and c.load > 0
+        ]
         if not joints:
             return None
         sizes = np.array([c.load**_SIZE_BY_LOAD for c in joints])
