@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -119,7 +118,7 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     start = time.perf_counter()
     found = find(bench, progress=say)
     jobs = jobs if time.perf_counter() - start > _LONG_S else 1
-    unit = getattr(bench, "unit", "mm")
+    unit = bench.unit
     last = _Final(bench, found, unit)
     terms, refused, proved = _proved(bench, found, last.noise, say, jobs)
     last = _Final(bench, found, unit, terms)
@@ -129,7 +128,9 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     if verdict == UNEXPLAINED:
         terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
-    visible = tuple(smallest(found.before, unwhitened(found.before), partial(_units, bench)))
+    visible = tuple(
+        smallest(found.before, unwhitened(found.before), lambda one: bench.units(one.effects))
+    )
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
@@ -224,12 +225,11 @@ def _with_stated_noise(last: "_Final", proved, terms, refused):
 
 def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
     """What is in doubt about this recording, and what could not be asked of it at all."""
-    on_data = getattr(bench, "warnings", recording.warnings)
-    if hasattr(bench, "chains"):
+    on_data, chain = bench.warnings or recording.warnings, bench.chain
+    if chain is None:
         random = random_image_error(bench, terms)
         return (*on_data, random) if random else tuple(on_data)
-    chain = getattr(bench, "chain", None)
-    if chain is None or chain.robot.mass.any() or chain.state.payload.any():
+    if chain.robot.mass.any() or chain.state.payload.any():
         return on_data
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))
 
@@ -257,7 +257,7 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
 
 
 def _of(row, term: Term, bench) -> bool:
-    chain = getattr(bench, "chain", None)
+    chain = bench.chain
     if chain is None:
         return True
     return row["key"] in {p.key for e in term.finding.effects for p in e.parameters(chain)}
@@ -339,14 +339,6 @@ def _of_refused(found: Found, refused, rest: bool) -> Finding:
     return Finding("unknown", where, words.NOT_LOCATED, (), p, 0.0, 0.0, 0.0)
 
 
-def _units(bench, candidate) -> list[str]:
-    """Units of a candidate's parameters."""
-    chain = getattr(bench, "chain", None)
-    if chain is None:  # a sensor's: the last of its chains knows light and balls, too
-        chain = list(bench.chains.parts.values())[-1]
-    return [p.unit for e in candidate.effects for p in e.parameters(chain)]
-
-
 def _sigma(recording) -> float | None:
     """RMS of the stated 1 sigma of a coordinate."""
     return None if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
@@ -364,7 +356,7 @@ class _Final:
     @property
     def noise(self) -> tuple[float, str]:
         usual = ~self.found.outliers
-        if self.unit != "mm":
+        if self.bench.chain is None:
             return self.bench.noise(usual)
         left = residuals_of(self.after)
         recording, position = self.bench.recording, left[:3, usual]
@@ -375,7 +367,7 @@ class _Final:
     def stated_noise(self) -> stated_noise.StatedNoise | None:
         """Residuals of the final model over the stated sigma; None where none is stated."""
         if (
-            self.unit != "mm"
+            self.bench.chain is None
             or self.bench.chain.sigma_unknown
             or _sigma(self.bench.recording) is None
         ):
@@ -395,7 +387,7 @@ class _Final:
 
     def lack(self):
         """Lack of fit of baseline and final model against replicates; None without these."""
-        if self.unit != "mm":
+        if self.bench.chain is None:
             return None
         rows = {
             name: replicates.lack_of_fit(
@@ -407,12 +399,16 @@ class _Final:
 
     def outliers(self) -> tuple[int, ...]:
         """Sample numbers of those that nothing brings near."""
-        ids = self.bench.recording.sample_ids if self.unit == "mm" else np.arange(self.before.n)
+        ids = (
+            self.bench.recording.sample_ids
+            if self.bench.chain is not None
+            else np.arange(self.before.n)
+        )
         return tuple(int(i) for i in ids[self.found.outliers])
 
     def views(self) -> Views:
         """What the page draws."""
-        if self.unit != "mm":
+        if self.bench.chain is None:
             return self._sensor_views()
         chain = self.bench.chain
         model, fit, _ = self.bench.solve(self.before.effects)

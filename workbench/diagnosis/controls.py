@@ -94,7 +94,7 @@ def _told(kind: str, trial: "_Trial", states, why: str) -> Control:
 
 def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
     """Whether an effect reads the time or the order of the rows, so that it says nothing of times not measured."""
-    chain = getattr(bench, "chain", None)
+    chain = bench.chain
     if chain is None or not effects:
         return any("time" in getattr(e, "names", ()) for e in effects)
     backwards = _backwards_state(chain, bench.pose)
@@ -141,7 +141,7 @@ class _Trial:
         self.problem = bench.problem(others).keeping()
         self.y = self.problem.clear(self.problem.residual)
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
-        self.chain, self.effects = getattr(bench, "chain", None), tuple(own)
+        self.chain, self.effects = bench.chain, tuple(own)
         self.starts = _starts(self.problem.pose)
         if self.chain is None:
             self.small, self.rows = _columns(bench, self.problem, others, own), None

@@ -86,7 +86,7 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
 def _asked(bench, terms, term: Term, problem: Problem):
     """The other terms' effects, the doubt about one, and the recordings that might end it."""
     others = tuple(e for one in terms if one is not term for e in one.finding.effects)
-    doubt = _doubt(bench, term, problem) if hasattr(bench, "chain") else None
+    doubt = _doubt(bench, term, problem) if bench.chain is not None else None
     return others, doubt, compared(bench, others, doubt) if doubt is not None else []
 
 

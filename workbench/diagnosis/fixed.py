@@ -93,11 +93,7 @@ def _um(values, stds) -> str:
 def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
     """What the rows of a recording that do not move say of the base's drift; None where there are too few."""
     fixed = recording.select(~recording.moving)
-    if (
-        recording.measures != "external-point"
-        or fixed.n < 2 * _LEAST
-        or not hasattr(bench, "chain")
-    ):
+    if recording.measures != "external-point" or fixed.n < 2 * _LEAST or bench.chain is None:
         return None
     labels = recording.poses  # of the whole recording: a selection numbers its own
     time, known = _clock_of(labels[~recording.moving], labels[recording.moving], bench)

@@ -94,7 +94,7 @@ def _loss(z: np.ndarray) -> np.ndarray:
 
 def sigma_of(bench, samples: np.ndarray | None = None) -> np.ndarray | None:
     """(n,) noise (px) of each of some samples (n,) bool (None: all) of a bench that has them of several kinds."""
-    sigma = getattr(bench, "sigma", None)
+    sigma = bench.sigma
     return sigma if sigma is None or samples is None else sigma[samples]
 
 
@@ -110,7 +110,7 @@ class Errors:
 
     def __call__(self, effects, fold: np.ndarray) -> np.ndarray:
         """(n,) each sample predicted from the other folds."""
-        if not hasattr(self.bench, "chain"):
+        if self.bench.chain is None:
             return self._once(effects, fold, lambda: self.bench.held_out(effects, fold))
         both = np.empty((2, len(fold)))
         for k in np.unique(fold):
@@ -150,7 +150,7 @@ class Errors:
 
     def _predict(self, effects, block):
         """(2, n) distances and angles (deg), nan where there are none."""
-        if not hasattr(self.bench, "chain"):  # a sensor's bench fits what is in no fold
+        if self.bench.chain is None:  # a sensor's bench fits what is in no fold
             distances = self.bench.held_out(effects, np.where(block, 0, -1))
             return np.stack([distances, np.full_like(distances, np.nan)])
         problem = self.bench.problem(effects).keeping()

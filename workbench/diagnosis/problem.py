@@ -307,13 +307,17 @@ class Bench(Protocol):
     """What makes problems out of data: a robot with samples, or a sensor chain.
 
     `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `whole`: whether a search
-    needs all samples, however many; `pose` (n,) labels of repeats.
+    needs all samples, however many; `pose` (n,) labels of repeats; `sigma` (n,) noise of each sample, None where all
+    are of one kind; `warnings` on the recording; `chain`: that of the arm, None where no arm is measured.
     """
 
     baseline: tuple[Effect, ...]
     unit: str
     whole: bool
     pose: np.ndarray
+    sigma: np.ndarray | None
+    warnings: tuple[str, ...]
+    chain: object | None
 
     def problem(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> Problem:
         """Baseline and effects solved non-linearly on `samples` (n,) bool (None: all), linearised there."""
@@ -325,6 +329,9 @@ class Bench(Protocol):
         self, effects: Sequence[Effect], samples: np.ndarray | None = None
     ) -> tuple[dict, ...]:
         """Of every effect's parameters: key, name, where, effect, value, std, unit, typical, size_mm."""
+
+    def units(self, effects: Sequence[Effect]) -> list[str]:
+        """Units of the parameters of some effects."""
 
     def reviewed(self, found: "Found", samples: np.ndarray | None) -> "Found":
         """What a search found, with what only this bench can say of it."""

@@ -100,7 +100,7 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: _Whol
     Judged by what the folds found by themselves; where that fails, by that without what was refused. As long as the
     error does not fall, the term with the least support goes.
     """
-    unit, sigma = getattr(errors.bench, "unit", "mm"), sigma_of(errors.bench)
+    unit, sigma = errors.bench.unit, sigma_of(errors.bench)
     refused: list[Term] = []
     predicted = whole.errors
     while terms:
@@ -248,7 +248,7 @@ def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding
 
     Fewer of them where the bench can do with fewer; a bench that is `whole` sees in a fold what it saw outside.
     """
-    found = find(bench, samples if getattr(bench, "whole", False) else thinned(bench.pose, samples))
+    found = find(bench, samples if bench.whole else thinned(bench.pose, samples))
     return [term.finding for term in _earned(bench, list(found.findings), samples)[0]]
 
 

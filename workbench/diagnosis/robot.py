@@ -113,12 +113,12 @@ class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
     `bases`: of effects, as a model keeps them; `known`: the library by whether something yields; `made`: functions of
-    its covariates.
+    its covariates; `solved`: fits by their effects.
     """
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
         self.chain, self.baseline, self.bases = chain, baseline, {}
-        self.known, self.made = {}, {}
+        self.known, self.made, self.solved = {}, {}, {}
 
     def library(self, elastic: bool) -> list[Variant]:
         if elastic not in self.known:
@@ -138,6 +138,7 @@ class RobotBench:
 
     unit = "mm"
     whole = False  # a part of many poses finds the same terms
+    sigma = None
 
     def __init__(
         self,
@@ -149,13 +150,12 @@ class RobotBench:
     ):
         self.chain, self.pose, self.baseline, self.recording = chain, pose, baseline, recording
         self.warnings = warnings
-        self._solved: dict = {}
         self._parts: dict = {}
         self._start = None
 
     def __getstate__(self) -> dict:
         """What another process needs: not what was solved before."""
-        return self.__dict__ | {"_solved": {}, "_parts": {}}
+        return self.__dict__ | {"_parts": {}}
 
     def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
@@ -181,7 +181,7 @@ class RobotBench:
             made = _Part(self.chain if samples is None else self.chain.at(samples), self.baseline)
         self._parts[key] = made
         if len(self._parts) > _KEPT:
-            del self._parts[next(iter(self._parts))]
+            del self._parts[next(key for key in self._parts if key is not None)]
         return made
 
     @cached_property
@@ -206,13 +206,11 @@ class RobotBench:
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
         """Model on the samples with sigmas widened to what is left unexplained, fit, robust weights (n,)."""
-        key = (
-            tuple((type(e), e.where, *map(repr, e.options.values())) for e in effects),
-            _key(samples),
-        )
-        if key not in self._solved:
-            self._solved[key] = self._solve(effects, samples)
-        return self._solved[key]
+        key = tuple((type(e), e.where, *map(repr, e.options.values())) for e in effects)
+        solved = self._part(samples).solved
+        if key not in solved:
+            solved[key] = self._solve(effects, samples)
+        return solved[key]
 
     def _solve(self, effects, samples):
         model = self._part(samples).model((*self.baseline, *effects))
@@ -289,6 +287,10 @@ class RobotBench:
         error = effect.curve(coefficients, self.chain.variables[effect.number - 1])
         cycles = [(c.order, c.amplitude) for c in dominant_cycles(effect, coefficients)]
         return {"curve_rms": float(error.std()), "cycles": cycles}
+
+    def units(self, effects: Sequence[Effect]) -> list[str]:
+        """Units of the parameters of some effects."""
+        return [p.unit for effect in effects for p in effect.parameters(self.chain)]
 
     def reviewed(self, found, samples: np.ndarray | None):
         """What a search found, as it is."""

@@ -45,6 +45,8 @@ class SensorBench:
 
     unit = "px"
     baseline: tuple[Effect, ...] = ()
+    chain = None
+    warnings: tuple[str, ...] = ()
     whole = True  # a third of the placements would show a third as much, and other balls
 
     def __init__(self, chains: Chains):
@@ -175,6 +177,11 @@ class SensorBench:
                 found = {"value": value, "std": fit.std.get(p.key, float("nan"))}
                 rows.append(told | found | {"size_px": size, "size_mm": size * scale})
         return tuple(rows)
+
+    def units(self, effects: Sequence[Effect]) -> list[str]:
+        """Units of the parameters of some effects; the last of the chains knows light and balls, too."""
+        chain = list(self.chains.parts.values())[-1]
+        return [p.unit for effect in effects for p in effect.parameters(chain)]
 
     def reviewed(self, found: Found, samples: np.ndarray | None = None) -> Found:
         """What the search hands on: its findings against their twins, each solved in full."""
