@@ -101,7 +101,8 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     whole = proof._Whole([scheme], [np.full(4, 0.479)], [np.full(4, 0.548)], [{}], [5.0])
     monkeypatch.setattr(proof, "_judges_of_all", lambda bench, terms, parts: parts)
     errors = SimpleNamespace(
-        bench=SimpleNamespace(unit="mm", sigma=None), predicted=lambda scheme, kept, plain: plain + 0.01
+        bench=SimpleNamespace(unit="mm", sigma=None),
+        predicted=lambda scheme, kept, plain: plain + 0.01,
     )
     kept, refused, rows = proof._supported(errors, terms, [], whole, np.ones(4, bool))
     assert kept == [] and [term.finding.effect for term in refused] == [
