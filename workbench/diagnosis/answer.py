@@ -187,7 +187,7 @@ def _is_placed(bench, found: Found, refused) -> bool:
     A sensor has a smooth function at every place of its chain. Where none of them is significant, a small p-value of
     the best of many candidates is chance: nothing is there to be explained.
     """
-    if not hasattr(bench, "chains"):
+    if bench.chain is not None:
         return True
     places = any(one.p_value < _PLACED and one.share > 0 for one in found.located)
     gained = [term for term in refused if (term.t or 0.0) > _GAINED]
