@@ -173,8 +173,8 @@ def test_every_effect_has_a_place_and_an_unknown_one_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_a_flaw_in_whole_images_is_named_by_the_diagnosis(tmp_path):
-    from workbench.diagnosis import sensor
-    from workbench.diagnosis.select import find
+    from workbench.diagnosis.scanner import sensor
+    from workbench.diagnosis.search.select import find
 
     truth = maker.make(11, tmp_path / "case", "board-bow")
     found = find(sensor.bench_of(datasets.read(tmp_path / "case"))).findings

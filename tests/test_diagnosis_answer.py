@@ -10,12 +10,22 @@ from conftest import ROOT
 from robot_model.effects import CATALOGUE
 from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.diagnosis import against, folds, heldout, proof, replicates, visible, words
-from workbench.diagnosis.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
-from workbench.diagnosis.experiment import Doubt, compared, missing_of, next_experiment, told
-from workbench.diagnosis.problem import Alternative, Finding
+from workbench.diagnosis import words
+from workbench.diagnosis.linear import visible
+from workbench.diagnosis.linear.problem import Alternative, Finding
+from workbench.diagnosis.noise import replicates
+from workbench.diagnosis.planning.experiment import (
+    Doubt,
+    compared,
+    missing_of,
+    next_experiment,
+    told,
+)
 from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
-from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.robot import against
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.validation import folds, heldout, proof
+from workbench.diagnosis.validation.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
 from workbench.jobs.simulate import simulate
 
 SCENE = {

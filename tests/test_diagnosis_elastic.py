@@ -5,9 +5,9 @@ import pytest
 import datasets
 from datasets.makers import elastic_arms
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.library import variants
-from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.select import find
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.robot.library import variants
+from workbench.diagnosis.search.select import find
 
 
 def law(name, *places, **options):

@@ -12,11 +12,11 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.system import bind
 from workbench.core.model import Model
-from workbench.diagnosis.evidence import SIZES, Moments, Projected, judge
-from workbench.diagnosis.outliers import named, robust_weights, spread_with
-from workbench.diagnosis.problem import Problem
-from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.select import find
+from workbench.diagnosis.linear.evidence import SIZES, Moments, Projected, judge
+from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.noise.outliers import named, robust_weights, spread_with
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.select import find
 
 SIGMA = 0.02
 
@@ -104,8 +104,8 @@ def test_projecting_takes_out_what_the_baseline_makes():
 
 
 def test_steps_and_waves_agree_with_their_columns():
-    from workbench.diagnosis.evidence import scan_moments
-    from workbench.diagnosis.hypotheses import columns_of
+    from workbench.diagnosis.linear.evidence import scan_moments
+    from workbench.diagnosis.linear.hypotheses import columns_of
 
     problem = bench_of(recorded(4)).problem()
     projected = Projected(problem)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from workbench.diagnosis import judging, proof, words
+from workbench.diagnosis import words
 from workbench.diagnosis.answer import _somewhere, diagnose
-from workbench.diagnosis.folds import SPACE, TIME, Scheme
-from workbench.diagnosis.problem import Finding, Found, Located, Problem
+from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.result import UNEXPLAINED, Term, verdict_of
+from workbench.diagnosis.validation import judging, proof
+from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme
 from workbench.jobs.simulate import simulate
 
 SCENE = {

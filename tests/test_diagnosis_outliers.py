@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.diagnosis.contaminated import contaminated
+from workbench.diagnosis.noise.contaminated import contaminated
 
 CLEAR = np.log(20)
 

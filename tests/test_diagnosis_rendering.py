@@ -13,7 +13,8 @@ from workbench.commands.robot.diagnose import show
 from workbench.commands.shared import answer
 from workbench.diagnosis import words
 from workbench.diagnosis.files import save
-from workbench.diagnosis.problem import Alternative, Finding, Found, Located
+from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Located
+from workbench.diagnosis.linear.visible import Visible
 from workbench.diagnosis.result import (
     Control,
     Diagnosis,
@@ -23,7 +24,6 @@ from workbench.diagnosis.result import (
     Views,
     with_statements,
 )
-from workbench.diagnosis.visible import Visible
 from workbench.report import style
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.page import page

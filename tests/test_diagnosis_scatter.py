@@ -9,12 +9,19 @@ import pytest
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.diagnosis.answer import _of_noise
-from workbench.diagnosis.data import far_off
-from workbench.diagnosis.problem import Finding, Located
-from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.scatter import _TRIED, LABEL, _constant, _turned, scattered, unrecorded
+from workbench.diagnosis.linear.problem import Finding, Located
+from workbench.diagnosis.noise.data import far_off
+from workbench.diagnosis.noise.scatter import (
+    _TRIED,
+    LABEL,
+    _constant,
+    _turned,
+    scattered,
+    unrecorded,
+)
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.select import _beyond_functions
 from workbench.diagnosis.search.stepwise import LAW
-from workbench.diagnosis.select import _beyond_functions
 
 
 def _site(rng, n: int, turn: float):

@@ -9,9 +9,9 @@ from scipy.special import gammaln, logsumexp
 import datasets
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import found, recorded
-from workbench.diagnosis.evidence import SIZES
-from workbench.diagnosis.hypotheses import judged
-from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.linear.evidence import SIZES
+from workbench.diagnosis.linear.hypotheses import judged
+from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.objective import LogPosterior
 from workbench.diagnosis.search.posterior import Window
 from workbench.diagnosis.search.stepwise import Stepwise

@@ -9,14 +9,15 @@ import pytest
 import sensor_virtual
 from sensors.effects import CATALOGUE
 from workbench.core.model import Model
-from workbench.diagnosis import folds, sensor, sensor_data, sensor_review
-from workbench.diagnosis.controls import controls
-from workbench.diagnosis.heldout import name_of
-from workbench.diagnosis.hypotheses import Hypothesis
-from workbench.diagnosis.problem import Finding, Found
-from workbench.diagnosis.proof import earned_inside
-from workbench.diagnosis.select import find
-from workbench.diagnosis.sensor_simulate import simulated
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.problem import Finding, Found
+from workbench.diagnosis.scanner import sensor, sensor_data, sensor_review
+from workbench.diagnosis.scanner.sensor_simulate import simulated
+from workbench.diagnosis.search.select import find
+from workbench.diagnosis.validation import folds
+from workbench.diagnosis.validation.controls import controls
+from workbench.diagnosis.validation.heldout import name_of
+from workbench.diagnosis.validation.proof import earned_inside
 
 CASES = {
     "plane-bow": ("laser", {}, {"curvature": 5e-6}),

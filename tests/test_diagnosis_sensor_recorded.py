@@ -8,9 +8,9 @@ import pytest
 
 import sensor_virtual
 from sensors.effects import CATALOGUE
-from workbench.diagnosis import sensor
-from workbench.diagnosis.select import find
-from workbench.diagnosis.sensor_simulate import simulated
+from workbench.diagnosis.scanner import sensor
+from workbench.diagnosis.scanner.sensor_simulate import simulated
+from workbench.diagnosis.search.select import find
 
 CASES = {
     "recorded-column": ("mirror", {"column": "exposure_ms"}, {"slope": 1e-4}),

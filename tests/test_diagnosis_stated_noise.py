@@ -7,8 +7,8 @@ import pytest
 import tomli_w
 
 from workbench.diagnosis.answer import diagnose
+from workbench.diagnosis.noise.stated_noise import StatedNoise, compare, finding_of
 from workbench.diagnosis.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
-from workbench.diagnosis.stated_noise import StatedNoise, compare, finding_of
 from workbench.jobs.simulate import simulate
 
 SCENE = {

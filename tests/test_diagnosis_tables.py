@@ -8,10 +8,10 @@ import pytest
 from robot_model.chain import rotate
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
-from workbench.diagnosis import select
-from workbench.diagnosis.evidence import Projected
-from workbench.diagnosis.hypotheses import judged
-from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.hypotheses import judged
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search import select
 from workbench.diagnosis.search.subset_algebra import Beside, Table
 
 

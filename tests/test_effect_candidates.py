@@ -8,8 +8,8 @@ from robot_model.effects.elastic import JointCompliance, LinkSelfWeight
 from scenes import ABB, SLIDING, model_of, scene
 from sensors.effects import CATALOGUE as SCANNER
 from workbench.core.effect import Effect, Grid, Variant, option_types
-from workbench.diagnosis.library import compliances, grids, names, subsumed, variants
-from workbench.diagnosis.sensor_library import Kind
+from workbench.diagnosis.robot.library import compliances, grids, names, subsumed, variants
+from workbench.diagnosis.scanner.sensor_library import Kind
 
 SCAN = Kind(
     stripes=True,

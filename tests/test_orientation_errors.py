@@ -21,8 +21,8 @@ from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.files import save as save_diagnosis
-from workbench.diagnosis.heldout import Errors
-from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.validation.heldout import Errors
 from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary
 from workbench.jobs.calibrate import calibrate, save
 from workbench.jobs.calibrate_large import calibrate_chunks

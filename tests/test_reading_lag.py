@@ -6,9 +6,9 @@ import tomli_w
 
 from robot_model.effects import CATALOGUE
 from workbench.core.covariates import last_moves
-from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.scatter import places, scattered
-from workbench.diagnosis.select import find
+from workbench.diagnosis.noise.scatter import places, scattered
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.select import find
 from workbench.jobs.simulate import simulate
 
 STILL = np.array([1e-4, 1e-4])

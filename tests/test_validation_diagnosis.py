@@ -9,13 +9,13 @@ import pytest
 
 from robot_model.effects import CATALOGUE
 from workbench.diagnosis.answer import diagnose
-from workbench.diagnosis.fixed import fixed_points
-from workbench.diagnosis.folds import schemes
-from workbench.diagnosis.heldout import Errors, paired, rms
-from workbench.diagnosis.problem import Finding
+from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.result import CONSISTENT, Term
-from workbench.diagnosis.robot import bench_of
-from workbench.diagnosis.select import find
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.robot.fixed import fixed_points
+from workbench.diagnosis.search.select import find
+from workbench.diagnosis.validation.folds import schemes
+from workbench.diagnosis.validation.heldout import Errors, paired, rms
 
 pytestmark = pytest.mark.slow
 GROUNDS = (

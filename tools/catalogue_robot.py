@@ -12,8 +12,8 @@ from catalogue_entries import FAINT, Entry, confounded, large_enough, listed, si
 from robot_model.effects import CATALOGUE
 from workbench.core.effect import make_effects
 from workbench.core.model import NOISE
-from workbench.diagnosis.experiment import Doubt, compared, told
-from workbench.diagnosis.robot import bench_of
+from workbench.diagnosis.planning.experiment import Doubt, compared, told
+from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.words import measured
 from workbench.jobs.simulate import simulate
 

@@ -1,6 +1,6 @@
 """What physics a fitted baseline leaves out: located, named, modelled and proved."""
 
-from workbench.diagnosis.problem import (
+from workbench.diagnosis.linear.problem import (
     Bench,
     Candidate,
     Finding,

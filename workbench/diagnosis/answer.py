@@ -9,10 +9,12 @@ import numpy as np
 
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
-from workbench.diagnosis import against, proof, replicates, stated_noise, words
-from workbench.diagnosis.experiment import missing_of, next_experiment
-from workbench.diagnosis.fixed import fixed_points
-from workbench.diagnosis.problem import Bench, Finding, Found
+from workbench.diagnosis import words
+from workbench.diagnosis.linear.problem import Bench, Finding, Found
+from workbench.diagnosis.linear.visible import smallest
+from workbench.diagnosis.noise import replicates, stated_noise
+from workbench.diagnosis.noise.scatter import CLAIMED, scattered, unrecorded
+from workbench.diagnosis.planning.experiment import missing_of, next_experiment
 from workbench.diagnosis.result import (
     UNEXPLAINED,
     Diagnosis,
@@ -22,15 +24,16 @@ from workbench.diagnosis.result import (
     verdict_of,
     with_statements,
 )
-from workbench.diagnosis.robot import RobotBench, bench_of
-from workbench.diagnosis.scatter import CLAIMED, scattered, unrecorded
-from workbench.diagnosis.select import LEVEL, find
-from workbench.diagnosis.sensor_errors import (
+from workbench.diagnosis.robot import against
+from workbench.diagnosis.robot.bench import RobotBench, bench_of
+from workbench.diagnosis.robot.fixed import fixed_points
+from workbench.diagnosis.scanner.sensor_errors import (
     ball_centres,
     errors_by_kind,
     random_image_error,
 )
-from workbench.diagnosis.visible import smallest
+from workbench.diagnosis.search.select import LEVEL, find
+from workbench.diagnosis.validation import proof
 from workbench.files.provenance import provenance
 
 PICTURES = ("board-images", "scan-images")
@@ -81,7 +84,7 @@ def diagnose(
 
 
 def _of_sensor(recording, reference, progress) -> Diagnosis:
-    from workbench.diagnosis import sensor
+    from workbench.diagnosis.scanner import sensor
 
     if reference is not None:
         raise InputError(

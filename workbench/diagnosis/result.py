@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from workbench.diagnosis.against import Shares
-from workbench.diagnosis.problem import Finding, Found, Located
-from workbench.diagnosis.visible import Visible
+from workbench.diagnosis.linear.problem import Finding, Found, Located
+from workbench.diagnosis.linear.visible import Visible
+from workbench.diagnosis.robot.against import Shares
 
 CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
     "consistent",

@@ -13,9 +13,9 @@ from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.vocabulary import Covariate, Place
-from workbench.diagnosis.problem import Finding
+from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.noise.scatter import ALONG
 from workbench.diagnosis.result import Term
-from workbench.diagnosis.scatter import ALONG
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
 _PLACES = {

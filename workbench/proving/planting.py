@@ -9,7 +9,7 @@ from robot_model.effects.transmission import TransmissionHarmonic, turning_joint
 from workbench.core.effect import NUMBERED, Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.vocabulary import Covariate, Place
-from workbench.diagnosis.library import compliances, names
+from workbench.diagnosis.robot.library import compliances, names
 from workbench.proving.oracle import Bench
 
 _SUPPORT = 0.9

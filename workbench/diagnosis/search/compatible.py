@@ -7,8 +7,8 @@ those that read the same covariates, for a law is a function of these, too.
 import numpy as np
 
 from robot_model.effects.transmission import JointCoupling, TransmissionHarmonic
-from workbench.diagnosis.hypotheses import Hypothesis
-from workbench.diagnosis.rivals import SHARP_DEGREE
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.rivals import SHARP_DEGREE
 
 _WAVE = TransmissionHarmonic.effect
 _SLOW = 6.0

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.diagnosis.evidence import Projected
-from workbench.diagnosis.hypotheses import Hypothesis
+from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.search.objective import LogPosterior
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise

@@ -25,9 +25,9 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
-from workbench.diagnosis.evidence import SIZES, Projected, log_evidence, log_evidence_each
-from workbench.diagnosis.hypotheses import Hypothesis
-from workbench.diagnosis.problem import Problem
+from workbench.diagnosis.linear.evidence import SIZES, Projected, log_evidence, log_evidence_each
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior
 from workbench.diagnosis.search.subset_algebra import Beside, Left, Table

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
-from workbench.diagnosis.loose import LABEL
+from workbench.diagnosis.robot.loose import LABEL
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 

@@ -17,9 +17,9 @@ from scipy.special import logsumexp
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import JointCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
-from workbench.diagnosis.evidence import Projected, log_evidence_each
-from workbench.diagnosis.hypotheses import Hypothesis
-from workbench.diagnosis.problem import Candidate, Problem
+from workbench.diagnosis.linear.evidence import Projected, log_evidence_each
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.problem import Candidate, Problem
 
 SECOND = float(np.log(0.2))
 """Log prior odds of one more term, beside what its own prior says."""

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from workbench.diagnosis.data import evened_out
-from workbench.diagnosis.evidence import Projected
-from workbench.diagnosis.hypotheses import Hypothesis, family_wise, judged
-from workbench.diagnosis.problem import Bench, Problem
-from workbench.diagnosis.scatter import Scatter, evened_by
+from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, judged
+from workbench.diagnosis.linear.problem import Bench, Problem
+from workbench.diagnosis.noise.data import evened_out
+from workbench.diagnosis.noise.scatter import Scatter, evened_by
 from workbench.diagnosis.search.compatible import compatible
 
 

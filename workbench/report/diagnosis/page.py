@@ -3,6 +3,7 @@
 import numpy as np
 
 from workbench.diagnosis import words as said
+from workbench.diagnosis.planning.scenes import SCENE
 from workbench.diagnosis.result import (
     AMBIGUOUS,
     CONSISTENT,
@@ -11,7 +12,6 @@ from workbench.diagnosis.result import (
     Diagnosis,
     Term,
 )
-from workbench.diagnosis.scenes import SCENE
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.chain import chain
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words

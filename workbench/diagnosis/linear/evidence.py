@@ -1,0 +1,380 @@
+"""Evidence of hypotheses on what is missing, after the baseline is projected out of everything.
+
+A hypothesis is a set of P columns X beside the baseline's. With y = M r and Z = M X (M = I - Q Q'),
+coefficients b ~ N(0, sigma^2 s^2 diag(typical^2)) and sigma^2 ~ inverse gamma, the marginal
+likelihood is Student's and closed but for the size s, which is summed over a logarithmic grid:
+
+    log E(s) = -1/2 log|I + s^2 D Z'Z D| - (nu + nu0)/2 log(1 - q(s) / (y'y + nu0)),
+    q(s) = y'Z D (Z'Z-in-D + s^-2 I)^-1 D Z'y,   D = diag(typical)
+
+(Zellner 1971, An Introduction to Bayesian Inference in Econometrics, ch. 3; MacKay, Neural Comp. 4,
+1992). All that is needed of the data are Z'Z (P x P) and Z'y (P): the moments. They come from sums
+over the coordinates of a sample, so a family of a thousand change points costs one cumulative sum.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.special import betainc, logsumexp
+
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.linear.problem import Problem, Scan
+
+SIZES = np.geomspace(0.1, 100.0, 13)
+"""Sizes of a disturbance in units of what is typical."""
+_LIKELY = -np.log(
+    np.maximum(1.0, SIZES / 3.0)
+)  # each as likely as the others up to three times typical, then 1/s
+_TOTAL = float(logsumexp(_LIKELY))
+_ANCHOR = 4.0  # degrees of freedom that the stated sigma is worth: it may be wrong
+_GONE = 1e-9  # squared share of a direction that rounding leaves when the baseline makes it exactly
+_CHUNK = 4096
+_KEPT = 400_000  # numbers of the waves of one place that are kept
+
+
+@dataclass(frozen=True)
+class Moments:
+    """C hypotheses of P columns: `gram` (C, P, P) = Z'Z, `score` (C, P) = Z'y, `raw` (C,) largest |X|^2,
+    all in typical sizes."""
+
+    gram: np.ndarray
+    score: np.ndarray
+    raw: np.ndarray
+
+
+@dataclass(frozen=True)
+class Scores:
+    """C hypotheses judged: `evidence` (C,) log Bayes factor against nothing, `gain` (C,) fall of y'y at
+    best, `rank` (C,), `p` (C,) of an F test, each by itself."""
+
+    evidence: np.ndarray
+    gain: np.ndarray
+    rank: np.ndarray
+    p: np.ndarray
+
+
+class Projected:
+    """A problem with its baseline projected out: y, y'y, the degrees left, and moments of hypotheses.
+
+    Inner products of columns with one another, with y and with the columns of all added effects are made once a
+    solution and kept with the problem (`Problem.known`). Beside any of these effects, moments follow by a Schur
+    complement.
+    """
+
+    def __init__(self, problem: Problem):
+        self.problem, self.beyond = problem, problem.beyond
+        self.y = problem.clear(problem.residual) if self.beyond is None else self.beyond.y
+        self.crowd = crowding(self.y, problem)
+        # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
+        self.yy = float(self.y @ self.y) / self.crowd
+        self.degrees = max(problem.degrees, 1) / self.crowd
+        self.known = problem.known
+        self._first = problem.basis[:, : problem.first]
+        n, size = problem.n, len(problem.sample)
+        self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
+
+    def of_columns(self, columns: np.ndarray, name: tuple | None = None) -> Moments:
+        """columns (C, N, P), already in typical sizes; `name`: of columns that are the problem's own."""
+
+        def first():
+            raw = np.einsum("cnp,cnq->cpq", columns, columns, optimize=True)
+            return _less(raw, _made(self._first, columns)), np.einsum("cpp->cp", raw).max(1)
+
+        def beside():
+            return np.einsum("cnp,n->cp", columns, self._y()), _made(self._columns(), columns)
+
+        known = {} if name is None else self.known
+        gram, largest = once(known, (name, "gram"), first)
+        return self._complement(gram, largest, *once(known, (name, "added"), beside))
+
+    def _complement(self, gram, largest, score, cross) -> Moments:
+        """Moments beside what is kept: gram (C, P, P), score (C, P) and cross (C, P, A) beside the baseline alone."""
+        if self.beyond is None:
+            return Moments(gram, score, largest)
+        made = cross @ self.beyond.mixing
+        return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
+
+    def _y(self) -> np.ndarray:
+        """(N,) the residual beside the baseline alone."""
+        return self.y if self.beyond is None else self.beyond.added.y
+
+    def _columns(self) -> np.ndarray:
+        """(N, A) columns of all added effects beside the baseline."""
+        return np.zeros((len(self.y), 0)) if self.beyond is None else self.beyond.added.columns
+
+    def slots(self, rows: np.ndarray, name: tuple) -> "Slots":
+        """Sums over each sample's coordinates of rows (k, N) of the problem with y, the bases and one another.
+
+        name: of the rows, under which what is made of them is kept.
+        """
+        add = self._sum
+
+        def with_one_another():
+            return np.stack([add @ (rows * row).T for row in rows])
+
+        return Slots(
+            lambda: add @ (rows * self._y()).T,
+            partial(self._with, rows, self._columns()),
+            partial(self._with, rows, self._first),
+            with_one_another,
+            self,
+            name,
+        )
+
+    def _with(self, rows, basis) -> np.ndarray:
+        """(k, n, R) sums over each sample's coordinates of the rows times a part of the basis."""
+        return np.stack([self._sum @ (basis * row[:, None]) for row in rows])
+
+    def fall(self, columns: np.ndarray) -> float:
+        """Fall of y'y by columns (N, P)."""
+        length = np.maximum(
+            np.sqrt((columns**2).sum(0)), 1e-300
+        )  # one that moves nothing makes nothing
+        return float(self.judge(self.of_columns(columns[None] / length)).gain[0])
+
+    def judge(self, moments: Moments) -> Scores:
+        """Evidence, gain and p-value of each hypothesis, every coordinate counting for as much as it is worth."""
+        parts = (moments.gram, moments.score, moments.raw)
+        scores = judge(Moments(*(part / self.crowd for part in parts)), self.yy, self.degrees)
+        return replace(scores, gain=scores.gain * self.crowd)
+
+
+def crowding(y: np.ndarray, problem: Problem) -> float:
+    """How many coordinates of one pose are worth one, as they err together: Kish's design effect, at least 1.
+
+    Repeats of a pose share what the model misses there; they say ten times the same. From the sums
+    over a pose against the sum of squares: 1 + (m - 1) rho on average (Kish, Survey Sampling, 1965).
+    """
+    m = len(y) // problem.n
+    _, label = np.unique(problem.pose, return_inverse=True)
+    if len(label) == label.max() + 1 or len(y) != m * problem.n:
+        return 1.0
+    sums = np.stack([np.bincount(label, row) for row in y.reshape(m, problem.n)])
+    return float(np.clip((sums**2).sum() / max(y @ y, 1e-300), 1.0, np.bincount(label).max()))
+
+
+def once(kept: dict, key, make):
+    """What `make()` gives, made once."""
+    if key not in kept:
+        kept[key] = make()
+    return kept[key]
+
+
+def _made(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(C, P, R) what a basis (N, R) makes of columns (C, N, P)."""
+    return np.einsum("nr,cnp->cpr", basis, columns, optimize=True)
+
+
+def _less(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
+    """(C, P, P) inner products without what is made, (C, P, R), of them."""
+    return gram - made @ made.swapaxes(1, 2) if made.shape[2] else gram
+
+
+@dataclass(frozen=True)
+class Slots:
+    """What is left of k slots once each sample's coordinates are summed, each made where it is asked for.
+
+    `score` (n, k) with the residual, `added` (k, n, A) with the columns of added effects, `basis` (k, n, R) with the
+    baseline's basis, `rows` (k, n, k) with one another. `name`: under which what depends on these alone is kept.
+    """
+
+    with_residual: Callable[[], np.ndarray]
+    with_added: Callable[[], np.ndarray]
+    with_baseline: Callable[[], np.ndarray]
+    with_one_another: Callable[[], np.ndarray]
+    projected: Projected
+    name: tuple
+
+    score = cached_property(lambda self: self.with_residual())
+    added = cached_property(lambda self: self.with_added())
+    basis = cached_property(lambda self: self.with_baseline())
+    rows = cached_property(lambda self: self.with_one_another())
+
+    def _moments(self, option, typical, score, raw, made) -> Moments:
+        """Of C hypotheses: `score()` (C, P), `raw()` (C, P, P), `made` of a basis (C, P, R); typical (C, P)."""
+        sizes = typical[:, :, None]
+
+        def first():
+            own = raw()
+            gram = _less(own, made(self.basis)) * sizes * typical[:, None, :]
+            return gram, (np.einsum("cpp->cp", own) * typical**2).max(1)
+
+        def beside():
+            return score() * typical, made(self.added) * sizes
+
+        known = self.projected.known
+        gram, largest = once(known, (self.name, option, "gram"), first)
+        more = once(known, (self.name, option, "added"), beside)
+        return self.projected._complement(gram, largest, *more)
+
+    def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares=None) -> Moments:
+        """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).
+
+        name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot. squares() (C, U, n):
+        products of all pairs of the functions, where they are known.
+        """
+        groups, count, n = waves.shape
+        flat = waves.reshape(groups * count, n)
+
+        def made(basis):
+            k = len(basis)
+            each = np.stack([flat @ b for b in basis]).reshape(k, groups, count, -1)
+            return each.transpose(1, 0, 2, 3).reshape(groups, k * count, -1)
+
+        def raw():
+            return self._of_squares(squares(), count) if squares else self._products(waves)
+
+        def score():
+            return np.einsum("cvn,nk->ckv", waves, self.score, optimize=True).reshape(groups, -1)
+
+        return self._moments(name, typical, score, raw, made)
+
+    def _products(self, waves) -> np.ndarray:
+        """(C, k V, k V) inner products, slot by slot."""
+        groups, count, _ = waves.shape
+        k = len(self.rows)
+        raw = np.empty((groups, k, count, k, count))
+        for i in range(k):
+            for j in range(i, k):
+                block = (waves * self.rows[i, :, j]) @ waves.transpose(0, 2, 1)
+                raw[:, i, :, j], raw[:, j, :, i] = block, block.transpose(0, 2, 1)
+        return raw.reshape(groups, k * count, k * count)
+
+    def _of_squares(self, squares, count) -> np.ndarray:
+        """As `_products`, from the products of all pairs of functions: one product of matrices for all slots."""
+        k = len(self.rows)
+        slots, functions = _pairs(k), _pairs(count)
+        first, second = np.triu_indices(k)
+        sums = squares @ self.rows[first, :, second].T  # (C, pairs of functions, pairs of slots)
+        raw = sums[:, functions[None, :, None, :], slots[:, None, :, None]]
+        return raw.reshape(len(squares), k * count, k * count)
+
+    def steps(
+        self, name: tuple, x: np.ndarray, options: np.ndarray, typical: np.ndarray
+    ) -> Moments:
+        """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,). name: of the steps."""
+        order = np.argsort(x, kind="stable")[::-1]
+        after = len(x) - np.searchsorted(x[order][::-1], options, side="right")
+
+        def made(basis):
+            return np.stack([_summed(b[order])[after] for b in basis], 1)
+
+        def raw():
+            return np.stack([_summed(r[order])[after] for r in self.rows], 1)
+
+        def score():
+            return _summed(self.score[order])[after]
+
+        sizes = np.broadcast_to(typical, (len(options), len(typical)))
+        return self._moments(name, sizes, score, raw, made)
+
+    def waves(
+        self, name: tuple, pair: tuple[np.ndarray, np.ndarray], typical: np.ndarray
+    ) -> Moments:
+        """Moments of rows * cos(option x) and rows * sin(option x), one hypothesis an option; typical (k,).
+
+        name: of the waves; pair: cosines and sines (V, n). Squares and products of waves are waves of twice the
+        option, so that sums over samples are two products.
+        """
+        k, n = len(typical), pair[0].shape[1]
+        size = (len(pair[0]), 2 * k)
+
+        def made(basis):
+            flat = basis.transpose(1, 0, 2).reshape(n, -1)
+            return np.stack([(part @ flat).reshape(len(part), k, -1) for part in pair], 2).reshape(
+                *size, -1
+            )
+
+        def raw():
+            rows = self.rows.transpose(1, 0, 2).reshape(n, k * k)
+            cosines, sines = pair
+            once, even, odd = rows.sum(0), (cosines**2 - sines**2) @ rows, (cosines * sines) @ rows
+            blocks = np.stack([(once + even) / 2, odd, odd, (once - even) / 2]).reshape(
+                2, 2, -1, k, k
+            )
+            return blocks.transpose(2, 3, 0, 4, 1).reshape(*size, 2 * k)
+
+        def score():
+            return np.stack([part @ self.score for part in pair], 2).reshape(size)
+
+        sizes = np.broadcast_to(np.repeat(typical, 2), size)
+        return self._moments(name, sizes, score, raw, made)
+
+
+def _pairs(count: int) -> np.ndarray:
+    """(count, count) number of each pair among those of `np.triu_indices`."""
+    out, (i, j) = np.empty((count, count), int), np.triu_indices(count)
+    out[i, j] = out[j, i] = np.arange(len(i))
+    return out
+
+
+def _summed(values):
+    """(n + 1, ...) sums of the first 0, 1, ... n."""
+    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, 0)])
+
+
+def log_evidence(volume: np.ndarray, gained: np.ndarray, projected: "Projected") -> np.ndarray:
+    """Log Bayes factor from log|I + s^2 D Z'Z D| and q(s), each (sizes, ...), summed over the sizes."""
+    return _summed_over_sizes(log_evidence_each(volume, gained, projected))
+
+
+def log_evidence_each(volume: np.ndarray, gained: np.ndarray, projected) -> np.ndarray:
+    """The same of each size by itself."""
+    share = np.minimum(gained / (projected.yy + _ANCHOR), 1 - 1e-12)
+    return -0.5 * volume - 0.5 * (projected.degrees + _ANCHOR) * np.log1p(-share)
+
+
+def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
+    """Log of the average over the sizes (the first axis) of exp(logs), each size as likely as it is."""
+    logs = logs + (_LIKELY - _TOTAL).reshape(-1, *[1] * (logs.ndim - 1))
+    top = logs.max(0)
+    return top + np.log(np.exp(logs - top).sum(0))
+
+
+def judge(moments: Moments, yy: float, degrees: float) -> Scores:
+    """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses."""
+    values, vectors = symmetric_eigen(moments.gram)
+    seen = values > np.maximum(_GONE * moments.raw, 1e-12)[:, None]
+    values = np.where(seen, values, 0.0)
+    along = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)
+    gain = np.divide(along**2, values, out=np.zeros_like(values), where=seen).sum(1)
+    gain, rank = np.minimum(gain, (1 - 1e-12) * yy), seen.sum(1)
+    spread = SIZES[:, None, None] ** 2
+    share = (along**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
+    volume, left = np.log1p(spread * values).sum(-1), np.log1p(-np.minimum(share, 1 - 1e-12))
+    logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * left
+    evidence = _summed_over_sizes(logs)
+    left = np.maximum(degrees - rank, 1)
+    p = np.where(
+        rank > 0, betainc(left / 2, np.maximum(rank, 1) / 2, 1 - gain / max(yy, 1e-300)), 1.0
+    )
+    return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
+
+
+def scan_moments(projected: Projected, scan: Scan) -> Moments:
+    """Moments of every option of a scan."""
+    slots = projected.slots(scan.rows, ("scan", scan.where, scan.effect, scan.kind))
+    if scan.kind == "step":
+        return slots.steps(("step",), scan.x, scan.options, scan.typical)
+    parts = []
+    for start in range(0, len(scan.options), _CHUNK // 4):
+        pair = _turned(projected.problem, scan, start)
+        parts.append(slots.waves(("wave", start), pair, scan.typical))
+    return Moments(
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("gram", "score", "raw"))
+    )
+
+
+def _turned(problem: Problem, scan: Scan, start: int) -> tuple[np.ndarray, np.ndarray]:
+    """(V, n) cosines and sines of a chunk of a scan's options; kept for all problems of the same samples, if few."""
+    options = scan.options[start : start + _CHUNK // 4]
+
+    def make():
+        turned = np.exp(1j * options[:, None] * scan.x)
+        return np.ascontiguousarray(turned.real), np.ascontiguousarray(turned.imag)
+
+    kept = problem.made if len(options) * len(scan.x) <= _KEPT else {}
+    return once(kept, ("wave", scan.where, scan.effect, start), make)

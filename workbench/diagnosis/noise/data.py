@@ -1,0 +1,96 @@
+"""What is wrong with the data rather than the model: outliers, and noise that is not the same everywhere."""
+
+import numpy as np
+from scipy.special import logsumexp
+
+from workbench.core.common_effects import NoiseLaw
+from workbench.diagnosis.linear.problem import Finding, Problem
+from workbench.diagnosis.noise.contaminated import contaminated
+from workbench.diagnosis.noise.outliers import evened, spread_along, spread_with
+
+CLAIMED = 1e-3
+"""Chance that something is said about the data of a recording with nothing wrong."""
+_CLEAR = 20.0  # Bayes factor from which on outliers are claimed: by chance less than once in as many times
+_RARE = 9.0  # recordings without outliers for one that has some
+
+
+def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
+    """(n,) bool of the outliers, and findings on the data: a spread that is not the same everywhere, and outliers."""
+    spread = _spread(problem)
+    factor, each = _outlying(problem, spread[0].depends_on[0] if spread else "")
+    if factor < np.log(_CLEAR):
+        return np.zeros(problem.n, bool), spread
+    found = each > 0.5
+    p, label = float(np.exp(-min(factor, 690.0))), f"{found.sum()} of {problem.n}"
+    return found, (
+        *spread,
+        Finding("outliers", "samples", label, (), p, 1 / (1 + _RARE * p), 0.0, 0.0),
+    )
+
+
+def far_off(problem: Problem, outliers: np.ndarray) -> float:
+    """Whitened sum of squares of the samples `outliers` (n,) bool, without the robust weights."""
+    left = (
+        problem.clear(problem.residual)
+        / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    )
+    return float((left[outliers[problem.sample]] ** 2).sum())
+
+
+def unevenly(problem: Problem) -> np.ndarray | None:
+    """(n,) how far the noise of each sample is spread, 1 on average; None where it is the same everywhere.
+
+    Noise that grows with something makes functions of it out of nothing: all is to be judged with it evened.
+    """
+    found = _spread(problem)
+    if not found:
+        return None
+    return spread_along(_white(problem), problem.covariates[found[0].depends_on[0]])
+
+
+def evened_out(problem: Problem, spread: np.ndarray) -> Problem:
+    """The problem whitened by the spread (n,) of each sample's noise."""
+    factor = (1 / spread)[problem.sample]
+    return problem.through(lambda rows: rows * factor, problem.weights / spread**2)
+
+
+def _white(problem: Problem) -> np.ndarray:
+    """(m, n) residuals of all that is kept, without the robust weights."""
+    root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    return (problem.clear(problem.residual) / root).reshape(-1, problem.n)
+
+
+def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
+    """Log Bayes factor that there are outliers, and the probability (n,) that a sample is one, if there are any.
+
+    Those with equally many coordinates are judged together, and the factors averaged; `name`: of the covariate that
+    the spread goes with.
+    """
+    white = (
+        problem.clear(problem.residual)
+        / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    )
+    order = np.argsort(problem.sample, kind="stable")
+    count, each, factors = np.bincount(problem.sample, minlength=problem.n), np.zeros(problem.n), []
+    for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
+        mine = order[count[problem.sample[order]] == m].reshape(-1, m)
+        at, left = problem.sample[mine[:, 0]], white[mine].T
+        factor, each[at] = contaminated(
+            evened(left, problem.covariates[name][at]) if name else left
+        )
+        factors.append(factor)
+    return float(logsumexp(factors) - np.log(len(factors))), each
+
+
+def _spread(problem: Problem) -> tuple[Finding, ...]:
+    """Noise that is not the same everywhere, where that is beyond chance; samples of several kinds are not compared."""
+    if len(problem.residual) % problem.n:
+        return ()
+    found = spread_with(_white(problem), problem.covariates)
+    if found is None or found[1] > CLAIMED:
+        return ()
+    name, p = found
+    return (Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
+
+
+__all__ = ["CLAIMED", "evened_out", "far_off", "of_data", "unevenly"]

@@ -1,0 +1,160 @@
+"""Whether the noise that a recording states is the noise that it has.
+
+Two estimates are compared with the stated standard deviation: the scatter of replicates, which needs no model, and the
+residual of the final model, where no structure is left in it. The test is one of the variance, with a standard error
+from the samples themselves, so that heavy tails do not count as a wrong statement (Box, Biometrika 40 (1953) 318, on
+the sensitivity of the chi-square test to kurtosis).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as fisher
+from scipy.stats import t as student
+
+from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.noise.replicates import LEAST_REPEATS, replicates
+
+EFFECT, WHERE = "stated-noise", "noise"
+LEVEL = 1e-3
+"""Chance of a false alarm on a recording whose statement is right."""
+RELEVANT = 1.25
+"""Ratio of standard deviations from which on a wrong statement matters: noise is seldom known better."""
+_QUANTILES = (0.5, 0.9)
+FROM_REPLICATES, FROM_RESIDUALS = "from replicates", "from residuals"
+
+
+@dataclass(frozen=True)
+class NoiseRatio:
+    """Found over stated standard deviation: `factor`, its standard error, p-value that it is 1, and the `source`.
+
+    `agreed`: the factor nearest to 1 of several estimates, which decides whether the statement is wrong.
+    """
+
+    factor: float
+    error: float
+    p_value: float
+    source: str
+    agreed: float
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the statement is wrong beyond chance and by more than matters."""
+        return self.p_value < LEVEL and abs(np.log(self.agreed)) > np.log(RELEVANT)
+
+
+@dataclass(frozen=True)
+class StatedNoise:
+    """What is compared with the stated noise.
+
+    white (m, n): residuals of the final model over the stated sigma, not weighted; degrees: their degrees of freedom;
+    usual (n,) bool: not an outlier; pose (n,): labels of repeated poses; index (n,): target of each sample.
+    """
+
+    white: np.ndarray
+    degrees: float
+    usual: np.ndarray
+    pose: np.ndarray
+    index: np.ndarray
+
+    def from_residuals(self) -> NoiseRatio | None:
+        """The ratio from the residual of the final model; None without degrees of freedom."""
+        share = self.degrees / self.white.size
+        if not self.degrees >= len(self.white):
+            return None
+        each = (self.white**2).mean(0) / share
+        return _ratio(each, len(self.white), self.pose, self.usual, self.degrees, FROM_RESIDUALS)
+
+    def from_replicates(self) -> NoiseRatio | None:
+        """The ratio from the scatter of repeats of one pose and target; None where there are too few."""
+        group, free = replicates(self.pose, self.index, self.white)
+        count = np.bincount(group)[group]
+        if free < LEAST_REPEATS * len(self.white):
+            return None
+        repeated = count > 1
+        means = np.stack(
+            [(np.bincount(group, row) / np.bincount(group))[group] for row in self.white]
+        )
+        each = ((self.white - means) ** 2).mean(0) * count / np.maximum(count - 1, 1)
+        m, pose, usual = len(self.white), self.pose[repeated], self.usual[repeated]
+        return _ratio(each[repeated], m, pose, usual, free, FROM_REPLICATES)
+
+    def lack_of_fit(self) -> float:
+        """p-value that the residual is no larger than the scatter of replicates; 1 without replicates."""
+        found, within = self.from_residuals(), self.from_replicates()
+        if found is None or within is None or not found.factor > RELEVANT * within.factor:
+            return 1.0
+        _, free = replicates(self.pose, self.index, self.white)
+        poses = len(self.white) * len(np.unique(self.pose))
+        return float(
+            fisher.sf((found.factor / within.factor) ** 2, max(min(self.degrees, poses), 1.0), free)
+        )
+
+
+def _ratio(
+    each: np.ndarray, m: int, pose: np.ndarray, usual: np.ndarray, degrees: float, source: str
+) -> NoiseRatio:
+    """The ratio from mean squares (n,) of samples of m coordinates, in units of the stated variance."""
+    factors = np.sqrt(_variances(each, m, usual))
+    agreed, factor = _agreed(factors), float(factors[1])
+    kept = each[usual] if usual.any() else each
+    _, group = np.unique(pose[usual] if usual.any() else pose, return_inverse=True)
+    sums = np.bincount(group, kept - kept.mean())  # repeats of one pose may err together
+    spread = float(np.sqrt((sums**2).sum()) / max(kept.sum(), 1e-300))
+    normal = float(np.sqrt(2.0 / max(degrees, 1.0)))
+    relative = 0.5 * max(spread, normal)  # of the standard deviation: half of that of the variance
+    t = abs(np.log(agreed)) / max(relative, 1e-300)
+    p = 2 * float(student.sf(t, max(min(len(sums) - 1, degrees), 1.0)))
+    return NoiseRatio(factor, factor * relative, max(p, 1e-300), source, agreed)
+
+
+def _variances(each: np.ndarray, m: int, usual: np.ndarray) -> np.ndarray:
+    """(4,) variance over the stated one: of all samples, of all but outliers, and of the bulk by two quantiles."""
+    inner = each[usual] if usual.any() else each
+    bulk = [m * np.quantile(each, q) / chi2.ppf(q, m) for q in _QUANTILES]
+    return np.maximum([each.mean(), inner.mean(), *bulk], 1e-300)
+
+
+def _agreed(factors: np.ndarray) -> float:
+    """The factor that all estimates agree on: the one nearest to 1, and 1 where they lie on both sides of it.
+
+    Outliers and heavy tails move the RMS, a mixture of instruments the quantiles; a wrong sigma moves all alike.
+    """
+    if (factors > 1).all():
+        return float(factors.min())
+    return float(factors.max()) if (factors < 1).all() else 1.0
+
+
+def compare(stated: StatedNoise, structure_left: bool) -> NoiseRatio | None:
+    """The wrong statement, from replicates where there are enough, else from residuals without structure; else None."""
+    found = stated.from_replicates()
+    if found is None and not structure_left:
+        found = stated.from_residuals()
+    return found if found is not None and found.is_wrong else None
+
+
+def finding_of(found: NoiseRatio) -> Finding:
+    """The finding of a wrong statement."""
+    label = f"{found.factor:.3g} times the stated sigma, {found.source}"
+    return Finding(EFFECT, WHERE, label, (), found.p_value, 1.0 - found.p_value, 0.0, 0.0)
+
+
+def parameters_of(found: NoiseRatio) -> tuple[dict, ...]:
+    """The factor as a row of parameters."""
+    row = {
+        "key": "noise.stated-noise.factor",
+        "name": "factor",
+        "where": WHERE,
+        "label": "noise found over noise stated",
+        "effect": EFFECT,
+        "value": found.factor,
+        "std": found.error,
+        "unit": "1",
+        "typical": 1.0,
+        "size_mm": None,
+    }
+    return (row,)
+
+
+__all__ = ["EFFECT", "NoiseRatio", "StatedNoise", "compare", "finding_of", "parameters_of"]

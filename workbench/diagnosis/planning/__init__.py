@@ -1,0 +1,1 @@
+"""The next experiment: recordings that might end a doubt (`planned`), compared (`experiment`), as scenes (`scenes`)."""

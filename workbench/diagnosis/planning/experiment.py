@@ -1,0 +1,256 @@
+"""The recording that would tell two explanations apart, worked out before anybody measures it.
+
+How far a finding stands from its best imitation by something else (and by the whole baseline), in sigmas, follows
+from the normal matrix of both together. Normal matrices add, so that every further pose has its worth: of each kind of
+recording (more poses; the same poses with a load, warmer, from both sides) the best poses are chosen by exchange,
+and the kind that needs the fewest of them is proposed.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_model.system import bind
+from workbench.core.errors import InputError
+from workbench.core.least_squares.design import choose
+from workbench.core.least_squares.linear_algebra import solve_positive
+from workbench.core.model import Model
+from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.linear.visible import told_apart
+from workbench.diagnosis.planning.planned import Plan, plans
+from workbench.diagnosis.planning.scenes import scene_of
+from workbench.diagnosis.result import Experiment, Term
+from workbench.diagnosis.search.select import LEVEL
+from workbench.diagnosis.words import covariate, listed, place
+
+POSES, _ASKED = 30, 3
+_HOPELESS = 30  # times as many samples as were planned
+_LIKELY, _ALIKE = (
+    0.05,
+    0.9,
+)  # probability, or share of the signature, from which on a rival is to be reckoned with
+_BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
+NOTHING = "Nothing that was found is in doubt, so that no further recording is needed to tell it from anything else."
+FEW = (
+    "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
+    "others."
+)
+CLEAN = "Nothing is missing that these data can show; the table of smallest sizes says what they cannot."
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A finding with its effects and values, the `rival` effects that might be in its place, and both their names."""
+
+    own: tuple
+    values: np.ndarray
+    rival: tuple
+    name: str
+    other: str
+
+
+def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: float) -> Experiment:
+    """The experiment that separates the least certain finding from its likeliest rival.
+
+    problem: of the model with the findings but those that are in doubt, or of the baseline. A bench that knows no
+    robot, a rival without a name and a missing column get their sentence without a computation.
+    """
+    if all(term.share is not None and not term.rest for term in terms):
+        few = FEW.format(poses=len(np.unique(problem.pose)))
+        return Experiment(few if p_first < LEVEL else CLEAN)
+    doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
+    if not doubtful:
+        return Experiment(NOTHING)
+    missing = _missing(doubtful)
+    asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
+        :_ASKED
+    ]
+    tried = [_asked(bench, terms, term, problem) for term in asked]
+    open_yet = [
+        k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0
+    ]
+    k = (
+        open_yet[0] if open_yet else 0
+    )  # rather one that these poses leave open than one that they tell already
+    term, (others, doubt, rows) = asked[k], tried[k]
+    if not rows:
+        return Experiment(missing or _by_word(term))
+    best, plan = rows[0]
+    scene, robot = scene_of(bench, others, doubt, plan, len(best["poses"]))
+    sentence = told(doubt, rows) + (f" {missing}" if missing else "")
+    figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
+    return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _asked(bench, terms, term: Term, problem: Problem):
+    """The other terms' effects, the doubt about one, and the recordings that might end it."""
+    others = tuple(e for one in terms if one is not term for e in one.finding.effects)
+    doubt = _doubt(bench, term, problem) if bench.chain is not None else None
+    return others, doubt, compared(bench, others, doubt) if doubt is not None else []
+
+
+def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Names of covariates that were not recorded and that a rival of some term would need, where that is likely."""
+    rivals = [one for term in terms for one in term.finding.alternatives if one.missing]
+    return tuple(
+        sorted({one.missing for one in rivals if one.probability >= _LIKELY or one.alike >= _ALIKE})
+    )
+
+
+def _missing(terms: Sequence[Term]) -> str:
+    """The sentence on columns that were not recorded and that a rival of some term would need."""
+    lacking = {covariate(name) for name in missing_of(terms)}
+    return (
+        f"Record {listed(sorted(lacking))} beside every sample; without it this stays open."
+        if lacking
+        else ""
+    )
+
+
+def _by_word(term: Term) -> str:
+    others = [f"{one.effect} at {place(one.where)}" for one in term.finding.alternatives[:3]]
+    changed = (
+        listed([covariate(name) for name in sorted(term.finding.depends_on)])
+        or "what it depends on"
+    )
+    aim = (
+        f"tell {_called(term)} from {listed(others, 'or')}"
+        if others
+        else f"learn what makes {_called(term)}"
+    )
+    return f"To {aim}: measure again where {changed} changes and nothing else does."
+
+
+def _called(term: Term) -> str:
+    found = term.finding
+    return f"{'an unknown error' if found.effect == 'unknown' else found.effect} at {place(found.where)}"
+
+
+def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
+    """The finding beside its likeliest rival that has a name; None where it has none."""
+    values = np.array([row["value"] for row in term.parameters])
+    for one in term.finding.alternatives:
+        rival = _effects_of(problem, one)
+        if rival and len(values):
+            other = f"{one.effect}{f' ({one.label})' if one.label else ''} at {place(one.where)}"
+            return Doubt(tuple(term.finding.effects), values, rival, _called(term), other)
+    return None
+
+
+def _effects_of(problem: Problem, one) -> tuple:
+    """The effects of an alternative: the candidate, or the option of a scan, of that name and place."""
+    for c in (*problem.candidates, *problem.loose):
+        if (c.effect, c.where, c.label) == (one.effect, one.where, one.label):
+            return c.effects
+    for scan in problem.scans:
+        if (scan.effect, scan.where) == (one.effect, one.where) and scan.make:
+            hits = [v for v in scan.options if scan.word.format(v) == one.label]
+            return tuple(scan.make(float(hits[0]))) if hits else ()
+    return ()
+
+
+def compared(bench, others, doubt: Doubt) -> list[tuple[dict, Plan]]:
+    """Every kind of recording with its best poses and what they would reach, the most telling first."""
+    found = []
+    for plan in plans(bench):
+        try:
+            found.append((_worth(bench, others, doubt, plan), plan))
+        except InputError:  # an effect needs a column that this kind of recording does not have
+            continue
+    found = [row for row in found if row[0] is not None]
+    return sorted(found, key=lambda row: row[0]["samples_needed"])
+
+
+def _worth(bench, others, doubt: Doubt, plan: Plan) -> dict | None:
+    """How far apart the two would stand with the plan's best poses."""
+    rows, own, prior, typical = _rows(bench, others, doubt, plan)
+    n = bench.chain.n
+    size = np.zeros(rows.shape[2])
+    size[own] = doubt.values / typical
+    known = np.einsum("nmf,nmg->fg", rows[:n], rows[:n]) + np.diag(prior)
+    blocks = _by_pose(rows[n:], plan.pose)
+    count = min(POSES, len(blocks))
+    task = np.zeros((1, 1, rows.shape[2]))
+    task[0, 0] = size / max(np.linalg.norm(size), 1e-300)
+    chosen = choose(blocks, count, "task", task, draws=20, known=known).chosen
+    more = known + np.einsum("nmf,nmg->fg", blocks[chosen], blocks[chosen])
+    now, then = _apart(known, size, own), _apart(more, size, own)
+    gained = then**2 - now**2
+    if not gained > 0:
+        return None
+    samples = int(np.isin(plan.pose, chosen).sum())
+    needed = samples * max(told_apart() ** 2 - now**2, 0.0) / gained
+    return {
+        "plan": plan.name,
+        "poses": chosen,
+        "samples": samples,
+        "apart_now_sigma": now,
+        "apart_then_sigma": then,
+        "gain_per_sample": gained / samples,
+        "samples_needed": float(np.ceil(needed)),
+    }
+
+
+def _apart(normal, size, own) -> float:
+    """Sigmas between the finding's signature and all that the other columns can make of it."""
+    rest = np.setdiff1d(np.arange(len(normal)), own)
+    cross = normal[np.ix_(own, rest)]
+    left = normal[np.ix_(own, own)] - cross @ solve_positive(normal[np.ix_(rest, rest)], cross.T)
+    return float(np.sqrt(max(size[own] @ left @ size[own], 0.0)))
+
+
+def _rows(bench, others, doubt: Doubt, plan: Plan):
+    """Whitened rows (n + extra, m, F) in typical sizes, places of the finding's parameters, precisions, their sizes."""
+    solved, fit, _ = bench.solve((*others, *doubt.own))
+    chain = bind(solved.chain.robot, plan.recording, solved.chain.start)
+    chain = replace(chain, state=replace(chain.state, covariates=plan.covariates(chain)))
+    model = Model(chain, (*bench.baseline, *others, *doubt.own, *doubt.rival))
+    parameters = model.parameters.take_over(fit.parameters)
+    own = [p.key for e in doubt.own for p in e.parameters(chain)]
+    rival = [p.key for e in doubt.rival for p in e.parameters(chain)]
+    free = parameters.only(parameters.mask | np.isin(parameters.keys, own + rival))
+    sigma = float(np.median(solved.sigma(fit.parameters)))
+    typical = free.typical[free.mask]
+    rows = model.linearise(free)[1] / sigma * typical[:, None, None]
+    keys = [key for key, chosen in zip(free.keys, free.mask) if chosen]
+    prior = (
+        np.where(np.isin(keys, own + rival), _BROAD**-2, free.precision[free.mask] * typical**2)
+        + 1e-9
+    )
+    mine = np.array([keys.index(key) for key in own])
+    return rows.transpose(2, 1, 0), mine, prior, typical[mine]
+
+
+def _by_pose(rows, pose):
+    """(poses, m', F) rows of one pose side by side, zeros where a pose has fewer than another."""
+    counts = np.bincount(pose)
+    place_in = np.arange(len(pose)) - np.repeat(np.cumsum(counts) - counts, counts)
+    made = np.zeros((len(counts), counts.max(), *rows.shape[1:]))
+    made[pose, place_in] = rows
+    return made.reshape(len(counts), -1, rows.shape[2])
+
+
+def told(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> str:
+    """What `compared` found, as a sentence or two."""
+    best, plan = rows[0]
+    if best["samples_needed"] == 0:
+        return (
+            f"These poses tell {doubt.name} from {doubt.other} already: at this size they stand "
+            f"{best['apart_now_sigma']:.1f} σ apart ({told_apart():.1f} σ are needed to be 95 % sure)."
+        )
+    if best["samples_needed"] > _HOPELESS * best["samples"]:
+        return (
+            f"No recording of the kinds that were compared tells {doubt.name} from {doubt.other}: they move the "
+            f"measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "
+            f"with {best['samples']} more samples, {plan.name}. Either corrects for both."
+        )
+    first = (
+        f"To tell {doubt.name} from {doubt.other}: {plan.words.format(poses=len(best['poses']))}. They would then "
+        f"stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
+        f"({told_apart():.1f} σ are needed to be 95 % sure)."
+    )
+    if len(rows) > 1:
+        other, second = rows[1]
+        first += f" The next best, {second.name}, would reach {other['apart_then_sigma']:.1f} σ with as many poses."
+    return first

@@ -1,0 +1,170 @@
+"""Where a robot's model may be wrong without a law being known: places, growth of links, scans over one number."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robot_model.effects import CATALOGUE
+from robot_model.effects.curve import curve_candidates
+from workbench.core.covariates import clock
+from workbench.core.effect import Grid
+from workbench.core.vocabulary import Covariate
+from workbench.diagnosis.linear.problem import Scan, Site
+from workbench.diagnosis.linear.rivals import Wave
+from workbench.diagnosis.robot.library import grids, scan_of
+
+_TYPICAL = {"rad": 3e-4, "mm": 0.05}
+_FRAME = np.array([0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4])
+_GROWTH = 1e-4  # of a link's length, ten kelvin
+# covariates that belong to one place, or stand here under another name
+_PARTICULAR = ("approach", "q", "qdot", "tau", "move", "seen", "down", "moment")
+_ALSO_AS = ("row", "time_s", "payload_kg")
+
+
+def scans(chain, rows) -> tuple[Scan, ...]:
+    """Effects with one option on a fine grid (any instant, any order), and the floor going to and fro.
+
+    rows: (port, slots) -> (k, m, n) whitened derivatives of the residual.
+    """
+    made = [_scan(grid, chain, rows) for grid in grids(CATALOGUE, chain)]
+    return (*made, *_floor(chain, rows, _FRAME))
+
+
+def _scan(grid: Grid, chain, rows) -> Scan:
+    """The grid with the derivatives of its slot and its covariate."""
+    effect = grid.make(grid.values[0])
+    own = rows(effect.port, effect.slots(chain))
+    if grid.factor is not None:
+        own = own * grid.factor[:, None]
+    return scan_of(grid, _flat(own), chain.state.covariates[grid.covariate])
+
+
+def sites(chain, rows) -> tuple[Site, ...]:
+    """Every place that may move, with the covariates that it may move with; rows as in `scans`."""
+    own = chain.state.covariates
+    general = tuple(c for c in own if np.ptp(own[c]) > 0 and _is_general(c))
+    angles = tuple(f"q{k}" for k in range(1, chain.robot.joints + 1) if np.ptp(own[f"q{k}"]) > 0)
+    made = _joint_sites(chain, rows, angles, general)
+    turns = _FRAME
+    more = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
+    more |= {
+        f"link-{k}": (
+            f"tau{k}",
+            f"tau{min(k + 1, chain.robot.joints)}",
+            *(f"moment{k}_{c}" for c in "xyz"),
+        )
+        for k in range(1, chain.robot.joints + 1)
+    }
+    for place in more:
+        made.append(
+            Site(
+                place,
+                "frame",
+                _flat(rows("frame", chain.slots("frame", place))),
+                "mm and rad",
+                turns,
+                tuple(dict.fromkeys((*angles, *_varying(own, more[place]), *general))),
+            )
+        )
+    if chain.measurement.place == "sensor":
+        seen = ("seen_x", "seen_y", "seen_z")
+        made.append(
+            Site(
+                "sensor",
+                "sensor",
+                _flat(rows("sensor", [0, 1, 2])),
+                "mm",
+                turns[:3],
+                (*seen, *general),
+            )
+        )
+    return tuple(made)
+
+
+def _is_general(name: str) -> bool:
+    """Whether a covariate belongs to no place and stands for itself."""
+    return Covariate.of(name).kind not in _PARTICULAR and name not in _ALSO_AS
+
+
+def _joint_sites(chain, rows, angles, general) -> list[Site]:
+    """The joints, each with the covariates that its angle may be wrong with."""
+    own = chain.state.covariates
+    curved = {curve.number for curve in curve_candidates(chain)}
+    made = []
+    for k in range(1, chain.robot.joints + 1):
+        mine = tuple(
+            c for c in (f"tau{k}", f"move{k}", f"approach{k}") if c in own and np.ptp(own[c]) > 0
+        )
+        pairs = tuple((a, b) for i, a in enumerate(angles) for b in angles[i + 1 :])
+        sides = [c for c in mine if Covariate.of(c).kind != "tau"]
+        pairs += tuple((a, b) for a in (f"q{k}", f"tau{k}") if a in (*angles, *mine) for b in sides)
+        unit = "mm" if chain.slides(k) else "rad"
+        made.append(
+            Site(
+                f"joint-{k}",
+                "joint",
+                _flat(rows("joint", [k - 1])),
+                unit,
+                np.array([_TYPICAL[unit]]),
+                (*angles, *mine, *general),
+                pairs,
+            )
+        )
+        if f"q{k}" in angles:
+            if k not in curved:  # elsewhere a joint-curve is a named candidate
+                made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
+    return made
+
+
+def lengths(chain, rows) -> tuple[Site, ...]:
+    """The growth of each link, as a share of its lengths."""
+    made = []
+    for k in range(1, chain.robot.joints + 1):
+        d, a = chain.robot.geometry[k - 1, 1:3]
+        if abs(d) + abs(a) > 0:
+            first = 5 * (k - 1)
+            row = d * rows("geometry", [first + 1]) + a * rows("geometry", [first + 2])
+            made.append(Site(f"link-{k}", "geometry", _flat(row), "1", np.array([_GROWTH]), ()))
+    return tuple(made)
+
+
+def _varying(covariates, names):
+    return tuple(name for name in names if np.ptp(covariates[name]) > 1e-9)
+
+
+def _floor(chain, rows, turns) -> list[Scan]:
+    """The base moving to and fro at any rate from twice in the recording to twice the samples' mean distance."""
+    time = clock(chain.state)
+    span = np.ptp(time)
+    cycles = np.arange(2.0, chain.n / 4, 0.5)
+    if span <= 0 or not len(cycles):
+        return []
+    units = ("mm", "mm", "mm", "rad", "rad", "rad")
+
+    def make(rate):
+        return (Wave("base", rate, units, tuple(turns.tolist())),)
+
+    flat = _flat(rows("frame", chain.slots("frame", "base")))
+    return [
+        Scan(
+            "unknown",
+            "base",
+            "wave",
+            flat,
+            time,
+            2 * np.pi * cycles / span,
+            np.ones(len(cycles)),
+            turns,
+            "",
+            make,
+            "to and fro, {:g} rad a unit of time",
+            ("time",),
+        )
+    ]
+
+
+def _flat(rows):
+    return rows.reshape(len(rows), -1)
+
+
+__all__ = ["lengths", "scans", "sites"]

@@ -1,0 +1,6 @@
+"""The bench of a scanner: pictures of boards and balls, from which camera, laser and mirror are diagnosed.
+
+`sensor` solves baseline and effects; `sensor_data` reads corners and stripes, `sensor_scans` and `sensor_balls`
+scans of balls; `sensor_library` lists the effects, `sensor_linear` makes their columns; `sensor_review` compares
+twins in full.
+"""

@@ -1,0 +1,362 @@
+"""The bench of a sensor: solves camera, mirror and effects with all poses, and makes the problem of a diagnosis there.
+
+Baseline: Brown's camera, a flat board, one mirror (axis, offset, beam) or free light planes, a ball of
+its certified radius. Placements of the board and centres of the balls belong to the baseline too:
+their columns stand in the basis, so that what any pose can make of an effect is projected out.
+Coordinates: u of all corners, v of all corners, stripes on boards, stripes on balls, in pixels.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.light.mirror import NAMES
+from workbench.core.effect import Effect
+from workbench.core.least_squares.bundle import BundleFit, solve_bundle
+from workbench.core.model import Model
+from workbench.core.parameters import Parameter, Parameters
+from workbench.diagnosis.linear.problem import Found, Problem, Site
+from workbench.diagnosis.linear.rivals import Smooth
+from workbench.diagnosis.scanner import sensor_data
+from workbench.diagnosis.scanner.sensor_data import Chains, Progress
+from workbench.diagnosis.scanner.sensor_library import Kind, described, places
+from workbench.diagnosis.scanner.sensor_linear import (
+    WIDEST,
+    Linear,
+    acts,
+    families_of,
+    host,
+    models,
+)
+from workbench.diagnosis.scanner.sensor_review import reviewed
+
+_IDENTIFIERS = ("placement", "scan", "sample", "step")  # columns that only name an image
+FREE_MIRROR = tuple(name for name in NAMES if name not in ("gain", "face_zero"))
+
+_FREE = 30.0  # typical sizes that a solve takes for one
+
+
+def bench_of(recording: Recording, progress: Progress = lambda text: None) -> "SensorBench":
+    """The bench of a recording of kind board-images or scan-images. Raises InputError."""
+    return SensorBench(sensor_data.read(recording, progress))
+
+
+class SensorBench:
+    """Implements `workbench.diagnosis.linear.problem.Bench` for corners, stripes on boards and stripes on balls.
+
+    A sample is a corner or a block of a stripe; `pose` (n,): the placement, or the scan's ball after them; `sigma`
+    (n,) px its noise.
+    """
+
+    unit = "px"
+    baseline: tuple[Effect, ...] = ()
+    chain = None
+    warnings: tuple[str, ...] = ()
+    whole = True  # a third of the placements would show a third as much, and other balls
+
+    def __init__(self, chains: Chains):
+        self.kind = _kind(chains)
+        middle = 0.0 if not self.kind.mirror else float(np.mean(chains.sheets.angles))
+        parts = chains.parts
+        own = {
+            name: described(sensor_data.noiseless(chain), name, middle)
+            for name, chain in parts.items()
+        }
+        self.covariates = _joined(own, chains.counts)
+        filled = _split(self.covariates, chains.counts, parts)
+        filled = {name: replace(chain, covariates=filled[name]) for name, chain in parts.items()}
+        self.chains = replace(chains, **filled)
+        self.n = sum(chains.counts)
+        self.pose = _poses(self.chains)
+        self.sigma = _sigma(self.chains)
+        self.order = self.covariates.get("time_s", np.arange(self.n, dtype=float))
+        self._solved: dict = {}
+        self._start: tuple | None = None
+
+    def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
+        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
+        return Linear(self, tuple(effects), *self.solve(effects, samples), samples).problem()
+
+    def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
+        """Chains on the samples, and the bundle's fit of baseline and effects there."""
+        named = tuple((e.effect, e.where, str(e.options)) for e in effects)
+        key = named, None if samples is None else samples.tobytes()
+        if key not in self._solved:
+            chains = self.chains if samples is None else _at(self.chains, samples)
+            self._solved[key] = chains, self._fit(chains, tuple(effects))
+        return self._solved[key]
+
+    def _fit(self, chains: Chains, effects) -> BundleFit:
+        """Solved from the last solution of the baseline."""
+        start, families = self._table(chains, effects), families_of(chains)
+        if self._start is not None:
+            start = start.take_over(self._start[0])
+            families = {n: replace(f, values=self._start[1][n]) for n, f in families.items()}
+        fit = solve_bundle(models(chains, effects), start, families, loss="huber")
+        if self._start is None and not effects:
+            self._start = fit.parameters, fit.values
+        return fit
+
+    def _table(self, chains: Chains, effects) -> Parameters:
+        return shared(models(chains, effects), chains.gain_free)
+
+    def _posed(self, chains: Chains, effects, known: Parameters) -> BundleFit:
+        """Poses and balls alone, with everything else as `known`."""
+        start = self._table(chains, effects).take_over(known)
+        families = {name: family for name, family in families_of(chains).items() if name != "step"}
+        return solve_bundle(
+            models(chains, effects), start.only(np.zeros(len(start), bool)), families, loss="huber"
+        )
+
+    def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
+        """(n,) px: error of each sample predicted from the other folds (n,) int; nan where fold < 0.
+
+        Camera, light, mirror and effects are those of the other folds. A held-out board pose comes from its corners
+        alone: fitted to its stripes as well, it would absorb most of what these are off by. A ball's centre is fitted
+        to its own stripes, since nothing else tells it.
+        """
+        error = np.full(self.n, np.nan)
+        for fold in np.unique(folds[folds >= 0]):
+            out = folds == fold
+            touched = np.isin(self.pose, self.pose[out])
+            _, fit = self.solve(effects, ~out)
+            chains = _at(_with_planes(self.chains, fit), touched)
+            lengths = self._held_by_corners(chains, tuple(effects), fit.parameters)
+            error[touched & out] = lengths[out[touched]]
+        return error
+
+    def _held_by_corners(self, chains: Chains, effects, known: Parameters) -> np.ndarray:
+        """(n,) px: errors with everything `known` but board poses, from corners, and centres of balls."""
+        without = replace(chains, sheets=None)
+        posed = self._posed(without, effects, known)
+        lengths = dict(zip(without.parts, (_lengths([part]) for part in posed.residual)))
+        if chains.sheets is not None:
+            sheets = chains.sheets.with_families({"placement": posed.values["placement"]})
+            alone = dict(zip(chains.parts, models(replace(chains, sheets=sheets), effects)))
+            model = alone["sheets"]
+            lengths["sheets"] = _lengths(
+                [model.evaluate(model.parameters.take_over(known)).residual]
+            )
+        return np.concatenate([lengths[name] for name in chains.parts])
+
+    def noise(self, usual: np.ndarray) -> tuple[float, str]:
+        """RMS error (px) that noise alone makes of the usual samples (n,) bool, weighted as held-out errors are."""
+        components = np.concatenate(
+            [
+                np.full(count, len(chain.sigma))
+                for chain, count in zip(self.chains.parts.values(), self.chains.counts)
+            ]
+        )
+        weight = self.sigma[usual] ** -2.0
+        return float(np.sqrt(components[usual].sum() / weight.sum())), "from neighbouring points"
+
+    def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
+        """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls."""
+        if self.chains.balls is None:
+            return None
+        _, fit = self.solve(tuple(effects))
+        return fit.values["ball"]
+
+    def parameters(
+        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+    ) -> tuple[dict, ...]:
+        """Every effect's parameters with value and std; `size_px` RMS of what one does to a coordinate, `size_mm` of
+        the same at the middle range."""
+        chains, fit = self.solve(effects, samples)
+        every = models(chains, tuple(effects))
+        scale = float(np.median(self.covariates["range"])) / chains.corners.camera.fx
+        rows = []
+        for effect in effects:
+            for p in effect.parameters(host(every, effect).chain):
+                value = fit.parameters[p.key]
+                size = _rms_of(every, fit, p.key) * abs(value)
+                told = {
+                    "key": p.key,
+                    "name": p.key.rpartition(".")[2],
+                    "where": effect.where,
+                    "label": p.label,
+                    "effect": effect.effect,
+                    "unit": p.unit,
+                    "typical": p.typical,
+                }
+                found = {"value": value, "std": fit.std.get(p.key, float("nan"))}
+                rows.append(told | found | {"size_px": size, "size_mm": size * scale})
+        return tuple(rows)
+
+    def units(self, effects: Sequence[Effect]) -> list[str]:
+        """Units of the parameters of some effects; the last of the chains knows light and balls, too."""
+        chain = list(self.chains.parts.values())[-1]
+        return [p.unit for effect in effects for p in effect.parameters(chain)]
+
+    def reviewed(self, found: Found, samples: np.ndarray | None = None) -> Found:
+        """What the search hands on: its findings against their twins, each solved in full."""
+        return reviewed(self, found, samples)
+
+    def typical(self, effect: Effect) -> np.ndarray:
+        """(P,) what sizes an effect's parameters have before measuring, in their own units."""
+        chain = next(chain for name, chain in self.chains.parts.items() if acts(effect, name))
+        return np.array([p.typical for p in effect.parameters(chain)])
+
+    def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
+        """A smooth function of the covariates at a site, as an effect that can join the model."""
+        spans = tuple(
+            (float(self.covariates[c].min()), float(self.covariates[c].max())) for c in names
+        )
+        made = Smooth(site.where, site.port, names, spans, site.unit, tuple(site.typical.tolist()))
+        made.components = next(
+            p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port)
+        )
+        return made
+
+
+def _kind(chains: Chains) -> Kind:
+    columns: dict[str, list] = {}
+    for name, chain in chains.parts.items():
+        for column, values in chain.covariates.items():
+            if column in _IDENTIFIERS or column == "mirror_deg":
+                continue
+            if name != "corners" or column not in ("sweep", "mirror_speed_deg_s"):
+                columns.setdefault(column, []).append(values)
+    varies = {c for c, parts in columns.items() if np.ptp(np.concatenate(parts)) > 0}
+    mirror = chains.sheets is not None and chains.sheets.mirror is not None
+    light = tuple(chains.sheets.mirror.point.tolist()) if mirror else None
+    balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
+    times = () if chains.sheets is None else _laser_column(chains, "time_s")
+    lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])
+    return Kind(
+        chains.sheets is not None,
+        mirror,
+        balls,
+        frozenset(varies),
+        light,
+        spreads=_spreads(chains, varies),
+        times=tuple(np.unique(times).tolist()),
+        board_lines=lines,
+    )
+
+
+def _laser_column(chains: Chains, name: str) -> np.ndarray:
+    """(n,) a recorded column of all stripes; empty where some have none."""
+    parts = [chain for chain in (chains.sheets, chains.balls) if chain is not None]
+    if not all(name in part.covariates for part in parts):
+        return np.empty(0)
+    return np.concatenate([part.covariates[name] for part in parts])
+
+
+def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
+    """Standard deviation of each recorded column that varies among the stripes."""
+    if chains.sheets is None:
+        return ()
+    spreads = {name: _laser_column(chains, name) for name in sorted(varies)}
+    return tuple((name, float(v.std())) for name, v in spreads.items() if v.size and v.std() > 0)
+
+
+def _joined(own: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
+    """(n,) every covariate of any part; in a part that does not have it the mean of the others."""
+    names = sorted({name for part in own.values() for name in part if name not in _IDENTIFIERS})
+    made = {}
+    for name in names:
+        held = [
+            np.nan_to_num(np.asarray(part[name], float)) for part in own.values() if name in part
+        ]
+        middle = float(np.concatenate(held).mean())
+        made[name] = np.concatenate(
+            [
+                np.nan_to_num(np.asarray(part.get(name, np.full(count, middle)), float))
+                for part, count in zip(own.values(), counts)
+            ]
+        )
+    return made
+
+
+def _split(covariates, counts, parts) -> dict[str, dict]:
+    edges = np.cumsum((0, *counts))
+    return {
+        part: {name: column[a:b] for name, column in covariates.items()}
+        for part, a, b in zip(parts, edges, edges[1:])
+    }
+
+
+def _poses(chains: Chains) -> np.ndarray:
+    first = len(chains.corners.poses)
+    labels = [
+        chain.labels["ball"] + first if name == "balls" else chain.labels["placement"]
+        for name, chain in chains.parts.items()
+    ]
+    return np.concatenate(labels)
+
+
+def _sigma(chains: Chains) -> np.ndarray:
+    """(n,) px, noise of a coordinate of each sample."""
+    return np.concatenate(
+        [
+            np.sqrt((np.broadcast_to(chain.sigma, (len(chain.sigma), count)) ** 2).mean(0))
+            for chain, count in zip(chains.parts.values(), chains.counts)
+        ]
+    )
+
+
+def _at(chains: Chains, samples: np.ndarray) -> Chains:
+    """The chains on some of all samples (n,) bool; a part of which nothing is left stays out."""
+    edges = np.cumsum((0, *chains.counts))
+    kept = {}
+    for (name, chain), a, b in zip(chains.parts.items(), edges, edges[1:]):
+        mine = samples[a:b]
+        kept[name] = chain.at(mine) if mine.any() or name == "corners" else None
+    return replace(chains, **kept)
+
+
+def _with_planes(chains: Chains, fit: BundleFit) -> Chains:
+    """The chains with the light planes of a fit, where these were free."""
+    if "step" not in fit.values:
+        return chains
+    changed = {
+        name: replace(chain, change=fit.values["step"])
+        for name, chain in chains.parts.items()
+        if name != "corners"
+    }
+    return replace(chains, **changed)
+
+
+def shared(every: Sequence[Model], gain_free: bool) -> Parameters:
+    """One table for all parts; free but for what a mirror does not show."""
+    table = Parameters.of(
+        {p.key: _wide(p) for model in every for p in model.parameters.table}.values()
+    )
+    for model in every:
+        table = table.take_over(model.parameters)
+    table = table.free("*")
+    held = [n for n in NAMES if n not in FREE_MIRROR and not (gain_free and n == "gain")]
+    return (
+        table.fix(*(f"mirror.{name}" for name in held)) if "mirror.gain" in table.index else table
+    )
+
+
+def _wide(parameter: Parameter) -> Parameter:
+    """A parameter of an effect as free as an effect may be large here, see `Linear.widened`; others as they are."""
+    if parameter.key.count(".") == 1:
+        return parameter
+    return replace(parameter, typical=_FREE * parameter.typical, prior=WIDEST * parameter.typical)
+
+
+def _lengths(residuals) -> np.ndarray:
+    return np.concatenate([np.sqrt((r**2).sum(0)) for r in residuals])
+
+
+def _rms_of(every, fit, key) -> float:
+    """RMS over all coordinates (px) of a parameter's column."""
+    squares = count = 0.0
+    for model in every:
+        count += model.chain.pixels.shape[1] * len(model.chain.sigma)
+        if key in model.parameters.index:
+            own = _own(model, fit)
+            rows = model.linearise(own.only(np.array([k == key for k in own.keys])))[1]
+            squares += float((rows**2).sum())
+    return float(np.sqrt(squares / max(count, 1)))
+
+
+def _own(model: Model, fit: BundleFit) -> Parameters:
+    """The model's own table at the fit's values."""
+    return model.parameters.take_over(fit.parameters)

@@ -1,0 +1,231 @@
+"""From pictures to what a diagnosis of the sensor looks at: corners, stripes on boards, stripes on balls.
+
+Found, cleaned and averaged once by the workbench's own calibration, with bow and free light planes,
+which hide next to nothing; what noise each kind of measurement has is then read from its third
+differences between neighbours. A smooth effect leaves none there, so a concealed one does not pass for noise.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.boards.detection import detect_all
+from sensors.camera.calibration import calibrate_camera
+from sensors.camera.corners import Corners
+from sensors.camera.model import Camera
+from sensors.light.board_stripes import thinned
+from sensors.light.grouping import groups
+from sensors.light.mirror import NAMES, MovedMirror, start_mirror
+from sensors.light.mirror_choice import FEWEST
+from sensors.light.planes import moved
+from sensors.light.sheets import Sheets
+from sensors.scanner.calibration import calibrate_scanner
+from workbench.core.least_squares.bundle import BundleFit
+from workbench.core.model import Model
+from workbench.diagnosis.scanner.sensor_balls import Balls
+from workbench.imaging.images import by_role
+from workbench.jobs import scanner as scanners
+
+MOST_STRIPES = 6_000
+"""Points of stripes on boards in all: some tens a stripe, which carry everything that is smooth along it."""
+_THIRD = 20.0  # variance of a third difference of unit noise: 1 + 9 + 9 + 1
+_ENOUGH = 30  # third differences that tell a noise
+_NORMAL = 1.4826  # sigma over the median of absolute deviations
+_WRONG = 4.0
+_STILL = 1e-6  # rad
+_ODD = 0.05  # of one, by which a mirror's turn may differ from the commanded one
+_ROUNDS = 4  # each leaves the square of what the last one missed by
+_FARTHEST = 20.0  # px that one round moves a stripe
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Chains:
+    """The measurements of a sensor, each chain started at a fit; `sheets`, `balls` None where there are none.
+
+    With a mirror where the angles were commanded, else with free planes; `gain_free`: what was
+    commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names.
+    """
+
+    corners: Corners
+    sheets: Sheets | None = None
+    balls: Balls | None = None
+    placements: tuple[str, ...] = ()
+    scans: tuple[str, ...] = ()
+    gain_free: bool = False
+
+    @property
+    def parts(self) -> dict[str, Corners | Sheets | Balls]:
+        """The chains that there are, in the order in which their coordinates stand in a problem."""
+        every = {"corners": self.corners, "sheets": self.sheets, "balls": self.balls}
+        return {name: chain for name, chain in every.items() if chain is not None}
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Samples of each part."""
+        return tuple(chain.pixels.shape[1] for chain in self.parts.values())
+
+
+def read(recording: Recording, progress: Progress = lambda text: None) -> Chains:
+    """Corners, stripes and balls of a recording of kind board-images or scan-images. Raises InputError."""
+    from workbench.diagnosis.scanner.sensor_scans import balls_of
+
+    by_role(recording, "board")
+    found = detect_all(
+        recording, lambda done, total, name: progress(f"board in picture {done} of {total}")
+    )
+    camera = calibrate_camera(
+        found.views, found.board, found.size, "brown", folds=0, progress=progress
+    )
+    stripes = _stripes(recording, camera, progress)
+    if stripes is None:
+        return noisy(Chains(camera.chain, placements=tuple(camera.placements)))
+    made = calibrate_scanner(
+        camera.views,
+        stripes,
+        camera.board,
+        camera.camera.size,
+        camera=camera,
+        mirror=False,
+        check=False,
+        progress=progress,
+    )
+    sheets, _ = thinned(made.free.sheets, MOST_STRIPES)
+    size = max(1, round(made.stripes.n / max(sheets.n, 1)))
+    sheets, gain_free = with_mirror(sheets, _commanded(stripes, made.scanner.steps))
+    balls, scans = balls_of(recording, made, sheets, size, progress)
+    return noisy(Chains(made.free.corners, sheets, balls, made.placements, scans, gain_free))
+
+
+def _stripes(recording, camera, progress):
+    """Stripes on the boards that were seen, None where no picture was taken under the laser."""
+    seen = {view.placement: view for view in camera.views}
+    rows: dict[str, list[Mapping]] = {}
+    for row in by_role(recording, "board-laser"):
+        if str(row["placement"]) in seen:
+            rows.setdefault(str(row["placement"]), []).append(row)
+    if not rows:
+        return None
+    usable = [(seen[name], taken) for name, taken in rows.items()]
+    return scanners.board_stripes(recording, usable, camera.board, progress)
+
+
+def _commanded(stripes, steps) -> np.ndarray | None:
+    """(S,) rad of the steps as commanded, None where images.csv does not say."""
+    kept = stripes.at(np.isin(stripes.step, steps))
+    angles = kept.angles(steps)
+    return None if angles is None or np.ptp(angles) < _STILL else angles
+
+
+def with_mirror(sheets: Sheets, commanded: np.ndarray | None) -> tuple[Sheets, bool]:
+    """The stripes on one mirror's planes, where angles (S,) rad were commanded, and whether its gain is unknown."""
+    if commanded is None or sheets.planes.shape[1] < FEWEST:
+        return sheets, False
+    count = np.bincount(sheets.labels["step"], minlength=sheets.planes.shape[1])
+    well = count >= np.median(count) / 2
+    well = well if well.sum() >= FEWEST else np.ones_like(well)
+    mirror, gain = start_mirror(sheets.planes[:, well], commanded[well])
+    angles, odd = commanded, abs(gain - 1) > _ODD
+    if odd:
+        mirror, gain = start_mirror(sheets.planes[:, well], commanded[well], True)
+        angles = commanded * gain
+    started = replace(sheets, angles=angles)
+    return started.moved(sheets.camera, sheets.poses, mirror.planes(angles), mirror), odd
+
+
+def at_solution(chains: Chains, fit: BundleFit) -> Chains:
+    """The chains started where a fit ended: camera, poses, balls, light planes or mirror."""
+    camera = Camera.of(
+        fit.parameters.values[: len(chains.corners.camera.values)], chains.corners.camera.size
+    )
+    made: dict = {"corners": chains.corners.moved(camera, fit.values["placement"])}
+    sheets, mirror = chains.sheets, None
+    if sheets is None:
+        return replace(chains, **made)
+    if sheets.mirror is None:
+        planes = moved(sheets.planes, fit.values["step"])
+    else:
+        change = MovedMirror(
+            sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
+        )
+        sheets, mirror = replace(sheets, angles=sheets.angles * change.gain), change.mirror
+        planes = mirror.planes(sheets.angles)
+    made["sheets"] = sheets.moved(camera, fit.values["placement"], planes, mirror)
+    if chains.balls is not None:
+        balls = replace(chains.balls, angles=sheets.angles)
+        made["balls"] = balls.moved(camera, fit.values["ball"], planes, mirror)
+    return replace(chains, **made)
+
+
+def measured(chain, effects, values: Mapping[str, float], noise) -> Corners | Sheets | Balls:
+    """The chain with pixels for which its residual, with `effects` at `values` (by key), is `noise` (m, n) px."""
+    table = Model(chain, effects).parameters
+    table = table.update({key: value for key, value in values.items() if key in table.index})
+    state = chain.state
+    for _ in range(_ROUNDS):
+        here = Model(chain, effects).evaluate(table)
+        miss = here.residual - noise
+        if len(miss) == 2:
+            chain = replace(chain, pixels=chain.pixels + miss, _kept_state=state)
+        else:
+            slope = (here.by_pixel * chain.scan).sum(0) / chain.gain
+            chain = replace(
+                chain,
+                pixels=chain.pixels + chain.scan * np.clip(-miss / slope, -_FARTHEST, _FARTHEST),
+            )
+    return replace(chain, _kept_state=None) if len(miss) == 2 else chain
+
+
+def noiseless(chain) -> Corners | Sheets | Balls:
+    """The chain with the pixels that it predicts where it starts.
+
+    What a function of the measured place does contains that measurement's own noise: where the
+    baseline makes all the rest of it, the noise is left, and fits itself.
+    """
+    return measured(chain, (), {}, 0.0)
+
+
+def noisy(chains: Chains) -> Chains:
+    """The same with each kind's sigma scaled to the noise that third differences of its residuals show."""
+    scaled = {}
+    for name, chain in chains.parts.items():
+        scale = noise_scale(chain, name)
+        scaled[name] = (
+            chain if scale is None else replace(chain, sigma=np.asarray(chain.sigma) * scale)
+        )
+    return replace(chains, **scaled)
+
+
+def noise_scale(chain, name: str) -> float | None:
+    """How many times its stated sigma a chain's noise is, None where too few neighbours tell.
+
+    Third differences along the rows of a board, or along a stripe, over the root of their variance
+    under the stated sigmas; those beyond four sigmas by their median do not count.
+    """
+    residual = chain.evaluate(chain.parameters.values, {}).residual / chain.sigma
+    line, along = _lines(chain, name)
+    order = np.lexsort((along, line))
+    residual, line = residual[:, order], line[order]
+    same = line[3:] == line[:-3]
+    third = np.diff(residual, 3, axis=1)[:, same] / np.sqrt(_THIRD)
+    if third.size < _ENOUGH:
+        return None
+    usual = _NORMAL * np.median(np.abs(third))
+    return float(np.sqrt((third[np.abs(third) <= _WRONG * usual] ** 2).mean()))
+
+
+def _lines(chain, name):
+    """(n,) which row of a board, or stripe, each sample is on, and (n,) its place along it."""
+    if name == "corners":
+        row = np.round(
+            chain.points[1]
+            / max(np.diff(np.unique(np.round(chain.points[1], 6))).min(initial=1.0), 1e-9)
+        )
+        view = chain.labels.get("view", chain.labels["placement"])
+        return groups(view, (row - row.min()).astype(int))[0], chain.points[0]
+    along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
+    return groups(chain.labels["placement" if name == "sheets" else "ball"], chain.labels["step"])[
+        0
+    ], along

@@ -1,0 +1,32 @@
+"""Measurements of a sensor as they would have been with effects of chosen sizes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.diagnosis.scanner.sensor import SensorBench
+from workbench.diagnosis.scanner.sensor_data import Chains, at_solution, measured
+from workbench.diagnosis.scanner.sensor_linear import acts
+
+
+def solved(bench: SensorBench) -> Chains:
+    """The bench's chains at the solution of its baseline: a true sensor to simulate from."""
+    return at_solution(*bench.solve())
+
+
+def simulated(
+    chains: Chains, effects: Sequence[Effect], values: Mapping[str, float], seed: int
+) -> Chains:
+    """The same pictures with fresh Gaussian noise of the stated sigmas, and with `effects` at `values` (by key) acting.
+
+    The chains are taken for true. Pixels are moved until the chain's residual, effects included, is the noise.
+    """
+    rng = np.random.default_rng(seed)
+    made = {}
+    for name, chain in chains.parts.items():
+        mine = tuple(effect for effect in effects if acts(effect, name))
+        noise = rng.standard_normal((len(chain.sigma), chain.pixels.shape[1])) * chain.sigma
+        made[name] = measured(chain, mine, values, noise)
+    return replace(chains, **made)

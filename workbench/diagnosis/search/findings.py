@@ -1,0 +1,174 @@
+"""What a search accepted, as findings: each with its probability among all that might stand in its place."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from robot_model.effects import CATALOGUE
+from workbench.diagnosis.linear.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
+from workbench.diagnosis.linear.problem import Alternative, Finding
+from workbench.diagnosis.noise.scatter import hidden, movement
+from workbench.diagnosis.robot.library import compliances, names
+from workbench.diagnosis.robot.loose import LABEL
+from workbench.diagnosis.search.compatible import same_place
+from workbench.diagnosis.search.posterior import Name
+from workbench.diagnosis.search.prior import SECOND
+from workbench.diagnosis.search.state import Search
+from workbench.diagnosis.search.stepwise import LAW
+
+ELASTIC = frozenset(names(compliances(CATALOGUE)))
+_CREDIBLE = 0.95
+_NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
+_SHOWN = 12  # alternatives that are no likelier than others are not told beyond so many
+_NUMBERS = 6  # in which a smooth function without a name may differ from another
+
+
+def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -> Finding:
+    """One that is accepted, with its posterior among all that might stand in its place beside the others.
+
+    names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
+    """
+    table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
+    slack = (1 - LAW) * search.explained()
+    rivals = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
+    total = logsumexp([h.log_weight for h in rivals])
+    shares: dict[tuple, float] = {}
+    for h in rivals:
+        shares[h.key] = shares.get(h.key, 0.0) + float(np.exp(h.log_weight - total))
+    size = search.size(i)
+    made = Finding(
+        *mine.key,
+        mine.label,
+        mine.effects,
+        max(family_wise(table), 1e-300),
+        shares.get(mine.key, 0.0),
+        size,
+        own.gain,
+        mine.unnamed,
+        _alternatives(rivals, shares, own, search.left(), _NEAR * search.variance()),
+    )
+    if names and mine.key in names:
+        made = _among_sets(made, shares, names)
+    return made if mine.unnamed else _doubted(search, own, made)
+
+
+def _among_sets(
+    made: Finding, shares: Mapping[tuple, float], names: Mapping[tuple, Name]
+) -> Finding:
+    """The finding with the posterior over sets of elastic terms in place of single exchanges between these.
+
+    Everything else keeps its share: together the elastic terms have what they had.
+    """
+    own = names[made.effect, made.where]
+    elastic = sum(share for key, share in shares.items() if key in names)
+    known = {(a.effect, a.where): a for a in made.alternatives}
+    others = [a for key, a in known.items() if key not in names]
+    instead = []
+    for key, share, alike in own.instead:
+        probability = elastic * share
+        why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
+        label = known[key].label if key in known else ""
+        instead.append(Alternative(*key, label, probability, alike, why))
+    ranked = sorted((*instead, *others), key=lambda a: -a.probability)
+    return replace(made, probability=elastic * own.probability, alternatives=tuple(ranked[:_SHOWN]))
+
+
+def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:
+    """What else is in the 95 % credible set, or so near in what it explains that what is left could tip the balance.
+
+    And what yields in another place and explains as much but for chance: only its prior speaks against it. And a joint
+    that yields to its own links alone, which it is too where masses are found and the load's turns out to be none.
+    """
+    ranked, covered, out = sorted(shares.items(), key=lambda item: -item[1]), 0.0, []
+    for key, share in ranked:
+        other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
+        twin = other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
+        near = (
+            left > 0
+            and not other.unnamed
+            and other.gain > own.gain - left
+            and other.rank <= own.rank
+        )
+        special = own.effects[0].subsumes if own.label == LABEL else ()
+        within = other.effect in special and other.where == own.where
+        near = twin or within or near and len(out) < _SHOWN
+        if key != own.key and (covered < _CREDIBLE or near):
+            alike = min(1.0, other.gain / max(own.gain, 1e-300))
+            why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
+            out.append(Alternative(*key, other.label, share, alike, why, other.missing))
+        covered += share
+    return tuple(out)
+
+
+def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
+    """The finding as likely as what is left at its very place allows: something unnamed there might make both.
+
+    That takes one thing instead of two at one place, but its shape must be the law's by chance but for a share s of
+    the whole: a direction among P lies so near to r given ones with a chance of about s^((P - r) / 2) (the tail of
+    the beta distribution of a squared correlation).
+    """
+    left, moves = _beside(search, own)
+    if left <= 0:
+        return made
+    share = left / (left + own.gain)
+    places = len({site.where for site in search.problem.sites})
+    two = (1 - UNNAMED_SHARE) * np.exp(SECOND) / (1 if moves else places)
+    one = UNNAMED_SHARE * share ** (max(_NUMBERS - own.rank, 1) / 2)
+    sure = float(two / (two + one))
+    other = Alternative(
+        "unknown",
+        made.where,
+        "one thing that makes this and what is left there",
+        made.probability * (1 - sure),
+        1.0,
+        "what is left at this place is beyond chance",
+    )
+    return replace(
+        made, probability=made.probability * sure, alternatives=(other, *made.alternatives)
+    )
+
+
+def tells(search: Search, own: Hypothesis) -> bool:
+    """Whether what moves by chance at its place is what a law makes of a covariate that was not recorded."""
+    if search.scatter is None or search.scatter.site.where not in same_place(own):
+        return False
+    return any(a.effect == own.effect for a in hidden(search.scatter, search.problem))
+
+
+def with_hidden(search: Search, made: Finding) -> Finding:
+    """The finding with what may make all that moves by chance at its place, of covariates that were not recorded."""
+    if search.scatter is None or search.scatter.site.where != made.where:
+        return made
+    known = {(a.effect, a.where, a.label) for a in made.alternatives}
+    more = [
+        a
+        for a in hidden(search.scatter, search.problem)
+        if (a.effect, a.where, a.label) not in known
+    ]
+    if made.effect != "unknown":
+        more = [a for a in more if a.effect == made.effect]
+    return replace(made, alternatives=(*made.alternatives, *more))
+
+
+def _beside(search: Search, own: Hypothesis) -> tuple[float, bool]:
+    """Sum of squares of what is at a law's place beside it, without a name; and whether it is the law's own covariate,
+    not recorded, that may make it."""
+    places, noise = same_place(own), search.variance()
+    table = search.table(search.everyone)
+    left = [
+        h.gain - h.rank * noise
+        for h in table
+        if h.unnamed and h.where in places and h.p / h.weight <= search.level
+    ]
+    left += [
+        search.own(i).gain for i, h in enumerate(search.accepted) if h.unnamed and h.where in places
+    ]
+    moves = search.scatter is not None and search.scatter.site.where in places
+    if moves:
+        left.append(movement(search.scatter))
+    return max(left, default=0.0), tells(search, own)
+
+
+__all__ = ["ELASTIC", "finding", "tells", "with_hidden"]

@@ -1,0 +1,220 @@
+"""What a baseline leaves out: the likeliest set of missing terms, searched beside the noise that the samples have.
+
+In this order: is anything missing at all (a family-wise test); the likeliest set of terms (`search`); the same where
+the noise turns out to depend on a covariate, or a place to move by chance; then findings with their probabilities. What
+the set is worth is not judged here but by nested cross-validation (`proof`).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.diagnosis.linear.hypotheses import family_wise, judged
+from workbench.diagnosis.linear.locate import located
+from workbench.diagnosis.linear.problem import Bench, Found, Problem
+from workbench.diagnosis.noise.data import far_off, of_data, unevenly
+from workbench.diagnosis.noise.rounded_readings import rounded_readings
+from workbench.diagnosis.noise.scatter import CLAIMED, Scatter, beside, place_of, scattered, told
+from workbench.diagnosis.search.compatible import near
+from workbench.diagnosis.search.findings import finding, tells, with_hidden
+from workbench.diagnosis.search.joint_functions import merge_joint_functions
+from workbench.diagnosis.search.likeliest import accept_likeliest
+from workbench.diagnosis.search.posterior import probabilities_of_names
+from workbench.diagnosis.search.state import Search
+from workbench.diagnosis.search.stepwise import LAW
+
+LEVEL = 0.005
+"""Chance that a recording with nothing missing is said to miss something."""
+_MANY = 1200  # samples beyond which a search takes only every so many poses
+LAW_ERROR = 0.015
+"""Share of an elastic law's effect that it may be wrong by: angles by tenths of a degree, lengths by a millimetre."""
+
+
+def find(
+    bench: Bench,
+    samples: np.ndarray | None = None,
+    *,
+    level: float = LEVEL,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Found:
+    """What the baseline of a bench leaves out, on `samples` (n,) bool (None: all).
+
+    level: chance of a false alarm on the whole search. Raises what the bench's solve raises.
+    """
+    search = Search(bench, samples, level, progress)
+    search.solve()
+    if search.problem.n > _MANY and not bench.whole:
+        return _confirmed(search, samples)
+    return bench.reviewed(_found(search), samples)
+
+
+def _found(search: Search) -> Found:
+    """The likeliest set on the search's samples, with the noise that they have."""
+    level, before, table = search.level, search.plain, search.table(())
+    places = located(search.problem, table)
+    first = _first(search)
+    search.spread = unevenly(search.problem.keeping())
+    if (
+        search.spread is not None
+    ):  # noise that grows with a covariate also passes for a function of it
+        search.say("the noise is not the same everywhere")
+        first = _again(search)
+    moving = _elsewhere(search) or _beside_unknowns(search)
+    if not moving:
+        search.scatter, own = _moving(search) or search.scatter, search.scatter
+        moving = search.scatter is not own
+    if moving and search.accepted:  # movement by chance also passes for laws
+        search.say(f"{search.scatter.site.where} moves from sample to sample")
+        search.level = CLAIMED  # how much it moves is only known nearly
+        first = _again(search)
+    merge_joint_functions(search)
+    names = probabilities_of_names(search)
+    findings = tuple(with_hidden(search, finding(search, i, names)) for i in search.everyone)
+    rest = family_wise(search.table(search.everyone))
+    after = search.plain.keeping()
+    outliers, data = of_data(after)
+    if rest <= level or search.scatter:
+        data = tuple(
+            f for f in data if not search.scatter and f.p_value < rest
+        )  # noise is judged where little is left
+    if any(h.unnamed for h in search.accepted):
+        outliers, data = _beyond_functions(search, after, outliers, data)
+    if moving:
+        data, places = _with_scatter(search, before, data, places)
+        first = min(first, search.scatter.p_value)
+    lattice = rounded_readings(after, level)
+    rounded = {f.where for f in lattice}
+    others = tuple(f for f in data if f.effect != "encoder-quantisation" or f.where not in rounded)
+    data = (*lattice, *others)
+    left = located(search.problem.keeping(), search.table(search.everyone))
+    return Found(
+        findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail)
+    )
+
+
+def _beyond_functions(search: Search, after: Problem, outliers, data):
+    """Outliers and findings on the data where functions without a name are accepted, which are only nearly right.
+
+    What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
+    hold more than what it may miss are outliers.
+    """
+    own = sum(search.beside(i)[0] for i in search.everyone if search.accepted[i].unnamed)
+    data = tuple(
+        f for f in data if f.effect == "outliers" and far_off(after, outliers) > (1 - LAW) * own
+    )
+    return outliers & bool(data), data
+
+
+def _again(search: Search) -> float:
+    """As `_first`, with the noise as it is known by now."""
+    search.accepted = ()
+    search.solve()
+    return _first(search)
+
+
+def _first(search: Search) -> float:
+    """The chance that nothing is missing; where it is small, the likeliest set of terms is accepted."""
+    first = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
+    if first <= search.level:
+        accept_likeliest(search)
+    return first
+
+
+def _moving(search: Search) -> Scatter | None:
+    """The place that moves by chance, unless what is left has a law, though not a known one."""
+    found = scattered(search.problem.keeping(), CLAIMED)
+    if found is None or found.p_value > family_wise(search.table(search.everyone)):
+        return None
+    return found
+
+
+def _with_scatter(search: Search, before: Problem, data, places):
+    """Findings on the data and places with what moves by chance, unless a finding there says more of it."""
+    if any(h.unnamed or tells(search, h) for h in search.accepted):
+        return data, places
+    place = (place_of(search.scatter),)
+    return (told(search.scatter, before), *data), (*places, *place) if search.accepted else (
+        *place,
+        *places,
+    )
+
+
+def _elsewhere(search: Search) -> bool:
+    """Whether movement by chance, at a place where no function without a name is, is likelier than all of these."""
+    unknown = [h.where for h in search.accepted if h.unnamed]
+    laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
+    bare, kept = search.problem.keeping(laws), search.problem.keeping()
+    found = scattered(bare, CLAIMED) if unknown else None
+    if found is None or any(near(found.site.where, where) for where in unknown):
+        return False
+    before, after = (float((p.clear(p.residual) ** 2).sum()) for p in (bare, kept))
+    if found.gain < 0.5 * kept.degrees * np.log(before / after):
+        return False
+    search.scatter = found
+    return True
+
+
+def _beside_unknowns(search: Search) -> bool:
+    """Laws asked again beside what a function without a name leaves at its own place, as it is only nearly right.
+
+    Whether the function itself is not needed there: then there is no more than movement by chance.
+    """
+    unknown = [
+        (search.beside(i)[0], h.source[0]) for i, h in enumerate(search.accepted) if h.unnamed
+    ]
+    if not unknown:
+        return False
+    site = max(unknown, key=lambda pair: pair[0])[1]
+    search.scatter = beside(
+        search.problem.keeping(), site.where, getattr(site, "port", "frame"), CLAIMED
+    )
+    if search.scatter is None:
+        return False
+    search.say(f"what is left at {site.where} is taken for the unknown's own")
+    search.solve()
+    accept_likeliest(search)
+    if any(h.unnamed and h.where == site.where for h in search.accepted):
+        return False
+    search.scatter = None
+    search.solve()
+    search.scatter = scattered(search.problem.keeping(), CLAIMED)
+    return search.scatter is not None
+
+
+def _confirmed(search: Search, samples) -> Found:
+    """The search on every so many poses, which is as valid and quicker; what is left is judged on all."""
+    whole, n = search.problem, search.problem.n
+    _, label = np.unique(whole.pose, return_inverse=True)
+    part = label % -(-n // _MANY) == 0
+    if samples is not None:
+        part = _within(samples, part)
+    found = _found(replace(search, samples=part, problem=search.bench.problem((), part), tables={}))
+    effects = [e for f in found.findings for e in f.effects]
+    after = search.bench.problem(effects, samples).keeping()
+    table = judged(after)
+    outliers, spread = of_data(after)
+    if any(
+        f.effect == "unknown" for f in found.findings
+    ):  # as the part has it, where laws and functions were judged
+        spread = tuple(f for f in spread if f.effect in {own.effect for own in found.spread})
+        outliers = outliers & any(f.effect == "outliers" for f in spread)
+    return replace(
+        found,
+        before=whole,
+        after=after,
+        p_rest=family_wise(table),
+        rest=located(after, table),
+        outliers=outliers,
+        spread=spread,
+    )
+
+
+def _within(samples: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """A part (k,) bool of the True ones of `samples` (n,), as (n,) bool."""
+    out = np.zeros(len(samples), bool)
+    out[np.flatnonzero(samples)[part]] = True
+    return out
+
+
+__all__ = ["LEVEL", "find"]

@@ -1,0 +1,101 @@
+"""Ways to leave samples out: blocks of time, blocks of the workspace, and placements of a sensor in turn.
+
+Folds never part what was measured at one pose. There are two schemes for an arm, because they ask different things:
+a slow drift does not survive blocks of time, a wrong law does not survive blocks of the workspace.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.diagnosis.linear.problem import Problem
+from workbench.fitting.cross_validation import blocks
+
+TIME, SPACE, DEALT = "blocks of time", "blocks of the workspace", "placements and balls in turn"
+_FOLDS, _HALVINGS = 5, 2
+_FEW = 50  # poses below which a fold leaves out half as many: a fifth of them would leave the geometry open
+_SEARCHED = 900  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """`name` of a way to part the samples and the `fold` (n,) int of each."""
+
+    name: str
+    fold: np.ndarray
+
+    @property
+    def folds(self) -> range:
+        """Numbers of its folds."""
+        return range(int(self.fold.max()) + 1)
+
+
+def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:
+    """Blocks of time and, for an arm, blocks of the workspace; for pictures, every fifth placement and ball."""
+    if "u" in problem.covariates:
+        return [Scheme(DEALT, _dealt(pose, problem))]
+    by_order = np.argsort(problem.order, kind="stable")
+    time = np.empty(problem.n, int)
+    few = len(np.unique(pose)) < _FEW
+    time[by_order] = blocks(pose[by_order], _FOLDS * (1 + few))
+    space = _halved(pose, problem)
+    return [Scheme(TIME, time)] + ([] if space is None else [Scheme(SPACE, space)])
+
+
+def _dealt(pose: np.ndarray, problem: Problem) -> np.ndarray:
+    """(n,) block of each sample: placements of boards and balls dealt out in turn, so that no block lacks a kind."""
+    poses, group = np.unique(pose, return_inverse=True)
+    board = np.zeros(len(poses), bool)  # a corner has two coordinates, a stripe one
+    board[group[np.bincount(problem.sample, minlength=problem.n) > 1]] = True
+    rank = np.where(board, np.cumsum(board) - 1, np.cumsum(~board) - 1)
+    return (rank % min(_FOLDS, max(int(board.sum()), 2)))[group]
+
+
+def _halved(pose: np.ndarray, problem: Problem) -> np.ndarray | None:
+    """(n,) block of each sample: poses halved at the median of what spreads most, and each half again."""
+    names = [c for c in ("q1", "q2", "q3") if np.ptp(problem.covariates.get(c, np.zeros(1))) > 0]
+    if not names:
+        return None
+    poses, group = np.unique(pose, return_inverse=True)
+    if len(poses) < 2 ** (_HALVINGS + 1):
+        return None
+    count = np.bincount(group)
+    place = np.stack([np.bincount(group, problem.covariates[c]) / count for c in names])
+    times = _HALVINGS + (len(poses) < _FEW)
+    return _halves(
+        place / np.maximum(place.std(1, keepdims=True), 1e-12), np.arange(len(poses)), times
+    )[group]
+
+
+def _halves(place, rows, times) -> np.ndarray:
+    """(len(rows),) block of each row."""
+    if times == 0:
+        return np.zeros(len(rows), int)
+    along = place[int(np.argmax(place[:, rows].std(1))), rows]
+    upper = np.argsort(np.argsort(along, kind="stable"), kind="stable") >= len(rows) / 2
+    out = np.empty(len(rows), int)
+    for half, first in ((~upper, 0), (upper, 2 ** (times - 1))):
+        out[half] = first + _halves(place, rows[half], times - 1)
+    return out
+
+
+def thinned(pose: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """(n,) bool: fewer of the samples, so that there are not too many to search: every second, third ... pose.
+
+    Where the poses are few, as of a recording with many repeats, each keeps some of its rows instead.
+    """
+    step = int(np.ceil(samples.sum() / _SEARCHED))
+    chosen, place = np.unique(pose[samples], return_inverse=True)
+    if step > 1 and len(chosen) < 2 * step * _FEW:
+        mixed = np.random.default_rng(0).permutation(len(place))
+        order = mixed[np.argsort(place[mixed], kind="stable")]
+        keep = np.zeros(len(place), bool)
+        keep[order[::step]] = True
+    else:
+        keep = place % step == 0
+    out = np.zeros(len(samples), bool)
+    out[np.flatnonzero(samples)[keep]] = True
+    return out
+
+
+__all__ = ["DEALT", "SPACE", "TIME", "Scheme", "schemes", "thinned"]

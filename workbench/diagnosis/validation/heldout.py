@@ -1,0 +1,216 @@
+"""Errors of samples that were left out, and whether a fall of them is real."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.validation.folds import Scheme
+from workbench.fitting.cross_validation import hold_out
+
+_HELD = 1e-3  # of a direction, what its prior is worth at least where one block alone determines it
+# length on the scale of the median sample from which on an error counts by its length and not by its square:
+# 5 % of clean samples are beyond it. As in the fit.
+_LIMIT, _MEDIAN = 2.8, 2.366
+
+
+def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) -> float:
+    """Root mean square of the errors (n,) that there are, of the usual samples; with sigma (n,) in the errors' unit
+    each weighs as in a fit."""
+    kept = usual & np.isfinite(errors)
+    if not kept.any():
+        return float("nan")
+    return float(
+        np.sqrt(
+            np.average(errors[kept] ** 2, weights=None if sigma is None else sigma[kept] ** -2.0)
+        )
+    )
+
+
+def paired(
+    pose: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    usual: np.ndarray,
+    sigma: np.ndarray | None = None,
+) -> float:
+    """t of the falls of the loss, one fall a pose: their mean over its standard error.
+
+    The loss is Huber's, as in every fit: of squares alone, a few poses that lie far off own the spread of all falls,
+    and what helps nine tenths of the poses is called luck (Diebold & Mariano, J. Bus. Econ. Stat. 13 (1995), leave the
+    loss free). Its scale is that of the median sample, of the smaller errors of the two.
+
+    sigma (n,): noise of each sample where they are not all of one kind, as corners, stripes on boards and stripes on
+    balls are not. Errors then count in it and a pose by all of its samples, see `_beside_what_shows`.
+    """
+    kept = usual & np.isfinite(before) & np.isfinite(after)
+    _, group = np.unique(pose[kept], return_inverse=True)
+    if not kept.any() or group.max() < 2:
+        return 0.0
+    unit = 1.0 if sigma is None else sigma[kept]
+    squares = (before[kept] / unit) ** 2, (after[kept] / unit) ** 2
+    scale = max(min(float(np.median(s)) for s in squares) / _MEDIAN, 1e-300)
+    losses = [_loss(s / scale) for s in squares]
+    falls = np.bincount(group, losses[0] - losses[1])
+    if sigma is not None:
+        return _beside_what_shows(
+            falls, np.bincount(group, (np.sqrt(losses[0]) - np.sqrt(losses[1])) ** 2)
+        )
+    falls = falls / np.bincount(group)
+    spread = falls.std(ddof=1) / np.sqrt(len(falls))
+    return float(falls.mean() / spread) if spread > 0 else 0.0
+
+
+def _beside_what_shows(falls: np.ndarray, moved: np.ndarray) -> float:
+    """t of the sum of the falls (p,) of poses that differ in how much of an effect they can show, `moved` (p,).
+
+    An effect moves the prediction of some poses a lot and of others not at all: a ball's not by what the board does,
+    a board's hardly where it stands square to the light. Where an effect is there, a pose's fall is in proportion to
+    the square of that; how the poses differ in it is no doubt of the effect, and only what the falls differ from
+    proportion by is. Each pose's by the proportion of all the others (MacKinnon & White, J. Econometrics 29 (1985),
+    the jackknife), so that one that shows nearly all of it by itself proves little.
+    """
+    total, shown = falls.sum(), moved.sum()
+    others = np.divide(
+        total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > _HELD * shown
+    )
+    spread = np.sqrt(((falls - others * moved) ** 2).sum() * (len(falls) - 1) / len(falls))
+    if not spread > 0:
+        return 0.0
+    worth = (
+        shown**2 / (moved**2).sum()
+    )  # of so many poses the sum is as good as made: t as a normal would have it
+    return float(norm.isf(np.clip(student.sf(total / spread, max(worth, 1.0)), 1e-300, 1 - 1e-16)))
+
+
+def _loss(z: np.ndarray) -> np.ndarray:
+    """Huber's loss of squared lengths z."""
+    return np.where(z < _LIMIT**2, z, 2 * _LIMIT * np.sqrt(z) - _LIMIT**2)
+
+
+def sigma_of(bench, samples: np.ndarray | None = None) -> np.ndarray | None:
+    """(n,) noise (px) of each of some samples (n,) bool (None: all) of a bench that has them of several kinds."""
+    sigma = bench.sigma
+    return sigma if sigma is None or samples is None else sigma[samples]
+
+
+class Errors:
+    """Held-out errors of a bench, each set of effects and folds once.
+
+    Errors are distances (n,) in mm or px; `angles_of` gives the rotation angles that belong to them.
+    """
+
+    def __init__(self, bench):
+        self.bench, self.kept = bench, {}
+        self._angles: dict[bytes, np.ndarray] = {}
+
+    def __call__(self, effects, fold: np.ndarray) -> np.ndarray:
+        """(n,) each sample predicted from the other folds."""
+        if self.bench.chain is None:
+            return self._once(effects, fold, lambda: self.bench.held_out(effects, fold))
+        both = np.empty((2, len(fold)))
+        for k in np.unique(fold):
+            both[:, fold == k] = self._block(effects, fold == k)
+        return self._remembered(both)
+
+    def block(self, effects, block: np.ndarray) -> np.ndarray:
+        """Errors of the samples of one block (n,) bool, predicted from all others."""
+        return self._block(effects, block)[0]
+
+    def angles_of(self, errors: np.ndarray) -> np.ndarray:
+        """(n,) rotation angles (deg) of the predictions whose distances (n,) this object returned.
+
+        nan where no orientation is measured.
+        """
+        return self._angles.get(errors.tobytes(), np.full(len(errors), np.nan))
+
+    def _block(self, effects, block: np.ndarray) -> np.ndarray:
+        """(2, k) distances and angles (deg) of the samples of one block."""
+        return self._once(effects, block, lambda: self._predict(effects, block)[:, block])
+
+    def _remembered(self, both: np.ndarray) -> np.ndarray:
+        """(n,) distances of (2, n) distances and angles; keeps the angles."""
+        if np.isfinite(both[1]).any():
+            self._angles[both[0].tobytes()] = both[1]
+        return both[0]
+
+    def predicted(
+        self, scheme: Scheme, chosen: Mapping[int, tuple[Effect, ...]], plain: np.ndarray
+    ) -> np.ndarray:
+        """(n,) errors where every fold is predicted with what was found without it."""
+        both = np.stack([plain, self.angles_of(plain)])
+        for k, effects in chosen.items():
+            if effects:
+                both[:, scheme.fold == k] = self._block(effects, scheme.fold == k)
+        return self._remembered(both)
+
+    def _predict(self, effects, block):
+        """(2, n) distances and angles (deg), nan where there are none."""
+        if self.bench.chain is None:  # a sensor's bench fits what is in no fold
+            distances = self.bench.held_out(effects, np.where(block, 0, -1))
+            return np.stack([distances, np.full_like(distances, np.nan)])
+        problem = self.bench.problem(effects).keeping()
+        if _alone(problem.basis[block[problem.sample]]).max(initial=0.0) > 1 - _HELD:
+            # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
+            return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
+        model, fit, _ = self.bench.solve(effects)
+        found = hold_out(model, fit.parameters, block, ~block, "huber")
+        angles = (
+            np.sqrt((found.rotation**2).sum(0))
+            if len(found.rotation)
+            else np.full(len(block), np.nan)
+        )
+        return np.stack([np.sqrt(found.squares), np.rad2deg(angles)])
+
+    def _once(self, effects, samples, make):
+        key = tuple(sorted(map(name_of, effects))), samples.tobytes()
+        if key not in self.kept:
+            self.kept[key] = make()
+        return self.kept[key]
+
+
+def name_of(effect: Effect) -> str:
+    """What tells an effect from every other."""
+    return f"{type(effect).__qualname__} {effect.effect} {effect.where} {effect.options}"
+
+
+def _alone(rows: np.ndarray) -> np.ndarray:
+    """Shares (R,) of directions that the rows (k, R) of an orthonormal basis alone determine, ascending."""
+    return symmetric_eigenvalues(rows.T @ rows)
+
+
+def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
+    """(n,) length of each sample's position residual (mm, px) when its block is left out of the linearised fit.
+
+    only: the one block that is asked for; nan elsewhere then.
+
+    e = (I - Q_b Q_b')^-1 r for a block b left out of a linear fit with orthonormal columns Q (Cook & Weisberg,
+    Residuals and Influence in Regression (1982), sec. 3.6).
+    """
+    return _left_out_lengths(problem, fold, only)[0]
+
+
+def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
+    """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured), as of `left_out`."""
+    left = problem.clear(problem.residual)
+    out, mine = np.full_like(left, np.nan), fold[problem.sample]
+    for k in np.unique(fold) if only is None else (only,):
+        rows = mine == k
+        block = problem.basis[rows]
+        values, vectors = symmetric_eigen(block.T @ block)
+        along = vectors.T @ (block.T @ left[rows]) / np.maximum(1 - values, _HELD)
+        out[rows] = left[rows] + block @ (vectors @ along)
+    out *= problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    if problem.rotation is None:
+        lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
+        return np.stack([lengths, np.full_like(lengths, np.nan)])
+    kinds = [np.where(part, out, 0.0) for part in (~problem.rotation, problem.rotation)]
+    lengths = [np.sqrt(np.bincount(problem.sample, kind**2, minlength=problem.n)) for kind in kinds]
+    return np.stack([lengths[0], np.rad2deg(lengths[1])])
+
+
+__all__ = ["Errors", "left_out", "name_of", "paired", "rms", "sigma_of"]

@@ -1,0 +1,136 @@
+"""Which splits of the samples can judge a term, and whether the terms together reduce the held-out error there.
+
+A split judges a term only where the term can be predicted across it:
+
+- a law of time (a step, a drift) cannot be predicted across a block of time that was not measured;
+- a curve cannot be extrapolated to joint angles that only the block left out has.
+
+Held-out errors before and after come from such a split, and terms that do not reduce that error are not kept.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.result import Term
+from workbench.diagnosis.validation.controls import of_order
+from workbench.diagnosis.validation.folds import TIME, Scheme
+
+REAL = 2.0
+"""t of the paired gains above which a held-out gain counts as significant."""
+_ONE_BLOCK = 0.9  # share of the information on a direction in one block from which on the others do not determine it
+_EXTRAPOLATED = (
+    0.25  # share of what a term makes along such directions from which on a split cannot judge it
+)
+_WORSE = (
+    0.01  # relative rise of the held-out RMS that a split which judges the terms may show by chance
+)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Held-out errors (n,) of a scheme with the baseline and with the terms, their RMS, and `judges`: it can judge."""
+
+    scheme: Scheme
+    before: np.ndarray
+    after: np.ndarray
+    rms_before: float
+    rms_after: float
+    judges: bool
+
+    @property
+    def improves(self) -> bool:
+        """Whether the terms reduce the error."""
+        return self.rms_after < self.rms_before
+
+    @property
+    def worsens(self) -> bool:
+        """Whether the terms raise the error by more than rounding of the estimate."""
+        return not self.rms_after <= self.rms_before * (1 + _WORSE)
+
+
+def judging_schemes(
+    bench,
+    effects: Sequence[Effect],
+    parts: Sequence[Scheme],
+    problem: Problem,
+    numbers: Sequence[int],
+) -> list[Scheme]:
+    """The schemes that can judge these effects; all of them where none can.
+
+    problem: solved with the effects, whose numbers among its `added` are `numbers`.
+    """
+    able = list(parts)
+    if len(able) > 1 and of_order(bench, effects):
+        able = [s for s in able if s.name != TIME]
+    able = [s for s in able if extrapolated_share(problem, numbers, s.fold) <= _EXTRAPOLATED]
+    return able or list(parts)
+
+
+def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarray) -> float:
+    """Share (0-1) of what some effects make that only the block left out determines; fold (n,) int.
+
+    With the effects' columns orthogonal to the baseline, orthonormal basis Q, and Q_b its rows of block b, the
+    eigenvalues of Q_b' Q_b say which share of the information on each direction lies in the block.
+    """
+    bare = problem.keeping(())
+    columns = np.concatenate([problem.added[i] for i in numbers], axis=1)
+    basis = bare.beside(columns)
+    made = bare.clear(sum(problem.added[i] @ problem.values[i] for i in numbers))
+    total = float(made @ made)
+    if not basis.shape[1] or not total > 0:
+        return 0.0
+    along = basis.T @ made
+    blocks = fold[problem.sample]
+    lost = 0.0
+    for k in np.unique(blocks):
+        rows = basis[blocks == k]
+        information, directions = symmetric_eigen(rows.T @ rows)
+        alone = directions[:, information > _ONE_BLOCK]
+        lost += float(((alone.T @ along) ** 2).sum())
+    return lost / total
+
+
+def combined_t(values: Sequence[float]) -> float:
+    """One t over several schemes: their mean, but the worst where one of them says that the error rises."""
+    return min(values) if min(values) < -REAL else float(np.mean(values))
+
+
+def headline(rows: Sequence[Judged]) -> Judged:
+    """The scheme whose errors are shown: the first that judges and improves, else the first that judges."""
+    judges = [row for row in rows if row.judges] or list(rows)
+    return next((row for row in judges if row.improves), judges[0])
+
+
+def is_supported(rows: Sequence[Judged]) -> bool:
+    """Whether the terms reduce the held-out error in a scheme that can judge them, and raise it in none of these."""
+    judges = [row for row in rows if row.judges] or list(rows)
+    return headline(rows).improves and not any(row.worsens for row in judges)
+
+
+def not_supported(term: Term, rows: Sequence[Judged], unit: str) -> Term:
+    """The term as refused, with the reason."""
+    judges = [row for row in rows if row.judges] or list(rows)
+    worst = max(judges, key=lambda row: row.rms_after / max(row.rms_before, 1e-300))
+    change = "rises" if worst.rms_after > worst.rms_before else "does not fall"
+    reason = (
+        f"with the terms found, the held-out error by {worst.scheme.name} {change} from {worst.rms_before:.3g} to "
+        f"{worst.rms_after:.3g} {unit}, and this term has the least support of them"
+    )
+    return replace(term, kept=False, reason=reason)
+
+
+__all__ = [
+    "REAL",
+    "Judged",
+    "combined_t",
+    "extrapolated_share",
+    "headline",
+    "is_supported",
+    "judging_schemes",
+    "not_supported",
+]
