@@ -121,9 +121,8 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     start = time.perf_counter()
     found = find(bench, progress=say)
     jobs = jobs if time.perf_counter() - start > _LONG_S else 1
-    unit = bench.unit
-    last = _Final(bench, found, unit)
-    terms, refused, proved = _proved(bench, found, last.noise, say, jobs)
+    unit, noise = bench.unit, _Final(bench, found, bench.unit).noise
+    terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last = _Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, terms, refused, last.after))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
@@ -131,9 +130,8 @@ def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int =
     if verdict == UNEXPLAINED:
         terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
-    visible = tuple(
-        smallest(found.before, unwhitened(found.before), lambda one: bench.units(one.effects))
-    )
+    scale = unwhitened(found.before)
+    visible = tuple(smallest(found.before, scale, lambda one: bench.units(one.effects)))
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
