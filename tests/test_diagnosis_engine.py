@@ -219,8 +219,7 @@ def test_a_worn_patch_of_a_gear_is_no_series_of_harmonics():
             return worn(state.variables[2])[None, None]
 
     answer = found(11, [Worn("joint-3", joint=4)], [1.2e-3])
-    assert {(f.effect, f.where) for f in answer.findings} == {("unknown", "joint-3")}
-    assert answer.findings[0].depends_on == ("q3",)
+    assert {(f.effect, f.where) for f in answer.findings} == {("joint-curve", "joint-3")}
 
 
 @pytest.mark.slow
