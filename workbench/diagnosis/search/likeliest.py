@@ -1,5 +1,6 @@
 """The likeliest set of missing terms: searched in the linearised problem, solved, searched again about the solution."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,8 @@ _ROUNDS = 4
 """Solutions about which the set is searched: the second nearly always confirms the first."""
 _FIRST, _BESIDE, _EACH, _UNNAMED = 48, 24, 4, 6
 """Terms taken into the search: the likeliest alone, beside all, in the place of each, and functions of each table."""
+_VARIANTS = 4
+"""Variants of one effect at one place among these."""
 _WIDE = 6
 """Accepted terms up to which the likeliest in the place of each are asked for; more are exchanged in pairs anyway."""
 
@@ -47,11 +50,25 @@ def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
     if len(search.accepted) <= _WIDE:
         pools += [(search.table(search.others(i)), _EACH, 0) for i in search.everyone]
     for table, named, unnamed in pools:
-        laws = [h for h in table if not h.unnamed][:named]
+        laws = _varied([h for h in table if not h.unnamed], named)
         functions = [h for h in table if h.unnamed][:unnamed]
         for h in (*laws, *functions):
             chosen.setdefault(name_of(h), h)
     return list(chosen.values()), tuple(range(len(order)))
+
+
+def _varied(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
+    """The first so many terms with at most `_VARIANTS` variants of one effect at one place: a step at each of a dozen
+    neighbouring instants would leave no room for other effects."""
+    seen: Counter = Counter()
+    out = []
+    for h in terms:
+        seen[h.key] += 1
+        if seen[h.key] <= _VARIANTS:
+            out.append(h)
+        if len(out) == count:
+            break
+    return out
 
 
 def _with_effect(bench, h: Hypothesis) -> Hypothesis:
