@@ -368,7 +368,7 @@ def test_a_place_without_a_proper_number_is_a_sentence(where):
 
 @pytest.mark.parametrize("where", ["base-1", "base-x"])
 def test_a_number_where_none_belongs_is_a_sentence(where):
-    with pytest.raises(InputError, match=f"cannot sit at '{where}'"):
+    with pytest.raises(InputError, match=f"cannot act at '{where}'"):
         make_effects(CATALOGUE, [("mount-tilt", where, {})])
 
 
