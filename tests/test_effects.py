@@ -368,7 +368,7 @@ def test_a_place_without_a_proper_number_is_a_sentence(where):
 
 @pytest.mark.parametrize("where", ["base-1", "base-x"])
 def test_a_number_where_none_belongs_is_a_sentence(where):
-    with pytest.raises(InputError, match=f"cannot act at '{where}'"):
+    with pytest.raises(InputError, match=f"cannot sit at '{where}'"):
         make_effects(CATALOGUE, [("mount-tilt", where, {})])
 
 
@@ -398,7 +398,7 @@ def test_a_place_that_is_not_there_is_a_sentence_of_the_parameters(name, where, 
 @pytest.mark.parametrize("name", ["transmission-harmonic", "axis-run-out"])
 def test_what_speaks_of_a_turn_does_not_sit_at_a_slide(name):
     with pytest.raises(
-        InputError, match=f"{name} .*at joint-2: expected a joint that turns, found one that slides"
+        InputError, match=f"{name} .*at joint-2: expected a revolute joint, found a prismatic one"
     ):
         model_of(scene("external-point", n=20, arm=SLIDING), (name, "joint-2", {})).parameters
 

@@ -189,7 +189,7 @@ class Effect:
         raise NotImplementedError
 
     def check(self, chain) -> None:
-        """Raise InputError if the chain has no such joint, link or ball, or if the joint must be revolute and is not."""
+        """Raise InputError if the chain has no such joint, link or ball, or if a joint is not revolute as required."""
         place = self.place.kind
         if place in NUMBERED and self.number not in (known := chain.numbers(place)):
             raise InputError(
@@ -301,7 +301,7 @@ def _make(catalogue, name, where, options) -> Effect:
     if not _sits(kind, where):
         places = ", ".join(f"{place}-K" if place in NUMBERED else place for place in kind.places)
         raise InputError(
-            f"effect '{name}' cannot act at '{where}': expected {places}; correct the place"
+            f"effect '{name}' cannot sit at '{where}': expected {places}; correct the place"
         )
     return kind(where, **_checked(kind, name, options))
 
