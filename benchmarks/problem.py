@@ -79,7 +79,7 @@ class Problem:
         return model.parameters.update(known).free("base.*", *geometry_free(self.robot))
 
     def model60(self) -> Model:
-        """With cos and sin of 1 and 2 times a turn at every joint, of 3 times at three: 30 more."""
+        """With cos and sin of 1 and 2 cycles per revolution at every joint, of 3 cycles at three: 30 more."""
         places = [(k, order) for order in (1, 2) for k in range(1, 7)] + [(k, 3) for k in (1, 2, 3)]
         return self.model.with_effects(
             *(TransmissionHarmonic(f"joint-{k}", order) for k, order in places)

@@ -17,9 +17,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def exam_of(folder, *names, truth='{"effects": []}\n'):
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     for name in names:
-        protocol.conceal(exam, name, _written, lambda: truth)
+        protocol.write_case(exam, name, _written, lambda: truth)
     return exam
 
 
@@ -63,7 +63,7 @@ def test_a_case_is_created_once_and_completely(tmp_path):
         raise OSError("disk full")
 
     with pytest.raises(OSError):
-        protocol.conceal(exam, "b", breaks, lambda: "{}")
+        protocol.write_case(exam, "b", breaks, lambda: "{}")
     assert exam.names() == ["a"] and not list((tmp_path / "cases" / "b").iterdir())
 
 

@@ -140,7 +140,7 @@ def test_a_bug_is_called_one_and_its_traceback_kept(monkeypatch, capsys):
     monkeypatch.setattr(cli, "app", broken)
     assert cli.run(["doctor"]) == cli.BUG
     said = capsys.readouterr().err
-    kept = Path(re.search(r"with (\S+\.txt),", said).group(1))
+    kept = Path(re.search(r"with the file (\S+\.txt),", said).group(1))
     assert "bug of the workbench" in said and "Traceback" not in said
     assert "ZeroDivisionError: inside" in kept.read_text()
     kept.unlink()
@@ -366,7 +366,7 @@ def test_a_list_of_samples_that_is_missing_is_named(tmp_path):
 def test_no_sample_is_fitted_and_tested():
     samples.check_apart((1, 2), (3,), Path("t"))
     samples.check_apart(None, (3,), Path("t"))
-    with pytest.raises(InputError, match="t names sample 2"):
+    with pytest.raises(InputError, match="t lists sample 2"):
         samples.check_apart((1, 2), (2, 3), Path("t"))
 
 
@@ -406,9 +406,7 @@ def test_a_calibration_is_shown_in_numbers():
     console = Console(record=True, width=100)
     tables.calibration(console, result)
     said = console.export_text()
-    assert (
-        "0.02134" in said and "joint-3" in said and "1 of 2 parameters, 1 not identifiable" in said
-    )
+    assert "0.02134" in said and "joint-3" in said and "1 of 2 parameters have no estimate" in said
 
 
 def test_the_doctor_says_what_is_missing(workbench):

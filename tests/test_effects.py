@@ -435,7 +435,7 @@ def test_a_place_that_is_not_there_is_a_sentence_of_the_parameters(name, where, 
 @pytest.mark.parametrize("name", ["transmission-harmonic", "axis-run-out"])
 def test_what_speaks_of_a_turn_does_not_sit_at_a_slide(name):
     with pytest.raises(
-        InputError, match=f"{name} .*at joint-2: expected a joint that turns, found one that slides"
+        InputError, match=f"{name} .*at joint-2: expected a revolute joint, found a prismatic one"
     ):
         model_of(scene("external-point", n=20, arm=SLIDING), (name, "joint-2", {})).parameters
 

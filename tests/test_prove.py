@@ -318,7 +318,7 @@ def own_folder(tmp_path, truth='{"effects": []}'):
 
 def test_a_folder_of_ones_own_is_checked(tmp_path):
     own = own_folder(tmp_path)
-    exam = protocol.Examination(tmp_path / "exam")
+    exam = protocol.BenchmarkRun(tmp_path / "exam")
     (own / "SHA256SUMS").write_text(f"{'0' * 64}  sealed/mine.json\n")
     with pytest.raises(InputError, match="changed after its hash was published"):
         prove.bring(exam, own)
@@ -330,7 +330,7 @@ def test_a_folder_of_ones_own_is_checked(tmp_path):
     (own / "sealed" / "other.json").unlink()
     (own / "sealed" / "mine.json").write_text('{"effects": [{"effect": "backlash"}]}')
     with pytest.raises(InputError, match='with "effect" and "where"'):
-        prove.bring(protocol.Examination(tmp_path / "again"), own)
+        prove.bring(protocol.BenchmarkRun(tmp_path / "again"), own)
 
 
 def test_an_examination_is_not_mixed_with_another(tmp_path):

@@ -40,7 +40,7 @@ def test_parts_of_an_examination_add_up(tmp_path):
     assert (
         not first.rows
         and first.planned == {"clean": 2}
-        and len(protocol.Examination(folder).names()) == 2
+        and len(protocol.BenchmarkRun(folder).names()) == 2
     )
     then = prove.prove(folder, ["library=1", "clean=1"], seed=5, jobs=1, minutes=0)
     assert then.planned == {"clean": 2, "library": 1}
@@ -51,8 +51,8 @@ def test_parts_of_an_examination_add_up(tmp_path):
 
 
 def exam_of_one(folder, truth='{"effects": []}\n'):
-    exam = protocol.Examination(folder)
-    protocol.conceal(exam, "a", lambda place: place.mkdir(), lambda: truth)
+    exam = protocol.BenchmarkRun(folder)
+    protocol.write_case(exam, "a", lambda place: place.mkdir(), lambda: truth)
     return exam, protocol.seal(exam)
 
 
@@ -101,7 +101,7 @@ def test_a_maker_that_takes_from_the_model_is_seen(tmp_path, monkeypatch):
     ):
         (tmp_path / "maker.py").write_text(text + "\n")
         monkeypatch.setattr(protocol, "MAKERS", (tmp_path / "maker.py",))
-        assert checks.checks(protocol.Examination(tmp_path), [])[0].reached is False
+        assert checks.checks(protocol.BenchmarkRun(tmp_path), [])[0].reached is False
 
 
 def test_the_program_has_one_checksum_in_one_process():
@@ -123,7 +123,7 @@ def test_too_few_cases_reach_nothing():
 
 def test_of_a_swallowed_effect_silence_is_right_below_the_size_that_is_stated():
     small = row("swallowed", "missed", below_visible=True, wrong_name=False)
-    rest = "named, or abstained, or below the smallest visible size that the answer states"
+    rest = "named, or abstained, or below the stated minimal detectable bias"
 
     def held(one):
         return next(f for f in figures.table([one]) if f.name == rest).reached

@@ -96,7 +96,7 @@ def test_a_process_that_always_dies_ends_in_one_sentence(study, tmp_path):
             raise BrokenProcessPool
 
     (tmp_path / tables.PARTS).mkdir()
-    with pytest.raises(InputError, match="their process died 3 times"):
+    with pytest.raises(InputError, match="the process of these runs died 3 times"):
         carry_out(study, tmp_path, partial(given, Broken()), 1, quiet)
 
 
@@ -147,7 +147,7 @@ def test_an_interrupt_says_what_is_kept_and_the_next_start_ends_it(study, tmp_pa
         if "run 15 of" in line:
             raise KeyboardInterrupt
 
-    with pytest.raises(Stopped, match=r"15 of 40 runs are kept in .*. The same command continues"):
+    with pytest.raises(Stopped, match=r"15 of 40 runs are saved in .*. The same command continues"):
         carried_out(path, tmp_path / "out", 1, None, stop)
     assert not (tmp_path / "out").exists() and (tmp_path / ".partial-out").is_dir()
     done = carried_out(path, tmp_path / "out", 1, None, quiet)

@@ -46,7 +46,7 @@ def test_the_joint_to_stiffen_is_the_one_that_carries_the_arm(tmp_path):
     found = summary(made)
     left = {row["joint"]: row["error_left"] for row in found["stiffen"]}
     assert min(left, key=left.get) == "joint-2" and left["joint-4"] > 0.9 and left["joint-2"] < 0.8
-    assert found["sentences"][0].startswith("Joint 2 is the one to stiffen")
+    assert found["sentences"][0].startswith("Joint 2 is the joint to stiffen")
     shares = {row["parameter"]: row["first"] for row in found["sensitivity"]["indices"]}
     assert max(shares, key=shares.get) == "joint_2"
 

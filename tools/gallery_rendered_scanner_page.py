@@ -69,10 +69,10 @@ its value, and what is left. Bold is more than 3 σ off.
 
 {effects}
 
-- `mirror-wobble` once and twice a turn over a sweep of 7° is a differently placed mirror: it is taken up by the
-  mirror's own seven numbers, or by free planes, and its own parameters are left at their priors. Nothing is lost,
-  but the truth in this row (planes without effects) is not what the scanner should find, so its points and balls
-  are not to be read as errors. Nor are the points of the other effects that move the light itself.
+- `mirror-wobble` with one and two cycles per revolution over a sweep of 7° is confounded with the pose of the mirror:
+  the seven numbers of the mirror, or free planes, absorb it, and its own parameters stay at their priors. No
+  accuracy is lost, but the truth in this row (planes without effects) is not what the scanner should find. Points
+  and balls of this row are therefore not errors, nor are the points of the other effects that move the light.
 - `subsurface-scatter` acts on balls alone. No board shows it: it is seen in the free radius and is to be found from
   balls.
 - `board-bow` is always in the model; what happens without it is said at the top.

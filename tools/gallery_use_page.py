@@ -66,8 +66,8 @@ standard error of that; in brackets what was predicted.
 By what is predicted {chosen} chosen poses are better than {twice} random ones in {where}; measured,
 in {clearly} by more than two standard errors. The choice therefore replaces twice as many measurements
 if candidates differ in their information on the tasks: in position and orientation, and in large numbers.
-The wider the tasks, the less it saves. With the tool always upright candidates are too much alike,
-and no search would help: in parts of what {twice} at random have, the bound is {short}.
+The wider the tasks, the less it saves. With the tool always upright the candidates are too similar, and
+no search would help: relative to {twice} at random, the bound is {short}.
 `--repeats` lets one pose be measured several times, which pays where candidates are few and the noise of each
 measurement is its own. A single draw may go either way, since the noise of one calibration is luck; what is predicted
 is the RMS over draws.
@@ -79,7 +79,7 @@ is the RMS over draws.
 ```
 
 {corrected}
-`corrected.csv` holds the readings to send instead, how far each target is moved, what the inversion leaves (a
+`corrected.csv` holds the readings to send instead, how far each target is moved, the inverse-kinematics residual (a
 hundredth of a micrometre), and 1 sigma of the place that is left uncertain. A target out of reach gets no readings,
 and the exit status is then 1. Sent to 100 other targets, over {arms} arms calibrated on 200 samples each (RMS of the
 true error, mm):

@@ -26,7 +26,7 @@ def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Pat
     """
     folder = Path(folder)
     if _holds_its_images(recording, folder):
-        return _write_beside(recording, folder, samples)
+        return _write_next_to_images(recording, folder, samples)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise complaint(
             str(folder), "a new or empty folder", "files in it", "name another folder or empty it"
@@ -45,7 +45,7 @@ def _holds_its_images(recording: Recording, folder: Path) -> bool:
     return own and bool(recording.images) and not (folder / "recording.toml").exists()
 
 
-def _write_beside(recording: Recording, folder: Path, samples: str) -> Path:
+def _write_next_to_images(recording: Recording, folder: Path, samples: str) -> Path:
     """All files but the images; recording.toml comes last, and without it a folder is no recording."""
     for row in recording.images:
         if not (folder / row["image"]).is_file():

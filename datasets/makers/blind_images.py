@@ -105,7 +105,7 @@ def _cone(world, rng, size):
 
 
 def _nod(world, rng, size):
-    """Twice a turn, as a shaft on an oval bearing: once a turn, the mirror's place and the beam make the most of it."""
+    """Wobble of two cycles per revolution (oval bearing); one cycle is confounded with the pose of the mirror."""
     lean, step = (
         size * rng.choice([-1, 1]) * rng.uniform(12e-3, 20e-3),
         size * rng.uniform(0.0, 0.2),

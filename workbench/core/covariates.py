@@ -1,4 +1,4 @@
-"""Covariates as effects use them: a clock, and how warm it is against the mean of the recording."""
+"""Derived covariates of effects: the clock, the last moves of the joints, and the temperature above the reference."""
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def warmth(state, *names: str) -> np.ndarray:
         if name in state.covariates:
             return state.covariates[name] - REFERENCE_C
     if "time_s" not in state.covariates and not getattr(state, "in_order", True):
-        state.covariate("temperature_c")  # raises: without an order nothing stands in for it
+        state.covariate("temperature_c")  # raises: without an order there is no substitute
     return clock(state) / 3600
 
 

@@ -1,4 +1,4 @@
-"""One physical effect is one definition: a perturbation of one port of a measuring chain."""
+"""Definition of a physical effect: a perturbation of one port of a measuring chain."""
 
 import inspect
 from collections.abc import Iterable, Mapping
@@ -14,7 +14,7 @@ from workbench.core.vocabulary import Place
 
 
 class Recorded(Protocol):
-    """What candidates are chosen for: a machine with a recording, of which only covariates are looked at."""
+    """A machine with a recording, as input to the choice of candidates; only its covariates are used."""
 
     def places(self, kind: str) -> tuple[str, ...]: ...  # what `where` may be: "joint-1", ...
     def varies(self, covariate: str) -> bool: ...  # whether it is known and not constant
@@ -23,7 +23,7 @@ class Recorded(Protocol):
 
 @dataclass(frozen=True)
 class Variant:
-    """One explanation that a diagnosis weighs: an effect with given options at one place.
+    """A candidate explanation of a diagnosis: an effect with given options at one place.
 
     `label`: what distinguishes it from other variants at that place ("order 2"). `mass`: its share
     of the prior probability of its family, relative to the other members. `missing`: the kind of
@@ -180,16 +180,16 @@ class Effect:
         return self.place.number
 
     def parameters(self, chain) -> tuple[Parameter, ...]:
-        """The P parameters, keys `<where>.<effect>.<name>`; InputError where the chain has no such place."""
+        """The P parameters, keys `<where>.<effect>.<name>`. Raises InputError if the chain has no such place."""
         self.check(chain)
         return self.table(chain)
 
     def table(self, chain) -> tuple[Parameter, ...]:
-        """What `parameters` gives, of a place that is there."""
+        """The parameters for an existing place; called by `parameters`."""
         raise NotImplementedError
 
     def check(self, chain) -> None:
-        """InputError where this chain has no such joint, link or ball, or a slide for a turning joint."""
+        """Raise InputError if the chain has no such joint, link or ball, or if a joint is not revolute as required."""
         place = self.place.kind
         if place in NUMBERED and self.number not in (known := chain.numbers(place)):
             raise InputError(
@@ -198,7 +198,7 @@ class Effect:
             )
         if self.turning and chain.slides(self.number):
             raise InputError(
-                f"{self.title}: expected a joint that turns, found one that slides; take the effect out or move it"
+                f"{self.title}: expected a revolute joint, found a prismatic one; remove the effect or change its place"
             )
 
     def slots(self, chain) -> tuple[int, ...]:
@@ -307,7 +307,7 @@ def _make(catalogue, name, where, options) -> Effect:
 
 
 def _checked(kind, name, options) -> dict:
-    """The options, each of the type that the effect's constructor says, none missing or unknown."""
+    """The options, converted to the types of the effect's constructor; none may be missing or unknown."""
     known = dict(list(inspect.signature(kind).parameters.items())[1:])
     missing = [
         key

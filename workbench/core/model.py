@@ -1,7 +1,7 @@
-"""A measuring chain with effects: predict, linearise, simulate.
+"""A measuring chain with effects: prediction, linearisation, simulation.
 
-The chain knows the derivative of its residual with respect to each of its ports; an effect knows
-how it moves its slots of one port. The derivative with respect to an effect's parameters is the
+The chain provides the derivative of its residual with respect to each of its ports; an effect provides
+the change of its slots of one port. The derivative with respect to an effect's parameters is the
 product of the two, for robots and scanners alike.
 """
 
@@ -34,7 +34,7 @@ class Evaluation(Protocol):
 
 
 class Chain(Protocol):
-    """What a robot or a scanner gives: parameters of its own, state, sigma and an evaluation."""
+    """Interface of a robot or scanner chain: parameters, state, sigma and evaluation."""
 
     parameters: Parameters
     state: object
@@ -51,7 +51,7 @@ class Chain(Protocol):
 
 @dataclass(frozen=True)
 class Model:
-    """A chain bound to n samples, with the effects that are believed to act in it."""
+    """A chain bound to n samples, with the modelled effects."""
 
     chain: Chain
     effects: tuple[Effect, ...] = ()
@@ -66,7 +66,7 @@ class Model:
 
     @cached_property
     def spans(self) -> tuple[slice, ...]:
-        """Where each effect's parameters stand."""
+        """Slices of the parameters of each effect."""
         start, spans = len(self.chain.parameters), []
         for effect in self.effects:
             spans.append(slice(start, start + len(effect.parameters(self.chain))))
@@ -139,7 +139,7 @@ class Model:
 
     @cached_property
     def _slots_by_port(self) -> dict[str, np.ndarray]:
-        """Slots that some effect moves, sorted, of each port that reaches the residual by itself."""
+        """Sorted slots that any effect changes, for each port that acts on the residual directly."""
         every: dict[str, set] = {}
         for effect in self.effects:
             if effect.port not in (NOISE, *STATE_PORTS):

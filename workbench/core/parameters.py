@@ -1,4 +1,4 @@
-"""Named values with unit, null, typical size and free mask: what a model has and a solve changes."""
+"""Parameters of a model: named values with unit, null value, typical size, prior and free mask."""
 
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -17,8 +17,8 @@ class Parameter:
 
     `key` is `<where>.<name>` with `where` from the vocabulary (`joint-3`, `base`, `tool`, ...).
     `null` is the value at which the parameter does nothing or is nominal. `typical` is the size,
-    in `unit`, that somebody would expect before measuring; it scales the columns of the Jacobian,
-    so that millimetres and radians can be compared. `label` is how a sentence calls it. `prior` is
+    in `unit`, that is expected before the measurement; it scales the columns of the Jacobian and
+    makes millimetres and radians comparable. `label` is how a sentence calls it. `prior` is
     the 1 sigma, in `unit`, of its prior about `null`; None: no prior.
     """
 
@@ -123,9 +123,9 @@ class Parameters:
         return replace(self, values=new)
 
     def nudged(self) -> "Parameters":
-        """Effects that are at their null moved by a third of their typical size.
+        """Effects at their null value, changed by a third of their typical size.
 
-        What multiplies an effect (a mass that only shows through a compliance) shows only then.
+        Parameters that multiply an effect (a mass that acts only through a compliance) have a derivative only then.
         """
         effect = np.array([key.count(".") > 1 for key in self.keys], bool)
         still = self.mask & effect & (self.values == self.nulls)

@@ -162,7 +162,7 @@ def _check_gravity(file: RobotFile, where: str) -> None:
 
 
 def _check_angles(file: RobotFile, where: str) -> None:
-    """Radians, told by numbers that degrees would not take."""
+    """Raise InputError for angles that are plausible only in radians."""
     quarters = np.pi / 2 * np.arange(1, 5)
     for k, joint in enumerate(file.joint, 1):
         for key in ("theta_deg", "alpha_deg"):
@@ -231,7 +231,7 @@ def _check_rest(file: RobotFile, where: str) -> None:
         if joint.mass_kg and joint.com_mm is None:
             raise complaint(
                 f"{where}: joint {k}",
-                "com_mm beside mass_kg",
+                "com_mm with mass_kg",
                 "mass_kg alone",
                 "add the centre of mass",
             )

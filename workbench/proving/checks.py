@@ -32,7 +32,7 @@ def program() -> str:
     return every.hexdigest()[:12]
 
 
-def checks(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Figure]:
+def checks(exam: protocol.BenchmarkRun, rows: Sequence[Mapping]) -> list[Figure]:
     """The figures on independence and integrity, counted from the present files."""
     makers, seals = maker_files(), protocol.published(exam)
     names = [row["case"] for row in rows]
@@ -96,12 +96,12 @@ def _forbidden_imports(path: Path) -> list[str]:
     return [name for name in _imported(path) if name.split(".")[0] in _APART]
 
 
-def _tamper_test(exam: protocol.Examination, seals: Mapping[str, str]):
+def _tamper_test(exam: protocol.BenchmarkRun, seals: Mapping[str, str]):
     """A predicate over case names: true if a copy of the truth with one changed byte is rejected."""
 
     def refused(name: str) -> bool:
         with TemporaryDirectory() as place:
-            copy = protocol.Examination(Path(place))
+            copy = protocol.BenchmarkRun(Path(place))
             copy.truth(name).parent.mkdir()
             shutil.copyfile(exam.truth(name), copy.truth(name))
             protocol.check(copy, {name: seals[name]})

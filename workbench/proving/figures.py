@@ -135,7 +135,7 @@ def _library(rows):
         rate("library", "right name alone, of detected", found, lambda r: r["outcome"] == "exact"),
         rate(
             "library",
-            "detected, of those above the smallest visible size that the answer states",
+            "detected, of those above the stated minimal detectable bias",
             [r for r in rows if r.get("below_visible") is False],
             lambda r: r.get("detected"),
         ),
@@ -149,13 +149,13 @@ def _library(rows):
     ]
 
 
-def _swallowed(rows):
+def _absorbed(rows):
     parts = [r for r in rows if _part_gain(r) is not None]
     return [
         rate("swallowed", "right name or declared group", rows, _right, "≥ 85 %", 0.85),
         rate(
             "swallowed",
-            "named, or abstained, or below the smallest visible size that the answer states",
+            "named, or abstained, or below the stated minimal detectable bias",
             rows,
             lambda r: _right(r) or r["outcome"] == "abstained" or _silent(r),
             "all",
@@ -303,7 +303,7 @@ def _real_withheld(rows):
 _SUITES = {
     "clean": _clean,
     "library": _library,
-    "swallowed": _swallowed,
+    "swallowed": _absorbed,
     "pairs": _pairs,
     "outside": _outside,
     "covariate-withheld": _withheld,

@@ -21,7 +21,7 @@ class Map:
     after: np.ndarray
 
 
-def maps(exam: protocol.Examination, rows: Sequence[Mapping]) -> list[Map]:
+def maps(exam: protocol.BenchmarkRun, rows: Sequence[Mapping]) -> list[Map]:
     """A map for each suite of named effects: the correctly named case of median effect size.
 
     Only cases with points in the frame of an external instrument are used.

@@ -19,7 +19,7 @@ _FOLDS = 5
 
 def weigh(folder: Path, name: str) -> None:
     """Write the held-out errors of baseline and oracle on an unblinded case, and those on its validation part."""
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     truth = protocol.opened(exam, name, protocol.published(exam))
     record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
     try:

@@ -29,7 +29,7 @@ _WAIT = 6  # limit of wall-clock time, in multiples of PATIENCE_S: the machine m
 
 
 @dataclass(frozen=True)
-class Examination:
+class BenchmarkRun:
     """Paths of the files of a benchmark run."""
 
     folder: Path
@@ -66,8 +66,8 @@ def name_of(suite: str, index: int, seed: int) -> str:
 # ------------------------------------------------------------- create and commit
 
 
-def conceal(
-    exam: Examination, name: str, write: Callable[[Path], None], truth: Callable[[], str]
+def write_case(
+    exam: BenchmarkRun, name: str, write: Callable[[Path], None], truth: Callable[[], str]
 ) -> None:
     """Write recording and truth of a case to their separate folders; a complete case is kept.
 
@@ -89,7 +89,7 @@ def conceal(
     replace_file(exam.truth(name), truth())
 
 
-def seal(exam: Examination) -> dict[str, str]:
+def seal(exam: BenchmarkRun) -> dict[str, str]:
     """Publish the checksum of every truth that has none yet, and return all checksums.
 
     Call it before a diagnosis starts. Raises InputError if a truth does not match its published checksum.
@@ -108,7 +108,7 @@ def seal(exam: Examination) -> dict[str, str]:
     return known | fresh
 
 
-def published(exam: Examination) -> dict[str, str]:
+def published(exam: BenchmarkRun) -> dict[str, str]:
     """Case -> published checksum."""
     return json.loads(exam.seals.read_text(encoding="utf-8")) if exam.seals.exists() else {}
 
@@ -124,7 +124,7 @@ def checksum(path: Path) -> str:
         ) from error
 
 
-def check(exam: Examination, seals: Mapping[str, str]) -> None:
+def check(exam: BenchmarkRun, seals: Mapping[str, str]) -> None:
     """Raise InputError if a truth does not match its published checksum."""
     for name, seal_of in seals.items():
         found = checksum(exam.truth(name))
@@ -135,7 +135,7 @@ def check(exam: Examination, seals: Mapping[str, str]) -> None:
             )
 
 
-def opened(exam: Examination, name: str, seals: Mapping[str, str]) -> dict:
+def opened(exam: BenchmarkRun, name: str, seals: Mapping[str, str]) -> dict:
     """The truth of an answered case. Raises InputError if hash or answer is missing, or the hash does not match."""
     if name not in seals or not exam.answer(name).exists():
         raise InputError(
@@ -253,7 +253,7 @@ def run(folder: Path, name: str, diagnose: Callable[[Path], Mapping], program: s
     "seconds" of wall-clock time and "cpu_s" of processor time; "opened", files opened against the rules; and
     "program", the checksum of the program. An answered case is not diagnosed again.
     """
-    exam = Examination(folder)
+    exam = BenchmarkRun(folder)
     if not exam.answer(name).exists():
         barred = (exam.folder, *MAKERS)
         began, used = time.monotonic(), time.process_time()

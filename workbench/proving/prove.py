@@ -40,7 +40,7 @@ def prove(
             + ". Name another suite."
         )
     planned = _settle(folder, seed, str(own.resolve()) if own else None, plan.counts)
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     names = _commit(exam, plan, own, count, say)
     stages.run(folder, names, count, say, minutes)
     rows = stages.open_all(
@@ -54,11 +54,11 @@ def prove(
 
 
 def _commit(
-    exam: protocol.Examination, plan: tasks.Plan, own: Path | None, count: int, say
+    exam: protocol.BenchmarkRun, plan: tasks.Plan, own: Path | None, count: int, say
 ) -> list[str]:
     """Create the cases of this call, publish the hashes of their truths, and return their names."""
     if own is None:
-        stages.conceal(exam.folder, plan, count, say)
+        stages.create_cases(exam.folder, plan, count, say)
         names = sorted(task.name for task in plan.tasks)
     else:
         names = bring(exam, own)
@@ -81,7 +81,7 @@ def default_folder(seed: int, own: Path | None) -> Path:
     return runs.RUNS / f"prove-{runs.slug(own)}-{place}"
 
 
-def bring(exam: protocol.Examination, own: Path) -> list[str]:
+def bring(exam: protocol.BenchmarkRun, own: Path) -> list[str]:
     """Copy the user's recordings and truths: `recordings/<case>/` and `sealed/<case>.json`.
 
     If the folder has a SHA256SUMS, every truth must match it. Returns the names of the cases. Raises InputError.
@@ -108,7 +108,7 @@ def bring(exam: protocol.Examination, own: Path) -> list[str]:
         text = path.read_text(encoding="utf-8")
         _check_truth(path, text)
         copy = partial(shutil.copytree, source)
-        protocol.conceal(exam, name, copy, lambda text=text: text)
+        protocol.write_case(exam, name, copy, lambda text=text: text)
     return [path.stem for path in truths]
 
 

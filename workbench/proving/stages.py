@@ -15,18 +15,18 @@ Say = Callable[[str], None]
 QUESTIONS = "questions.json"
 
 
-def conceal(folder: Path, plan: tasks.Plan, jobs: int, say: Say) -> None:
+def create_cases(folder: Path, plan: tasks.Plan, jobs: int, say: Say) -> None:
     """Create missing cases, and publish the hashes of all truths and the baseline of each case."""
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     missing = [t for t in plan.tasks if not exam.truth(t.name).exists()]
-    for done, _ in enumerate(_spread(tasks.conceal, [(folder, t) for t in missing], jobs), 1):
+    for done, _ in enumerate(_spread(tasks.create_case, [(folder, t) for t in missing], jobs), 1):
         say(f"creating case {done} of {len(missing)}")
     publish(folder)
 
 
 def publish(folder: Path) -> dict[str, str]:
     """Publish the hashes of all truths, and the questions, which contain only the baseline of each case."""
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     seals = protocol.seal(exam)
     truths = {name: json.loads(exam.truth(name).read_text(encoding="utf-8")) for name in seals}
     questions = {name: tasks.baseline(truth) for name, truth in truths.items()}
@@ -43,7 +43,7 @@ def run(
     incomplete run is therefore a random sample of all suites.
     """
     until = float("inf") if minutes is None else time.time() + 60 * minutes
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     seals = protocol.published(exam)
     protocol.check(exam, seals)
     questions = json.loads((folder / QUESTIONS).read_text(encoding="utf-8"))
@@ -84,7 +84,7 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
     """Rows of the scoreboard: unblind the cases, check their hashes, score them, and compare with the oracle."""
     from workbench.proving import oracle
 
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     seals = protocol.published(exam)
     protocol.check(exam, seals)
     names = list(names)
@@ -94,7 +94,7 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
     return [row_of(exam, name, seals) for name in names]
 
 
-def row_of(exam: protocol.Examination, name: str, seals) -> dict:
+def row_of(exam: protocol.BenchmarkRun, name: str, seals) -> dict:
     """Row of an unblinded case: truth, claims, score."""
     truth = protocol.opened(exam, name, seals)
     record = json.loads(exam.answer(name).read_text(encoding="utf-8"))

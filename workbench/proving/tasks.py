@@ -102,9 +102,9 @@ def _images() -> tuple[int, str]:
     return (0, f"the package {missing[0]} is missing") if missing else (10**6, "")
 
 
-def conceal(folder: Path, task: Task) -> str:
+def create_case(folder: Path, task: Task) -> str:
     """Create one case and return its name. Runs in a process that makes no diagnosis."""
-    exam = protocol.Examination(folder)
+    exam = protocol.BenchmarkRun(folder)
     if exam.truth(task.name).exists() and exam.recording(task.name).is_dir():
         return task.name
     if task.suite in REAL:
@@ -113,7 +113,7 @@ def conceal(folder: Path, task: Task) -> str:
         write, truth = real.made(task.suite, task.index, task.seed)
     else:
         write, truth = _made(task)
-    protocol.conceal(exam, task.name, write, truth)
+    protocol.write_case(exam, task.name, write, truth)
     return task.name
 
 

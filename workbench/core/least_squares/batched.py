@@ -1,4 +1,4 @@
-"""The arm on torch, for millions of samples at a time on a graphics card, or on the processor where there is none.
+"""Forward kinematics on torch for millions of samples, on a GPU or on the processor.
 
 Forward kinematics, the derivative of a point on the flange and its normal equations, with the same formulas as the
 arm's own chain: arrays keep the sample on the last axis, a rotation is its three column vectors. Lengths mm,
@@ -30,7 +30,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Bent:
-    """Something that turns joint `joint` (from 0) by `value` times `basis` (n,): a linear effect on the joint port."""
+    """A linear effect on the joint port: rotation of joint `joint` (from 0) by `value` times `basis` (n,)."""
 
     joint: int
     basis: np.ndarray

@@ -1,8 +1,8 @@
-"""Least squares over several models with one table of parameters, and unknowns that groups of samples own.
+"""Least squares over several models with shared parameters and with unknowns of groups of samples.
 
-The poses of a board at its placements are many, and each is seen by its own samples only: they are
-eliminated by a Schur complement, so that the cost grows linearly with their number (Brown 1958;
-Triggs et al., Bundle Adjustment, 1999, sec. 6). Other families of unknowns may be kept.
+Board poses are numerous, and each affects only its own samples. They are eliminated by a Schur complement; the cost
+grows linearly with their number (Brown 1958; Triggs et al., Bundle Adjustment, 1999, sec. 6). Other families of
+unknowns may be kept.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -153,7 +153,7 @@ class _Point:
 
 
 class _Problem:
-    """A bundle under way: present point, normal equations and damping."""
+    """State of a running bundle adjustment: current point, normal equations and damping."""
 
     def __init__(self, models, parameters, families, eliminate, weigh):
         for model in models:
@@ -228,7 +228,7 @@ class _Problem:
         return [rows for _, rows in every]
 
     def whiten(self, point, residuals):
-        """Give a point its residuals and their whitened squares."""
+        """Compute the residuals of a point and their whitened squares."""
         point.residuals = residuals
         point.squares = [
             np.einsum("mn,mn->n", w, w)
@@ -244,7 +244,7 @@ class _Problem:
         return np.where(live, self.weigh(z / max(spread, 1e-300), _LIMIT[m]), 0)
 
     def take(self, point, rows):
-        """Make this the present point: whitened and scaled normal equations with their priors."""
+        """Set the current point and compute its whitened and scaled normal equations with priors."""
         self.point = point
         blocks = Blocks.empty(len(self.scale), len(self.own_centre), len(self.own_scale))
         roots = (s * np.sqrt(weights) for s, weights in zip(self.inverse_sigma, point.weights))
@@ -265,7 +265,7 @@ class _Problem:
         self.history.append(self.cost)
 
     def check(self) -> bool:
-        """Whether cost and equations are finite; otherwise the solve ends, and its data determine nothing."""
+        """True if cost and equations are finite; otherwise the solver stops without a result."""
         if all_finite(self.cost, self.data.dense, self.data.cross, self.data.own, self.gradient):
             return True
         self.outcome = NOT_FINITE
@@ -299,7 +299,7 @@ class _Problem:
         return move, -(mix[..., -1] + mix[..., :-1] @ move)
 
     def step(self):
-        """One step; the damping grows until the cost falls."""
+        """One step; the damping is increased until the cost decreases."""
         if not self.check():
             return
         before = self.cost
@@ -332,7 +332,7 @@ class _Problem:
         return max(self.data.dense.max(initial=0), self.data.own.max(initial=0))
 
     def finished(self, move, decrement, unit):
-        """Whether this is the end; a last step that moves hardly anything needs no new derivative."""
+        """True if converged; a negligible last step needs no new derivative."""
         if decrement > _DONE * unit:
             there = self.moved(*move)
             self.whiten(
@@ -348,7 +348,7 @@ class _Problem:
         return True
 
     def accept(self, move):
-        """Go there if the cost, under the present weights, is lower there."""
+        """Accept the step if it lowers the cost under the current weights."""
         there = self.moved(*move)
         rows = self.linearise(there)
         if not self.cost_of(there) < self.cost:

@@ -1,4 +1,4 @@
-"""Whitened, damped least squares: from a model and its free parameters to a fit."""
+"""Whitened, damped least squares (Levenberg-Marquardt) for a model and its free parameters."""
 
 from dataclasses import dataclass, field, replace
 
@@ -135,7 +135,7 @@ def _with_noise(model, fit: Fit, mask, spread) -> Fit:
 
 
 class _Problem:
-    """A solve under way: present parameters, residual, normal equations and damping."""
+    """State of a running solver: current parameters, residual, normal equations and damping."""
 
     def __init__(self, model, parameters, weigh):
         self.model, self.parameters, self.weigh = model, parameters, weigh
@@ -156,7 +156,7 @@ class _Problem:
         return residual, rows, weights
 
     def take(self, parameters, residual, rows, weights):
-        """Make this the present point: normal equations and gradient, whitened and scaled."""
+        """Set the current point and compute its whitened and scaled normal equations and gradient."""
         self.parameters, self.residual, self.weights = parameters, residual, weights
         root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
         made = rows if isinstance(rows, Equations) else _equations(rows, residual, root)
@@ -171,7 +171,7 @@ class _Problem:
         self.history.append(self.cost)
 
     def check(self) -> bool:
-        """Whether cost and equations are finite; otherwise the solve ends, and its data determine nothing."""
+        """True if cost and equations are finite; otherwise the solver stops without a result."""
         if all_finite(self.cost, self.normal, self.gradient):
             return True
         self.outcome = NOT_FINITE
@@ -202,7 +202,7 @@ class _Problem:
         return float((self.weights * (residual * self.inverse_sigma) ** 2).sum() + prior)
 
     def step(self):
-        """One step; the damping grows until the cost falls."""
+        """One step; the damping is increased until the cost decreases."""
         if not self.check():
             return
         before = self.cost
@@ -228,7 +228,7 @@ class _Problem:
         self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
 
     def finished(self, move, decrement, unit):
-        """Whether this is the end; a last step that moves hardly anything needs no new derivative."""
+        """True if converged; a negligible last step needs no new derivative."""
         if decrement > _DONE * unit:
             candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
             residual = self.model.residual(candidate)
@@ -241,9 +241,9 @@ class _Problem:
         return True
 
     def accept(self, move, again):
-        """Go there if the cost, under the present weights, is lower there.
+        """Accept the step if it lowers the cost under the current weights.
 
-        again: a move of this step was refused before, so that the derivative is only made once the cost is known.
+        again: an earlier trial of this step was rejected; the derivative is then computed only after the cost.
         """
         candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
         if again and not self.cost_of(candidate, self.model.residual(candidate)) < self.cost:

@@ -38,7 +38,7 @@ def write_page(board: Board, exam: Path, path: Path) -> Path:
     folder = path.with_suffix("")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        images = write_images(board, maps(protocol.Examination(exam), board.rows), folder)
+        images = write_images(board, maps(protocol.BenchmarkRun(exam), board.rows), folder)
         for name in _COPIED_FILES:
             shutil.copyfile(exam / name, folder / name)
     except OSError as error:
