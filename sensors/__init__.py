@@ -1,1 +1,1 @@
-"""Camera, light planes, mirror, stripe, scanner, ball and board: from pictures to points."""
+"""Camera, light planes, mirror, stripe, scanner, ball and board: from images to points."""

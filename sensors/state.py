@@ -40,7 +40,7 @@ class SensorState:
 
     @property
     def field(self) -> np.ndarray:
-        """(2, n) place in the picture, from its middle over half its diagonal: within the unit circle."""
+        """(2, n) place in the image, from its middle over half its diagonal: within the unit circle."""
         width, height = self.camera.size
         middle = np.array([[(width - 1) / 2], [(height - 1) / 2]])
         return 2 * (self.pixels - middle) / np.hypot(width, height)

@@ -23,7 +23,7 @@ def board_points() -> np.ndarray:
 
 
 def board_poses(rng, count: int, tilt: float = 0.6) -> np.ndarray:
-    """(count, 6) poses about 125 mm away, tilted by up to `tilt` rad about each axis, the board filling the picture."""
+    """(count, 6) poses about 125 mm away, tilted by up to `tilt` rad about each axis, the board filling the image."""
     turns = rng.uniform(-tilt, tilt, (count, 3))
     middle = np.array([(COLUMNS - 1) * SQUARE / 2, (ROWS - 1) * SQUARE / 2, 0])
     away = np.stack(
@@ -61,7 +61,7 @@ def board_model(
         radius,
     )
     aimed = Model(chain).residual(Model(chain).parameters)
-    chain = replace(chain, pixels=aimed)  # effects on the lens ask where in the picture
+    chain = replace(chain, pixels=aimed)  # effects on the lens ask where in the image
     model = Model(chain, (CATALOGUE["board-bow"]("artefact"), *effects))
     truth = model.parameters.update({**bow, **(values or {})})
     seen = aimed + model.residual(truth)

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import datasets
-from board_pictures import pattern
+from board_images import pattern
 from datasets.columns import FLANGE
 from datasets.recording import Recording
 from robot_model import load_robot
@@ -72,7 +72,7 @@ def made(name: str) -> Made:
     rows = []
     for k, pose in enumerate(seen):
         image = f"images/{k + 1:02d}.png"
-        cv2.imwrite(str(home / image), picture(scene.board, pose, random))
+        cv2.imwrite(str(home / image), rendered(scene.board, pose, random))
         rows.append({"image": image, "role": "board", "placement": str(k + 1), "sample": k + 1})
     columns = {"sample": np.arange(1.0, scene.count + 1), **columns}
     recording = Recording(
@@ -134,7 +134,7 @@ def board_poses(scene, random) -> np.ndarray:
     return transform(turns, np.column_stack([aside, away]) - turns @ scene.board.middle)
 
 
-def picture(board, pose, random) -> np.ndarray:
+def rendered(board, pose, random) -> np.ndarray:
     """(H, W) uint8: the board's texture through a homography, averaged over each pixel, blurred, with noise."""
     per_mm, over, margin = 12, 4, 2 * board.square_mm
     low, high = board.points.min(1)[:2] - margin, board.points.max(1)[:2] + margin

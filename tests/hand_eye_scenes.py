@@ -38,7 +38,7 @@ def jolt(count, random, shift, spin):
     )
 
 
-def pictures(
+def images(
     seed, kind="in-hand", count=12, turns=None, shift=SHIFT, spin=SPIN, noise=NOISE, points=None
 ):
     """Views and flange poses of a rendered-by-formula set: true hand-eye HAND_EYE; board at the base's (400, 0, 50)."""

@@ -43,7 +43,7 @@ class Twin:
 
 
 def mirror(offset=0.0):
-    """Mirror 69 mm left of the camera whose axis is nearly the picture's vertical, its sheet through z = 125 mm."""
+    """Mirror 69 mm left of the camera whose axis is nearly the image's vertical, its sheet through z = 125 mm."""
     axis = np.array([0.004, 1.0, -0.003])
     axis /= np.linalg.norm(axis)
     out = np.deg2rad(29)
@@ -102,7 +102,7 @@ def stripe_points(pose, plane, points, amounts=BOW):
 
 
 def seen(camera, pose, points):
-    """(2, k) px of board points, and whether they are in the picture."""
+    """(2, k) px of board points, and whether they are in the image."""
     pixels = camera.project(rotation_matrix(pose[3:]) @ points + pose[:3, None])
     return pixels, ((pixels > 5) & (pixels < np.array(camera.size)[:, None] - 6)).all(0)
 
@@ -119,7 +119,7 @@ def twin(
     offset=0.0,
     sweep=SWEEP,
 ):
-    """A twin with noise of `stripe` px along the picture's rows and `corner` px; wobble: (8,) of mirror-wobble.
+    """A twin with noise of `stripe` px along the image's rows and `corner` px; wobble: (8,) of mirror-wobble.
 
     shake: mm by which bearings move the planes, once in 4 degrees of the mirror.
     """
@@ -150,7 +150,7 @@ def twin(
 
 
 def views(truth, sigma=0.06):
-    """What `boards.detect` would have given of the board pictures."""
+    """What `boards.detect` would have given of the board images."""
     count = truth.board.shape[1]
     return [
         View(

@@ -56,7 +56,7 @@ def _changed(scene: Scene, changes: dict) -> Scene:
 
 @dataclass(frozen=True)
 class RenderedScanner:
-    """A scene, the `run` of its calibration, its `scans`, and the truth that the pictures were made from."""
+    """A scene, the `run` of its calibration, its `scans`, and the truth that the images were made from."""
 
     scene: Scene
     truth: dict
@@ -166,7 +166,7 @@ class BallError:
 
 
 def render_scanner(scene: Scene, scans: bool = True) -> RenderedScanner:
-    """Render a scene and run the whole chain on its pictures, which are gone afterwards."""
+    """Render a scene and run the whole chain on its images, which are gone afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         recording, out = Path(folder) / "recording", Path(folder) / "run"
         out.mkdir()
@@ -199,7 +199,7 @@ def plane_whitened(made: RenderedScanner, free: bool = False) -> np.ndarray:
 
 
 def camera_whitened(scene: Scene) -> np.ndarray:
-    """(9,) errors of a camera from pictures of boards alone, as independent numbers of variance one."""
+    """(9,) errors of a camera from images of boards alone, as independent numbers of variance one."""
     with tempfile.TemporaryDirectory() as folder:
         make_recording(scene, Path(folder))
         found = detect_all(datasets.read(Path(folder)))

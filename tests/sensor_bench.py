@@ -55,6 +55,6 @@ def centroids(light, least=0.5) -> tuple[np.ndarray, np.ndarray]:
 
 def refined(light, start):
     """(2, n) px, corners by OpenCV from a start."""
-    picture = (light / light.max() * 250).astype(np.float32)
+    image = (light / light.max() * 250).astype(np.float32)
     corners = start.T.astype(np.float32).reshape(-1, 1, 2).copy()
-    return cv2.cornerSubPix(picture, corners, (8, 8), (-1, -1), (3, 100, 1e-4))[:, 0].T
+    return cv2.cornerSubPix(image, corners, (8, 8), (-1, -1), (3, 100, 1e-4))[:, 0].T

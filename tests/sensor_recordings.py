@@ -63,7 +63,7 @@ def scanner_recording() -> tuple[Path, dict]:
 
 @cache
 def handeye_recording() -> tuple[Path, np.ndarray]:
-    """The same pictures of the board with flange poses of a camera in the hand, and the true T_flange_camera."""
+    """The same images of the board with flange poses of a camera in the hand, and the true T_flange_camera."""
     from dataclasses import replace
 
     from scipy.spatial.transform import Rotation

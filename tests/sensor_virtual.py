@@ -1,4 +1,4 @@
-"""A scanner's measurements without pictures, for the tests of its diagnosis: corners, stripes on boards and on balls."""
+"""A scanner's measurements without images, for the tests of its diagnosis: corners, stripes on boards and on balls."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -251,7 +251,7 @@ def test_huber_resists_what_ruins_the_linear_loss_and_its_sigmas_hold():
 
 
 def test_directions_that_nothing_determines_are_named_and_stay():
-    """A shift of the whole picture is the principal point: one combination of the two is known."""
+    """A shift of the whole image is the principal point: one combination of the two is known."""
     rng = np.random.default_rng(8)
     model, truth = board_model(rng, 6)
     model = model.with_effects(Shift("camera"))
@@ -259,21 +259,21 @@ def test_directions_that_nothing_determines_are_named_and_stay():
     fit = solve_bundle([model], start, {"placement": placements(model.chain.poses)})
     said = " ".join(fit.known.sentences())
     assert fit.converged
-    assert "the principal point cx and the picture's shift in x are confounded" in said.replace(
-        "the picture's shift in x and the principal point cx",
-        "the principal point cx and the picture's shift in x",
+    assert "the principal point cx and the image's shift in x are confounded" in said.replace(
+        "the image's shift in x and the principal point cx",
+        "the principal point cx and the image's shift in x",
     )
     assert not fit.known.determined[fit.table.index["camera.cx"]]
     assert fit.known.determined[fit.table.index["camera.fx"]]
 
 
 class Shift(Effect):
-    """A picture that is shifted: exactly what the principal point does."""
+    """A image that is shifted: exactly what the principal point does."""
 
     effect, port, places, components = "shift", "pixel", ("camera",), (0,)
 
     def table(self, chain):
-        return (self.parameter("x", "px", 1.0, "the picture's shift in x"),)
+        return (self.parameter("x", "px", 1.0, "the image's shift in x"),)
 
     def basis(self, state):
         return np.ones((1, 1, state.n))

@@ -125,7 +125,7 @@ def test_the_controls_of_a_real_cause_pass(found):
         assert control["passed"] and control["share_of_gain_left"] < 0.2
 
 
-def test_the_run_folder_holds_page_picture_and_tables(found, home):
+def test_the_run_folder_holds_page_image_and_tables(found, home):
     run = home / "run"
     assert {
         "answer.json",

@@ -271,8 +271,8 @@ SPOILT = {
         lambda f: with_text(f / "recording.toml", "columns = 7", "columns = 11"),
         "columns",
     ),
-    "broken picture": ("camera", cut, "board-003.png"),
-    "two pictures": ("camera", few, "placement"),
+    "broken image": ("camera", cut, "board-003.png"),
+    "two images": ("camera", few, "placement"),
     "no board": (
         "camera",
         lambda f: with_text(f / "images.csv", ",board,", ",board-laser,"),
@@ -306,7 +306,7 @@ WRONG = {
     "scanner out": (("scanner", "{folder}", "--out", "nowhere/s.toml"), "nowhere"),
     "truth": (("render", "{folder}/../scene.toml", "--truth", "nowhere/t.json"), "nowhere"),
     "scene": (("render", "no-such.toml"), "no-such.toml"),
-    "no pictures": (("camera", "elastic-arm"), "elastic-arm"),
+    "no images": (("camera", "elastic-arm"), "elastic-arm"),
     "no scans": (("scan", "elastic-arm"), "elastic-arm"),
     "scanner for a table": (("calibrate", "elastic-arm", "--scanner", "s.toml"), "--scanner"),
 }
@@ -327,7 +327,7 @@ def test_a_wrong_call_gets_one_sentence_and_status_2(name, here, capsys):
     assert list(here.iterdir()) == []
 
 
-def test_a_picture_without_the_board_is_named_and_the_rest_is_used(here):
+def test_a_image_without_the_board_is_named_and_the_rest_is_used(here):
     import cv2
 
     folder = copied(scanner_recording()[0], here)
@@ -369,7 +369,7 @@ def test_a_rendered_scene_is_a_recording_with_its_truth(workbench, tmp_path):
 
 
 @pytest.mark.slow
-def test_pictures_become_a_calibrated_arm(here):
+def test_images_become_a_calibrated_arm(here):
     import datasets
     from workbench.commands.data.demo import scene
 

@@ -1,4 +1,4 @@
-"""What a person meets at the command line: sentences for wrong pictures and files, tables that fit, whole JSON."""
+"""What a person meets at the command line: sentences for wrong images and files, tables that fit, whole JSON."""
 
 import json
 import shutil
@@ -18,7 +18,7 @@ def copied(tmp_path, name="damaged") -> Path:
     return Path(shutil.copytree(scanner_recording()[0], tmp_path / name))
 
 
-def pictures_of(folder: Path, role: str) -> list[Path]:
+def images_of(folder: Path, role: str) -> list[Path]:
     import csv
 
     with open(folder / "images.csv", newline="") as file:
@@ -32,7 +32,7 @@ def test_scans_without_a_laser_line_are_named_and_leave_the_json_whole(
     import cv2
 
     folder, home = copied(tmp_path), answers("scan")[1]
-    for path in pictures_of(folder, "scan"):
+    for path in images_of(folder, "scan"):
         cv2.imwrite(str(path), np.full(cv2.imread(str(path), 0).shape, level, np.uint8))
     done = workbench(
         "scan", folder, "--scanner", home / "scanner.toml", "--no-report", "--json", "-"
@@ -44,7 +44,7 @@ def test_scans_without_a_laser_line_are_named_and_leave_the_json_whole(
     assert "no ball" in done.stderr and max(map(len, done.stderr.splitlines()[:4])) <= 80
 
 
-def test_a_scanner_of_another_picture_size_is_refused(here, answers, capsys):
+def test_a_scanner_of_another_image_size_is_refused(here, answers, capsys):
     home, text = answers("scan")[1], (answers("scan")[1] / "scanner.toml").read_text()
     Path("other.toml").write_text(text.replace("width_px = 400", "width_px = 800"))
     assert run("scan", scanner_recording()[0], "--scanner", "other.toml") == 2
@@ -54,7 +54,7 @@ def test_a_scanner_of_another_picture_size_is_refused(here, answers, capsys):
         and said.count("\n") == 1
     )
     assert run("handeye", handeye_recording()[0], "--scanner", "other.toml") == 2
-    assert "other.toml: expected the camera of pictures of" in capsys.readouterr().err
+    assert "other.toml: expected the camera of images of" in capsys.readouterr().err
     assert home.is_dir() and not Path("runs").exists()
 
 
@@ -73,7 +73,7 @@ def test_a_board_with_a_row_too_many_says_what_was_found(here, capsys):
     assert run("camera", folder) == 2
     said = capsys.readouterr().err
     assert (
-        "expected 7 x 6 chessboard as written there in the pictures, found 7 x 5 in" in said
+        "expected 7 x 6 chessboard as written there in the images, found 7 x 5 in" in said
         and "columns and rows" in said
         and said.count("\n") == 1
     )

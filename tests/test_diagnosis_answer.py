@@ -489,10 +489,10 @@ def test_what_the_noise_does_is_told_in_words():
     )
 
 
-def test_the_catalogue_page_has_every_effect_and_its_small_picture():
+def test_the_catalogue_page_has_every_effect_and_its_small_image():
     page = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
     for name in {*CATALOGUE, *SENSOR}:
         assert f"### {name}\n" in page or f"- `{name}`: " in page
-    pictures = list((ROOT / "docs" / "catalogue").glob("*.png"))
-    assert page.count("](catalogue/") == len(pictures) > 30
-    assert max(path.stat().st_size for path in pictures) < 40_000
+    images = list((ROOT / "docs" / "catalogue").glob("*.png"))
+    assert page.count("](catalogue/") == len(images) > 30
+    assert max(path.stat().st_size for path in images) < 40_000

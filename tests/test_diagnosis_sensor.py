@@ -1,4 +1,4 @@
-"""The sensor's diagnosis on measurements without pictures: derivatives, noise, names, held-out errors."""
+"""The sensor's diagnosis on measurements without images: derivatives, noise, names, held-out errors."""
 
 from functools import cache
 from types import SimpleNamespace

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 import hand_eye_recordings as recordings
 import hand_eye_user_errors as bench
-from hand_eye_scenes import CAMERA, HAND_EYE, board, pictures
+from hand_eye_scenes import CAMERA, HAND_EYE, board, images
+from sensors.hand_eye.images import hand_eye_from_views, review_views
 from sensors.hand_eye.mistakes import Reading
-from sensors.hand_eye.pictures import hand_eye_from_views, review_views
 from sensors.hand_eye.pose_data import Freedom, PoseData
 from sensors.hand_eye.pose_fit import _moved_state, _residual, _rows, _State, fit_poses
 from workbench import cli
@@ -62,14 +62,14 @@ MISTAKES = {
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_in_flange_poses_is_certain_and_named(name):
     cause, words = name.split(" ", 1)
-    views, flange = pictures(10)
+    views, flange = images(10)
     found = review_views(views, board(), CAMERA, MISTAKES[name](flange))
     assert [finding.cause for finding in found.findings] == [cause]
     assert words in found.sentences[0] and found.certain
 
 
 def test_a_camera_that_moved_is_placed_between_the_right_images():
-    views, flange = pictures(11)
+    views, flange = images(11)
     found = review_views(views, board(), CAMERA, moved_from(flange, 7, AWAY))
     assert "the camera on the flange moved between pose 6 and pose 7" in found.sentences[0]
 
@@ -77,7 +77,7 @@ def test_a_camera_that_moved_is_placed_between_the_right_images():
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", ["in-hand", "to-hand"])
 def test_right_recordings_are_not_suspected(kind, seed):
-    views, flange = pictures(20 + seed, kind)
+    views, flange = images(20 + seed, kind)
     assert review_views(views, board(), CAMERA, flange, kind).findings == ()
 
 
@@ -86,13 +86,13 @@ def test_right_recordings_are_not_suspected(kind, seed):
 @pytest.mark.parametrize(("shift", "spin"), [(0.005, 1e-5), (0.2, 3e-4), (1.0, 2e-3)])
 def test_no_false_alarm_in_twenty_recordings(kind, shift, spin):
     for seed in range(500, 520):
-        views, flange = pictures(seed, kind, count=6 + seed % 9, shift=shift, spin=spin)
+        views, flange = images(seed, kind, count=6 + seed % 9, shift=shift, spin=spin)
         assert review_views(views, board(), CAMERA, flange, kind).findings == (), seed
 
 
 def test_one_wrong_pose_is_no_mistake_of_all_poses():
     """It is left out and named by the adjustment, and not taken for a camera that moved."""
-    views, flange = pictures(12)
+    views, flange = images(12)
     flange[1, :3, 3] += [0, 2.0, 1]
     found = hand_eye_from_views(views, board(), CAMERA, flange)
     assert found.outliers == (1,) and not found.suspicions
@@ -232,7 +232,7 @@ def check_bench(found):
 
 def test_errors_of_a_sound_arm_are_no_mistake_in_the_flange_columns():
     """Joint readings that fit better than flange poses with errors of 0.1 mm accuse nobody."""
-    views, exact = pictures(7, shift=0.0, spin=0.0, noise=0.01)
+    views, exact = images(7, shift=0.0, spin=0.0, noise=0.01)
     errors = np.random.default_rng(7).normal(0, 0.1, (len(exact), 3))
     noisy = placed(exact, lambda places: places + errors)
     other = [Reading("flange-columns", "the flange columns look wrong", "leave them out", exact)]

@@ -160,7 +160,7 @@ def test_a_failed_case_gains_nothing():
     assert figures.gain_share(one) == 0.0
 
 
-def test_the_page_of_markdown_lists_figures_failures_and_pictures(tmp_path, monkeypatch):
+def test_the_page_of_markdown_lists_figures_failures_and_images(tmp_path, monkeypatch):
     from workbench.report.scoreboard import markdown_page
 
     drawn = Map(
@@ -172,7 +172,7 @@ def test_the_page_of_markdown_lists_figures_failures_and_pictures(tmp_path, monk
         row(case="bad", outcome="missed"),
     ]
     made = board.board(
-        rows, {"sensor": "no pictures"}, 4, "workbench prove --seed 4", planned={"library": 5}
+        rows, {"sensor": "no images"}, 4, "workbench prove --seed 4", planned={"library": 5}
     )
     (tmp_path / "exam").mkdir()
     board.save(made, tmp_path / "exam")
@@ -182,7 +182,7 @@ def test_the_page_of_markdown_lists_figures_failures_and_pictures(tmp_path, monk
         "workbench prove --seed 4" in text
         and "| library | confidently wrong | ≤ 1 % | 0.0% | 0 of 2 |" in text
         and "| library | 2 | 5 |" in text
-        and "skipped: no pictures" in text
+        and "skipped: no images" in text
     )
     assert "| real-withheld | 0 | not run |" in text and "the same call continues" in text
     assert (

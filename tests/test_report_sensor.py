@@ -16,7 +16,7 @@ from workbench.report.sensor import field, space
 
 
 def own_text(page: str) -> str:
-    """The page without scripts, data and pictures."""
+    """The page without scripts, data and images."""
     return re.sub(r'<script.*?</script>|<style>.*?</style>|data:image/[^"]*', "", page, flags=re.S)
 
 
@@ -256,10 +256,10 @@ def test_time_left_is_told_once_there_is_a_guess():
     from workbench.machine.progress import paced
 
     said, seconds = [], iter([0.0, 1.0, 10.0, 20.0])
-    tick = paced(said.append, "picture", lambda: next(seconds))
+    tick = paced(said.append, "image", lambda: next(seconds))
     for done in (1, 2, 4):
         tick(done, 4)
-    assert said == ["picture 1 of 4", "picture 2 of 4, about 10 s left", "picture 4 of 4"]
+    assert said == ["image 1 of 4", "image 2 of 4, about 10 s left", "image 4 of 4"]
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def test_a_step_without_a_plane_is_left_out_and_said(tmp_path):
     groups = scan.scans_of(made.recording)
     (tmp_path / "again" / "clouds").mkdir(parents=True)
     found = scan._Work(made.recording, fewer, tmp_path / "again")(("1", groups["1"]))
-    assert "2 of 12 pictures are at steps that the scanner has no plane for" in found.outcome
+    assert "2 of 12 images are at steps that the scanner has no plane for" in found.outcome
     assert 0 < found.points < made.scans[0].points
 
 

@@ -229,12 +229,12 @@ def stripes_on_ball(instrument, centre, radius, steps, wide=0.9):
     ("centre", "swept", "cut"),
     [
         ((0.0, 0, 128), range(30), False),
-        ((0.0, 17.5, 128), range(30), True),  # beyond the picture's lower edge
+        ((0.0, 17.5, 128), range(30), True),  # beyond the image's lower edge
         ((0.0, 0, 128), range(12, 30), True),  # the scan began in the middle of the ball
     ],
-    ids=["whole", "picture", "sweep"],
+    ids=["whole", "image", "sweep"],
 )
-def test_a_ball_at_the_pictures_edge_or_the_sweeps_end_is_cut(centre, swept, cut):
+def test_a_ball_at_the_images_edge_or_the_sweeps_end_is_cut(centre, swept, cut):
     instrument = scanner()
     pixels, steps = stripes_on_ball(instrument, np.array(centre), 8.0, swept)
     rows = [{"step": step} for step in swept]

@@ -1,4 +1,4 @@
-"""Boards in pictures: found to a small part of a pixel with an honest σ, or rejected with the right reason."""
+"""Boards in images: found to a small part of a pixel with an honest σ, or rejected with the right reason."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from board_pictures import ASYMMETRIC, CHARUCO, CHESS, CIRCLES, SIZE, homography, project, render
+from board_images import ASYMMETRIC, CHARUCO, CHESS, CIRCLES, SIZE, homography, project, render
 from datasets.recording import Recording
 from sensors.boards import circles
 from sensors.boards import finders as board_finders
@@ -82,7 +82,7 @@ def test_origin_is_the_same_from_every_side(board, turn):
 
 @pytest.mark.parametrize("board", [CIRCLES, ASYMMETRIC], ids=lambda b: b.kind)
 def test_centre_of_a_disc_is_not_the_centre_of_its_ellipse(board):
-    """Seen at 45 degrees the shift is many σ; with it the centres fit as well as the picture is sampled (0.01 px)."""
+    """Seen at 45 degrees the shift is many σ; with it the centres fit as well as the image is sampled (0.01 px)."""
     h = homography(board, tilt=(0.2, 0.75), fill=0.7)
     view = detect(render(board, h, noise=0.5), board)
     plain = np.sqrt(np.mean((view.pixels - project(h, board.points[:, view.index])) ** 2))
@@ -111,9 +111,9 @@ def test_centre_shift_agrees_with_the_fitted_ellipse():
 
 def test_charuco_may_be_cut_and_covered():
     h = homography(CHARUCO, shift=(90, 0))
-    picture = render(CHARUCO, h, noise=2)
-    picture[: SIZE[1] // 3, : SIZE[0] // 2] = 120
-    view = detect(picture, CHARUCO)
+    image = render(CHARUCO, h, noise=2)
+    image[: SIZE[1] // 3, : SIZE[0] // 2] = 120
+    view = detect(image, CHARUCO)
     assert 8 <= len(view.index) < 28
     assert np.abs(view.pixels - truth(CHARUCO, h, view)).max() < 0.1
 
@@ -138,45 +138,45 @@ def test_two_boards_are_said_to_be_two(board):
 def test_only_grey_arrays_are_looked_at(shape):
     with pytest.raises(
         InputError,
-        match=r"picture: expected grey values \(H, W\) of 8 or 16 bits, found uint8 of shape",
+        match=r"image: expected grey values \(H, W\) of 8 or 16 bits, found uint8 of shape",
     ):
         detect(np.zeros(shape, np.uint8), CHESS)
     with pytest.raises(InputError, match="found int64 of shape"):
         detect(np.zeros((300, 400), np.int64), CHESS)
 
 
-def test_coarse_places_are_those_of_the_picture_that_was_shrunk(monkeypatch):
-    """A pixel of the picture made half as large is centred between two: without that all corners lie half a pixel off."""
+def test_coarse_places_are_those_of_the_image_that_was_shrunk(monkeypatch):
+    """A pixel of the image made half as large is centred between two: without that all corners lie half a pixel off."""
     monkeypatch.setattr(board_finders, "LARGE", SIZE[0] // 2)
     h = homography(CHESS)
-    picture = render(CHESS, h, noise=1)
+    image = render(CHESS, h, noise=1)
     for first in (True, False):
         if not first:
             monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *a, **k: (False, None))
-        off = board_finders.find(picture, CHESS).pixels - project(h, CHESS.points)
+        off = board_finders.find(image, CHESS).pixels - project(h, CHESS.points)
         assert np.abs(off.mean(1)).max() < 0.15 and np.abs(off).max() < 0.4
 
 
 @pytest.mark.parametrize("what", ["covered", "smeared"])
 def test_a_corner_that_is_not_sharp_is_left_out_and_the_others_kept(what):
     h = homography(CHESS)
-    picture, places = render(CHESS, h, noise=2), project(h, CHESS.points)
+    image, places = render(CHESS, h, noise=2), project(h, CHESS.points)
     v, u = np.mgrid[: SIZE[1], : SIZE[0]]
     for k in (20, 31):
         here = np.hypot(u - places[0, k], v - places[1, k]) < 9
-        half = np.where(u > places[0, k] - 2, 30, picture)
-        changed = half if what == "covered" else cv2.GaussianBlur(picture, (0, 0), 5)
-        view = detect(np.where(here, changed, picture).astype(np.uint8), CHESS)
+        half = np.where(u > places[0, k] - 2, 30, image)
+        changed = half if what == "covered" else cv2.GaussianBlur(image, (0, 0), 5)
+        view = detect(np.where(here, changed, image).astype(np.uint8), CHESS)
         np.testing.assert_array_equal(view.index, np.delete(np.arange(54), k))
         assert np.abs(view.pixels - places[:, view.index]).max() < 0.05
 
 
 def test_older_finder_steps_in_where_the_first_one_fails(monkeypatch):
     """Which of OpenCV's two finders met the corners moves where they are fitted by less than their σ."""
-    picture = render(CHESS, homography(CHESS), noise=2)
-    first = detect(picture, CHESS)
+    image = render(CHESS, homography(CHESS), noise=2)
+    first = detect(image, CHESS)
     monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *a, **k: (False, None))
-    second = detect(picture, CHESS)
+    second = detect(image, CHESS)
     np.testing.assert_array_equal(first.index, second.index)
     assert np.all(np.abs(first.pixels - second.pixels) < 0.5 * first.sigma)
 
@@ -224,9 +224,7 @@ def test_wrong_size_of_board_says_which_would_fit(shown, expected, size):
 def test_cut_board_is_said_to_be_cut(board, shift, seen):
     found = detect(render(board, homography(board, shift=shift), noise=2), board)
     assert isinstance(found, Rejected) and found.found is None
-    assert found.why.startswith(seen) and found.why.endswith(
-        "the board is cut by the picture's edge"
-    )
+    assert found.why.startswith(seen) and found.why.endswith("the board is cut by the image's edge")
 
 
 def swapped_kind(board):
@@ -258,7 +256,7 @@ def test_another_kind_of_board_is_named(shown, expected, why):
     assert isinstance(found, Rejected) and why in found.why
 
 
-def test_stripe_without_a_board_and_flawed_pictures_are_rejected():
+def test_stripe_without_a_board_and_flawed_images_are_rejected():
     v, u = np.mgrid[: SIZE[1], : SIZE[0]]
     stripe = (20 + 200 * np.exp(-0.5 * ((v - 140 - 0.05 * u) / 2) ** 2)).astype(np.uint8)
     assert detect(stripe, CHESS).why == "no chessboard found"
@@ -325,9 +323,9 @@ def test_board_of_keys_and_its_points():
 
 
 def recording(folder, named, board=CHESS):
-    """A recording in memory of pictures by their names."""
-    for name, picture in named.items():
-        cv2.imwrite(str(folder / name), picture)
+    """A recording in memory of images by their names."""
+    for name, image in named.items():
+        cv2.imwrite(str(folder / name), image)
     rows = tuple(
         {"image": name, "role": "board", "placement": name[0], "time_s": 1.0} for name in named
     )
@@ -340,7 +338,7 @@ def recording(folder, named, board=CHESS):
     return Recording("board-images", {}, {}, images=rows, board=keys, name="cell-4", folder=folder)
 
 
-def test_all_pictures_of_a_recording(tmp_path):
+def test_all_images_of_a_recording(tmp_path):
     """Each is a view or has its reason; progress is told after every one."""
     one, two = (render(CHESS, homography(CHESS, turn=turn), noise=2) for turn in (0.1, 0.3))
     named = {
@@ -371,7 +369,7 @@ def test_all_pictures_of_a_recording(tmp_path):
     assert told[-1] == (7, 7, "b.png") and [t[0] for t in told] == list(range(1, 8))
 
 
-def test_no_picture_with_the_board_gets_one_sentence(tmp_path):
+def test_no_image_with_the_board_gets_one_sentence(tmp_path):
     made = recording(
         tmp_path, {"a.png": render(CHESS, homography(CHESS), noise=2)}, without(CHESS, columns=1)
     )
@@ -388,10 +386,10 @@ def test_no_picture_with_the_board_gets_one_sentence(tmp_path):
         )
     with pytest.raises(InputError, match=r"key \[board\]: expected this section"):
         detect_all(replace(made, board=None))
-    with pytest.raises(InputError, match="column role: expected pictures of a board, found none"):
+    with pytest.raises(InputError, match="column role: expected images of a board, found none"):
         detect_all(replace(made, images=()))
     (tmp_path / "a.png").write_bytes(b"")
-    with pytest.raises(InputError, match="cell-4/a.png: expected a picture, found an empty file"):
+    with pytest.raises(InputError, match="cell-4/a.png: expected a image, found an empty file"):
         detect_all(made)
 
 
@@ -406,7 +404,7 @@ def test_no_picture_with_the_board_gets_one_sentence(tmp_path):
         ("handeye_open3dv:to-hand", 5, 0.04),
     ],
 )
-def test_real_pictures(real, name, count, limit):
+def test_real_images(real, name, count, limit):
     """Every board is found, whole, and plain OpenCV fits a camera to its places within the limit (px, as OpenCV counts)."""
     import datasets
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from board_scenes import BOW, CAMERA, COLUMNS, ROWS, SQUARE, board_model
-from sensors import pictures
+from sensors import images
 from sensors.boards import detection as boards
 from sensors.boards.board import Board
 from sensors.boards.detection import View
@@ -21,7 +21,7 @@ BOARD = Board("chessboard", COLUMNS, ROWS, SQUARE)
 
 
 def views_of(rng, count=20, **scene) -> tuple[list[View], object]:
-    """Pictures of boards with 0.06 px noise, as `boards.detect` gives them, and the true parameters."""
+    """Images of boards with 0.06 px noise, as `boards.detect` gives them, and the true parameters."""
     model, truth = board_model(rng, count, **scene)
     pixels, corners = model.chain.pixels, BOARD.count
     radius = scene.get("radius", 0.0)
@@ -98,7 +98,7 @@ def test_it_gives_what_opencv_gives_where_both_fit_the_same():
     assert ours.camera.distortion[:4] == pytest.approx(distortion[0, :4], abs=5e-3)
 
 
-def test_held_out_pictures_show_the_bow_that_opencv_has_not():
+def test_held_out_images_show_the_bow_that_opencv_has_not():
     views, _ = views_of(np.random.default_rng(2), 12)
     made = calibrated(views, folds=4)
     held = made.held_out
@@ -209,7 +209,7 @@ def test_a_further_effect_is_fitted_with_the_camera():
 
 
 def test_stated_sigmas_that_are_too_small_are_made_up_for():
-    """Every second picture claims 0.005 px: what all have in common beyond that counts for all."""
+    """Every second image claims 0.005 px: what all have in common beyond that counts for all."""
     views, _ = views_of(np.random.default_rng(7))
     boast = [
         replace(view, sigma=view.sigma / 12) if k % 2 else replace(view, sigma=view.sigma / 6)
@@ -222,7 +222,7 @@ def test_stated_sigmas_that_are_too_small_are_made_up_for():
 
 
 def broken(kind, views, rng):
-    """Views with the fourth picture spoilt."""
+    """Views with the fourth image spoilt."""
     view = views[3]
     grid = view.index.reshape(ROWS, COLUMNS)
     spoilt = {
@@ -249,7 +249,7 @@ def broken(kind, views, rng):
         ("row", "lie on one line"),
     ],
 )
-def test_a_picture_that_contradicts_the_others_is_named_and_left_out(kind, why):
+def test_a_image_that_contradicts_the_others_is_named_and_left_out(kind, why):
     rng = np.random.default_rng(8)
     views, _ = views_of(rng, 12)
     made = calibrated(broken(kind, views, rng))
@@ -260,7 +260,7 @@ def test_a_picture_that_contradicts_the_others_is_named_and_left_out(kind, why):
     assert abs(made.camera.fx - 3421) < 4 * made.std["camera.fx"] and made.std["camera.fx"] < 1.5
 
 
-def test_single_wrong_corners_are_counted_by_picture_and_spoil_nothing():
+def test_single_wrong_corners_are_counted_by_image_and_spoil_nothing():
     views, _ = views_of(np.random.default_rng(9), 12)
     pixels = views[5].pixels.copy()
     pixels[:, :4] += 20
@@ -271,7 +271,7 @@ def test_single_wrong_corners_are_counted_by_picture_and_spoil_nothing():
     assert made.std["camera.fx"] < 1.5 and abs(made.camera.fx - 3421) < 4 * made.std["camera.fx"]
 
 
-def test_partly_seen_boards_in_any_order_and_two_pictures_of_one_placement():
+def test_partly_seen_boards_in_any_order_and_two_images_of_one_placement():
     rng = np.random.default_rng(10)
     views, _ = views_of(rng, 12)
     part = []
@@ -312,9 +312,9 @@ def test_a_field_that_is_hardly_covered_and_too_few_placements_for_checks_are_sa
         for m in [(np.abs(v.pixels - [[640], [512]]) < 300).all(0)]
     ]
     made = calibrated(small, folds=5)
-    assert "of the picture's cells" in made.remarks[0]
+    assert "of the image's cells" in made.remarks[0]
     assert made.held_out is None and made.halves is None
-    assert any("no picture could be left out" in remark for remark in made.remarks)
+    assert any("no image could be left out" in remark for remark in made.remarks)
 
 
 @pytest.mark.parametrize(
@@ -328,7 +328,7 @@ def test_a_field_that_is_hardly_covered_and_too_few_placements_for_checks_are_sa
         ),
         (
             lambda v: [*v[:4], replace(v[4], size=(640, 480))],
-            "4.png: expected a picture of 1280 x 1024 pixels as the others, found 640 x 480",
+            "4.png: expected a image of 1280 x 1024 pixels as the others, found 640 x 480",
         ),
         (
             lambda v: [*v[:4], replace(v[4], pixels=v[4].pixels * np.nan)],
@@ -340,7 +340,7 @@ def test_a_field_that_is_hardly_covered_and_too_few_placements_for_checks_are_sa
         ),
         (
             lambda v: [replace(one, index=one.index.reshape(11, 8).T.ravel()) for one in v],
-            "expected pictures of a 11 x 8 chessboard, .* correct the board's columns and rows",
+            "expected images of a 11 x 8 chessboard, .* correct the board's columns and rows",
         ),
     ],
 )
@@ -354,7 +354,7 @@ def test_input_that_cannot_be_used_gets_its_sentence(change, sentence):
 
 def seen_in(folder, board):
     found = [
-        boards.detect(pictures.read(path, path), board, path.rsplit("/", 1)[-1])
+        boards.detect(images.read(path, path), board, path.rsplit("/", 1)[-1])
         for path in sorted(glob.glob(str(folder)))
     ]
     assert all(isinstance(one, View) for one in found)
@@ -363,8 +363,8 @@ def seen_in(folder, board):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side, most", [("left", 0.31), ("right", 0.30)])
-def test_opencvs_own_pictures(real, side, most):
-    """No worse than OpenCV on pictures left out; both cameras see the same bow of the same board."""
+def test_opencvs_own_images(real, side, most):
+    """No worse than OpenCV on images left out; both cameras see the same bow of the same board."""
     views = seen_in(
         real("opencv_stereo_chess") / f"{side}[01]*.jpg", Board("chessboard", 9, 6, 25.0)
     )

@@ -30,7 +30,7 @@ def seen_by(
     points=None,
     tilt=0.6,
 ):
-    """Views of boards with noise through any lens: project (3, n) camera frame -> (2, n) px; 30 corners in the picture."""
+    """Views of boards with noise through any lens: project (3, n) camera frame -> (2, n) px; 30 corners in the image."""
     points, views = board.points if points is None else points, []
     while len(views) < count:
         turn = rotation_matrix(
@@ -73,7 +73,7 @@ def fisheye(points):
     )[0][:, 0].T
 
 
-def test_a_lens_of_94_degrees_loses_no_picture():
+def test_a_lens_of_94_degrees_loses_no_image():
     wide = Camera(600.0, 600.0, 640.0, 512.0, (-0.28, 0.09, 0.0, 0.0, -0.012), (1280, 1024))
     views = seen_by(wide.project, np.random.default_rng(0), Board("chessboard", 11, 8, 5.0))
     made = calibrate_camera(views, Board("chessboard", 11, 8, 5.0), wide.size, folds=0)
@@ -82,7 +82,7 @@ def test_a_lens_of_94_degrees_loses_no_picture():
     assert made.lens.p_value > 0.01 and made.printed.p_value > 0.01
 
 
-def test_a_shuffled_picture_through_a_wide_lens_is_still_named():
+def test_a_shuffled_image_through_a_wide_lens_is_still_named():
     wide = Camera(600.0, 600.0, 640.0, 512.0, (-0.28, 0.09, 0.0, 0.0, -0.012), (1280, 1024))
     rng = np.random.default_rng(0)
     views = seen_by(wide.project, rng, Board("chessboard", 11, 8, 5.0))
@@ -94,7 +94,7 @@ def test_a_shuffled_picture_through_a_wide_lens_is_still_named():
 
 
 @pytest.mark.parametrize("near, across", [((60, 120), (80, 60)), ((25, 50), (25, 20))])
-def test_of_a_fisheye_the_model_is_blamed_and_not_the_pictures(near, across):
+def test_of_a_fisheye_the_model_is_blamed_and_not_the_images(near, across):
     board = Board("chessboard", 11, 8, 5.0)
     views = seen_by(fisheye, np.random.default_rng(0), board, near=near, across=across)
     made = calibrate_camera(views, board, (1280, 1024), folds=0)
@@ -184,7 +184,7 @@ def test_errors_of_the_print_are_found_and_in_the_sigmas():
         views, board = printed_views(np.random.default_rng(seed), 0.005)
         made = calibrate_camera(views, board, CAMERA.size, folds=0)
         assert made.printed.p_value < 1e-6 and any(
-            "off by the same in all pictures" in one for one in made.remarks
+            "off by the same in all images" in one for one in made.remarks
         )
         assert made.printed.sigma_mm == pytest.approx(0.005, rel=0.35)
         off = made.camera.values - CAMERA.values
@@ -223,7 +223,7 @@ def test_what_is_undetermined_has_no_sigma():
 
 
 def test_sigmas_that_do_not_hold_two_sigmas_away_are_not_stated():
-    """Boards in one corner of the picture only: what trades distortion for the principal point is no parabola."""
+    """Boards in one corner of the image only: what trades distortion for the principal point is no parabola."""
     board, pulls = Board("chessboard", 11, 8, 5.0), []
     for seed in range(8):
         views = seen_by(
@@ -328,8 +328,8 @@ def leaking(rng):
     return bent
 
 
-def test_pictures_left_out_are_not_in_the_fit_of_either_side():
-    """What a fit of all pictures halves stands in full on those left out: ours and OpenCV's alike."""
+def test_images_left_out_are_not_in_the_fit_of_either_side():
+    """What a fit of all images halves stands in full on those left out: ours and OpenCV's alike."""
     held = calibrated(leaking(np.random.default_rng(1)), folds=2, loss="linear")
     inside = held.rms_px
     assert held.held_out.rms_px > 1.4 * inside

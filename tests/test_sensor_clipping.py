@@ -9,7 +9,7 @@ from datasets.recording import Recording
 from sensors.boards.board import Board
 from sensors.boards.detection import View
 from sensors.camera.model import Camera
-from sensors.pictures import as_picture
+from sensors.images import as_image
 from sensors.scanner.file import write_scanner
 from sensors.scanner.model import Scanner
 from sensors.stripe.clipping import Counts, clip_level
@@ -80,30 +80,30 @@ def test_a_line_that_is_not_clipped_is_not_said_to_be(kind, peak, noise, width, 
     assert clip_level(stack) > stack.max()
 
 
-def test_full_scale_of_one_picture():
+def test_full_scale_of_one_image():
     """Of what its bits say: a dim one is of fewer bits than the camera."""
     fulls = {4095: 4095, 1023: 1023, 1024: 4095, 60: 1023, 16_000: 16_383, 50_001: 65_535}
     for largest, full in fulls.items():
         grey = np.arange(largest + 1, dtype=np.uint16)[None]
-        assert as_picture(grey).full == full
+        assert as_image(grey).full == full
     for bits in (10, 12, 14):
         grey = np.arange(2**bits, dtype=np.uint16)[None] << (16 - bits)
-        assert as_picture(grey).full == 2**16 - 2 ** (16 - bits)
-        assert as_picture(grey).saturated == 2.0**-bits
+        assert as_image(grey).full == 2**16 - 2 ** (16 - bits)
+        assert as_image(grey).saturated == 2.0**-bits
 
 
-def recorded(folder, pictures, role, **more) -> Recording:
-    """A recording in `folder` of pictures by name."""
-    for name, picture in pictures.items():
-        assert cv2.imwrite(str(folder / name), picture)
+def recorded(folder, images, role, **more) -> Recording:
+    """A recording in `folder` of images by name."""
+    for name, image in images.items():
+        assert cv2.imwrite(str(folder / name), image)
     rows = tuple(
-        {"image": name, "role": role, "step": step, **more} for step, name in enumerate(pictures)
+        {"image": name, "role": role, "step": step, **more} for step, name in enumerate(images)
     )
     return Recording("scan-images", {}, {}, images=rows, name="cell-4", folder=folder)
 
 
-def test_full_scale_is_that_of_all_pictures(tmp_path):
-    """A dim picture whose brightest pixel is 1023 is not clipped where others of the camera reach 4095."""
+def test_full_scale_is_that_of_all_images(tmp_path):
+    """A dim image whose brightest pixel is 1023 is not clipped where others of the camera reach 4095."""
     dim = twelve_bits(peak=800.0, ground=50, frames=1)
     dim[0, ::3, 200] = 1023
     made = recorded(tmp_path, {"dim.png": dim[0], "bright.png": twelve_bits(frames=1)[0]}, "scan")
@@ -132,9 +132,9 @@ def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, 
     import workbench.jobs.scan
 
     told = passed_on(monkeypatch, workbench.jobs.scan)
-    pictures = twelve_bits(left)
+    images = twelve_bits(left)
     made = recorded(
-        tmp_path, {f"{k}.png": picture for k, picture in enumerate(pictures)}, "scan", scan="1"
+        tmp_path, {f"{k}.png": image for k, image in enumerate(images)}, "scan", scan="1"
     )
     camera = Camera(900.0, 900.0, 127.0, 127.0, (0.0,) * 5, (SIDE, SIDE))
     write_scanner(
@@ -156,8 +156,8 @@ def test_stripes_on_boards_know_the_full_scale_of_their_camera(tmp_path, monkeyp
     import workbench.jobs.scanner
 
     told = passed_on(monkeypatch, workbench.jobs.scanner)
-    pictures = {f"{k}.png": picture for k, picture in enumerate(twelve_bits(left))}
-    made = recorded(tmp_path, pictures, "board-laser", placement="1")
+    images = {f"{k}.png": image for k, image in enumerate(twelve_bits(left))}
+    made = recorded(tmp_path, images, "board-laser", placement="1")
     assert cv2.imwrite(str(tmp_path / "dark.png"), twelve_bits(left, peak=0.0, frames=1, seed=1)[0])
     pixels = np.stack(np.meshgrid(np.linspace(30, 225, 9), np.linspace(30, 225, 9))).reshape(2, 81)
     view = View(

@@ -241,7 +241,7 @@ def test_the_page_of_effects_lists_them():
 
 
 def circle_state(n=4000):
-    """Pixels even over the circle around a square picture's middle; the circle is where the field is 1."""
+    """Pixels even over the circle around a square image's middle; the circle is where the field is 1."""
     rng = np.random.default_rng(1)
     radius, angle = np.sqrt(rng.uniform(0, 1, n)), rng.uniform(0, 2 * np.pi, n)
     camera = replace(CAMERA, size=(1001, 1001))

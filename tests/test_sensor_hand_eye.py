@@ -1,4 +1,4 @@
-"""Hand-eye from pictures and from profiles of one ball: truth found, sigmas honest, mistakes named."""
+"""Hand-eye from images and from profiles of one ball: truth found, sigmas honest, mistakes named."""
 
 import json
 from dataclasses import replace
@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_eye_scenes import CAMERA, NOISE, SHIFT, board, off, pictures, profiles
+from hand_eye_scenes import CAMERA, NOISE, SHIFT, board, images, off, profiles
 from sensors.boards.board import Board
 from sensors.boards.detection import View, detect, relabelled
 from sensors.camera.model import Camera
 from sensors.hand_eye.chain import BallChain, BoardChain
-from sensors.hand_eye.pictures import camera_prior, hand_eye_from_views
+from sensors.hand_eye.images import camera_prior, hand_eye_from_views
 from sensors.hand_eye.profiles import hand_eye_from_profiles
 from sensors.hand_eye.scatter import board_scatter, deviations, placed_boards
 from sensors.hand_eye.start import board_poses, closed_forms
@@ -84,7 +84,7 @@ def test_derivatives_are_those_of_the_residual(kind):
 
 @pytest.mark.parametrize("kind", ["in-hand", "to-hand"])
 def test_views_find_the_truth_within_four_sigma(kind):
-    views, flange = pictures(1, kind)
+    views, flange = images(1, kind)
     found = hand_eye_from_views(views, board(), CAMERA, flange, kind)
     assert np.abs(off(found.sensor) / np.sqrt(np.diag(found.covariance))).max() < 4
     assert (
@@ -98,7 +98,7 @@ def test_views_find_the_truth_within_four_sigma(kind):
 
 def test_a_camera_with_its_covariance_is_adjusted_towards_the_truth():
     """A focal length that is 3 px off comes back by what the robot, a ruler in depth, says of it."""
-    views, flange = pictures(2, shift=0.02, spin=3e-5)
+    views, flange = images(2, shift=0.02, spin=3e-5)
     wrong = replace(CAMERA, fx=CAMERA.fx + 3, fy=CAMERA.fy + 3)
     found = hand_eye_from_views(
         views, board(), wrong, flange, camera_covariance=camera_prior(wrong)
@@ -112,7 +112,7 @@ def test_no_closed_form_is_closer_to_the_truth():
     """Over eight sets the hand-eye's place is nearer than that of any of OpenCV's seven closed forms."""
     ours, theirs = [], {}
     for seed in range(40, 48):
-        views, flange = pictures(seed)
+        views, flange = images(seed)
         ours.append(off(hand_eye_from_views(views, board(), CAMERA, flange).sensor)[:3])
         for name, sensor in closed_forms(
             flange, seen_boards(views, board(), CAMERA), "in-hand"
@@ -150,7 +150,7 @@ def test_sigmas_of_views_cover_the_truth():
     """Over 60 sets 62 to 74 % of the six numbers lie within one sigma."""
     inside = []
     for seed in range(60):
-        views, flange = pictures(100 + seed, "in-hand" if seed % 2 else "to-hand")
+        views, flange = images(100 + seed, "in-hand" if seed % 2 else "to-hand")
         found = hand_eye_from_views(
             views, board(), CAMERA, flange, "in-hand" if seed % 2 else "to-hand"
         )
@@ -231,8 +231,8 @@ SLOW = ("inverted", "radians", "one row")
     "word",
     [pytest.param(word, marks=pytest.mark.slow) if word in SLOW else word for word in MISTAKES],
 )
-def test_mistakes_in_flange_poses_of_pictures_are_named(word):
-    views, flange = pictures(10)
+def test_mistakes_in_flange_poses_of_images_are_named(word):
+    views, flange = images(10)
     found = hand_eye_from_views(views, board(), CAMERA, MISTAKES[word](flange))
     assert len(found.suspicions) == 1 and word in found.suspicions[0]
 
@@ -246,7 +246,7 @@ def test_mistakes_in_flange_poses_of_profiles_are_named(word):
 
 
 def test_one_blunder_is_left_out_and_named():
-    views, flange = pictures(12)
+    views, flange = images(12)
     flange[4, :3, 3] += [0, 12.0, 5]
     found = hand_eye_from_views(views, board(), CAMERA, flange)
     assert found.outliers == (4,) and "pose 4" in found.poses[4].why
@@ -259,8 +259,8 @@ def test_one_blunder_is_left_out_and_named():
 
 
 def test_bad_input_is_a_sentence():
-    views, flange = pictures(13)
-    with pytest.raises(InputError, match="12 pictures"):
+    views, flange = images(13)
+    with pytest.raises(InputError, match="12 images"):
         hand_eye_from_views(views, board(), CAMERA, flange[:-1])
     with pytest.raises(InputError, match="in-hand or to-hand"):
         hand_eye_from_views(views, board(), CAMERA, flange, "on-hand")
@@ -274,16 +274,16 @@ def test_bad_input_is_a_sentence():
 
 
 def test_a_board_that_looks_the_same_upside_down_may_be_labelled_either_way():
-    """Every third picture is labelled from the other corner; the hand-eye is that of the true labels."""
+    """Every third image is labelled from the other corner; the hand-eye is that of the true labels."""
     target = Board("chessboard", 7, 5, 15.0)
-    views, flange = pictures(14)
+    views, flange = images(14)
     views = [View("", "", v.index, v.pixels, CAMERA.size, np.ones(35)) for v in views]
     mixed = [relabelled(view, target, 1) if k % 3 == 1 else view for k, view in enumerate(views)]
     true, found = (hand_eye_from_views(v, target, CAMERA, flange) for v in (views, mixed))
     np.testing.assert_allclose(found.sensor, true.sensor, atol=1e-3)
 
 
-OPEN3DV = {  # folder, pictures, half the distance of centres in mm, most scatter in mm and deg
+OPEN3DV = {  # folder, images, half the distance of centres in mm, most scatter in mm and deg
     "in-hand": ("input_EyeInHand", 8, 10.0, 0.585, 0.046),
     "to-hand": ("input_EyeToHand", 5, 20.0, 0.184, 0.094),
 }

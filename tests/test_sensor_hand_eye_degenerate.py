@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, jolt, looks, off, pictures, profiles
+from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, images, jolt, looks, off, profiles
+from sensors.hand_eye.images import camera_prior, hand_eye_from_views
 from sensors.hand_eye.motion import motion
-from sensors.hand_eye.pictures import camera_prior, hand_eye_from_views
 from sensors.hand_eye.profiles import hand_eye_from_profiles
 from sensors.hand_eye.start import align
 from workbench.core.rigid import inverse, rotation_vector, transform
@@ -41,7 +41,7 @@ PLACES = {
 }
 
 
-def images(turns, places, kind="in-hand", noise=1.0, seed=3):
+def image_poses(turns, places, kind="in-hand", noise=1.0, seed=3):
     """Views and flange poses of a camera at `places` (P, 3), mm from 300 mm before the middle of the board."""
     random, points = np.random.default_rng(seed), board().points
     middle = points.mean(1)
@@ -99,7 +99,7 @@ def test_one_sentence_says_which_translations_and_rotations_are_undetermined(
 ):
     """And they have no sigma: the constant flange orientation, the single line, the single axis, no motion at all."""
     words, undetermined = OPEN[turns, places]
-    views, flange = images(rotations(turns), PLACES[places], kind, noise)
+    views, flange = image_poses(rotations(turns), PLACES[places], kind, noise)
     found = hand_eye_from_views(views, board(), CAMERA, flange, kind)
     check_stated(found)
     assert np.isinf(np.diag(found.covariance)).tolist() == [bool(k) for k in undetermined]
@@ -145,7 +145,7 @@ def test_repeated_poses_and_exact_data_end_in_a_result(turns, repeated, what, no
         found = hand_eye_from_profiles(points, pose, flange, 20.0 if what == "radius" else None)
     else:
         kind = "to-hand" if what == "to-hand" else "in-hand"
-        views, flange = pictures(
+        views, flange = images(
             5, kind, 8, turned, shift=0.2 * noise, spin=3e-4 * noise, noise=0.1 * noise
         )
         prior = camera_prior(CAMERA) if what == "camera" else None
@@ -168,7 +168,7 @@ def test_repeated_poses_and_exact_data_end_in_a_result(turns, repeated, what, no
 def test_the_small_motions_named_change_no_measurement(kind):
     """x commutes with every motion of the flange: the predicted board pose in the camera stays where it is."""
     for turns, places in OPEN:
-        flange = images(rotations(turns), PLACES[places], kind, 0.0)[1]
+        flange = image_poses(rotations(turns), PLACES[places], kind, 0.0)[1]
         moved = flange if kind == "in-hand" else inverse(flange)
         target = (
             moved[0]

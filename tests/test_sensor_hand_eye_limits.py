@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, off, pictures, profiles
+from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, images, off, profiles
 from sensors.boards.board import Board
 from sensors.boards.detection import View
 from sensors.camera.calibration import calibrate_camera
+from sensors.hand_eye.images import camera_prior, hand_eye_from_views
 from sensors.hand_eye.known import _beside
 from sensors.hand_eye.motion import readings
-from sensors.hand_eye.pictures import camera_prior, hand_eye_from_views
 from sensors.hand_eye.profiles import hand_eye_from_profiles
 from sensors.hand_eye.start import align
 from workbench.core.errors import InputError
@@ -39,7 +39,7 @@ SPUN = LOOKS @ Rotation.from_rotvec(np.outer(np.linspace(-1, 1, 12), [0, 0, 1]))
 )
 def test_what_the_motions_leave_open_has_no_sigma(turns, words, kind, spin):
     """However large the robot's errors of rotation, which look like turns: place inf, turn finite and true."""
-    views, flange = pictures(9, kind, turns=turns, spin=spin)
+    views, flange = images(9, kind, turns=turns, spin=spin)
     found = hand_eye_from_views(views, board(), CAMERA, flange, kind)
     assert words in found.undetermined[0] and len(found.undetermined) == 1 and not found.suspicions
     for covariance, where in ((found.covariance, "sensor"), (found.target_covariance, "target")):
@@ -50,9 +50,9 @@ def test_what_the_motions_leave_open_has_no_sigma(turns, words, kind, spin):
 
 
 def test_angles_that_never_change_are_not_read_in_another_order():
-    flange = pictures(8, turns=STILL, spin=1e-5)[1]
+    flange = images(8, turns=STILL, spin=1e-5)[1]
     assert not any("angles" in words for words, _ in readings(flange))
-    assert any("angles" in words for words, _ in readings(pictures(8)[1]))
+    assert any("angles" in words for words, _ in readings(images(8)[1]))
 
 
 def test_what_is_known_beside_a_prior_is_what_the_whole_leaves_of_it():
@@ -68,7 +68,7 @@ def test_what_is_known_beside_a_prior_is_what_the_whole_leaves_of_it():
 def test_across_the_one_axis_the_sigma_stays_where_the_frame_lies_along_it():
     """The camera's own axis is one of the flange's: its place across it is known and covered."""
     straight = transform(np.eye(3), np.array([60.0, -20, 90]))
-    views, flange = pictures(9, turns=SPUN, spin=1e-5)
+    views, flange = images(9, turns=SPUN, spin=1e-5)
     found = hand_eye_from_views(views, board(), CAMERA, flange @ HAND_EYE @ inverse(straight))
     std = np.sqrt(np.diag(found.covariance))
     assert np.isinf(std[2]) and std[:2].max() < 5
@@ -87,7 +87,7 @@ def test_small_turns_are_known_and_covered():
     """Turns of two degrees, forty times the robot's errors: sigmas of millimetres, and true."""
     random = np.random.default_rng(1)
     turns = LOOKS @ Rotation.from_rotvec(random.uniform(-0.035, 0.035, (12, 3))).as_matrix()
-    views, flange = pictures(8, turns=turns, spin=1e-4)
+    views, flange = images(8, turns=turns, spin=1e-4)
     found = hand_eye_from_views(views, board(), CAMERA, flange)
     std = np.sqrt(np.diag(found.covariance))
     assert (
@@ -113,7 +113,7 @@ def test_the_robots_errors_turn_about_the_board():
 
     Taken about the base's origin, 400 mm away, the tilts would be shifts of a third of a millimetre as well.
     """
-    views, flange = pictures(3, shift=0.01, spin=1e-3)
+    views, flange = images(3, shift=0.01, spin=1e-3)
     found = hand_eye_from_views(views, board(), CAMERA, flange)
     assert found.robot_sigma["position_mm"] < 0.03
     assert np.radians(found.robot_sigma["rotation_deg"]) == pytest.approx(1e-3, rel=0.4)
@@ -121,7 +121,7 @@ def test_the_robots_errors_turn_about_the_board():
 
 def at_the_flange(seed):
     """Views, and flange poses whose errors of place and turn are independent at the flange."""
-    views, flange = pictures(seed, shift=0, spin=0)
+    views, flange = images(seed, shift=0, spin=0)
     random = np.random.default_rng(seed)
     turns = Rotation.from_rotvec(random.normal(0, 3e-4, (12, 3))).as_matrix()
     return views, transform(
@@ -151,7 +151,7 @@ def calibrated(seed, bow=0.0):
     target = grid_board()
     x, y = ((target.points - target.middle[:, None]) / target.half_diagonal)[:2]
     bent = target.points + np.stack([0 * x, 0 * x, bow * (x * x + y * y)])
-    views, flange = pictures(seed, count=16, noise=0.0, shift=0.02, spin=2e-5, points=bent)
+    views, flange = images(seed, count=16, noise=0.0, shift=0.02, spin=2e-5, points=bent)
     random = np.random.default_rng(seed)
     views = [
         View(
@@ -167,7 +167,7 @@ def calibrated(seed, bow=0.0):
     return calibrate_camera(views, target, CAMERA.size, folds=0), views, flange
 
 
-def test_a_calibration_of_the_same_pictures_is_taken_with_its_covariance_and_bow():
+def test_a_calibration_of_the_same_images_is_taken_with_its_covariance_and_bow():
     """Truth within four sigmas; every sigma of the camera by its name; no sentence on a camera's components."""
     made, views, flange = calibrated(4, bow=0.3)
     target = SimpleNamespace(
@@ -193,8 +193,8 @@ def test_a_calibration_of_the_same_pictures_is_taken_with_its_covariance_and_bow
 
 
 def test_a_camera_that_no_motion_helps_leaves_no_words_of_its_components():
-    """A prior's directions that the pictures do not better are no news of the hand-eye."""
-    views, flange = pictures(5)
+    """A prior's directions that the images do not better are no news of the hand-eye."""
+    views, flange = images(5)
     found = hand_eye_from_views(
         views, board(), CAMERA, flange, camera_covariance=1e-8 * camera_prior(CAMERA)
     )
@@ -202,7 +202,7 @@ def test_a_camera_that_no_motion_helps_leaves_no_words_of_its_components():
 
 
 def test_a_covariance_that_is_not_finite_is_a_sentence():
-    views, flange = pictures(5)
+    views, flange = images(5)
     with pytest.raises(InputError, match="covariance is finite"):
         hand_eye_from_views(
             views, board(), CAMERA, flange, camera_covariance=np.full((9, 9), np.nan)
@@ -210,7 +210,7 @@ def test_a_covariance_that_is_not_finite_is_a_sentence():
 
 
 def test_a_board_printed_too_large_is_found_by_its_held_out_error():
-    views, flange = pictures(6, shift=0.02, spin=3e-5)
+    views, flange = images(6, shift=0.02, spin=3e-5)
     small = SimpleNamespace(points=board().points / 1.003)
     found = hand_eye_from_views(views, small, CAMERA, flange)
     assert (
@@ -236,7 +236,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("word", BROKEN)
 def test_matrices_that_are_no_pose_are_named(word):
-    views, flange = pictures(7)
+    views, flange = images(7)
     with pytest.raises(InputError, match=rf"flange pose 3\b.*{word}"):
         hand_eye_from_views(views, board(), CAMERA, first(flange, BROKEN[word]))
     points, pose, flange = profiles(7)
@@ -245,26 +245,26 @@ def test_matrices_that_are_no_pose_are_named(word):
 
 
 def test_matrices_written_with_three_decimals_are_taken():
-    views, flange = pictures(7)
+    views, flange = images(7)
     rough = np.round(flange, 3)
     assert np.abs(off(hand_eye_from_views(views, board(), CAMERA, rough).sensor)[:3]).max() < 2
 
 
 def test_a_pixel_that_is_no_number_is_named():
-    views, flange = pictures(7)
+    views, flange = images(7)
     views[2] = SimpleNamespace(
         index=views[2].index, pixels=np.where(np.arange(35) == 3, np.nan, views[2].pixels)
     )
-    with pytest.raises(InputError, match="picture 2: .* nan at corner 3 "):
+    with pytest.raises(InputError, match="image 2: .* nan at corner 3 "):
         hand_eye_from_views(views, board(), CAMERA, flange)
 
 
 @pytest.fixture(scope="module")
 def one_axis():
-    """A run of the command's part on pictures with turns about one axis."""
+    """A run of the command's part on images with turns about one axis."""
     from workbench.jobs.hand_eye import HandEyeRun
 
-    views, flange = pictures(9, turns=SPUN, spin=1e-5)
+    views, flange = images(9, turns=SPUN, spin=1e-5)
     views = [View("", "", v.index, v.pixels, CAMERA.size, np.ones(35)) for v in views]
     made = hand_eye_from_views(views, grid_board(), CAMERA, flange)
     return HandEyeRun(

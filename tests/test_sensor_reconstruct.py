@@ -54,7 +54,7 @@ def test_the_inverse_of_the_lens_is_exact(lens):
     assert abs(flat[:, :2000] - slow).max() * camera.fx < 1e-9
 
 
-def test_pixels_outside_the_picture_are_as_exact():
+def test_pixels_outside_the_image_are_as_exact():
     camera = CAMERA
     seen = pixels(np.random.default_rng(2), 2 * BLOCK + 5)
     seen[:, ::5] += 900
@@ -257,7 +257,7 @@ def test_planes_move_with_their_frame():
         assert abs(distance).max() < 1e-9, k
 
 
-def test_points_of_the_working_volume_lie_on_their_planes_and_in_the_picture():
+def test_points_of_the_working_volume_lie_on_their_planes_and_in_the_image():
     points, step = field_points(CAMERA, planes(5), 115, 135)
     own = planes(5)[:, step]
     assert abs((own[:3] * points).sum(0) + own[3]).max() < 1e-9

@@ -1,4 +1,4 @@
-"""Pictures and clouds of no use are named with the reason: laser pictures, boards of another size, full disks, cut balls."""
+"""Images and clouds of no use are named with the reason: laser images, boards of another size, full disks, cut balls."""
 
 import errno
 import json
@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import datasets
-from board_pictures import CHESS, homography, render
+from board_images import CHESS, homography, render
 from sensor_recordings import scanner_recording
-from sensors import pictures
+from sensors import images
 from sensors.ball.search import find_balls
 from sensors.boards.board import Board
 from sensors.boards.detection import detect
@@ -41,7 +41,7 @@ def blank(folder, row, value):
     cv2.imwrite(str(path), np.full_like(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), value))
 
 
-def test_laser_pictures_without_a_line_or_a_board_are_named(spoilt):
+def test_laser_images_without_a_line_or_a_board_are_named(spoilt):
     images = datasets.read(spoilt).images
     laser = [row for row in images if row["role"] == "board-laser"]
     blank(spoilt, laser[3], 0)
@@ -69,29 +69,29 @@ def test_laser_pictures_without_a_line_or_a_board_are_named(spoilt):
     assert (place / "summary.png").stat().st_size > 20_000
 
 
-def test_a_line_of_a_few_pixels_is_no_black_picture():
+def test_a_line_of_a_few_pixels_is_no_black_image():
     grey = np.zeros((400, 500), np.uint8)
-    assert pictures.unlit(grey).startswith("all black")
+    assert images.unlit(grey).startswith("all black")
     grey[10, 20] = 60
-    assert pictures.unlit(grey) is None
-    assert pictures.unlit(np.full((9, 9), 255, np.uint8)).startswith("saturated")
+    assert images.unlit(grey) is None
+    assert images.unlit(np.full((9, 9), 255, np.uint8)).startswith("saturated")
 
 
-def test_pictures_of_two_depths_are_a_sentence(tmp_path):
+def test_images_of_two_depths_are_a_sentence(tmp_path):
     for name, kind in (("a.png", np.uint8), ("b.png", np.uint16)):
         cv2.imwrite(str(tmp_path / name), np.arange(12, dtype=kind).reshape(3, 4))
     with pytest.raises(
         InputError,
-        match=r"b.png: expected 8 bits a pixel as in the pictures before, found 16; save",
+        match=r"b.png: expected 8 bits a pixel as in the images before, found 16; save",
     ):
-        list(pictures.stacks([tmp_path / "a.png", tmp_path / "b.png"]))
+        list(images.stacks([tmp_path / "a.png", tmp_path / "b.png"]))
 
 
 @pytest.mark.parametrize(
     ("more", "told"), [((1, 0), "8 x 5"), ((0, 1), "7 x 6"), ((-1, 0), "6 x 5")]
 )
-def test_a_board_written_with_another_size_is_told_by_all_pictures(spoilt, more, told):
-    """Also where some pictures have the board so near the edge that it passes for one that is cut."""
+def test_a_board_written_with_another_size_is_told_by_all_images(spoilt, more, told):
+    """Also where some images have the board so near the edge that it passes for one that is cut."""
     columns, rows = 7 + more[0], 5 + more[1]
     file = spoilt / "recording.toml"
     file.write_text(
@@ -101,7 +101,7 @@ def test_a_board_written_with_another_size_is_told_by_all_pictures(spoilt, more,
     )
     with pytest.raises(
         InputError,
-        match=rf"expected {told} chessboard as written there in the pictures, found 7 x 5 in",
+        match=rf"expected {told} chessboard as written there in the images, found 7 x 5 in",
     ):
         from sensors.boards.detection import detect_all
 
@@ -139,7 +139,7 @@ def dome(rng, radius, count, noise=0.01):
 
 
 def test_a_full_disk_is_a_sentence(tmp_path, monkeypatch, capsys):
-    """Wherever the disk fills up, at the first picture or at the tables."""
+    """Wherever the disk fills up, at the first image or at the tables."""
     monkeypatch.chdir(tmp_path)
     scene = scanner_recording()[0].parent / "scene.toml"
     for place, name in ((Path, "write_bytes"), (Path, "write_text")):
@@ -175,8 +175,8 @@ def test_a_scan_without_a_ball_says_where_one_may_be_cut(spoilt):
         )
 
 
-def test_pictures_of_a_scan_in_which_nothing_can_be_seen_are_named(spoilt, capsys):
-    """Overexposed ones always, black ones where the pictures beside them show the line."""
+def test_images_of_a_scan_in_which_nothing_can_be_seen_are_named(spoilt, capsys):
+    """Overexposed ones always, black ones where the images beside them show the line."""
     images = datasets.read(spoilt).images
     assert run("scanner", spoilt, "--out", "s.toml", "--no-report") == 0
     rows = [row for row in images if row["role"] == "scan" and row["scan"] == images[-1]["scan"]]
@@ -197,7 +197,7 @@ def test_pictures_of_a_scan_in_which_nothing_can_be_seen_are_named(spoilt, capsy
     assert f"left out: {rows[middle]['image']}: all black" in capsys.readouterr().out
 
 
-def test_a_missing_picture_is_one_sentence_and_not_one_within_another(spoilt, capsys):
+def test_a_missing_image_is_one_sentence_and_not_one_within_another(spoilt, capsys):
     row = datasets.read(spoilt).images[2]
     (spoilt / row["image"]).unlink()
     assert run("camera", spoilt, "--no-report") == 2

@@ -1,4 +1,4 @@
-"""The whole chain on rendered pictures whose truth is known: boards, stripes, scanner, clouds, ball centres."""
+"""The whole chain on rendered images whose truth is known: boards, stripes, scanner, clouds, ball centres."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ def tiny():
     return render_scanner(small_scene(3, **TINY))
 
 
-def test_pictures_become_a_scanner_and_a_ball_centre(tiny):
+def test_images_become_a_scanner_and_a_ball_centre(tiny):
     error, sigma = tiny.camera_errors()["fx"]
     assert abs(error) < 3 * sigma < 3e-3 * tiny.scene.sees.fx
     assert tiny.plane_errors()[0] < 0.004
@@ -119,7 +119,7 @@ EFFECTS = [
 @pytest.mark.parametrize(
     ("name", "where", "options", "values", "more"), EFFECTS, ids=[row[0] for row in EFFECTS]
 )
-def test_an_effect_in_the_pictures_is_recovered(name, where, options, values, more):
+def test_an_effect_in_the_images_is_recovered(name, where, options, values, more):
     causes = [BOW, {"effect": name, "where": where, "values": values, **options}]
     boards = {
         "placements": {"count": 12, "laser": 8},

@@ -138,8 +138,8 @@ def test_the_projects_own_finder_sees_every_kind_of_board(name):
     pose[:3] -= cv2.Rodrigues(pose[3:])[0] @ made.middle
     big = replace(CAMERA, fx=2000.0, fy=1996.0, cx=324.0, cy=250.0, size=(640, 512))
     sharp = replace(instrument(), camera=big)
-    picture = render_board(sharp, [BoardSurface(Pattern(made, **print_keys), pose, big)])
-    view = detect(picture, made)
+    image = render_board(sharp, [BoardSurface(Pattern(made, **print_keys), pose, big)])
+    view = detect(image, made)
     assert isinstance(view, View), view
     assert len(view.index) == made.count
     truth = big.project(cv2.Rodrigues(pose[3:])[0] @ made.points + pose[:3, None])
@@ -155,7 +155,7 @@ def test_the_projects_own_finder_sees_every_kind_of_board(name):
 
 
 def test_a_charuco_board_is_opencvs():
-    """The same print as OpenCV's own picture of the board."""
+    """The same print as OpenCV's own image of the board."""
     keys = {
         "kind": "charuco",
         "columns": 6,
@@ -225,8 +225,8 @@ def test_a_stripe_on_a_bright_edge_is_pulled_to_the_bright_side():
 def crossings(light, steps):
     """Pixels (2, n) and steps (n,) of the centres of stripes in light (S, H, W), by parabola through log peaks."""
     found = []
-    for step, picture in enumerate(light):
-        rows, centre = centroids(picture, 0.6)
+    for step, image in enumerate(light):
+        rows, centre = centroids(image, 0.6)
         found.append(np.stack([centre, rows, np.full(len(rows), steps[step])]))
     return np.concatenate(found, 1)[:2], np.concatenate(found, 1)[2].astype(int)
 
@@ -328,7 +328,7 @@ def spread(light, row=125):
 
 
 def even_light(level=0.5, **chip):
-    """(pictures of) an even white board without blur of its edges, level times the full well."""
+    """(images of) an even white board without blur of its edges, level times the full well."""
     made = instrument(lamp=Lamp(level, 0.0, 0.0), chip=Chip(**chip))
     return made, [
         board(replace(PLAIN, white=1.0, dark=1.0), np.array([-30.0, -30.0, 125.0, 0, 0, 0]))
@@ -349,10 +349,10 @@ def test_noise_is_that_of_photons_reading_and_rounding():
 @pytest.mark.parametrize(("bits", "top"), [(8, 255), (10, 65472), (12, 65520), (16, 65535)])
 def test_white_is_full_scale_at_every_depth(bits, top):
     made, surfaces = even_light(3.0, bits=bits)
-    picture = render_board(made, surfaces)
-    assert picture.dtype == (np.uint8 if bits == 8 else np.uint16)
-    assert picture.max() == top
-    assert np.mean(picture == top) > 0.95
+    image = render_board(made, surfaces)
+    assert image.dtype == (np.uint8 if bits == 8 else np.uint16)
+    assert image.max() == top
+    assert np.mean(image == top) > 0.95
 
 
 def test_darkness_is_the_black_level():
@@ -400,7 +400,7 @@ def test_brightness_is_lamberts():
     assert light[v + 100, u] == pytest.approx(expected, rel=0.005)
 
 
-def test_one_seed_one_picture():
+def test_one_seed_one_image():
     made = instrument((0.0,), laser=Laser(0.15, source=SOURCE, contrast=0.2))
     (first,), (again,), (other,) = (
         list(render_scan(made, [board()], seed=seed)) for seed in (1, 1, 2)

@@ -1,4 +1,4 @@
-"""Every effect of the scanner, switched on in a rendered picture, acts through its port as the chain defines it."""
+"""Every effect of the scanner, switched on in a rendered image, acts through its port as the chain defines it."""
 
 from dataclasses import replace
 

@@ -205,11 +205,9 @@ def test_stripes_where_no_board_is_are_dropped_counted_and_told(truth):
     stripes = replace(stripes, placement=np.where(lost, "somewhere", stripes.placement))
     beside = replace(stripes.at(slice(0, 50)), pixels=np.tile([[1270.0], [1015.0]], 50))
     found = calibrated(truth, stripes=joined([stripes, beside]))
-    assert (
-        found.dropped["no board: no usable picture of the board at their placement"] == lost.sum()
-    )
+    assert found.dropped["no board: no usable image of the board at their placement"] == lost.sum()
     assert found.dropped["off the board"] >= 50
-    assert any("no usable picture of the board" in sentence for sentence in found.sentences)
+    assert any("no usable image of the board" in sentence for sentence in found.sentences)
 
 
 def test_a_step_seen_at_one_placement_only_has_no_plane(truth):
@@ -425,7 +423,7 @@ def test_a_file_that_is_not_there_and_a_folder_that_cannot_be_written_to(tmp_pat
         write_scanner(full_scanner(), tmp_path / "none" / "scanner.toml")
 
 
-def test_stripes_of_pictures_know_their_placement_step_and_angle():
+def test_stripes_of_images_know_their_placement_step_and_angle():
     class Found:
         frame, pixels, sigma, along = np.array([0, 0, 1]), np.ones((2, 3)), np.full(3, 0.1), "rows"
         shape = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
@@ -439,7 +437,7 @@ def test_stripes_of_pictures_know_their_placement_step_and_angle():
 
 
 @pytest.mark.slow
-def test_a_real_profiler_on_pictures_left_out(real):
+def test_a_real_profiler_on_images_left_out(real):
     """linelaser_circlegrid_zhao: within 0.03 of a circle's pitch, more than 80 % inliers; the authors' plane."""
     import datasets
     from workbench.jobs.scanner import calibrate

@@ -85,8 +85,8 @@ def test_a_recording_is_read_back(made):
     assert told == [(k, 15) for k in range(1, 16)]
     assert len(result.images) == 15
     for row in recording.images:
-        picture = cv2.imread(str(folder / row["image"]), cv2.IMREAD_UNCHANGED)
-        assert picture.shape == (128, 160) and picture.dtype == np.uint8
+        image = cv2.imread(str(folder / row["image"]), cv2.IMREAD_UNCHANGED)
+        assert image.shape == (128, 160) and image.dtype == np.uint8
 
 
 def test_its_rows_say_when_where_and_which_way(made):
@@ -113,8 +113,8 @@ def test_the_truth_says_where_everything_is(made):
     corners = camera.project(
         rotation_matrix(pose[3:]) @ scene.board.pattern.board.points + pose[:3, None]
     )
-    picture = cv2.imread(str(folder / "images" / "board-001.png"), 0)
-    found, seen = cv2.findChessboardCornersSB(picture, (5, 4))
+    image = cv2.imread(str(folder / "images" / "board-001.png"), 0)
+    found, seen = cv2.findChessboardCornersSB(image, (5, 4))
     assert found
     gap = np.linalg.norm(seen[:, 0].T[:, :, None] - corners[:, None], axis=0).min(1)
     assert gap.max() < 0.5
@@ -300,5 +300,5 @@ def test_a_wrong_scene_is_a_sentence(tmp_path, name):
 
 def test_a_board_that_does_not_fit_is_a_sentence(tmp_path):
     scene = tiny(tmp_path, **{"square_mm = 6.0": "square_mm = 60.0"})
-    with pytest.raises(InputError, match="expected a board that fits into the picture"):
+    with pytest.raises(InputError, match="expected a board that fits into the image"):
         make_recording(scene, tmp_path / "made")

@@ -1,4 +1,4 @@
-"""Signs of effects that no picture shows by itself: scans made from the vocabulary's laws, in plain numbers, are undone."""
+"""Signs of effects that no image shows by itself: scans made from the vocabulary's laws, in plain numbers, are undone."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def undone(effect, values, pixels, steps, covariates, truth):
     assert np.abs(found - truth).max() < 1e-9
 
 
-def test_pictures_taken_late_are_lit_where_the_mirror_has_turned_to():
+def test_images_taken_late_are_lit_where_the_mirror_has_turned_to():
     """frame-sync: dphi = omega dt; at 40 degrees a second, 2 ms are 0.08 degrees further."""
     rng = np.random.default_rng(1)
     pixels, steps = seen(rng)

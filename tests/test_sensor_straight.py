@@ -19,7 +19,7 @@ LIGHT = mirror().point
 
 
 def board(turn):
-    """Unit normal (3,) and distance (mm) of a board that stands at 125 mm, turned about the picture's vertical."""
+    """Unit normal (3,) and distance (mm) of a board that stands at 125 mm, turned about the image's vertical."""
     normal = rotation_matrix(np.array([0.0, turn, 0.0]))[:, 2]
     return normal, normal @ [0.0, 0.0, 125.0]
 

@@ -33,7 +33,7 @@ def light(centre, peak, width=2.0) -> np.ndarray:
     return np.asarray(peak)[..., None] * np.exp(-0.5 * ((x - centre[..., None]) / width) ** 2)
 
 
-def pictures(lit, gain=0.0, seed=0, noise=NOISE, ground=GROUND) -> np.ndarray:
+def images(lit, gain=0.0, seed=0, noise=NOISE, ground=GROUND) -> np.ndarray:
     """uint8, with read noise, photon noise of `gain` grey values an electron, and saturation."""
     random = np.random.default_rng(seed)
     made = ground + lit
@@ -67,7 +67,7 @@ def test_the_bound_is_the_textbooks_where_pixels_are_small():
 @pytest.mark.parametrize("snr", [9, 25, 66])
 def test_rms_is_at_the_cramer_rao_bound_and_sigma_is_right(width, snr):
     truth = centres(10)
-    found = find_stripes(pictures(light(truth, snr * NOISE + 0 * truth, width)))
+    found = find_stripes(images(light(truth, snr * NOISE + 0 * truth, width)))
     assert len(found) >= 0.985 * truth.size
     error = errors(found, truth)
     assert rms(error) <= 1.05 * mean_bound(width, snr * NOISE, ROUNDED)
@@ -83,14 +83,14 @@ def test_rms_is_at_the_cramer_rao_bound_and_sigma_is_right(width, snr):
 @pytest.mark.parametrize("snr", [9, 25, 66])
 def test_chi_square_is_one_within_five_percent(width, snr):
     truth = centres(60)
-    found = find_stripes(pictures(light(truth, snr * NOISE + 0 * truth, width), seed=1))
+    found = find_stripes(images(light(truth, snr * NOISE + 0 * truth, width), seed=1))
     assert np.mean((errors(found, truth) / found.sigma) ** 2) == pytest.approx(1, abs=0.05)
     assert np.abs(errors(found, truth) / found.sigma).max() < 6.5
 
 
 def test_photon_noise_is_found_and_weighted():
     truth, gain = centres(), 0.1
-    found = find_stripes(pictures(light(truth, 180 + 0 * truth), gain, noise=1.0))
+    found = find_stripes(images(light(truth, 180 + 0 * truth), gain, noise=1.0))
     assert found.noise.gain == pytest.approx(gain, rel=0.2)
     bound = mean_bound(2.0, 180, Noise(float(np.sqrt(1 + 1 / 12)), gain))
     assert rms(errors(found, truth)) <= 1.05 * bound
@@ -100,7 +100,7 @@ def test_photon_noise_is_found_and_weighted():
 @pytest.mark.parametrize("width", [0.7, 1.0, 2.0, 3.5])
 def test_the_bias_does_not_follow_the_pixels_phase(width):
     truth = np.linspace(150, 154, FRAMES * HEIGHT).reshape(FRAMES, HEIGHT)
-    found = find_stripes(pictures(light(truth, 200 + 0 * truth, width), noise=1.0))
+    found = find_stripes(images(light(truth, 200 + 0 * truth, width), noise=1.0))
     phase = np.floor(truth[found.frame, found.line] % 1 * 8).astype(int)
     bias = np.bincount(phase, errors(found, truth)) / np.bincount(phase)
     assert np.abs(bias).max() < 0.005
@@ -109,7 +109,7 @@ def test_the_bias_does_not_follow_the_pixels_phase(width):
 @pytest.mark.parametrize("peak", [300, 600, 2000])
 def test_clipped_pixels_are_left_out(peak):
     truth = centres()
-    found = find_stripes(pictures(light(truth, peak + 0 * truth)))
+    found = find_stripes(images(light(truth, peak + 0 * truth)))
     assert len(found) > 0.97 * truth.size and found.saturated.all()
     assert np.mean((errors(found, truth) / found.sigma) ** 2) == pytest.approx(1, abs=0.1)
     # the bound of the pixels that are left, those that noise can clip left out as well
@@ -121,9 +121,9 @@ def test_clipped_pixels_are_left_out(peak):
     assert rms(errors(found, truth)) <= 1.1 * rms(np.sqrt(np.linalg.inv(information)[:, 2, 2]))
 
 
-def test_columns_are_rows_of_the_turned_picture():
+def test_columns_are_rows_of_the_turned_image():
     truth = centres(2)
-    stack = pictures(light(truth, 75 + 0 * truth))
+    stack = images(light(truth, 75 + 0 * truth))
     rows, columns = find_stripes(stack), find_stripes(stack.transpose(0, 2, 1), along="columns")
     np.testing.assert_array_equal(rows.centre, columns.centre)
     np.testing.assert_array_equal(rows.pixels[::-1], columns.pixels)
@@ -134,10 +134,10 @@ def test_columns_are_rows_of_the_turned_picture():
 @pytest.mark.parametrize("ground", [0.0, 20.0, "ramp"])
 def test_noise_alone_holds_no_line(mode, ground):
     ground = np.linspace(10, 150, WIDTH) if isinstance(ground, str) else ground
-    assert len(find_stripes(pictures(np.zeros((12, HEIGHT, WIDTH)), ground=ground), mode=mode)) == 0
+    assert len(find_stripes(images(np.zeros((12, HEIGHT, WIDTH)), ground=ground), mode=mode)) == 0
 
 
-def test_one_constant_picture_holds_no_line():
+def test_one_constant_image_holds_no_line():
     for level in (0, 100, 255):
         assert len(find_stripes(np.full((1, 64, 64), level, np.uint8))) == 0
 
@@ -147,10 +147,10 @@ def test_gaps_stay_empty_and_glints_in_them_are_flagged():
     seen = (np.arange(HEIGHT) % 100 < 60) + 0 * truth
     lit = light(truth, 75 * seen)
     random, (y, x) = np.random.default_rng(4), np.mgrid[:HEIGHT, :WIDTH]
-    for picture in lit:
+    for image in lit:
         for row, column in zip(random.integers(0, HEIGHT, 5), random.choice([30, 80, 240, 290], 5)):
-            picture += 120 * np.exp(-0.5 * (((y - row) / 1.5) ** 2 + ((x - column) / 3) ** 2))
-    found = find_stripes(pictures(lit))
+            image += 120 * np.exp(-0.5 * (((y - row) / 1.5) ** 2 + ((x - column) / 3) ** 2))
+    found = find_stripes(images(lit))
     assert seen[found.frame, found.line].all()
     assert np.abs(errors(found, truth) / found.sigma).max() < 6
     assert len(found) > 0.8 * seen.sum() and found.dropped["alone"] > 0
@@ -158,7 +158,7 @@ def test_gaps_stay_empty_and_glints_in_them_are_flagged():
 
 def test_hot_pixels_are_passed_over():
     truth = centres()
-    stack = pictures(light(truth, 75 + 0 * truth))
+    stack = images(light(truth, 75 + 0 * truth))
     stack.reshape(-1)[np.random.default_rng(1).integers(0, stack.size, 700)] = 255
     found = find_stripes(stack)
     assert np.abs(errors(found, truth) / found.sigma).max() < 6
@@ -168,25 +168,25 @@ def test_hot_pixels_are_passed_over():
 def test_the_second_line_is_counted_and_the_main_one_kept():
     truth = centres()
     lit = light(truth, 75 + 0 * truth) + light(truth + 60, 45 + 0 * truth)
-    found = find_stripes(pictures(lit), flagged=True)
+    found = find_stripes(images(lit), flagged=True)
     assert (found.flag & DOUBLE > 0).all() and (found.others == 1).all()
     assert np.abs(errors(found, truth) / found.sigma).max() < 6
-    assert len(find_stripes(pictures(lit))) == 0
-    assert find_stripes(pictures(lit)).dropped["double"] == truth.size
+    assert len(find_stripes(images(lit))) == 0
+    assert find_stripes(images(lit)).dropped["double"] == truth.size
 
 
 @pytest.mark.parametrize("apart", [5, 6, 8, 12])
 def test_a_reflection_that_merges_with_the_line_is_flagged(apart):
     truth = centres()
     merged = (np.arange(HEIGHT) % 100 < 10) + 0 * truth
-    found = find_stripes(pictures(light(truth, 75 + 0 * truth) + light(truth + apart, 45 * merged)))
+    found = find_stripes(images(light(truth, 75 + 0 * truth) + light(truth + apart, 45 * merged)))
     assert not merged[found.frame, found.line].any()
     assert len(found) > 0.95 * (1 - merged).sum()
 
 
 def test_a_line_cut_by_the_edge_is_flagged():
     truth = centres(4) - 170
-    found = find_stripes(pictures(light(truth, 75 + 0 * truth)), flagged=True)
+    found = find_stripes(images(light(truth, 75 + 0 * truth)), flagged=True)
     near = np.abs(truth[found.frame, found.line]) < 2
     assert (found.flag[near] & (EDGE | SHAPE | ALONE) > 0).all()
     good = found.select(found.flag == 0)
@@ -198,7 +198,7 @@ def test_a_region_is_searched_alone():
     lit = light(truth, 75 + 0 * truth) + light(truth + 70, 150 + 0 * truth)
     region = np.zeros((HEIGHT, WIDTH), bool)
     region[100:300, :200] = True
-    found = find_stripes(pictures(lit), region=region)
+    found = find_stripes(images(lit), region=region)
     assert found.line.min() >= 100 and found.line.max() < 300 and found.centre.max() < 200
     assert len(found) > 0.9 * 400 and np.abs(errors(found, truth)).max() < 0.5
 
@@ -207,10 +207,10 @@ def test_a_region_is_searched_alone():
 def test_a_background_is_subtracted_at_its_own_exposure(kind):
     truth, scale = centres(), 1 if kind == np.uint8 else 100
     scene = 40 + 40 * np.sin(np.arange(WIDTH) / 80) ** 2 + np.zeros((HEIGHT, 1))
-    stack = pictures(light(truth, 75 + 0 * truth), ground=scene).astype(kind) * kind(scale)
-    dark = pictures(np.zeros((1, HEIGHT, WIDTH)), ground=scene / 1.25, seed=9)[0].astype(
-        kind
-    ) * kind(scale)
+    stack = images(light(truth, 75 + 0 * truth), ground=scene).astype(kind) * kind(scale)
+    dark = images(np.zeros((1, HEIGHT, WIDTH)), ground=scene / 1.25, seed=9)[0].astype(kind) * kind(
+        scale
+    )
     found = find_stripes(stack, background=dark)
     bound = mean_bound(2.0, 75, Noise(NOISE * np.sqrt(1 + 1.25**2)))
     assert len(found) > 0.97 * truth.size
@@ -223,10 +223,10 @@ def test_rows_that_a_surfaces_edge_pulls_are_flagged():
     truth = centres(slope=0.0) * 0 + 160.3
     edge = (np.arange(HEIGHT) % 64 < 12)[:, None] & (np.arange(WIDTH) > 162)
     white = np.where(edge, 0.1, 1.0)
-    stack = pictures(light(truth, 120 + 0 * truth) * white, ground=80 * white)
+    stack = images(light(truth, 120 + 0 * truth) * white, ground=80 * white)
     found = find_stripes(
         stack,
-        background=pictures(np.zeros((1, HEIGHT, WIDTH)), ground=80 * white, seed=3)[0],
+        background=images(np.zeros((1, HEIGHT, WIDTH)), ground=80 * white, seed=3)[0],
         flagged=True,
     )
     pulled = np.abs(errors(found, truth)) > 5 * found.sigma.min()
@@ -245,15 +245,15 @@ def test_speckle_adds_its_floor_and_is_found_again():
     )  # autocorrelation exp(-x^2 / (4 width^2))
     grain = np.fft.irfft(np.fft.rfft(random.standard_normal(lit.shape)) * np.sqrt(filters), WIDTH)
     found = find_stripes(
-        pictures(lit * (1 + contrast * grain / grain.std()), noise=1.0), flagged=True
+        images(lit * (1 + contrast * grain / grain.std()), noise=1.0), flagged=True
     )
     floor = speckle_floor(np.full(1, width), contrast)[0]
     assert rms(errors(found, truth)) == pytest.approx(floor, rel=0.1)
     line = np.full((3, truth.size), np.nan)
     line[:, found.frame * HEIGHT + found.line] = found.centre, 0 * found.sigma, found.width
     assert speckle_contrast(*line, HEIGHT) == pytest.approx(contrast, rel=0.2)
-    told = find_stripes(pictures(lit), speckle=contrast)
-    plain = find_stripes(pictures(lit))
+    told = find_stripes(images(lit), speckle=contrast)
+    plain = find_stripes(images(lit))
     np.testing.assert_allclose(
         told.sigma, np.hypot(plain.sigma, speckle_floor(plain.width, contrast)), rtol=1e-6
     )
@@ -262,7 +262,7 @@ def test_speckle_adds_its_floor_and_is_found_again():
 @pytest.mark.parametrize("snr, smoothing", [(2.5, 4.0), (9, 3.0), (25, 2.0)])
 def test_the_ridge_pays_with_resolution_for_a_smaller_error(snr, smoothing):
     truth = np.add.outer(np.linspace(155, 160, 12), 0.05 * np.arange(HEIGHT))
-    stack = pictures(light(truth, 6 * snr + 0 * truth), noise=6.0, ground=50)
+    stack = images(light(truth, 6 * snr + 0 * truth), noise=6.0, ground=50)
     found = find_stripes(stack, mode="ridge", smoothing=smoothing)
     assert (
         found.resolution_rows == pytest.approx(2.355 * smoothing, rel=1e-3)
@@ -284,16 +284,16 @@ def test_the_ridge_pays_with_resolution_for_a_smaller_error(snr, smoothing):
 )
 def test_any_line_is_found_where_it_is(shift, peak, width, seed):
     truth = centres(1, 96) + shift
-    found = find_stripes(pictures(light(truth, peak + 0 * truth, width), seed=seed))
+    found = find_stripes(images(light(truth, peak + 0 * truth, width), seed=seed))
     assert len(found) > 0.85 * truth.size
     assert np.abs(errors(found, truth) / found.sigma).max() < 6
 
 
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 99), move=st.integers(-30, 30))
-def test_a_moved_picture_gives_the_moved_line(seed, move):
+def test_a_moved_image_gives_the_moved_line(seed, move):
     truth = centres(1, 96)
-    stack = pictures(light(truth, 75 + 0 * truth), seed=seed)
+    stack = images(light(truth, 75 + 0 * truth), seed=seed)
     here, there = find_stripes(stack), find_stripes(np.roll(stack, move, 2))
     both = np.intersect1d(here.line, there.line)
     assert len(both) > 0.9 * len(here)
@@ -304,8 +304,8 @@ def test_a_moved_picture_gives_the_moved_line(seed, move):
 @pytest.mark.parametrize(
     "arguments, says",
     [
-        ({"stack": np.zeros((4, 4))}, "expected pictures (F, H, W)"),
-        ({"stack": np.zeros((0, 40, 40), np.uint8)}, "expected pictures (F, H, W)"),
+        ({"stack": np.zeros((4, 4))}, "expected images (F, H, W)"),
+        ({"stack": np.zeros((0, 40, 40), np.uint8)}, "expected images (F, H, W)"),
         ({"stack": np.zeros((1, 40, 5), np.uint8)}, "at least 12 px"),
         ({"stack": np.full((1, 40, 40), np.nan)}, "finite grey values"),
         ({"stack": np.zeros((1, 40, 40), complex)}, "expected uint8, uint16 or float"),
@@ -322,8 +322,8 @@ def test_what_is_not_usable_is_said_in_one_sentence(arguments, says):
     assert says in str(raised.value) and str(raised.value).count("\n") == 0
 
 
-def test_real_pictures_follow_a_smooth_line_on_black_and_white(real):
-    """A phone's JPEG pictures, clipped on the paper; the background is the picture without laser."""
+def test_real_images_follow_a_smooth_line_on_black_and_white(real):
+    """A phone's JPEG images, clipped on the paper; the background is the image without laser."""
     import cv2
 
     folder = real("linelaser_circlegrid_zhao")

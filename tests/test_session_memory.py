@@ -37,7 +37,7 @@ answer 4 kB."""
 
 @pytest.fixture
 def few(tmp_path) -> Path:
-    """A recording of one scan of two pictures, without a board."""
+    """A recording of one scan of two images, without a board."""
     folder = tmp_path / "few"
     (folder / "images").mkdir(parents=True)
     for step in range(2):
@@ -53,7 +53,7 @@ def few(tmp_path) -> Path:
 
 @pytest.fixture
 def found(monkeypatch) -> scan.Scan:
-    """What every scan is found to hold: a ball of 400 points, a picture left out and a sentence of its own."""
+    """What every scan is found to hold: a ball of 400 points, a image left out and a sentence of its own."""
     points = cap(400, np.pi / 3, RADIUS) + [[0], [0], [130]]
     points += np.random.default_rng(1).normal(0, 0.02, points.shape)
     fit = fit_ball(points, 0.02, RADIUS)

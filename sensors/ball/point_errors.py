@@ -12,7 +12,7 @@ def pixel_error(
     """(3, n) mm by which points (3, n) in the camera frame move when the stripe's centre errs by 1 px.
 
     `planes` (4, n) light plane of each point; `focal` px; `along` "rows" where centres are sought
-    along the rows of the picture, "columns" else. The ray turns in the picture and still ends in the light plane:
+    along the rows of the image, "columns" else. The ray turns in the image and still ends in the light plane:
     the error lies in the plane. Its direction is `direction` of `fit_ball`, its length times the
     centre's sigma (px) is `sigma`.
     """

@@ -1,1 +1,1 @@
-"""Calibration boards in pictures: found, with sub-pixel corners and their sigma."""
+"""Calibration boards in images: found, with sub-pixel corners and their sigma."""

@@ -10,7 +10,7 @@ from workbench.core.errors import InputError
 
 KINDS = ("chessboard", "charuco", "circles", "asymmetric-circles")
 LEAST = 6
-"""Corners below which a picture says nothing about a camera: its pose alone takes three."""
+"""Corners below which a image says nothing about a camera: its pose alone takes three."""
 
 
 @dataclass(frozen=True)

@@ -11,27 +11,27 @@ FLATTEST = 0.2
 LEAST_AREA = 20
 """px^2 of the smallest disc: 5 px across."""
 BLOCKS = (6, 16, 40)
-"""Local thresholds: the picture's shorter side over these."""
+"""Local thresholds: the image's shorter side over these."""
 
 
-def candidates(picture: np.ndarray, light: bool) -> np.ndarray:
+def candidates(image: np.ndarray, light: bool) -> np.ndarray:
     """(6, n) x, y (px), area (px^2) and second moments xx, xy, yy (px^2) of what looks like a disc.
 
-    picture: (H, W) uint8; light: discs brighter than what surrounds them.
+    image: (H, W) uint8; light: discs brighter than what surrounds them.
     """
     import cv2
 
     kind = cv2.THRESH_BINARY if light else cv2.THRESH_BINARY_INV
     found = []
     for share in BLOCKS:
-        block = max(7, min(picture.shape) // share) | 1
+        block = max(7, min(image.shape) // share) | 1
         marked = cv2.adaptiveThreshold(
-            picture, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, block, -4 if light else 4
+            image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, block, -4 if light else 4
         )
         contours = cv2.findContours(marked, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
         found += [_moments(cv2.moments(contour)) for contour in contours if len(contour) >= 12]
     rows = np.array([row for row in found if row is not None]).reshape(-1, 7)
-    return _of_one_family(_once(rows[rows[:, 2] < picture.size / 20]))
+    return _of_one_family(_once(rows[rows[:, 2] < image.size / 20]))
 
 
 def _moments(m: dict) -> tuple | None:
@@ -83,9 +83,7 @@ def grid_among(found: np.ndarray, columns: int, rows: int, asymmetric: bool) -> 
     places = np.ascontiguousarray(found[:2].T, np.float32).reshape(-1, 1, 2)
     kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
     for flags in (kind, kind | cv2.CALIB_CB_CLUSTERING):
-        cv2.setRNGSeed(
-            0
-        )  # the finder draws lots: the same picture shall always give the same answer
+        cv2.setRNGSeed(0)  # the finder draws lots: the same image shall always give the same answer
         try:
             whole, centres = cv2.findCirclesGrid(
                 places,
@@ -115,7 +113,7 @@ def _lattice(columns: int, rows: int, asymmetric: bool) -> np.ndarray:
 
 
 def is_flat(points: np.ndarray, pixels: np.ndarray) -> bool:
-    """Whether marks (2, k) lie in the picture (2, k) as on a plane: nine in ten of them within 15 % of a step.
+    """Whether marks (2, k) lie in the image (2, k) as on a plane: nine in ten of them within 15 % of a step.
 
     A lens bends a board by less; marks that were taken for their neighbours lie a whole step off.
     """
@@ -134,19 +132,19 @@ def is_flat(points: np.ndarray, pixels: np.ndarray) -> bool:
     return bool(np.mean(away < 0.15 * np.median(apart.min(1)) + 2) > 0.9)
 
 
-def refine(picture: np.ndarray, discs: np.ndarray) -> Fit:
+def refine(image: np.ndarray, discs: np.ndarray) -> Fit:
     """Centres and axes of chosen candidates (6, n) to a small part of a pixel."""
     apart = np.hypot(*(discs[:2, :, None] - discs[:2, None])) + 1e9 * np.eye(discs.shape[1])
     gap = apart.min(1) / 2 - np.sqrt(discs[2] / np.pi)
     spread = np.array([[discs[3], discs[4]], [discs[4], discs[5]]])
-    return fit_discs(picture, discs[:2], spread, gap)
+    return fit_discs(image, discs[:2], spread, gap)
 
 
 def radius_mm(fit: Fit, points: np.ndarray) -> float:
-    """Radius of the board's discs: median over the picture of the ellipses' size beside the grid's own.
+    """Radius of the board's discs: median over the image of the ellipses' size beside the grid's own.
 
     points: (2, n) mm on the board. An ellipse's area over pi r^2 is the determinant of the map from board
-    to picture at its place; the map is the homography through all centres.
+    to image at its place; the map is the homography through all centres.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""Calibration boards in pictures: which corner or circle is seen where, or why a picture is of no use."""
+"""Calibration boards in images: which corner or circle is seen where, or why a image is of no use."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sensors import pictures
+from sensors import images
 from sensors.boards import finders as board_finders
 from sensors.boards.board import LEAST, Board
-from sensors.pictures import Picture
+from sensors.images import Image
 from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One picture of a board: `pixels` (2, k) of the board's corners `index` (k,), `sigma` (k,) px of a coordinate.
+    """One image of a board: `pixels` (2, k) of the board's corners `index` (k,), `sigma` (k,) px of a coordinate.
 
-    Where the board looks the same after a turn, x points as far right in the picture as it can. `radius_mm`:
-    of the discs, for `circles.centre_shift`, 0 without; `row`: what images.csv says of the picture.
+    Where the board looks the same after a turn, x points as far right in the image as it can. `radius_mm`:
+    of the discs, for `circles.centre_shift`, 0 without; `row`: what images.csv says of the image.
     """
 
     image: str
@@ -38,7 +38,7 @@ class View:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A picture of no use, and why; `found` is the size (columns, rows) of board that it seems to show, if any."""
+    """A image of no use, and why; `found` is the size (columns, rows) of board that it seems to show, if any."""
 
     image: str
     why: str
@@ -51,7 +51,7 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Detection:
-    """Pictures of a recording in which the board was found, and the others."""
+    """Images of a recording in which the board was found, and the others."""
 
     board: Board
     views: tuple[View, ...]
@@ -59,49 +59,49 @@ class Detection:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) px of the pictures."""
+        """(width, height) px of the images."""
         return self.views[0].size
 
 
 def detect(
-    picture: Picture | np.ndarray,
+    image: Image | np.ndarray,
     board: Board,
-    image: str = "",
+    name: str = "",
     placement: str = "",
     row: Mapping | None = None,
 ) -> View | Rejected:
-    """Where the board's corners are in a picture (H, W), or why they are not known."""
-    picture = pictures.as_picture(picture)
-    if why := pictures.flaw(picture):
-        return Rejected(image, why, placement)
-    eight = pictures.to_eight_bits(picture.grey)
+    """Where the board's corners are in a image (H, W), or why they are not known."""
+    image = images.as_image(image)
+    if why := images.flaw(image):
+        return Rejected(name, why, placement)
+    eight = images.to_eight_bits(image.grey)
     found = board_finders.find(eight, board)
     if found.why:
         bright = (
-            f" ({100 * picture.saturated:.0f} % of the pixels are saturated)"
-            if picture.saturated > 0.1
+            f" ({100 * image.saturated:.0f} % of the pixels are saturated)"
+            if image.saturated > 0.1
             else ""
         )
-        return Rejected(image, found.why + bright, placement, found.size)
-    grey = picture.grey.astype(np.float32)
+        return Rejected(name, found.why + bright, placement, found.size)
+    grey = image.grey.astype(np.float32)
     index, fit, radius = board_finders.refine(grey, board, found)
     if fit.good.sum() < max(LEAST, 0.5 * len(index)):
         return Rejected(
-            image,
+            name,
             f"blurred or covered: {fit.good.sum()} of {len(index)} {board.marks} are sharp enough",
             placement,
         )
     kept = fit.good
     return View(
-        image,
+        name,
         placement,
         index[kept],
         fit.centre[:, kept],
-        picture.size,
+        image.size,
         fit.sigma[kept],
         radius,
         dict(row or {}),
-        picture.note,
+        image.note,
     )
 
 
@@ -110,16 +110,16 @@ def detect_all(
     progress: Callable[[int, int, str], None] | None = None,
     board: Board | None = None,
 ) -> Detection:
-    """Every `board` picture of a recording, one in memory at a time.
+    """Every `board` image of a recording, one in memory at a time.
 
-    progress: called with how many are done, how many there are, and the picture's name.
-    Raises InputError where a picture cannot be read, or none shows the board.
+    progress: called with how many are done, how many there are, and the image's name.
+    Raises InputError where a image cannot be read, or none shows the board.
     """
     board = board or Board.of(_board_keys(recording))
     rows = [row for row in recording.images if row["role"] == "board"]
     if not rows:
         raise InputError(
-            f"{recording.name}/images.csv, column role: expected pictures of a board, found none; "
+            f"{recording.name}/images.csv, column role: expected images of a board, found none; "
             "add rows with role board"
         )
     found, seen = [], {}
@@ -146,21 +146,21 @@ def _board_keys(recording: "Recording") -> Mapping:
 def _one(
     recording: "Recording", row: Mapping, board: Board, seen: dict
 ) -> tuple[View | Rejected, tuple[int, int]]:
-    """View or rejection of one picture, and its size; `seen` holds the pixels that were met before."""
-    image, placement = row["image"], str(row.get("placement", ""))
-    picture = pictures.read(Path(recording.folder or ".") / image, f"{recording.name}/{image}")
-    view = detect(picture, board, image, placement, row)
+    """View or rejection of one image, and its size; `seen` holds the pixels that were met before."""
+    name, placement = row["image"], str(row.get("placement", ""))
+    image = images.read(Path(recording.folder or ".") / name, f"{recording.name}/{name}")
+    view = detect(image, board, name, placement, row)
     if isinstance(view, View):
-        pixels = picture.size, hash(picture.grey.tobytes())
+        pixels = image.size, hash(image.grey.tobytes())
         if first := seen.get(pixels):
-            why = "listed twice" if first == image else f"the same pixels as {first}"
-            return Rejected(image, why, placement), picture.size
-        seen[pixels] = image
-    return view, picture.size
+            why = "listed twice" if first == name else f"the same pixels as {first}"
+            return Rejected(name, why, placement), image.size
+        seen[pixels] = name
+    return view, image.size
 
 
 def _of_one_size(found: list) -> list:
-    odd = pictures.odd_sizes(size for _, size in found)
+    odd = images.odd_sizes(size for _, size in found)
     return [
         (Rejected(v.image, odd[k], v.placement), size) if k in odd else (v, size)
         for k, (v, size) in enumerate(found)
@@ -168,8 +168,8 @@ def _of_one_size(found: list) -> list:
 
 
 def _of_another_size(board: Board, views: tuple[View, ...], rejected: tuple[Rejected, ...]) -> bool:
-    """Whether no picture shows every column and row as written, and more show a whole board of another size than not:
-    a board of fewer columns near the picture's edge passes for one that is cut there."""
+    """Whether no image shows every column and row as written, and more show a whole board of another size than not:
+    a board of fewer columns near the image's edge passes for one that is cut there."""
     whole = any(
         len(set((view.index % board.columns).tolist())) == board.columns
         and len(set((view.index // board.columns).tolist())) == board.rows
@@ -181,24 +181,24 @@ def _of_another_size(board: Board, views: tuple[View, ...], rejected: tuple[Reje
 def _nothing(
     recording: "Recording", board: Board, rejected: tuple[Rejected, ...], count: int
 ) -> InputError:
-    """The sentence where no picture shows the board: the size that most of them do show, else the first reason."""
+    """The sentence where no image shows the board: the size that most of them do show, else the first reason."""
     sizes = [r.found for r in rejected if r.found]
     where = f"{recording.name}/recording.toml, [board]"
     if sizes:
         size = max(set(sizes), key=sizes.count)
         return InputError(
-            f"{where}: expected {board.title} as written there in the pictures, "
+            f"{where}: expected {board.title} as written there in the images, "
             f"found {size[0]} x {size[1]} in {sizes.count(size)} of {count}; "
             "correct columns and rows"
         )
     return InputError(
-        f"{where}: expected a {board.title} in the pictures, found it in none of {count} "
-        f"({rejected[0]}); correct the board or take the pictures again"
+        f"{where}: expected a {board.title} in the images, found it in none of {count} "
+        f"({rejected[0]}); correct the board or take the images again"
     )
 
 
 def relabelled(view: View, board: Board, turn: int) -> View:
-    """The same picture with the board turned by `turn` of its `turns` steps: other indices, the same pixels."""
+    """The same image with the board turned by `turn` of its `turns` steps: other indices, the same pixels."""
     grid = np.arange(board.count).reshape(board.rows, board.columns)
     turned = np.rot90(grid, turn * 4 // board.turns).ravel()
     return replace(view, index=np.argsort(turned)[view.index])

@@ -1,4 +1,4 @@
-"""Finders of whole or partly visible boards in 8-bit pictures, each with its reason where it finds none."""
+"""Finders of whole or partly visible boards in 8-bit images, each with its reason where it finds none."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sensors.boards.board import Board
 
 LARGE = 1600
-"""px: pictures are made this small to look for corners; their places are refined in the picture itself."""
+"""px: images are made this small to look for corners; their places are refined in the image itself."""
 SMALL = 900
 """px: as above, where only the size of a board that was not found is looked for."""
 CONTINUES = 0.8
@@ -34,16 +34,16 @@ class Found:
     discs: np.ndarray | None = None
 
 
-def find(picture: np.ndarray, board: "Board") -> Found:
-    """The board in a picture (H, W) uint8."""
+def find(image: np.ndarray, board: "Board") -> Found:
+    """The board in a image (H, W) uint8."""
     finder = {"chessboard": _chessboard, "charuco": _charuco}.get(board.kind, _circles)
-    return finder(picture, board)
+    return finder(image, board)
 
 
-def refine(picture: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarray, Fit, float]:
-    """Index (k,), fitted places in the picture (H, W) float, and the discs' radius in mm (0 for corners)."""
+def refine(image: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarray, Fit, float]:
+    """Index (k,), fitted places in the image (H, W) float, and the discs' radius in mm (0 for corners)."""
     if found.discs is not None:
-        fit = circles.refine(picture, found.discs)
+        fit = circles.refine(image, found.discs)
         enough = fit.good.sum() >= 4
         return (
             found.index,
@@ -52,7 +52,7 @@ def refine(picture: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarra
         )
     along, down = _steps(board.points[:2, found.index], found.pixels, board.square_mm)
     rim = 1.0 if board.kind == "chessboard" else (1 - board.marker_mm / board.square_mm) / 2
-    return found.index, fit_saddles(picture, found.pixels, along, down, rim), 0.0
+    return found.index, fit_saddles(image, found.pixels, along, down, rim), 0.0
 
 
 def _steps(points: np.ndarray, pixels: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -72,27 +72,27 @@ def _steps(points: np.ndarray, pixels: np.ndarray, step: float) -> tuple[np.ndar
 # Chessboards
 
 
-def _chessboard(picture: np.ndarray, board: "Board") -> Found:
-    corners = _inner_corners(picture, board.columns, board.rows)
+def _chessboard(image: np.ndarray, board: "Board") -> Found:
+    corners = _inner_corners(image, board.columns, board.rows)
     if corners is None:
-        return _another_chessboard(picture, board)
+        return _another_chessboard(image, board)
     grid = _upright(
-        corners.reshape(board.rows, board.columns, 2), _chess_turns(picture, corners, board)
+        corners.reshape(board.rows, board.columns, 2), _chess_turns(image, corners, board)
     )
-    larger = _larger_chessboard(picture, grid)
+    larger = _larger_chessboard(image, grid)
     if larger != (board.columns, board.rows):
         return Found(why=_other(board, larger), size=larger)
-    if _second_chessboard(picture, grid):
+    if _second_chessboard(image, grid):
         return Found(why=_two(board))
     return Found(np.arange(board.count), grid.reshape(-1, 2).T)
 
 
-def _second_chessboard(picture: np.ndarray, grid: np.ndarray) -> bool:
+def _second_chessboard(image: np.ndarray, grid: np.ndarray) -> bool:
     """Whether there is another one of that size, once the first is painted over with a square around it."""
     import cv2
 
     rows, columns = grid.shape[:2]
-    small, scale = _shrunk(picture, SMALL)
+    small, scale = _shrunk(image, SMALL)
     corners = (grid.reshape(-1, 2) + 0.5) / scale - 0.5
     middle, wider = corners.mean(0), 1 + 3 / (min(rows, columns) - 1)
     hull = cv2.convexHull(np.rint(middle + wider * (corners - middle)).astype(np.int32))
@@ -104,11 +104,11 @@ def _second_chessboard(picture: np.ndarray, grid: np.ndarray) -> bool:
     )
 
 
-def _inner_corners(picture: np.ndarray, columns: int, rows: int) -> np.ndarray | None:
+def _inner_corners(image: np.ndarray, columns: int, rows: int) -> np.ndarray | None:
     """(N, 2) px by the sector-based finder (Duda and Frese, BMVC 2018), else by OpenCV's older one."""
     import cv2
 
-    small, scale = _shrunk(picture, LARGE)
+    small, scale = _shrunk(image, LARGE)
     for flags in (0, cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE):
         whole, corners = cv2.findChessboardCornersSB(small, (columns, rows), flags=flags)
         if whole:
@@ -129,52 +129,50 @@ def _window(grid: np.ndarray) -> int:
     return int(np.clip(0.4 * min(steps), 2, 11))
 
 
-def _shrunk(picture: np.ndarray, longest: int) -> tuple[np.ndarray, float]:
-    """The picture made smaller by a whole number, and that number."""
+def _shrunk(image: np.ndarray, longest: int) -> tuple[np.ndarray, float]:
+    """The image made smaller by a whole number, and that number."""
     import cv2
 
-    scale = max(1, int(np.ceil(max(picture.shape) / longest)))
+    scale = max(1, int(np.ceil(max(image.shape) / longest)))
     if scale == 1:
-        return picture, 1.0
-    height, width = (side // scale for side in picture.shape)
+        return image, 1.0
+    height, width = (side // scale for side in image.shape)
     return cv2.resize(
-        picture[: height * scale, : width * scale], (width, height), interpolation=cv2.INTER_AREA
+        image[: height * scale, : width * scale], (width, height), interpolation=cv2.INTER_AREA
     ), scale
 
 
-def _chess_turns(picture: np.ndarray, corners: np.ndarray, board: "Board") -> list[int]:
+def _chess_turns(image: np.ndarray, corners: np.ndarray, board: "Board") -> list[int]:
     """Quarter turns after which the square between corners 0, 1, columns and columns + 1 is dark."""
     turns = (0, 1, 2, 3) if board.columns == board.rows else (0, 2)
     grid = _right_handed(corners.reshape(board.rows, board.columns, 2))
-    dark = [k for k in turns if _first_is_dark(picture, np.rot90(grid, k))]
+    dark = [k for k in turns if _first_is_dark(image, np.rot90(grid, k))]
     return dark or list(turns)
 
 
-def _first_is_dark(picture: np.ndarray, grid: np.ndarray) -> bool:
+def _first_is_dark(image: np.ndarray, grid: np.ndarray) -> bool:
     """Mean over all squares of one colour against the other: a reflection on one square decides nothing."""
     middle = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
     u, v = np.rint(middle).astype(int).reshape(-1, 2).T
-    grey = picture[np.clip(v, 0, picture.shape[0] - 1), np.clip(u, 0, picture.shape[1] - 1)].astype(
-        float
-    )
+    grey = image[np.clip(v, 0, image.shape[0] - 1), np.clip(u, 0, image.shape[1] - 1)].astype(float)
     even = np.add.outer(np.arange(middle.shape[0]), np.arange(middle.shape[1])).ravel() % 2 == 0
     return np.median(grey[even]) < np.median(grey[~even])
 
 
-def _larger_chessboard(picture: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
+def _larger_chessboard(image: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
     """(columns, rows) of the grid and of the rows and columns of corners that go on beyond it."""
     size = [grid.shape[1], grid.shape[0]]
-    inner = fit_saddles(picture.astype(np.float32), *_chess_frame(grid))
+    inner = fit_saddles(image.astype(np.float32), *_chess_frame(grid))
     usual = np.median(np.abs(inner.values[:, 6]))
     for quarter in range(4):
         turned = np.rot90(grid, quarter)
         beyond = 2 * turned[0] - turned[1]
         along, down = np.gradient(beyond, axis=0).T, (turned[0] - turned[1]).T
-        held = (beyond > 3).all(1) & (beyond < np.array(picture.shape[::-1]) - 4).all(1)
+        held = (beyond > 3).all(1) & (beyond < np.array(image.shape[::-1]) - 4).all(1)
         if held.sum() < 0.5 * len(held):
             continue
         fit = fit_saddles(
-            picture.astype(np.float32), beyond.T[:, held], along[:, held], down[:, held]
+            image.astype(np.float32), beyond.T[:, held], along[:, held], down[:, held]
         )
         near = np.hypot(*(fit.centre - beyond.T[:, held])) < 0.25 * np.hypot(*down[:, held])
         clear = (
@@ -195,11 +193,11 @@ def _chess_frame(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-def _another_chessboard(picture: np.ndarray, board: "Board") -> Found:
+def _another_chessboard(image: np.ndarray, board: "Board") -> Found:
     """What is there in place of the expected chessboard."""
     import cv2
 
-    small, scale = _shrunk(picture, SMALL)
+    small, scale = _shrunk(image, SMALL)
     least = tuple(max(3, n - 3) for n in (board.columns, board.rows))
     for start in (least, least[::-1], (3, 3)):
         whole, corners, meta = cv2.findChessboardCornersSBWithMeta(
@@ -207,12 +205,10 @@ def _another_chessboard(picture: np.ndarray, board: "Board") -> Found:
         )
         if whole and meta.shape != (board.rows, board.columns):
             grid = (corners.reshape(*meta.shape, 2).astype(float) + 0.5) * scale - 0.5
-            if fit_saddles(picture.astype(np.float32), *_chess_frame(grid)).good.mean() < CONTINUES:
+            if fit_saddles(image.astype(np.float32), *_chess_frame(grid)).good.mean() < CONTINUES:
                 continue
             size = _as_written(meta.shape[::-1], (board.columns, board.rows))
-            cut = (
-                _leaves(grid, picture.shape) and size[0] <= board.columns and size[1] <= board.rows
-            )
+            cut = _leaves(grid, image.shape) and size[0] <= board.columns and size[1] <= board.rows
             return Found(why=_other(board, size, cut), size=None if cut else size)
     return Found(why="no chessboard found")
 
@@ -223,7 +219,7 @@ def _as_written(size: tuple[int, int], expected: tuple[int, int]) -> tuple[int, 
 
 
 def _leaves(grid: np.ndarray, shape: tuple[int, int]) -> bool:
-    """Whether the next row or column on some side, with half a step around it, would not lie within the picture."""
+    """Whether the next row or column on some side, with half a step around it, would not lie within the image."""
     edges = [2.5 * np.rot90(grid, k)[0] - 1.5 * np.rot90(grid, k)[1] for k in range(4)]
     beyond = np.concatenate(edges)
     return bool(((beyond < 0) | (beyond > np.array(shape[::-1]) - 1)).any())
@@ -232,7 +228,7 @@ def _leaves(grid: np.ndarray, shape: tuple[int, int]) -> bool:
 def _other(board: "Board", size: tuple[int, int], cut: bool = False) -> str:
     seen = f"{size[0]} x {size[1]} {board.marks} found, {board.columns} x {board.rows} expected"
     if cut:
-        return f"{seen}: the board is cut by the picture's edge"
+        return f"{seen}: the board is cut by the image's edge"
     return f"{seen}: if the board has {size[0]} x {size[1]}, correct columns and rows, else show all of it"
 
 
@@ -244,9 +240,9 @@ def _two(board: "Board") -> str:
 # Circles
 
 
-def _circles(picture: np.ndarray, board: "Board") -> Found:
+def _circles(image: np.ndarray, board: "Board") -> Found:
     asymmetric = board.kind == "asymmetric-circles"
-    both = [circles.candidates(picture, light) for light in (False, True)]
+    both = [circles.candidates(image, light) for light in (False, True)]
     for discs in sorted(both, key=lambda d: abs(d.shape[1] - board.count)):
         chosen = circles.grid_among(discs, board.columns, board.rows, asymmetric)
         if chosen is None:
@@ -264,7 +260,7 @@ def _circles(picture: np.ndarray, board: "Board") -> Found:
         ):
             return Found(why=_two(board))
         return Found(np.arange(board.count), discs_in_order[:2], discs=discs_in_order)
-    return _another_grid(both, board, picture.shape)
+    return _another_grid(both, board, image.shape)
 
 
 def _circle_order(pixels: np.ndarray, board: "Board") -> np.ndarray:
@@ -332,9 +328,9 @@ def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]
 # ChArUco
 
 
-def _charuco(picture: np.ndarray, board: "Board") -> Found:
+def _charuco(image: np.ndarray, board: "Board") -> Found:
     """Corners between markers that are seen: a board may be cut or partly covered, or printed white on dark."""
-    for shown in (picture, 255 - picture):
+    for shown in (image, 255 - image):
         index, pixels, markers = _marked(shown, board.columns, board.rows, board)
         if len(markers):
             break
@@ -345,9 +341,7 @@ def _charuco(picture: np.ndarray, board: "Board") -> Found:
     return Found(why=f"no marker of {board.dictionary} found")
 
 
-def _another_charuco(
-    picture: np.ndarray, board: "Board", corners: int, markers: np.ndarray
-) -> Found:
+def _another_charuco(image: np.ndarray, board: "Board", corners: int, markers: np.ndarray) -> Found:
     """Which other ChArUco board explains the markers: the one with most corners, of these the smallest."""
     wide, high, best = board.columns, board.rows, (max(5, 1.3 * corners), 0, None)
     around = {(wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)}
@@ -357,7 +351,7 @@ def _another_charuco(
         (wide, high, not board.legacy),
     }:
         index, pixels, _ = (
-            _marked(picture, columns, rows, board, legacy)
+            _marked(image, columns, rows, board, legacy)
             if min(columns, rows) > 1
             else ((), None, 0)
         )
@@ -380,7 +374,7 @@ def _another_charuco(
     return Found(why=_other(board, best[2][:2]), size=best[2][:2])
 
 
-def _marked(picture, columns: int, rows: int, board: "Board", legacy: bool | None = None):
+def _marked(image, columns: int, rows: int, board: "Board", legacy: bool | None = None):
     """Index (k,), pixels (2, k) and numbers (m,) of the markers of a board of this size."""
     detector = _detector(
         columns,
@@ -390,7 +384,7 @@ def _marked(picture, columns: int, rows: int, board: "Board", legacy: bool | Non
         board.dictionary,
         board.legacy if legacy is None else legacy,
     )
-    corners, ids, _, markers = detector.detectBoard(picture)
+    corners, ids, _, markers = detector.detectBoard(image)
     seen = np.ravel(() if markers is None else markers)
     if ids is None or len(ids) == 0:
         return np.zeros(0, int), np.zeros((2, 0)), seen
@@ -412,7 +406,7 @@ def _detector(columns, rows, square, marker, dictionary, legacy):
 
 
 def _handedness(grid: np.ndarray) -> float:
-    """Above 0 where y is clockwise from x in the picture, so that the board's z points away from the camera."""
+    """Above 0 where y is clockwise from x in the image, so that the board's z points away from the camera."""
     along, down = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
     return float(np.sum(along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0]))
 

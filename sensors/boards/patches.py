@@ -1,7 +1,7 @@
 """Sub-pixel places of corners and discs: the grey values of many small patches fitted at once.
 
 Each patch is one least-squares fit of a blurred edge model to the pixels around a mark, so its
-residual tells the noise and its normal matrix the σ of the place: what the picture allows, and
+residual tells the noise and its normal matrix the σ of the place: what the image allows, and
 nothing about how well the board was printed.
 """
 
@@ -36,7 +36,7 @@ class Fit:
 
 
 def fit_saddles(
-    picture: np.ndarray,
+    image: np.ndarray,
     centres: np.ndarray,
     along: np.ndarray,
     down: np.ndarray,
@@ -50,7 +50,7 @@ def fit_saddles(
     square between `along` and `down` is dark), and the slope of the light (a px, across and down).
     """
     reach = np.clip(0.45 * np.minimum(np.hypot(*along), np.hypot(*down)), 2.5, REACH)
-    spots, grey, weight = _patches(picture, centres, reach)
+    spots, grey, weight = _patches(image, centres, reach)
     weight = weight * (np.hypot(*spots - centres[:, :, None]) <= reach[:, None])
     weight = (
         weight * _beside(spots - centres[:, :, None], along, down, clear) if clear < 0.5 else weight
@@ -89,7 +89,7 @@ def _beside(away: np.ndarray, along: np.ndarray, down: np.ndarray, clear: float)
 
 
 def fit_discs(
-    picture: np.ndarray, centres: np.ndarray, spread: np.ndarray, margin: np.ndarray
+    image: np.ndarray, centres: np.ndarray, spread: np.ndarray, margin: np.ndarray
 ) -> Fit:
     """Ellipses of even grey from starts (2, n) px.
 
@@ -102,7 +102,7 @@ def fit_discs(
     half = 2 * np.sqrt(axes)
     bend = np.einsum("nij,nj,nkj->nik", turn, 1 / half, turn)
     width = np.clip(np.minimum(margin, 0.6 * half[:, 0]), 1.5, REACH)
-    spots, grey, weight = _patches(picture, centres, half[:, 1] + width, half[:, 0] - width)
+    spots, grey, weight = _patches(image, centres, half[:, 1] + width, half[:, 0] - width)
     u = spots - centres[:, :, None]
     scaled = np.sqrt(np.square(np.einsum("nij,jnm->inm", bend, u)).sum(0))
     weight = weight * (np.abs(scaled - 1) * np.sqrt(half.prod(1))[:, None] <= width[:, None])
@@ -141,7 +141,7 @@ def _checked(fit: Fit, start: np.ndarray, reach: np.ndarray, contrast: np.ndarra
     return Fit(fit.centre, fit.sigma, fit.values[:, :-1], near & clear & known)
 
 
-def _patches(picture, centres, reach, inside=None):
+def _patches(image, centres, reach, inside=None):
     """Pixels (2, n, m) around each centre, their grey values (n, m), and 1 where they are used (n, m)."""
     half = int(np.ceil(reach.max())) + 1
     side = np.arange(-half, half + 1)
@@ -152,10 +152,10 @@ def _patches(picture, centres, reach, inside=None):
     used &= True if inside is None else away >= inside[:, None] - 1
     order = np.argsort(~used, axis=1, kind="stable")[:, : used.sum(1).max()]
     spots = middle[:, :, None] + offsets[:, order]
-    height, width = picture.shape
+    height, width = image.shape
     held = (spots[0] >= 0) & (spots[0] < width) & (spots[1] >= 0) & (spots[1] < height)
     weight = np.take_along_axis(used, order, 1) & held
-    grey = picture[np.clip(spots[1], 0, height - 1), np.clip(spots[0], 0, width - 1)]
+    grey = image[np.clip(spots[1], 0, height - 1), np.clip(spots[0], 0, width - 1)]
     return spots.astype(float), grey.astype(float), weight.astype(float)
 
 
@@ -325,7 +325,7 @@ def _diagonal(normal):
 def _with_sigma(model, p, spots, grey, weight, normal, cost):
     """Noise of each patch from its residual, and what it makes of the place.
 
-    Neighbouring pixels of a compressed or interpolated picture err together: with a correlation r from
+    Neighbouring pixels of a compressed or interpolated image err together: with a correlation r from
     one pixel to the next, sums over a patch vary ((1 + r) / (1 - r))^2 times as much.
     """
     freedom = np.maximum(weight.sum(1) - p.shape[1], 1)

@@ -1,4 +1,4 @@
-"""The bundle of a camera's corners: first goes what is no picture of the board, last what the others contradict."""
+"""The bundle of a camera's corners: first goes what is no image of the board, last what the others contradict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +50,7 @@ _STILL = 1.2  # costs' ratio from step to step above which it has not come near
 @dataclass(frozen=True)
 class Adjusted:
     """Fit of a camera: the `chain` at its solution, with the sigmas found, `views` in it and those `rejected`;
-    `left_out`: blunders among the corners of each view that was kept, by picture.
+    `left_out`: blunders among the corners of each view that was kept, by image.
     """
 
     chain: Corners
@@ -96,9 +96,7 @@ def adjusted(
             )
             for k in np.flatnonzero(bad)
         ]
-        if (
-            not bad.any()
-        ):  # single corners are judged where no whole picture spoils the fit any more
+        if not bad.any():  # single corners are judged where no whole image spoils the fit any more
             for view, count in zip(kept, counts):
                 left_out[view.image] += int(count)
         chain, kept = _less(
@@ -113,13 +111,13 @@ def _enough(views, rejected, board):
         return
     if len(rejected) > found:
         raise InputError(
-            f"camera: expected pictures of a {board.title}, each placement with one pose of it, found "
+            f"camera: expected images of a {board.title}, each placement with one pose of it, found "
             f"{len(rejected)} of {len(rejected) + len(views)} that are none ({rejected[0]}); correct the "
             "board's columns and rows, or the placements"
         )
     raise InputError(
         f"camera: expected the board at {FEWEST} or more placements, found {found}; take 15 to 20 "
-        "pictures, the board tilted by 20 to 45 degrees, out to every corner"
+        "images, the board tilted by 20 to 45 degrees, out to every corner"
     )
 
 
@@ -130,7 +128,7 @@ def _rejected(view, why):
 
 
 def _once(views, rejected):
-    """Views without those whose corners another has: counted twice, one picture would pass for two."""
+    """Views without those whose corners another has: counted twice, one image would pass for two."""
     of = repeated(views)
     twice = [
         _rejected(view, f"the same corners as {views[k].image}, which would count twice")
@@ -154,7 +152,7 @@ def _usable(views, board):
 
 
 def _started(views, few, board, size, model):
-    """The chain at its start, the views in it, and those whose corners are no picture of this board."""
+    """The chain at its start, the views in it, and those whose corners are no image of this board."""
     kept, rejected = list(views), []
     while True:
         chain = started(corner_chain(kept, board, size, model))
@@ -182,7 +180,7 @@ def _started(views, few, board, size, model):
 
 
 def _misfit(chain):
-    """(G,) RMS of some residuals at the start over the board's extent in the picture."""
+    """(G,) RMS of some residuals at the start over the board's extent in the image."""
     chain = chain.at(thinned(chain))
     group, few = chain.labels["placement"], len(chain.poses)
     residual = chain.evaluate(chain.camera.values, {}).residual

@@ -1,4 +1,4 @@
-"""A camera from pictures of a board: Zhang's start, a bundle with a bowed board, and what is known of the result."""
+"""A camera from images of a board: Zhang's start, a bundle with a bowed board, and what is known of the result."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -55,7 +55,7 @@ class CameraCalibration:
     """A camera and what is known of it.
 
     `fit` of the bundle and the `chain` of corners (sorted by placement) at its solution; `views` that
-    were used, `rejected` those that were not, `left_out` how many corners of a picture, by its name;
+    were used, `rejected` those that were not, `left_out` how many corners of a image, by its name;
     `undetermined` and `remarks` sentences; `printed` errors of the board's corners, `lens` what the
     model leaves of it, `curved` where sigmas do not hold; the checks, None where there are too few placements. RMS are
     of the residuals of all corners used, none weighted down.
@@ -84,7 +84,7 @@ class CameraCalibration:
     @property
     def std(self) -> dict[str, float]:
         """1 sigma by key (`camera.fx`, `artefact.board-bow.xx`, ...): sigmas scaled to the residuals, with priors and
-        with the board's print errors; nan for what these pictures do not determine.
+        with the board's print errors; nan for what these images do not determine.
         """
         sigma = np.where(self.determined, np.sqrt(np.diag(self.covariance)), np.nan)
         return dict(zip(self.fit.table.keys, sigma.tolist()))
@@ -139,7 +139,7 @@ class CameraCalibration:
 
     @cached_property
     def view_rms_px(self) -> np.ndarray:
-        """(V,) of each picture, as OpenCV counts."""
+        """(V,) of each image, as OpenCV counts."""
         squares = np.bincount(self.view, (self.residual**2).sum(0), len(self.views))
         return np.sqrt(squares / np.bincount(self.view, minlength=len(self.views)))
 
@@ -150,13 +150,13 @@ class CameraCalibration:
 
     @cached_property
     def uncertainty(self) -> FieldMap:
-        """1 sigma of projection over the picture at the boards' distance."""
+        """1 sigma of projection over the image at the boards' distance."""
         own = len(self.chain.parameters)
         return projection_uncertainty(self.camera, self.covariance[:own, :own], self.distance_mm)
 
     @property
     def coverage(self) -> np.ndarray:
-        """(6, 8) corners in each cell of the picture."""
+        """(6, 8) corners in each cell of the image."""
         return coverage(self.chain.pixels, self.camera.size)
 
     @cached_property
@@ -189,7 +189,7 @@ def calibrate_camera(
     """The camera, its board's bow and all poses from views of one board.
 
     model: "brown" (k1 k2 p1 p2 k3) or "rational" (with k4 k5 k6). bow: fit the board's warp. effects:
-    further ones of the sensor to be fitted. folds: of the held-out pictures, 0 for none of the
+    further ones of the sensor to be fitted. folds: of the held-out images, 0 for none of the
     checks. progress: called with one line a step. InputError where there are fewer than three
     usable placements, where the views do not fit the board or one another.
     """
@@ -198,7 +198,7 @@ def calibrate_camera(
             f"camera model: expected {' or '.join(MODELS)}, found {model!r}; choose one of them"
         )
     effects = (*((BoardBow("artefact"),) if bow else ()), *effects)
-    progress(f"camera, poses and bow from {len(views)} pictures")
+    progress(f"camera, poses and bow from {len(views)} images")
     part = adjusted(views, board, size, model, effects, loss)
     made = CameraCalibration(
         part.chain.camera,
@@ -219,9 +219,9 @@ def calibrate_camera(
     )
     if folds:
         known = part.fit.parameters
-        progress("pictures left out in folds, beside OpenCV")
+        progress("images left out in folds, beside OpenCV")
         left_out = held_out(part.chain, effects, known, loss, folds)
-        progress("one half of the pictures against the other")
+        progress("one half of the images against the other")
         halves = compare_halves(part.chain, effects, known, loss, made.distance_mm)
         made = replace(made, held_out=left_out, halves=halves)
     return replace(
@@ -241,7 +241,7 @@ def _height(board, values, covariance):
 
 
 def _undetermined(made: CameraCalibration) -> list[str]:
-    """What these pictures do not determine, or only poorly because the boards were parallel."""
+    """What these images do not determine, or only poorly because the boards were parallel."""
     said = list(made.fit.known.sentences())
     if made.curved is not None:
         said.append(made.curved.sentence)
@@ -265,8 +265,8 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
     share = float((made.coverage > 0).mean())
     if share < _COVERED:
         said.append(
-            f"corners lie in {100 * share:.0f} % of the picture's cells: beyond them the lens is extrapolated, "
-            f"to {np.nanmax(made.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the picture"
+            f"corners lie in {100 * share:.0f} % of the image's cells: beyond them the lens is extrapolated, "
+            f"to {np.nanmax(made.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the image"
         )
     if made.left_out:
         rows = ", ".join(f"{count} of {image}" for image, count in made.left_out.items())
@@ -280,12 +280,12 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
     ]
     if folds and made.held_out is None:
         said.append(
-            f"no picture could be left out as a check: {len(made.poses)} placements are too few; take more"
+            f"no image could be left out as a check: {len(made.poses)} placements are too few; take more"
         )
     if made.halves is not None and made.halves.p_value < UNLIKELY:
         said.append(
             f"{made.halves.sentence} (chance does so with probability {made.halves.p_value:.1g}): the lens is "
-            "not of the model fitted, or the corners of a picture share errors; neither is in the sigmas, "
+            "not of the model fitted, or the corners of a image share errors; neither is in the sigmas, "
             f"which should be taken as {made.halves.ratio:.1f} times as large"
         )
     if not made.fit.converged:

@@ -1,4 +1,4 @@
-"""How good a camera is: errors on pictures that it was not made from, its halves compared, what is known where."""
+"""How good a camera is: errors on images that it was not made from, its halves compared, what is known where."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -52,11 +52,11 @@ def posed(chain: Corners, effects: Sequence[Effect], known: Parameters) -> Corne
 
 @dataclass(frozen=True)
 class HeldOut:
-    """RMS (px, as OpenCV counts) on pictures left out, each fold's camera made from all other placements.
+    """RMS (px, as OpenCV counts) on images left out, each fold's camera made from all other placements.
 
     `rms_px`: after the six numbers of each left-out pose were fitted to its own corners;
     `halved_rms_px`: the pose fitted to every second corner, the error on the others, both ways; the
-    same of cv2.calibrateCamera and cv2.solvePnP on the same pictures.
+    same of cv2.calibrateCamera and cv2.solvePnP on the same images.
     """
 
     folds: int
@@ -68,7 +68,7 @@ class HeldOut:
     @property
     def sentence(self) -> str:
         return (
-            f"pictures left out in {self.folds} folds: {self.rms_px:.4f} px after fitting the six numbers of their "
+            f"images left out in {self.folds} folds: {self.rms_px:.4f} px after fitting the six numbers of their "
             f"pose (OpenCV {self.opencv_rms_px:.4f} px), {self.halved_rms_px:.4f} px with the pose from every second "
             f"corner and the error on the others (OpenCV {self.opencv_halved_rms_px:.4f} px)"
         )
@@ -158,7 +158,7 @@ def _seen_by_opencv(chain, camera, fitted, asked):
 
 @dataclass(frozen=True)
 class FieldMap:
-    """A number (px) over the picture: `value` (rows, columns) at pixels `x` (columns,), `y` (rows,) and a distance."""
+    """A number (px) over the image: `value` (rows, columns) at pixels `x` (columns,), `y` (rows,) and a distance."""
 
     x: np.ndarray
     y: np.ndarray
@@ -171,7 +171,7 @@ def projection_uncertainty(camera: Camera, covariance: np.ndarray, distance: flo
 
     covariance: (P, P) of the camera's values. A camera that is a little turned or shifted in its
     housing is the same camera with other poses: from every change of its values the rigid motion that
-    best undoes it over the whole picture is taken off first, as mrcal does (Kogan,
+    best undoes it over the whole image is taken off first, as mrcal does (Kogan,
     https://mrcal.secretsauce.net/uncertainty.html).
     """
     x, y, by_value, _ = _compensated(camera, distance)
@@ -241,7 +241,7 @@ class Halves:
     def sentence(self) -> str:
         middle, worst = np.nanmedian(self.difference.value), np.nanmax(self.difference.value)
         return (
-            f"cameras from two halves of the placements project {middle:.3f} px apart in the median of the picture "
+            f"cameras from two halves of the placements project {middle:.3f} px apart in the median of the image "
             f"and {worst:.3f} px at most, {self.ratio:.2f} times what their sigmas say"
         )
 
@@ -286,6 +286,6 @@ def projection_difference(first: Camera, second: Camera, distance: float) -> Fie
 
 
 def coverage(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(6, 8) how many corners, pixels (2, n), lie in each cell of the picture."""
+    """(6, 8) how many corners, pixels (2, n), lie in each cell of the image."""
     edges = [np.linspace(-0.5, extent - 0.5, count + 1) for extent, count in zip(size, _CELLS)]
     return np.histogram2d(pixels[1], pixels[0], bins=edges[::-1])[0].astype(int)

@@ -1,7 +1,7 @@
 """The corner chain: where the camera must see the points of a board, and how far off it saw them.
 
 A point of the board goes through the board's pose into the camera frame, along its ray through the
-lens onto the picture. Ports: `target` (the point on the board, mm), `ray`, `pixel`; the light
+lens onto the image. Ports: `target` (the point on the board, mm), `ray`, `pixel`; the light
 plane, the mirror and what happens to a laser's point do not reach a corner, their rows are zero.
 """
 
@@ -34,14 +34,14 @@ _LABELS = {
 }
 # Order in r of each coefficient's displacement over the distance from the middle.
 _ORDERS = {"k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6, "k4": 2, "k5": 4, "k6": 6}
-_AT_THE_EDGE = 0.1  # displacement by one coefficient at the edge of the picture, over the distance from its middle
+_AT_THE_EDGE = 0.1  # displacement by one coefficient at the edge of the image, over the distance from its middle
 
 
 def camera_parameters(camera: Camera) -> Parameters:
     """Keys `camera.fx`, ...: focal lengths, principal point and distortion at this camera's values, none free.
 
-    Typical sizes: 2 % of the focal length, 2 % of the picture for the principal point, and for each
-    coefficient what moves the picture's edge by a tenth of its distance from the middle.
+    Typical sizes: 2 % of the focal length, 2 % of the image for the principal point, and for each
+    coefficient what moves the image's edge by a tenth of its distance from the middle.
     """
     width, height = camera.size
     edge = np.hypot(width, height) / 2 / min(camera.fx, camera.fy)

@@ -1,6 +1,6 @@
-"""Which pictures and corners of a camera are to be doubted, and when the lens is to be doubted instead of them.
+"""Which images and corners of a camera are to be doubted, and when the lens is to be doubted instead of them.
 
-Judged before the camera is known: a picture of a board is smooth across the board, whatever the
+Judged before the camera is known: a image of a board is smooth across the board, whatever the
 lens. Judged after: a corner that is off unlike its neighbours is a blunder; what many boards are off
 by smoothly is the lens's, and its corners stay.
 """
@@ -67,16 +67,16 @@ def unsmooth(chain: Corners) -> np.ndarray:
 
 
 def from_behind(poses: np.ndarray) -> np.ndarray:
-    """(G,) True where the board shows another side than in most pictures: corners numbered in mirror image."""
+    """(G,) True where the board shows another side than in most images: corners numbered in mirror image."""
     away = (rotation_matrix(poses[:, 3:])[:, :, 2] * poses[:, :3]).sum(1) > 0
     return away != (2 * away.sum() > len(away))
 
 
 def blunders(chain: Corners, residual: np.ndarray) -> np.ndarray:
-    """(n,) True for corners that are far off and unlike their neighbours, and for most of a picture that contradicts.
+    """(n,) True for corners that are far off and unlike their neighbours, and for most of a image that contradicts.
 
     What a lens does that is not of the model fitted is smooth across each board, and many boards show
-    it: it is no blunder. Pictures that are off as a whole, and few of them, are.
+    it: it is no blunder. Images that are off as a whole, and few of them, are.
     """
     far = _far_off(residual / chain.sigma)
     if not far.any():

@@ -1,6 +1,6 @@
-"""What the corners of all pictures share: errors of the board's print by corner, errors of the lens by place.
+"""What the corners of all images share: errors of the board's print by corner, errors of the lens by place.
 
-Neither averages out with more pictures as noise does. Both are tested; the first goes into the
+Neither averages out with more images as noise does. Both are tested; the first goes into the
 sigmas as a component of variance of its own.
 """
 
@@ -49,8 +49,8 @@ class PrintErrors:
     @property
     def sentence(self) -> str:
         return (
-            f"the board's corners are off by the same in all pictures: {1000 * self.sigma_mm:.2g} um (1 sigma of a "
-            "coordinate) beyond noise, by its print or by what the lens model leaves of them; more pictures do not "
+            f"the board's corners are off by the same in all images: {1000 * self.sigma_mm:.2g} um (1 sigma of a "
+            "coordinate) beyond noise, by its print or by what the lens model leaves of them; more images do not "
             "average that out, and it is in the sigmas"
         )
 
@@ -196,7 +196,7 @@ def _by_corner(rows, corner):
 
 @dataclass(frozen=True)
 class LensMap:
-    """Mean residual by place in the picture: `value` (2, rows, columns) px, nan where hardly any corner lies;
+    """Mean residual by place in the image: `value` (2, rows, columns) px, nan where hardly any corner lies;
     `rms_px` of these means beyond what noise makes, and the `p_value` of all under noise.
     """
 
@@ -212,14 +212,14 @@ class LensMap:
     def sentence(self) -> str:
         worst = np.nanmax(np.hypot(*self.value))
         return (
-            f"the lens is not of the model fitted: corners at the same place of the picture are off alike, by "
+            f"the lens is not of the model fitted: corners at the same place of the image are off alike, by "
             f"{self.rms_px:.2g} px RMS and {worst:.2g} px at most in means over its {self.value[0].size} cells, which "
             "is not in the sigmas; try the other model (brown, rational); neither describes a fisheye"
         )
 
 
 def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
-    """What corners at the same place of the picture are off by; first less their own means, where these differ."""
+    """What corners at the same place of the image are off by; first less their own means, where these differ."""
     from scipy.special import fdtrc
 
     residual = fit.residual[0]

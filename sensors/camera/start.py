@@ -1,4 +1,4 @@
-"""A first camera and first poses of boards from corners alone, and the corner chain of a set of pictures."""
+"""A first camera and first poses of boards from corners alone, and the corner chain of a set of images."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -19,11 +19,11 @@ MODELS = {"brown": BROWN, "rational": RATIONAL}
 FEW = 16
 """Corners of a placement that a start needs: its homography takes four."""
 _CAMERA_GROUPS = 20
-_WIDEST, _NARROWEST = 0.2, 50.0  # focal lengths over the picture's width: 136 and 1 degrees of view
+_WIDEST, _NARROWEST = 0.2, 50.0  # focal lengths over the image's width: 136 and 1 degrees of view
 
 
 def placement_groups(views: Sequence["View"]) -> tuple[np.ndarray, list[str]]:
-    """(V,) group of each view, in order of appearance, and the groups' names: placements, else pictures."""
+    """(V,) group of each view, in order of appearance, and the groups' names: placements, else images."""
     names = [view.placement or view.image for view in views]
     order = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return np.array([order[name] for name in names], int), list(order)
@@ -59,7 +59,7 @@ def corner_chain(
 
 
 def check_views(views: Sequence["View"], board: "Board", size: tuple[int, int]) -> None:
-    """InputError where a view is not of this board, of another size of picture, or holds no numbers."""
+    """InputError where a view is not of this board, of another size of image, or holds no numbers."""
     if not np.isfinite(np.concatenate([view.pixels for view in views], axis=1)).all():
         wrong = next(view for view in views if not np.isfinite(view.pixels).all())
         raise InputError(
@@ -75,13 +75,13 @@ def check_views(views: Sequence["View"], board: "Board", size: tuple[int, int]) 
     other = next((view for view in views if tuple(view.size) != tuple(size)), None)
     if other is not None:
         raise InputError(
-            f"{other.image}: expected a picture of {size[0]} x {size[1]} pixels as the others, found "
+            f"{other.image}: expected a image of {size[0]} x {size[1]} pixels as the others, found "
             f"{other.size[0]} x {other.size[1]}; calibrate each size by itself"
         )
 
 
 def _covariates(views, order, counts):
-    """Columns of numbers that every picture has."""
+    """Columns of numbers that every image has."""
     shared = set.intersection(*(set(view.row) for view in views))
     numbers = {
         name for name in shared if all(isinstance(view.row[name], (int, float)) for view in views)
@@ -111,7 +111,7 @@ def started(chain: Corners) -> Corners:
 
     Camera: cv2.initCameraMatrix2D, the linear solution of Zhang, PAMI 22 (2000) 1330, with the principal
     point in the middle. A focal length that the boards do not tell is started as a usual lens's, 1.2
-    widths of the picture.
+    widths of the image.
     """
     chosen, new = spread(chain)
     camera = _first_camera(chain, chosen, new)
@@ -145,14 +145,14 @@ def usual_focal(camera: Camera) -> float:
 
 
 def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """(G, 3, 3) from board (mm) to picture (px), by least squares over `chosen` corners (G, k) where `new`.
+    """(G, 3, 3) from board (mm) to image (px), by least squares over `chosen` corners (G, k) where `new`.
 
     Direct linear transform in normalised coordinates (Hartley & Zisserman, Multiple View Geometry, 2nd
     ed., alg. 4.2), with the last number 1 there: the middle of a board's corners is never at infinity.
     """
     weight = new.astype(float)
     (x, y), board = _normalised(chain.points[:2, chosen], weight)
-    (u, v), picture = _normalised(chain.pixels[:, chosen], weight)
+    (u, v), image = _normalised(chain.pixels[:, chosen], weight)
     rows = np.zeros((2, 9, *x.shape))
     rows[0, 0], rows[0, 1], rows[0, 2] = rows[1, 3], rows[1, 4], rows[1, 5] = x, y, np.ones_like(x)
     for row, seen in zip(rows, (u, v)):
@@ -162,7 +162,7 @@ def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndar
     small = 1e-12 * np.trace(normal[:, :8, :8], axis1=1, axis2=2)[:, None, None] * np.eye(8)
     made = solve_positive(normal[:, :8, :8] + small, normal[:, :8, 8:])[..., 0]
     made = np.concatenate([made, np.ones((len(made), 1))], axis=1).reshape(-1, 3, 3)
-    return np.linalg.solve(picture, made @ board)
+    return np.linalg.solve(image, made @ board)
 
 
 def _normalised(places, weight):

@@ -1,4 +1,4 @@
-"""Which way round a square board lay in each picture, where only its bow can tell."""
+"""Which way round a square board lay in each image, where only its bow can tell."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,10 +1,10 @@
 """The exact inverse of a camera's distortion for many pixels: a fitted start, then Newton's step.
 
-The start is a polynomial fitted to this camera over its picture, good to about a ten-thousandth
+The start is a polynomial fitted to this camera over its image, good to about a ten-thousandth
 of a pixel and evaluated in single precision; the gap that it leaves is measured in double
 precision with the distortion itself, and one Newton step closes it to below 1e-9 px. Blocks are of
 a size that stays in the processor's cache. A block with a gap that one step does not close (a wide
-lens) takes another; pixels that are then still open (far outside the picture) are iterated alone.
+lens) takes another; pixels that are then still open (far outside the image) are iterated alone.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 BLOCK = 16384
-_MARGIN = 0.02  # of the picture's size, by which the fitted region is wider than the picture
+_MARGIN = 0.02  # of the image's size, by which the fitted region is wider than the image
 _GRID = 24
 _DEGREES = (2, 3, 4, 5, 7, 9)
 _GOOD = 6e-4  # px: a start that is better gains nothing, one Newton step makes it exact
@@ -41,7 +41,7 @@ class Inverse:
 
 
 def fit_inverse(camera) -> Inverse:
-    """The start for this camera, by least squares over its picture."""
+    """The start for this camera, by least squares over its image."""
     ideal, seen, reach = _samples(camera)
     if ideal.shape[1] < _GRID:  # hardly a pixel can be undone: a solve on its way through nonsense
         return Inverse(camera, [1.0], [0.0], [0.0], [0.0, 0.0], 0.0, 0.0)
@@ -65,7 +65,7 @@ def fit_inverse(camera) -> Inverse:
 
 
 def _samples(camera):
-    """Ideal points (2, k) over the picture, where the lens puts them, and how far out it can be undone."""
+    """Ideal points (2, k) over the image, where the lens puts them, and how far out it can be undone."""
     size = camera.size if min(camera.size) > 0 else (2 * camera.cx + 1, 2 * camera.cy + 1)
     spans = [np.linspace(-_MARGIN * s, (1 + _MARGIN) * s - 1, _GRID) for s in size]
     seen = camera.seen(np.stack(np.meshgrid(*spans)).reshape(2, -1))
@@ -105,7 +105,7 @@ def iterate(
             flat = flat - step
             if np.nanmax(np.abs(step), initial=0) < 1e-14:
                 break
-        # where both of the slope's eigenvalues are not positive the lens has folded the picture over
+        # where both of the slope's eigenvalues are not positive the lens has folded the image over
         upright = (slope[0, 0] + slope[1, 1] > 0) & (
             slope[0, 0] * slope[1, 1] > slope[1, 0] * slope[0, 1]
         )

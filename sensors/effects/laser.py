@@ -159,7 +159,7 @@ class MirrorHysteresis(Effect):
 
 
 class FrameSync(Effect):
-    """The pictures were taken a moment after the mirror's angle was read."""
+    """The images were taken a moment after the mirror's angle was read."""
 
     effect = "frame-sync"
     port = "mirror"
@@ -171,7 +171,7 @@ class FrameSync(Effect):
     of_session = True
 
     def table(self, chain):
-        return (self.parameter("delay", "s", 1e-3, "the delay of the pictures"),)
+        return (self.parameter("delay", "s", 1e-3, "the delay of the images"),)
 
     def basis(self, state):
         return np.deg2rad(state.covariate("mirror_speed_deg_s"))[None, None]

@@ -14,7 +14,7 @@ from workbench.core.effect import Effect, Variant
 class LensResidual(Effect):
     """The lens distorts in ways that Brown's coefficients do not hold.
 
-    Every polynomial (du, dv) of the place in the picture up to `degree`, less those that focal
+    Every polynomial (du, dv) of the place in the image up to `degree`, less those that focal
     lengths, principal point, k1, p1, p2 and the board's pose make: with w = du + i dv and
     z = x + i y, the powers z^a conj(z)^b carry the angular orders a - b, and on the unit circle
     those of different order are orthogonal; of one order, the lower powers are subtracted.
@@ -27,7 +27,7 @@ class LensResidual(Effect):
     equation = "du + i dv = sum_ab c_ab z^a conj(z)^b, without what k1 k2 p1 p2 k3 and a pose make"
     source = (
         "orthogonal circle polynomials in complex form: Born & Wolf, Principles of Optics, 7th ed., sec. 9.2; "
-        "z = field angle over half the picture's diagonal"
+        "z = field angle over half the image's diagonal"
     )
 
     def __init__(self, where: str, degree: Annotated[int, Field(ge=1, le=4)] = 3):

@@ -20,10 +20,10 @@ class RangeScale(RangeScaleLaw, Effect):
 
 
 class FieldBias(FieldBiasLaw, Effect):
-    """The range is off by a quadratic polynomial of the place in the picture."""
+    """The range is off by a quadratic polynomial of the place in the image."""
 
     port = "point"
-    equation = f"{FieldBiasLaw.equation}, x and y in units of half the picture's diagonal"
+    equation = f"{FieldBiasLaw.equation}, x and y in units of half the image's diagonal"
 
     @classmethod
     def candidates(cls, chain):

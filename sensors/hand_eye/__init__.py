@@ -1,1 +1,1 @@
-"""Where the sensor sits on the flange: from pictures of a board, from profiles of one ball."""
+"""Where the sensor sits on the flange: from images of a board, from profiles of one ball."""

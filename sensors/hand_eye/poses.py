@@ -44,6 +44,6 @@ def check_pixels(views: Sequence) -> None:
         bad = ~np.isfinite(np.asarray(view.pixels, float)).all(0)
         if bad.any():
             raise InputError(
-                f"picture {number}: expected pixels that are numbers, found nan at corner "
+                f"image {number}: expected pixels that are numbers, found nan at corner "
                 f"{view.index[np.argmax(bad)]} of the board; take the corner out"
             )

@@ -121,7 +121,7 @@ def held_row(pose, chain, adjusted, exact, held, left_out, blunder) -> PoseRow:
     why = (
         (
             f"pose {pose}: {other:.3g} {unit} from the prediction of the other poses, "
-            f"which are {usual:.3g} {unit} off; left out: check its flange pose and its picture"
+            f"which are {usual:.3g} {unit} off; left out: check its flange pose and its image"
         )
         if blunder
         else ""

@@ -1,8 +1,8 @@
-"""Scatter of a board that never moved: by how much its pose seems to change from picture to picture.
+"""Scatter of a board that never moved: by how much its pose seems to change from image to image.
 
-The pose of the board in the base (on the flange for "to-hand") is chained from one picture at a
-time: flange pose, hand-eye, and the board's pose in the camera from that picture alone. Stated are
-three root mean squares over pictures: of the 3-D distance of the board's origin, and of its
+The pose of the board in the base (on the flange for "to-hand") is chained from one image at a
+time: flange pose, hand-eye, and the board's pose in the camera from that image alone. Stated are
+three root mean squares over images: of the 3-D distance of the board's origin, and of its
 middle, from their mean (mm), and of the angle to the mean rotation (deg). Held out, the hand-eye
 comes from the other poses, and so does the mean.
 
@@ -25,7 +25,7 @@ LEVER = 300.0
 def placed_boards(
     flange: np.ndarray, sensor: np.ndarray, seen: np.ndarray, kind: str
 ) -> np.ndarray:
-    """(P, 4, 4) the board as every picture has it, T_base_board, or T_flange_board for "to-hand".
+    """(P, 4, 4) the board as every image has it, T_base_board, or T_flange_board for "to-hand".
 
     flange (P, 4, 4) T_base_flange, sensor (4, 4) hand-eye, seen (P, 4, 4) T_camera_board.
     """
@@ -70,7 +70,7 @@ def held_scatter(chain, points, left_out, used) -> dict[str, float]:
 def least_scatter(chain, points, values, used) -> dict[str, float]:
     """`least_origin_mm` and `least_turn_deg`, RMS of the used poses with the hand-eye that makes both least together.
 
-    Each board's pose from its picture alone, camera as found; started at the hand-eye of `values`.
+    Each board's pose from its image alone, camera as found; started at the hand-eye of `values`.
     """
     seen, flange = _seen(chain, values)[used], chain.flange[used]
     away = deviations(
@@ -116,5 +116,5 @@ def _placed(chain, values):
 
 
 def _seen(chain, values):
-    """(P, 4, 4) T_camera_board, each from its picture alone."""
+    """(P, 4, 4) T_camera_board, each from its image alone."""
     return board_poses(chain.board_at(values), chain.pixels, chain.pose, chain.camera_at(values))

@@ -1,4 +1,4 @@
-"""Starts for hand-eye from pictures: board poses one picture at a time, then closed forms."""
+"""Starts for hand-eye from images: board poses one image at a time, then closed forms."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,10 +16,10 @@ _HALF_TURN = np.radians(170.0)  # near a half turn the axis of a relative rotati
 def board_poses(
     board: np.ndarray, pixels: np.ndarray, pose: np.ndarray, camera: Camera
 ) -> np.ndarray:
-    """(P, 4, 4) T_camera_board of each picture alone: least squares of its pixels (OpenCV).
+    """(P, 4, 4) T_camera_board of each image alone: least squares of its pixels (OpenCV).
 
-    board (3, n) mm, pixels (2, n) and the picture's number pose (n,), 0..P-1. InputError where a
-    picture has fewer than four points.
+    board (3, n) mm, pixels (2, n) and the image's number pose (n,), 0..P-1. InputError where a
+    image has fewer than four points.
     """
     import cv2
 
@@ -28,8 +28,8 @@ def board_poses(
         mine = pose == number
         if mine.sum() < 4:
             raise InputError(
-                f"picture {number}: expected at least 4 points of the board, found {mine.sum()}; "
-                "take the picture out"
+                f"image {number}: expected at least 4 points of the board, found {mine.sum()}; "
+                "take the image out"
             )
         found = cv2.solvePnP(
             np.ascontiguousarray(board[:, mine].T),
@@ -40,8 +40,8 @@ def board_poses(
         )
         if not found[0] or not np.isfinite(found[1]).all():
             raise InputError(
-                f"picture {number}: expected a view of the board, found pixels that no pose explains; "
-                "take the picture out"
+                f"image {number}: expected a view of the board, found pixels that no pose explains; "
+                "take the image out"
             )
         placed.append(transform(Rotation.from_rotvec(found[1][:, 0]).as_matrix(), found[2][:, 0]))
     return np.array(placed)
@@ -107,9 +107,9 @@ def start_from_boards(flange, seen, points, kind) -> tuple[np.ndarray, float]:
 def nearest_turns(
     flange: np.ndarray, seen: np.ndarray, points: np.ndarray, kind: str
 ) -> np.ndarray:
-    """(P,) which of T readings of each picture, seen (T, P, 4, 4), puts the board where the others have it.
+    """(P,) which of T readings of each image, seen (T, P, 4, 4), puts the board where the others have it.
 
-    Each reading of the first picture in turn is taken for right; that of the second which makes the
+    Each reading of the first image in turn is taken for right; that of the second which makes the
     camera turn by the flange's angle, and so on: angles need no hand-eye (Chen, CVPR 1991).
     """
     turns, count = seen.shape[:2]

@@ -1,4 +1,4 @@
-"""Stripe points on boards: gathered from pictures, sorted out where they cannot be, averaged in short blocks."""
+"""Stripe points on boards: gathered from images, sorted out where they cannot be, averaged in short blocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,7 +20,7 @@ _FARTHEST = 100  # points
 class BoardStripes:
     """n stripe points: `pixels` (2, n) px, `placement` (n,) text, `step` (n,) int, `sigma` (n,) px.
 
-    `along`: "rows" where a centre was measured along each row of the picture, else "columns".
+    `along`: "rows" where a centre was measured along each row of the image, else "columns".
     `mirror` (n,) rad as commanded, nan where unknown; `covariates` (n,) by column of images.csv; `shape` (2, n) as
     `Stripes.shape`, None where unknown.
     """
@@ -43,7 +43,7 @@ class BoardStripes:
         mirror_deg: Sequence[float] | None = None,
         covariates: Mapping[str, Sequence[float]] | None = None,
     ) -> "BoardStripes":
-        """From `stripe.Stripes` of F pictures and what images.csv says of each of them (F,)."""
+        """From `stripe.Stripes` of F images and what images.csv says of each of them (F,)."""
         frame = stripes.frame
         angles = None if mirror_deg is None else np.deg2rad(np.asarray(mirror_deg, float))[frame]
         columns = {
@@ -105,7 +105,7 @@ def joined(parts: Sequence[BoardStripes]) -> BoardStripes:
         found = "none" if not parts else "some along rows and some along columns"
         raise InputError(
             f"stripes on boards: expected stripes measured in one direction, found {found}; "
-            "take pictures of the board under the laser, all with one setting"
+            "take images of the board under the laser, all with one setting"
         )
     known, shaped = (
         all(getattr(part, name) is not None for part in parts) for name in ("mirror", "shape")

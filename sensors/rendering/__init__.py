@@ -1,4 +1,4 @@
-"""The synthetic sensor: pictures of boards, of stripes on boards, and of scans, with the truth known."""
+"""The synthetic sensor: images of boards, of stripes on boards, and of scans, with the truth known."""
 
 from sensors.rendering.instrument import Chip, Instrument, Lamp, Laser, Optics, sweeping_mirror
 from sensors.rendering.patterns import Pattern

@@ -10,7 +10,7 @@ import numpy as np
 from sensors.rendering.instrument import Chip, Optics
 
 _SPREAD = 4  # kernels reach this many sigmas
-_LEVELS, _RATIO = 6, 1.15  # blurs that a picture is mixed from: so many, or so close to one another
+_LEVELS, _RATIO = 6, 1.15  # blurs that a image is mixed from: so many, or so close to one another
 
 
 @cache
@@ -22,7 +22,7 @@ def device():
 
 
 def generator(seed: int, *place: int):
-    """Random numbers of one picture: the same for the same seed and place, whatever was made before."""
+    """Random numbers of one image: the same for the same seed and place, whatever was made before."""
     import torch
 
     word = int(np.random.SeedSequence((seed, *place)).generate_state(1, np.uint64)[0] >> 1)
@@ -30,7 +30,7 @@ def generator(seed: int, *place: int):
 
 
 def margin(optics: Optics, depth: np.ndarray) -> int:
-    """Pixels around a picture from where blur at these depths still brings light in."""
+    """Pixels around a image from where blur at these depths still brings light in."""
     known = depth[np.isfinite(depth)]
     return int(np.ceil(_SPREAD * (optics.sigma(known).max() if known.size else optics.blur_px)))
 
@@ -77,7 +77,7 @@ def _share(value, knots, k):
 
 
 def gathered(light, parts: int):
-    """(H, W) means over squares of parts x parts of a finer picture."""
+    """(H, W) means over squares of parts x parts of a finer image."""
     from torch.nn.functional import avg_pool2d
 
     return avg_pool2d(light[None, None], parts)[0, 0]
@@ -115,7 +115,7 @@ def _wrapped_blur(field, sigma):
 
 
 def develop(light, chip: Chip, random, spread=None) -> np.ndarray:
-    """(H, W) picture as the file has it of `light` in electrons.
+    """(H, W) image as the file has it of `light` in electrons.
 
     Photon noise is normal with the variance of the count (Poisson's third moment is lost, which is
     an eighth of a grey level at 8 bits); `spread` multiplies the noise where it is given.

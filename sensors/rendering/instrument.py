@@ -31,7 +31,7 @@ class Optics:
 class Chip:
     """From electrons to numbers. EMVA 1288's linear model: photon noise, read noise, saturation, quantisation.
 
-    A picture of `bits` up to 8 is uint8, above uint16; 10 and 12 bits fill the upper bits of the
+    A image of `bits` up to 8 is uint8, above uint16; 10 and 12 bits fill the upper bits of the
     16, so that white is 65520 or more whatever the depth. `black` is a share of full scale.
     """
 

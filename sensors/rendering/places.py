@@ -53,14 +53,14 @@ def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
     good = np.flatnonzero(fits(poses)) if fits else np.arange(1)
     if not good.size:
         raise InputError(
-            "placements: expected a board that fits into the picture, found none that does; make the "
+            "placements: expected a board that fits into the image, found none that does; make the "
             "board smaller, or range_mm larger, or give the places"
         )
     return poses[good[0]]
 
 
 def _in_view(poses, pattern, camera):
-    """(n,) bool: the whole grid lies in the picture, a little away from its border."""
+    """(n,) bool: the whole grid lies in the image, a little away from its border."""
     points = pattern.board.points
     turns = Rotation.from_rotvec(poses[:, 3:]).as_matrix()
     seen = np.einsum("nij,jk->ink", turns, points) + poses[:, :3].T[:, :, None]

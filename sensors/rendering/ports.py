@@ -1,4 +1,4 @@
-"""The effects that are switched on in a picture, and what they do to each port of the scanner chain."""
+"""The effects that are switched on in a image, and what they do to each port of the scanner chain."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -57,7 +57,7 @@ def make_causes(
 ) -> Causes:
     """From (effect, where, options, values) rows; values by the last part of a parameter's key.
 
-    covariates: names of the columns that the pictures will have; balls: how many there are.
+    covariates: names of the columns that the images will have; balls: how many there are.
     Raises InputError for an unknown effect, place, option, parameter, or a column that is missing.
     """
     rows = list(rows)
@@ -98,7 +98,7 @@ def blank_state(camera: Camera, n: int, covariates: Mapping[str, float], **known
 
 @dataclass(frozen=True)
 class Moment:
-    """What acts while a picture is taken: the effects, and the covariates' values at that instant."""
+    """What acts while a image is taken: the effects, and the covariates' values at that instant."""
 
     causes: Causes = Causes()
     covariates: Mapping[str, float] = field(default_factory=dict)

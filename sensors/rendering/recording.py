@@ -1,4 +1,4 @@
-"""A whole recording of rendered pictures, as a laboratory would have made it, and the truth beside it."""
+"""A whole recording of rendered images, as a laboratory would have made it, and the truth beside it."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,7 +18,7 @@ from workbench.core.rigid import inverse, rotation_matrix, rotation_vector
 from workbench.core.text.csv_text import write_rows
 
 _ROLES = ("board", "board-laser", "scan")
-_EXPOSURE_S = 1.0  # between two pictures while nothing sweeps
+_EXPOSURE_S = 1.0  # between two images while nothing sweeps
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Made:
 
 @dataclass(frozen=True)
 class _Take:
-    """Pictures of one standstill: one of the board, or a sweep with one a step.
+    """Images of one standstill: one of the board, or a sweep with one a step.
 
-    `place` is its number from 1, `row` what all its pictures have in common in images.csv.
+    `place` is its number from 1, `row` what all its images have in common in images.csv.
     """
 
     role: str
@@ -70,7 +70,7 @@ def make_recording(
 ) -> Made:
     """Render the scene into `folder`, which then is a recording of kind scan-images or board-images.
 
-    progress: called with pictures done and in all; stations: of a scene with an arm, whose scans
+    progress: called with images done and in all; stations: of a scene with an arm, whose scans
     these are then; truth: TOML file to write the truth to. Raises InputError for a scene that cannot be.
     """
     folder = Path(folder)
@@ -82,7 +82,7 @@ def make_recording(
     total = sum(1 if take.role == "board" else sweeps for take in takes)
     rows = []
     for take in takes:
-        for row in _pictures(scene, take, folder):
+        for row in _images(scene, take, folder):
             rows.append(row)
             if progress:
                 progress(len(rows), total)
@@ -144,7 +144,7 @@ def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
 
 
 def _covariates(scene, role, place, clock, share, rng) -> tuple[dict[str, float], float]:
-    """What the columns hold in the first picture, and seconds from one picture to the next."""
+    """What the columns hold in the first image, and seconds from one image to the next."""
     found, seconds = {"time_s": clock}, _EXPOSURE_S
     if scene.temperature_c:
         first, last = scene.temperature_c
@@ -198,8 +198,8 @@ def _mesh(file):
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
 
 
-def _pictures(scene, take: _Take, folder) -> Iterator[Mapping]:
-    """Render and write the pictures of one take; their rows of images.csv."""
+def _images(scene, take: _Take, folder) -> Iterator[Mapping]:
+    """Render and write the images of one take; their rows of images.csv."""
     seed = int(
         np.random.SeedSequence((scene.seed, _ROLES.index(take.role), take.place)).generate_state(1)[
             0
@@ -215,10 +215,10 @@ def _pictures(scene, take: _Take, folder) -> Iterator[Mapping]:
     moments = [moment] * len(instrument.steps)
     sweep = render_scan(instrument, take.surfaces, moments, seed, scene.parts[1])
     backwards = take.covariates.get("sweep", 1) < 0
-    for k, picture in enumerate(sweep):
+    for k, image in enumerate(sweep):
         what = "scan" if take.role == "scan" else "board"
         name = f"images/{what}-{take.place:03d}-step-{instrument.steps[k]:03d}.png"
-        _save(folder / name, picture)
+        _save(folder / name, image)
         since = (len(moments) - 1 - k if backwards else k) * take.seconds
         row = {"image": name, **common, "step": int(instrument.steps[k])}
         row["time_s"] = round(take.covariates["time_s"] + since, 4)
@@ -227,12 +227,12 @@ def _pictures(scene, take: _Take, folder) -> Iterator[Mapping]:
         yield row
 
 
-def _save(path, picture):
+def _save(path, image):
     """Written as bytes: a full disk then is an error, where OpenCV only says so beside its result."""
     import cv2
 
     with _writing(path):
-        path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
+        path.write_bytes(cv2.imencode(path.suffix, image)[1].tobytes())
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Pictures of boards under the lamp, and of stripes on boards, balls and meshes."""
+"""Images of boards under the lamp, and of stripes on boards, balls and meshes."""
 
 from collections.abc import Iterator, Sequence
 
@@ -20,7 +20,7 @@ def render_board(
     seed: int = 0,
     parts: int = 4,
 ) -> np.ndarray:
-    """(H, W) picture, uint8 or uint16, of surfaces under the lamp, laser off."""
+    """(H, W) image, uint8 or uint16, of surfaces under the lamp, laser off."""
     return formation.develop(
         lamp_light(instrument, surfaces, instrument.lamp.board, moment, parts),
         instrument.chip,
@@ -35,7 +35,7 @@ def render_scan(
     seed: int = 0,
     parts: int = 2,
 ) -> Iterator[np.ndarray]:
-    """Pictures (H, W), uint8 or uint16, one a step of the instrument, of the stripe on the surfaces.
+    """Images (H, W), uint8 or uint16, one a step of the instrument, of the stripe on the surfaces.
 
     `moments` one a step; what acts on the lens, and the surfaces, are those of the first: during
     one scan nothing but the mirror moves.
@@ -181,7 +181,7 @@ def _placed(values, place, shape, otherwise=0.0):
 
 
 def _full(box, canvas):
-    """The box's light on the whole picture."""
+    """The box's light on the whole image."""
     import torch
 
     whole = torch.zeros(canvas.shape, device=formation.device())

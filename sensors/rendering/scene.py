@@ -90,7 +90,7 @@ class MirrorKeys(_Table):
     """A mirror `baseline_mm` beside the camera that throws the sheet to z = `aim_mm` on the optical axis.
 
     Its face stands `offset_mm` from its axis, which leans by `tilt_deg` about x and z; the laser is
-    `laser_mm` away. `steps` pictures from `first_deg` to `last_deg`, mirror angles: light turns twice as far.
+    `laser_mm` away. `steps` images from `first_deg` to `last_deg`, mirror angles: light turns twice as far.
     Scans go both ways in turn where `both_ways`, at a speed at random within `speed_deg_s`.
     """
 
@@ -162,7 +162,7 @@ class Place(_Table):
 
 class Views(_Table):
     """`count` places at random: the middle at `range_mm`, up to `aside` of the field beside its middle, turned
-    by up to `roll_deg` in the picture and tilted by up to `tilt_deg`; or the `places` themselves. Of a board: at
+    by up to `roll_deg` in the image and tilted by up to `tilt_deg`; or the `places` themselves. Of a board: at
     the first `laser` of them (all where not given) the stripe is taken too, at every step."""
 
     count: int = Field(0, ge=0, le=100_000)
@@ -191,7 +191,7 @@ class Cause(BaseModel):
 
 
 class Scene(_Table):
-    """One file. `parts`: samples a pixel's side of board and stripe pictures.
+    """One file. `parts`: samples a pixel's side of board and stripe images.
 
     `balls`: [x, y, z, radius] of the certificate, artefact frame, mm. `temperature_c` [first, last]: a ramp over
     the recording, constant while the mirror sweeps. `arm`: a scene of `workbench simulate`, a file beside this one,

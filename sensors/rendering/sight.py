@@ -14,7 +14,7 @@ _BLOCK = 1 << 18  # samples at a time: what stays in the processor's cache
 
 @dataclass(frozen=True)
 class Seen:
-    """What n places of the picture see: `points` (3, n) mm, `surface` (n,) its number in the list, -1 nothing."""
+    """What n places of the image see: `points` (3, n) mm, `surface` (n,) its number in the list, -1 nothing."""
 
     points: np.ndarray
     surface: np.ndarray

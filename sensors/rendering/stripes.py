@@ -18,7 +18,7 @@ _PROBES = 400  # places at which is seen how far effects move the stripe
 
 @dataclass(frozen=True)
 class Canvas:
-    """The picture with a margin around it: pixel (0, 0) of the picture is (margin, margin) here."""
+    """The image with a margin around it: pixel (0, 0) of the image is (margin, margin) here."""
 
     width: int
     height: int
@@ -29,11 +29,11 @@ class Canvas:
         return self.height + 2 * self.margin, self.width + 2 * self.margin
 
     def pixels(self, flat: np.ndarray, parts: int = 1) -> np.ndarray:
-        """(2, n parts^2) places in the picture of the canvas's pixels `flat` (n,), or of their parts."""
+        """(2, n parts^2) places in the image of the canvas's pixels `flat` (n,), or of their parts."""
         return sight.parts_of_pixels(flat, self.shape[1], parts) - self.margin
 
     def crop(self, light):
-        """The picture itself."""
+        """The image itself."""
         return light[
             self.margin : self.margin + self.height, self.margin : self.margin + self.width
         ]

@@ -1,4 +1,4 @@
-"""A scanner from pictures of a board, without and with the laser: camera, bow, poses, light planes and mirror."""
+"""A scanner from images of a board, without and with the laser: camera, bow, poses, light planes and mirror."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ Progress = Callable[[str], None]
 _FEWEST_POINTS = 20
 _FEWEST_PLACEMENTS = 2
 _FRAME_TAKES = 3  # planes below which six numbers of a frame make up for all of theirs
-_NO_BOARD = "no board: no usable picture of the board at their placement"
+_NO_BOARD = "no board: no usable image of the board at their placement"
 _OFF_BOARD = "off the board"
 _NO_PLANE = "their step's plane is not determined: fewer than two placements, or one line"
 _WRONG = "wrong: far from the course of their stripe or from its plane"
@@ -128,7 +128,7 @@ def calibrate_scanner(
 ) -> ScannerCalibration:
     """One adjustment of corners and stripes of all placements, each residual in pixels.
 
-    views: pictures of the board without laser; stripes: points of the laser's line on it, with the
+    views: images of the board without laser; stripes: points of the laser's line on it, with the
     placement and the mirror's step of each. camera: a calibration of these views, made here where not given.
     effects: further ones of the sensor to be fitted (those of `camera` always are); those of the mirror
     act only where the mirror is tried: free planes hold them already. mirror: try the
@@ -271,7 +271,7 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
         kept,
         "points of the laser's line on a board that was seen",
         dropped,
-        "see that placements of board and board-laser pictures agree",
+        "see that placements of board and board-laser images agree",
     )
     steps, step = np.unique(kept.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
@@ -281,7 +281,7 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
         kept,
         f"a step seen at {_FEWEST_PLACEMENTS} placements with the board at different depths",
         dropped,
-        "move the board and take more pictures",
+        "move the board and take more images",
     )
     steps = steps[fine]
     whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])

@@ -72,7 +72,7 @@ def field_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(3, n) mm over the working volume and the column (n,) of `planes` (4, S) of each.
 
-    In every plane, at depths from `near` to `far`, places along the stripe that the picture shows.
+    In every plane, at depths from `near` to `far`, places along the stripe that the image shows.
     """
     depth, along = (
         a.ravel()

@@ -25,7 +25,7 @@ class Scanner:
     `steps` (S,) int, the mirror steps as files number them (0 alone for a profiler); `planes`
     (4, S) unit normals and offsets in mm, n.X + b = 0 in the camera frame; `mirror` with `angles`
     (S,) rad where the planes share one; `effects` with their parameters (P,), joined, act on
-    every scan; `sigma_px` of a stripe's centre where a picture does not say better.
+    every scan; `sigma_px` of a stripe's centre where a image does not say better.
     `covariance` (3 S, 3 S): of each plane's two tilts (rad), along the stripe and across it, and
     offset (mm), in the frame that fits best, None where unknown; `frame` (6, 6): of that frame itself
     in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest,

@@ -1,1 +1,1 @@
-"""The laser's line in pictures: sub-pixel centres, whole stacks at a time."""
+"""The laser's line in images: sub-pixel centres, whole stacks at a time."""

@@ -11,7 +11,7 @@ times the pixels of another near it: rounding makes at most three pixels flat wh
 parabola has 1.4 times as many within half a step of its top as in the next step; noise makes it less. `_LEAST`: pixels
 that are more than chance, where there are as many values as pixels."""
 _HIGH = 0.25
-"""Part of the pictures' range, from its upper end, whose values are compared."""
+"""Part of the images' range, from its upper end, whose values are compared."""
 _COARSE = 16
 """Grey values of range below which a quarter of it says nothing."""
 _LINES = 1024
@@ -20,15 +20,15 @@ _LINES = 1024
 
 @dataclass(frozen=True)
 class Counts:
-    """What 16-bit pictures are filled with: their `largest` count and the bits that occur in any (`used`)."""
+    """What 16-bit images are filled with: their `largest` count and the bits that occur in any (`used`)."""
 
     largest: int = 0
     used: int = 0
 
     @classmethod
-    def of(cls, pictures: np.ndarray) -> "Counts":
+    def of(cls, images: np.ndarray) -> "Counts":
         """Of whole numbers of any shape."""
-        return cls(int(pictures.max(initial=0)), int(np.bitwise_or.reduce(pictures, axis=None)))
+        return cls(int(images.max(initial=0)), int(np.bitwise_or.reduce(images, axis=None)))
 
     def __or__(self, other: "Counts") -> "Counts":
         return Counts(max(self.largest, other.largest), self.used | other.used)
@@ -47,9 +47,9 @@ class Counts:
 
 
 def clip_level(stack: np.ndarray, saturation: float | None = None, across: int = 2) -> float:
-    """Grey value from which pixels of pictures (F, H, W) count as clipped.
+    """Grey value from which pixels of images (F, H, W) count as clipped.
 
-    saturation: full scale where it is known; None takes it from the pictures. Below that it is
+    saturation: full scale where it is known; None takes it from the images. Below that it is
     their largest value where values pile up there. across: the axis along which lines are searched.
     """
     largest = stack.max()

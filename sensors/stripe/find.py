@@ -1,7 +1,7 @@
-"""The laser line in pictures: its centre in every row or column, to a fraction of a pixel, whole stacks at a time.
+"""The laser line in images: its centre in every row or column, to a fraction of a pixel, whole stacks at a time.
 
 Two modes. "gauss" fits every row by itself, at the Cramer-Rao bound (`stripe_profile`). "ridge"
-looks for a ridge in pictures smoothed along the line (`stripe_ridge`): for noisy ones, at a price
+looks for a ridge in images smoothed along the line (`stripe_ridge`): for noisy ones, at a price
 in resolution along the line that the result states.
 """
 
@@ -30,17 +30,17 @@ from sensors.stripe.surface import uneven_pull
 from workbench.core.errors import InputError
 
 BLOCK = 8
-"""Pictures that are worked on at a time, so that they stay in the processor's cache."""
+"""Images that are worked on at a time, so that they stay in the processor's cache."""
 SOME = 20_000
 """Rows whose fits tell how noisy all are: chi-square to half a percent."""
-NARROWEST_PICTURE = 12
+NARROWEST_IMAGE = 12
 
 
 @dataclass(frozen=True)
 class Stripes:
-    """n centres of the laser line, ordered by picture and then by row or column.
+    """n centres of the laser line, ordered by image and then by row or column.
 
-    frame (n,): picture; line (n,): row (or column) searched; centre (n,) px along it; sigma (n,) px,
+    frame (n,): image; line (n,): row (or column) searched; centre (n,) px along it; sigma (n,) px,
     1 sigma; width (n,) px, Gaussian sigma of the line, the pixel's own width in it; peak and background (n,) grey
     values, the peak above the background; saturated (n,): clipped pixels were left out of the fit;
     flag (n,): sum of `stripe_flags.NAMES`, 0 where nothing speaks against it; others (n,): further
@@ -92,7 +92,7 @@ class Stripes:
 
 @dataclass(frozen=True)
 class Task:
-    """A checked stack with what belongs to it; pictures are turned where the line runs along the rows."""
+    """A checked stack with what belongs to it; images are turned where the line runs along the rows."""
 
     stack: np.ndarray
     background: np.ndarray | None
@@ -105,7 +105,7 @@ class Task:
         return self.stack.shape[2 if self.turned else 1]
 
     def rows(self, frames: slice, step: int = 1) -> tuple[Rows, np.ndarray]:
-        """Every `step`-th row of some pictures, and the picture (n, width) in which the line is searched."""
+        """Every `step`-th row of some images, and the image (n, width) in which the line is searched."""
         pixels, under = self._cut(self.stack[frames], step), None
         scale = None
         if self.background is not None:
@@ -119,17 +119,17 @@ class Task:
         rows = Rows(pixels.reshape(-1, pixels.shape[2]), height, flat, scale, region)
         return rows, rows.searched()
 
-    def _cut(self, pictures, step):
+    def _cut(self, images, step):
         if not self.turned:
-            return np.ascontiguousarray(pictures[:, step // 2 :: step])
-        kind = np.uint8 if pictures.dtype == bool else pictures.dtype
+            return np.ascontiguousarray(images[:, step // 2 :: step])
+        kind = np.uint8 if images.dtype == bool else images.dtype
         made = np.empty(
-            (len(pictures), -(-(pictures.shape[2] - step // 2) // step), pictures.shape[1]), kind
+            (len(images), -(-(images.shape[2] - step // 2) // step), images.shape[1]), kind
         )
-        for picture, into in zip(pictures, made):
-            part = picture[:, step // 2 :: step]
+        for image, into in zip(images, made):
+            part = image[:, step // 2 :: step]
             cv2.transpose(np.ascontiguousarray(part).view(kind), dst=into)
-        return made.view(pictures.dtype)
+        return made.view(images.dtype)
 
 
 def find_stripes(
@@ -145,17 +145,17 @@ def find_stripes(
     smoothing: float = 3.0,
     flagged: bool = False,
 ) -> Stripes:
-    """The laser line's centre in every row ("rows", the line runs down) or column ("columns") of pictures.
+    """The laser line's centre in every row ("rows", the line runs down) or column ("columns") of images.
 
     stack (F, H, W): uint8, uint16 or float. background (H, W) or (F, H, W): the same scene without
     laser, subtracted at a fitted exposure. region (H, W) bool: where to search. saturation: grey
-    value from which a pixel counts as clipped (`clipping.Counts.full` of all pictures of the camera);
+    value from which a pixel counts as clipped (`clipping.Counts.full` of all images of the camera);
     None: the end of the 8, 10, 12, 14 or 16 bits that these fill. Values that pile up below it are clipped too.
     speckle: contrast of a multiplicative noise whose floor is added to sigma, grain its size in px
     (`stripe_profile.speckle_floor`). smoothing: rows, 1 sigma, of the mode "ridge". flagged: hand out doubtful peaks
     too, with their flags; else they are only counted in `dropped`.
 
-    Noise is estimated from the pictures: read noise and photon noise, independent in every pixel.
+    Noise is estimated from the images: read noise and photon noise, independent in every pixel.
     Taken for granted, and not in sigma: light around the line that slopes by s grey values a pixel
     pulls a centre by 2.8 s width^2 / peak (give a background); a reflection nearer than two widths
     shows only as a wider line.
@@ -239,11 +239,9 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
 
 
 def exposures(pixels: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """(F,) how much brighter pictures (F, h, w) are exposed than their backgrounds (F or 1, h, w)."""
+    """(F,) how much brighter images (F, h, w) are exposed than their backgrounds (F or 1, h, w)."""
     noise = pixel_noise(pixels[0, :: max(1, pixels[0].size // 24_000)])
-    scale = [
-        exposure_scale(picture, under[k % len(under)], noise) for k, picture in enumerate(pixels)
-    ]
+    scale = [exposure_scale(image, under[k % len(under)], noise) for k, image in enumerate(pixels)]
     return np.array(scale, np.float32)
 
 
@@ -252,14 +250,14 @@ def _task(stack, along, background, region, saturation) -> Task:
         raise InputError(
             f"find_stripes: expected along rows or columns, found {along}; name one of them"
         )
-    stack = _pictures(stack, "stack", 3)
+    stack = _images(stack, "stack", 3)
     if background is not None:
-        background = _pictures(background, "background", np.ndim(background))
+        background = _images(background, "background", np.ndim(background))
         background = background[None] if background.ndim == 2 else background
         fits = background.shape[1:] == stack.shape[1:] and len(background) in (1, len(stack))
         if not fits or background.dtype != stack.dtype:
             raise InputError(
-                f"background: expected {stack.dtype} pictures of the stack's shape {stack.shape}, found "
+                f"background: expected {stack.dtype} images of the stack's shape {stack.shape}, found "
                 f"{background.dtype} {background.shape}; read it as the stack was read"
             )
     if region is not None:
@@ -267,7 +265,7 @@ def _task(stack, along, background, region, saturation) -> Task:
         if region.dtype != bool or region.shape != stack.shape[1:]:
             raise InputError(
                 f"region: expected a bool mask of shape {stack.shape[1:]}, found {region.dtype} "
-                f"{region.shape}; draw it on one of the pictures"
+                f"{region.shape}; draw it on one of the images"
             )
     turned = along == "columns"
     return Task(
@@ -275,23 +273,23 @@ def _task(stack, along, background, region, saturation) -> Task:
     )
 
 
-def _pictures(stack, called: str, axes: int) -> np.ndarray:
+def _images(stack, called: str, axes: int) -> np.ndarray:
     """uint8, uint16 or float32, finite, large enough; InputError else."""
     stack = np.asarray(stack)
     if stack.ndim != axes or axes not in (2, 3) or min(stack.shape, default=0) == 0:
         raise InputError(
-            f"{called}: expected pictures (F, H, W), found shape {stack.shape}; convert colour to grey, "
-            "stack single pictures"
+            f"{called}: expected images (F, H, W), found shape {stack.shape}; convert colour to grey, "
+            "stack single images"
         )
-    if min(stack.shape[-2:]) < NARROWEST_PICTURE:
+    if min(stack.shape[-2:]) < NARROWEST_IMAGE:
         raise InputError(
-            f"{called}: expected pictures of at least {NARROWEST_PICTURE} px, found {stack.shape[-2:]}; "
+            f"{called}: expected images of at least {NARROWEST_IMAGE} px, found {stack.shape[-2:]}; "
             "check the crop"
         )
     if stack.dtype not in (np.uint8, np.uint16):
         if stack.dtype.kind not in "iuf":
             raise InputError(
-                f"{called}: expected uint8, uint16 or float pictures, found {stack.dtype}; convert them"
+                f"{called}: expected uint8, uint16 or float images, found {stack.dtype}; convert them"
             )
         stack = stack.astype(np.float32)
         if not np.isfinite(stack).all():

@@ -34,7 +34,7 @@ class Fits:
 
     `centre`, `width` px; `peak` (amplitude), `background` grey values; `sigma` of the centre, px;
     `wide` sigma of ln(width); `strength` the line's matched filter over its sigma were there no line;
-    `misfit` chi-square a degree of freedom; `saturated`; `cut` by the picture's edge.
+    `misfit` chi-square a degree of freedom; `saturated`; `cut` by the image's edge.
     """
 
     row: np.ndarray

@@ -61,7 +61,7 @@ def _plausible(fits: Fits, setting: Setting) -> np.ndarray:
 
 
 def _limit(found, fits, setting, search):
-    """(n,) value in the searched picture above which a pixel belongs to some other peak."""
+    """(n,) value in the searched image above which a pixel belongs to some other peak."""
     if search.width is not None:
         return np.maximum(SECOND * found.value[fits.row], 6 * search.noise)
     noise = np.sqrt(setting.noise.variance(fits.background))

@@ -1,4 +1,4 @@
-"""The same fit where pixels are missing: clipped ones are left out, so are those beyond the picture's edge."""
+"""The same fit where pixels are missing: clipped ones are left out, so are those beyond the image's edge."""
 
 import numpy as np
 

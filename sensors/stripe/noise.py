@@ -1,4 +1,4 @@
-"""What the pictures themselves tell about noise: read noise, photon noise, exposure of the background, speckle."""
+"""What the images themselves tell about noise: read noise, photon noise, exposure of the background, speckle."""
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def fitted_noise(
 def exposure_scale(image: np.ndarray, under: np.ndarray, noise: float) -> float:
     """How much brighter `image` (h, w) is exposed than its background `under`: least squares, the line cut off.
 
-    Of what varies over the picture, because a black level is in both, whatever the exposure; of the
+    Of what varies over the image, because a black level is in both, whatever the exposure; of the
     levels themselves where the background is even. 1 where it is too dark to tell (sigma of the scale above 0.02).
     """
     a, b = (v[::7, ::5].astype(np.float64).ravel() for v in (image, under))
@@ -81,7 +81,7 @@ def exposure_scale(image: np.ndarray, under: np.ndarray, noise: float) -> float:
 def speckle_contrast(centre, sigma, width, height, lag: int = 8) -> float:
     """Contrast that explains how much rougher a smooth surface's line is than `sigma`, for grains as wide as the line.
 
-    centre, sigma, width (pictures * height,) px, nan where there is no line. Second differences over
+    centre, sigma, width (images * height,) px, nan where there is no line. Second differences over
     `lag` rows (more than a grain; the line must be smooth over twice as many): their variance is
     6 (sigma^2 + floor^2), `stripe_profile.speckle_floor`. 0 where there is no excess.
     """

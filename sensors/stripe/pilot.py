@@ -1,4 +1,4 @@
-"""A first look at a sample of a stack's rows: how wide the line is, how noisy the pictures, how to search it."""
+"""A first look at a sample of a stack's rows: how wide the line is, how noisy the images, how to search it."""
 
 from dataclasses import dataclass
 
@@ -79,7 +79,7 @@ def _some(rows: Rows):
 
 
 def _finest(image) -> float:
-    """1 sigma of rounding to whole grey values; of pictures in other numbers, of their resolution."""
+    """1 sigma of rounding to whole grey values; of images in other numbers, of their resolution."""
     return (
         float(np.sqrt(1 / 12)) if image.dtype.kind == "u" else 1e-6 * float(np.ptp(image)) + 1e-12
     )

@@ -1,8 +1,8 @@
-"""The laser line as a ridge of the smoothed picture (Steger): for noisy pictures, at a price in resolution.
+"""The laser line as a ridge of the smoothed image (Steger): for noisy images, at a price in resolution.
 
-The picture is smoothed by a Gaussian across the line (as wide as the line, which is the matched
+The image is smoothed by a Gaussian across the line (as wide as the line, which is the matched
 filter) and one along it (`smoothing` rows). On a ridge the first derivative across it vanishes;
-the Taylor polynomial of the smoothed picture says where, to a fraction of a pixel: C. Steger, An
+the Taylor polynomial of the smoothed image says where, to a fraction of a pixel: C. Steger, An
 unbiased detector of curvilinear structures, IEEE PAMI 20 (1998) 113, section 3. Centres of rows
 nearer than the stated resolution are not independent, and a line that curves by k (1/px) is seen
 k smoothing^2 / 2 inside of its bend.
@@ -35,23 +35,21 @@ def ridge_parts(task, smoothing: float):
     setting = _look(task, smoothing)
     parts = []
     for k in range(len(task.stack)):
-        fits, count = _picture(task.rows(slice(k, k + 1))[0], setting, smoothing)
+        fits, count = _image(task.rows(slice(k, k + 1))[0], setting, smoothing)
         flag = flags(fits, count > 0, task.height, task.height, setting, np.inf, strong=STRONG)
         parts.append((k, fits, flag, count))
     return parts, setting.noise, FWHM * smoothing
 
 
 def _look(task, smoothing) -> Setting:
-    """Noise from the pixels as they are, the line's width from a few pictures smoothed along it."""
+    """Noise from the pixels as they are, the line's width from a few images smoothed along it."""
     count = len(task.stack)
     step = max(1, task.height * count // SAMPLE)
     setting, _ = first_look(*task.rows(slice(0, count), step), task.saturation)
-    pictures = [_net(task.rows(slice(k, k + 1))[0]) for k in sorted({0, count // 2, count - 1})]
+    images = [_net(task.rows(slice(k, k + 1))[0]) for k in sorted({0, count // 2, count - 1})]
     kernel = gaussian_kernel(smoothing, 0)
-    soft = np.concatenate(
-        [_along(picture, kernel)[:: max(1, int(smoothing))] for picture in pictures]
-    )
-    width = first_look(Rows(soft, len(soft) // len(pictures)), soft, np.inf)[0].width
+    soft = np.concatenate([_along(image, kernel)[:: max(1, int(smoothing))] for image in images])
+    width = first_look(Rows(soft, len(soft) // len(images)), soft, np.inf)[0].width
     return replace(setting, width=width)
 
 
@@ -89,8 +87,8 @@ class Kernels:
         return float(np.sqrt((self.across[across] ** 2).sum() * (self.along[along] ** 2).sum()))
 
 
-def _picture(rows: Rows, setting: Setting, smoothing: float):
-    """`Fits` of one picture's ridge, a row each, and how many further ridges each row has (n,)."""
+def _image(rows: Rows, setting: Setting, smoothing: float):
+    """`Fits` of one image's ridge, a row each, and how many further ridges each row has (n,)."""
     kernels = Kernels.of(max(setting.width, 0.8), smoothing)
     smooth = [_along(_net(rows), kernel) for kernel in kernels.along]
     bent = -cv2.sepFilter2D(
@@ -130,7 +128,7 @@ def _centres(smooth, row, column, kernels: Kernels, width: int, square: float) -
     for _ in range(2):
         at = np.clip(column, 0, width - 1)
         inside = np.clip(at[:, None] + np.arange(-half, half + 1), 0, width - 1)
-        pieces = [picture[row[:, None], inside] for picture in smooth]
+        pieces = [image[row[:, None], inside] for image in smooth]
         d = {
             (i, j): pieces[j] @ kernels.across[i]
             for i, j in ((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (0, 2))

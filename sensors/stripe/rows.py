@@ -1,4 +1,4 @@
-"""Rows of pixels, a block of pictures at a time: windows out of them, and the brightest place of each."""
+"""Rows of pixels, a block of images at a time: windows out of them, and the brightest place of each."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ SEGMENT = 64
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows (n, width) of one or several pictures of `height` rows each, one under the other.
+    """Rows (n, width) of one or several images of `height` rows each, one under the other.
 
-    `under` (n or height, width): what to subtract, times `scale` (pictures,); None for nothing.
+    `under` (n or height, width): what to subtract, times `scale` (images,); None for nothing.
     `region` (height, width) bool: where to search; None for everywhere.
     """
 
@@ -134,7 +134,7 @@ def row_max(table: np.ndarray) -> np.ndarray:
 def spikes(image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float) -> np.ndarray:
     """(n,) whether the pixel stands alone, both its neighbours under 0.15 of its height: hot, and no line.
 
-    A row's first and last pixel are never said to: there the picture cuts a line.
+    A row's first and last pixel are never said to: there the image cuts a line.
     """
     first, width = row * image.shape[1], image.shape[1]
     three = _cut(image, first + np.clip(column - 1, 0, width - 3), 3)

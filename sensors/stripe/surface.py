@@ -10,7 +10,7 @@ from sensors.stripe.profile import PHASES, bank, width_bin
 from sensors.stripe.rows import Rows
 
 _OVER = 5
-"""Rows whose pulls are averaged, because a background picture is noisy too; the largest of as many counts."""
+"""Rows whose pulls are averaged, because a background image is noisy too; the largest of as many counts."""
 NEGLIGIBLE = 0.04
 """Widths of the line; a smaller pull only widens sigma."""
 
@@ -18,7 +18,7 @@ NEGLIGIBLE = 0.04
 def uneven_pull(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
     """(n,) px, 0 or more, by which the fit of a line is pulled where the surface reflects as `rows.under` shows.
 
-    The background picture stands for the reflectivity: the fit's answer to the profile times the
+    The background image stands for the reflectivity: the fit's answer to the profile times the
     background. 0 without a background, and where it is too dark beside `noise` (grey values, 1
     sigma) to tell. First order; right in size only where the scene's light is even and the camera
     linear, so that it serves to flag such rows and not to correct them.

@@ -37,7 +37,7 @@ from workbench.diagnosis.search.select import LEVEL, find
 from workbench.diagnosis.validation import proof
 from workbench.files.provenance import provenance
 
-PICTURES = ("board-images", "scan-images")
+IMAGES = ("board-images", "scan-images")
 NO_MASSES = (
     "The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "
     "for: write mass_kg and com_mm of every joint."
@@ -72,7 +72,7 @@ def diagnose(
     that cannot be right.
     Raises InputError.
     """
-    if recording.measures in PICTURES:
+    if recording.measures in IMAGES:
         return _of_sensor(recording, simulation or solution, progress)
     reference = against.reference_of(simulation, solution)
     progress("the baseline")
@@ -91,7 +91,7 @@ def _of_sensor(recording, reference, progress) -> Diagnosis:
 
     if reference is not None:
         raise InputError(
-            f"recording '{recording.name}': --simulation and --solution expect a recording of an arm, found pictures; "
+            f"recording '{recording.name}': --simulation and --solution expect a recording of an arm, found images; "
             "leave the option out."
         )
     return _whole(
@@ -180,7 +180,7 @@ def _verdict(bench, found: Found, terms, refused, proved) -> str:
 
 def _for_sensor(bench, recording, proved, terms, usual):
     """Errors by kind of measurement, and ball centres before and after, of a sensor; nothing of a robot."""
-    if recording.measures not in PICTURES:
+    if recording.measures not in IMAGES:
         return (), None
     return errors_by_kind(bench, proved, usual), ball_centres(bench, recording, terms)
 

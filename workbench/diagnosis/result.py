@@ -122,7 +122,7 @@ class Experiment:
 class Views:
     """What the page draws. n samples; residuals (c, n) in `unit`, predicted minus measured.
 
-    `points` (3, n) mm in the robot's root frame or (2, n) px in the picture; `names` of the residual's components;
+    `points` (3, n) mm in the robot's root frame or (2, n) px in the image; `names` of the residual's components;
     `chain`: places of the measuring chain in order; `covariates` name -> (n,).
     """
 

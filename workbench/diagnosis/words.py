@@ -46,8 +46,8 @@ _NAMES = {
     "payload_kg": "the payload",
     "range": "the range",
     "range_mm": "the range",
-    "u": "the column in the picture",
-    "v": "the row in the picture",
+    "u": "the column in the image",
+    "v": "the row in the image",
     "approach": "the side from which each joint came",
     "speed": "the joints' speeds",
     "incidence": "the angle of incidence",
@@ -234,7 +234,7 @@ def statement(term: Term, tip: str, unit: str) -> str:
 
 def _what(term: Term, tip: str, unit: str) -> str:
     found = term.finding
-    at = f"at {tip}" if unit == "mm" else "in the picture"
+    at = f"at {tip}" if unit == "mm" else "in the image"
     size = f"{length(term.size, unit)} RMS {at}" if term.size is not None else ""
     if term.share is not None:
         depends = listed([covariate(name) for name in found.depends_on])

@@ -1,4 +1,4 @@
-"""Where the flange was when a picture was taken: as the controller said, or from joint readings."""
+"""Where the flange was when a image was taken: as the controller said, or from joint readings."""
 
 from collections.abc import Sequence
 

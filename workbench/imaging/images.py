@@ -1,4 +1,4 @@
-"""The pictures of a recording: which there are of a role, where they lie, and work on them as a stream."""
+"""The images of a recording: which there are of a role, where they lie, and work on them as a stream."""
 
 import os
 from collections import deque
@@ -11,7 +11,7 @@ import numpy as np
 
 from datasets.images import TEXT
 from datasets.rows import Rows
-from sensors.pictures import read_grey
+from sensors.images import read_grey
 from sensors.stripe.clipping import Counts
 from workbench.core.errors import InputError
 
@@ -19,34 +19,34 @@ from workbench.core.errors import InputError
 def by_role(recording, role: str) -> Rows:
     """Rows of images.csv with that role, in the file's order.
 
-    Raises InputError where the recording has no pictures at all.
+    Raises InputError where the recording has no images at all.
     """
     if not recording.images:
         raise InputError(
-            f"{recording.name}: expected a recording with pictures, found one of {recording.measures} "
+            f"{recording.name}: expected a recording with images, found one of {recording.measures} "
             "without images.csv; name a board-images or scan-images recording"
         )
     return Rows.kept(recording.images, TEXT).where("role", role)
 
 
 def path_of(recording, row: Mapping) -> Path:
-    """Where the picture of a row lies."""
+    """Where the image of a row lies."""
     return Path(recording.folder) / row["image"]
 
 
-def check_size(camera, size: tuple[int, int], pictures: str, called: str) -> None:
-    """Raise InputError where `called`, a file with a camera, is not of pictures of this size (width, height) px."""
+def check_size(camera, size: tuple[int, int], images: str, called: str) -> None:
+    """Raise InputError where `called`, a file with a camera, is not of images of this size (width, height) px."""
     if tuple(camera.size) != tuple(size):
         raise InputError(
-            f"{called}: expected the camera of pictures of {size[0]} x {size[1]} px, as {pictures} has, found one of "
+            f"{called}: expected the camera of images of {size[0]} x {size[1]} px, as {images} has, found one of "
             f"{camera.size[0]} x {camera.size[1]} px; name the file that was calibrated with these settings"
         )
 
 
 def full_scale(recording, rows: Sequence[Mapping]) -> int | None:
-    """Largest count that the camera of these pictures can give, from all of them; None where they are of 8 bits.
+    """Largest count that the camera of these images can give, from all of them; None where they are of 8 bits.
 
-    One picture tells its depth in the file, but not how many of 16 bits the camera fills: those are read once more.
+    One image tells its depth in the file, but not how many of 16 bits the camera fills: those are read once more.
     """
 
     def counts(row):
@@ -64,7 +64,7 @@ def full_scale(recording, rows: Sequence[Mapping]) -> int | None:
 def streamed(rows: Sequence, work: Callable, tick: Callable[[int, int], None]) -> Iterator:
     """What `work` makes of each row, in order; a few rows ahead at a time, so that no more are in memory.
 
-    tick: called with (done, all). The libraries that read and search pictures let go of the
+    tick: called with (done, all). The libraries that read and search images let go of the
     interpreter, so that threads keep every core busy.
     """
     waiting: deque = deque()

@@ -247,7 +247,7 @@ def required(made: Scans) -> Recording:
 def renumbered(
     made: Scans, centres: Recording, samples: Sequence[int] | None
 ) -> tuple[int, ...] | None:
-    """Samples of `centres` that come from these samples of the pictures' recording; None for None."""
+    """Samples of `centres` that come from these samples of the images' recording; None for None."""
     if samples is None:
         return None
     wanted = np.isin([int(row["sample"]) for row, _ in _rows(made)], list(samples))

@@ -1,4 +1,4 @@
-"""From pictures of a board to a camera: the recording's part, the JSON contract and the file."""
+"""From images of a board to a camera: the recording's part, the JSON contract and the file."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ FILE = "camera.toml"
 
 @dataclass(frozen=True)
 class CameraRun:
-    """A recording's camera: `calibration`, and `rejected` pictures, those without a board and those that do not fit."""
+    """A recording's camera: `calibration`, and `rejected` images, those without a board and those that do not fit."""
 
     recording: Recording
     model: str
@@ -31,12 +31,12 @@ class CameraRun:
 
 
 def calibrate(recording: Recording, model: str, progress: Callable[[str], None]) -> CameraRun:
-    """The camera of a recording with pictures of a board; `model` is "brown" or "rational".
+    """The camera of a recording with images of a board; `model` is "brown" or "rational".
 
     progress: called with one line a step. Raises InputError.
     """
     by_role(recording, "board")
-    tick = paced(progress, "board in picture")
+    tick = paced(progress, "board in image")
     found = detect_all(recording, lambda done, total, name: tick(done, total))
     try:
         calibration = calibrate_camera(
@@ -48,12 +48,12 @@ def calibrate(recording: Recording, model: str, progress: Callable[[str], None])
 
 
 def _with_reason(problem: InputError, found) -> InputError:
-    """The same sentence, and why pictures were left out, which may be what is wrong."""
+    """The same sentence, and why images were left out, which may be what is wrong."""
     if not found.rejected:
         return problem
     first, of = found.rejected[0], len(found.views) + len(found.rejected)
     return InputError(
-        f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} pictures left out; {first.image}: "
+        f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} images left out; {first.image}: "
         f"{first.why})"
     )
 
@@ -99,7 +99,7 @@ def camera_json(camera: Camera, std: Mapping[str, float]) -> dict:
 
 
 def images_json(calibration: CameraCalibration) -> list[dict]:
-    """One row a picture used."""
+    """One row a image used."""
     count = np.bincount(calibration.view, minlength=len(calibration.views))
     return [
         {
@@ -129,7 +129,7 @@ def bow_json(calibration: CameraCalibration) -> dict | None:
 
 
 def held_out_json(held) -> dict | None:
-    """Errors on pictures left out, beside OpenCV's; None where there are too few."""
+    """Errors on images left out, beside OpenCV's; None where there are too few."""
     if held is None:
         return None
     names = (
@@ -144,7 +144,7 @@ def held_out_json(held) -> dict | None:
 
 
 def halves_json(halves) -> dict | None:
-    """How far two cameras from half of the pictures each project apart."""
+    """How far two cameras from half of the images each project apart."""
     if halves is None:
         return None
     return {
@@ -156,7 +156,7 @@ def halves_json(halves) -> dict | None:
 
 
 def uncertainty_json(field) -> dict:
-    """1 sigma of projection over the picture."""
+    """1 sigma of projection over the image."""
     return {
         "median_px": float(np.nanmedian(field.value)),
         "max_px": float(np.nanmax(field.value)),

@@ -258,10 +258,10 @@ def save(comparison: Comparison, folder: Path) -> None:
         head += [f"{name}_rotation_deg" for name in comparison.names]
     lines = [[int(i), *(f"{error:.6g}" for error in row)] for i, row in zip(ids, errors.T)]
     (folder / "held-out.csv").write_text(csv_text(["sample", *head], lines), encoding="utf-8")
-    picture(comparison).savefig(folder / "comparison.png", dpi=130)
+    image(comparison).savefig(folder / "comparison.png", dpi=130)
 
 
-def picture(comparison: Comparison):
+def image(comparison: Comparison):
     """A matplotlib figure: fitted and held-out RMS of every plan, and the share of samples that err by less.
 
     A second row shows the same of the orientation, where it is measured.

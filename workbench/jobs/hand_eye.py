@@ -1,4 +1,4 @@
-"""From pictures of a board, or profiles of a ball, at flange poses to the hand-eye transform: contract and file."""
+"""From images of a board, or profiles of a ball, at flange poses to the hand-eye transform: contract and file."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ HELD = "the recording's own guess, held"
 class HandEyeRun:
     """A recording's hand-eye: `made`, and `flange` (P, 4, 4) T_base_flange of its poses, called `names` (P).
 
-    Of pictures: the `board`, its `views`, those `rejected`, and the `camera` calibration where it was made here. Of
+    Of images: the `board`, its `views`, those `rejected`, and the `camera` calibration where it was made here. Of
     profiles of a ball whose radius is certified: `free`, the same with a radius that the profiles tell themselves.
     `review`: whether flange poses and images fit each other.
     """
@@ -63,7 +63,7 @@ def calibrate(
 ) -> HandEyeRun:
     """The hand-eye of a recording with flange poses or joint readings.
 
-    sensor: a camera.toml or scanner.toml, None calibrates the camera from the same pictures; kind:
+    sensor: a camera.toml or scanner.toml, None calibrates the camera from the same images; kind:
     "in-hand" or "to-hand", None as the recording's [board] says. trust_data: a mistake in the data that explains what
     the data cannot is reported and does not refuse the recording. Raises InputError.
     """
@@ -74,18 +74,18 @@ def calibrate(
     by_role(recording, "board")
     kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
     flange = flange_poses(recording)
-    tick = paced(progress, "board in picture")
+    tick = paced(progress, "board in image")
     found = detect_all(recording, lambda done, total, name: tick(done, total))
     views = tuple(view for view in found.views if "sample" in view.row)
     if not views:
         raise InputError(
             f"{recording.name}, images.csv, column sample: expected the row of samples.csv that each board "
-            "picture was taken at, found none; add the column"
+            "image was taken at, found none; add the column"
         )
     _check_enough(recording, views, found)
     camera, source = _camera(recording, sensor, found, progress)
-    progress(f"hand-eye from {len(views)} pictures")
-    from sensors.hand_eye.pictures import hand_eye_from_views
+    progress(f"hand-eye from {len(views)} images")
+    from sensors.hand_eye.images import hand_eye_from_views
     from workbench.fitting.verdicts.hand_eye_review import Observed, refuse, review_recording
 
     rows = rows_of_samples(recording, [view.row["sample"] for view in views])
@@ -125,7 +125,7 @@ def _check_enough(recording, views, found) -> None:
 
 
 def _camera(recording, sensor, found, progress):
-    """The camera, and where it comes from: the file named, the recording's own guess, or the same pictures."""
+    """The camera, and where it comes from: the file named, the recording's own guess, or the same images."""
     if sensor is not None:
         camera = cameras.read(sensor)
         check_size(camera, found.size, recording.name, str(sensor))
@@ -134,7 +134,7 @@ def _camera(recording, sensor, found, progress):
     try:
         return (
             calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress),
-            "calibrated from the same pictures",
+            "calibrated from the same images",
         )
     except InputError:
         if guess is None:

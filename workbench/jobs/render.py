@@ -1,4 +1,4 @@
-"""From a scene to a recording of rendered pictures; where an arm holds the scanner, it is the true arm that does."""
+"""From a scene to a recording of rendered images; where an arm holds the scanner, it is the true arm that does."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,13 +20,13 @@ _MEASURED = ("x_mm", "y_mm", "z_mm", "range_mm")
 def render(path: Path, folder: Path, progress: Callable[[str], None]) -> dict:
     """Render the scene file `path` into an empty folder, which then is a recording.
 
-    progress: called with one line a picture. Returns `images`, `samples`, `measures` and `truth`,
-    what the pictures were made from. Raises InputError for a scene that cannot be.
+    progress: called with one line a image. Returns `images`, `samples`, `measures` and `truth`,
+    what the images were made from. Raises InputError for a scene that cannot be.
     """
     scene = read_scene(path)
     arm = truth_of(Path(scene.arm)) if scene.arm else None
     stations = None if arm is None else stations_of(arm, scene, path)
-    made = make_recording(scene, folder, paced(progress, "picture"), stations)
+    made = make_recording(scene, folder, paced(progress, "image"), stations)
     truth = {**made.truth, **({} if arm is None else {"arm": arm_truth(arm)})}
     kinds = {row["role"] for row in made.images}
     return {

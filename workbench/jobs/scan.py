@@ -1,4 +1,4 @@
-"""From pictures of scans to clouds and ball centres with their uncertainty."""
+"""From images of scans to clouds and ball centres with their uncertainty."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +15,7 @@ from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.search import Refusal, find_balls
 from sensors.boards.detection import Rejected
-from sensors.pictures import flaw, read, stacks, unlit
+from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import Bend, bend_on_ball
@@ -37,7 +37,7 @@ ALL_ROUND = 0.5
 """Share of the way round that must be seen of a ball that counts for acceptance. The light comes from the side, so that
 up to a third of the way round stays dark on a ball that nothing hides."""
 _LEAST_GAIN = 0.1  # cosine between error and normal below which a distance from the ball says nothing of a centre
-_BORDER = 3  # px from the edge of the picture within which a stripe may be cut
+_BORDER = 3  # px from the edge of the image within which a stripe may be cut
 _FRAMES = 16
 _DRAWN = 4000
 
@@ -73,7 +73,7 @@ class Ball:
 @dataclass(frozen=True)
 class Scan:
     """One scan: its `row` of images.csv, number of `points` in `cloud` (a file of the run), `drawn` (3, k) mm some of
-    them, stripe centres `dropped` by reason, its balls, what is to be said of them, pictures `rejected`, and its own
+    them, stripe centres `dropped` by reason, its balls, what is to be said of them, images `rejected`, and its own
     acceptance figures."""
 
     name: str
@@ -113,7 +113,7 @@ def scan(
     groups = scans_of(recording)
     if scanner_file is None and not by_role(recording, "board-laser"):
         raise InputError(
-            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser to calibrate the "
+            f"{recording.name}, images.csv, column role: expected images of a board under the laser to calibrate the "
             "scanner from, found none; name a calibrated one with --scanner, or add rows with role board-laser"
         )
     made = None if scanner_file else calibrated.calibrate(recording, progress=progress)
@@ -136,7 +136,7 @@ def scans_of(recording: Recording) -> Grouped:
     rows = by_role(recording, "scan")
     if not len(rows):
         raise InputError(
-            f"{recording.name}, images.csv, column role: expected pictures of scans, found none; add rows "
+            f"{recording.name}, images.csv, column role: expected images of scans, found none; add rows "
             "with role scan"
         )
     groups = rows.by("scan", "step")
@@ -148,7 +148,7 @@ def scans_of(recording: Recording) -> Grouped:
         name, mine = groups.at(int(np.searchsorted(groups.starts, again, "right")) - 1)
         raise InputError(
             f"{recording.name}, images.csv, scan {name}: expected every step once, found step {steps[again]:g} "
-            f"{(mine.values('step', 0) == steps[again]).sum()} times; give each picture its own step or scan"
+            f"{(mine.values('step', 0) == steps[again]).sum()} times; give each image its own step or scan"
         )
     return groups
 
@@ -171,7 +171,7 @@ class _Work:
         known = [row for row in rows if int(row.get("step", 0)) in self.steps]
         if not known:
             raise InputError(
-                f"{self.recording.name}, images.csv, scan {name}: expected pictures at steps of the scanner "
+                f"{self.recording.name}, images.csv, scan {name}: expected images at steps of the scanner "
                 f"({min(self.steps)} to {max(self.steps)}), found none; use the scanner of this recording"
             )
         pixels, steps, sigma, shape, covariates, dropped, rejected = self.stripes(known)
@@ -189,7 +189,7 @@ class _Work:
         balls, outcome = self.balls(known, points, pixels, steps, sigma, shape)
         without = len(rows) - len(known)
         lost = (
-            f"{without} of {len(rows)} pictures are at steps that the scanner has no plane for"
+            f"{without} of {len(rows)} images are at steps that the scanner has no plane for"
             if without
             else ""
         )
@@ -218,12 +218,12 @@ class _Work:
         )
 
     def dark(self, rows) -> str:
-        """Why a scan has no points, as far as its middle picture tells."""
+        """Why a scan has no points, as far as its middle image tells."""
         middle = rows[len(rows) // 2]
         why = flaw(
             read(path_of(self.recording, middle), f"{self.recording.name}/{middle['image']}")
         )
-        return f"no laser line was found in {len(rows)} pictures ({middle['image']}: {why or 'no clear line'})"
+        return f"no laser line was found in {len(rows)} images ({middle['image']}: {why or 'no clear line'})"
 
     @cached_property
     def steps(self) -> set[int]:
@@ -236,7 +236,7 @@ class _Work:
 
     def stripes(self, rows):
         """Pixels (2, n), steps (n,), sigma (n,) px and covariates of a scan's stripe; counts of what was dropped, and
-        pictures in which none can be seen."""
+        images in which none can be seen."""
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         parts, flaws, dropped, first = [], [], Counter(), 0
@@ -260,7 +260,7 @@ class _Work:
         return "rows" if abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1]) else "columns"
 
     def balls(self, rows, points, pixels, steps, sigma, shape):
-        """The balls among points (3, n) mm of the pictures `rows`, named as far as they can be."""
+        """The balls among points (3, n) mm of the images `rows`, named as far as they can be."""
         radii = self.radii
         place = self.scanner.places(steps)
         error = self.scanner.by_stripe(points, steps)  # for one px of the stripe's centre
@@ -326,7 +326,7 @@ class _Work:
         }
 
     def _at_limit(self, pixels, steps, swept):
-        """(n,) whether points lie at the edge of the picture, or in the first or last plane of the steps `swept`."""
+        """(n,) whether points lie at the edge of the image, or in the first or last plane of the steps `swept`."""
         size = np.array(self.scanner.camera.size)[:, None]
         edge = ((pixels < _BORDER) | (pixels > size - 1 - _BORDER)).any(0)
         return edge | ((min(swept) < max(swept)) & ((steps == min(swept)) | (steps == max(swept))))
@@ -369,7 +369,7 @@ def figures(
 
 
 def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
-    """Pictures that are overexposed, or black between two that show the line: beside what is seen, black is right."""
+    """Images that are overexposed, or black between two that show the line: beside what is seen, black is right."""
     lit = np.bincount(frame, minlength=len(rows)) > 0
     between = np.r_[False, lit[:-1]] & np.r_[lit[1:], False]
     return tuple(

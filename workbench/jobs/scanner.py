@@ -1,4 +1,4 @@
-"""From pictures of a board, without and with the laser, to a scanner: the recording's part, contract and file."""
+"""From images of a board, without and with the laser, to a scanner: the recording's part, contract and file."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View
+from sensors.images import read_grey, stacks, unlit
 from sensors.light.board_stripes import BoardStripes, joined
-from sensors.pictures import read_grey, stacks, unlit
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
@@ -38,7 +38,7 @@ _TRIED = 3  # placements from which the direction of the stripes is read
 class ScannerRun:
     """A recording's scanner: the `camera` from its corners alone, and `calibration` of everything together.
 
-    `unusable`: placements with laser pictures whose stripes could not be used, and why; `rejected` every picture under
+    `unusable`: placements with laser images whose stripes could not be used, and why; `rejected` every image under
     the laser that was left out, these and those that are black or overexposed. `misfit`: lack of fit of the stripes,
     and `asymmetry` of the line's profile; None where there are too few stripes. `unseen`: the scanner with the planes
     of steps that scans use and no board saw, and these steps.
@@ -62,7 +62,7 @@ class ScannerRun:
 def calibrate(
     recording: Recording, model: str = "brown", progress: Callable[[str], None] = lambda text: None
 ) -> ScannerRun:
-    """The scanner of a recording with pictures of a board, without and with the laser.
+    """The scanner of a recording with images of a board, without and with the laser.
 
     model: "brown" or "rational"; progress: called with one line a step. Raises InputError.
     """
@@ -77,8 +77,8 @@ def calibrate(
     )
     if not usable:
         raise InputError(
-            f"{recording.name}, images.csv: expected the board to be found at a placement with laser pictures, "
-            f"found it at none of {len(groups)} ({unusable[0]['why']}); take the board pictures again"
+            f"{recording.name}, images.csv: expected the board to be found at a placement with laser images, "
+            f"found it at none of {len(groups)} ({unusable[0]['why']}); take the board images again"
         )
     rejected = [
         Rejected(
@@ -122,7 +122,7 @@ def _laser_rows(recording) -> dict[str, list[Mapping]]:
         groups.setdefault(str(row["placement"]), []).append(row)
     if not groups:
         raise InputError(
-            f"{recording.name}, images.csv, column role: expected pictures of a board under the laser, found "
+            f"{recording.name}, images.csv, column role: expected images of a board under the laser, found "
             "none; add rows with role board-laser, or calibrate the camera alone with `workbench camera`"
         )
     return groups
@@ -150,7 +150,7 @@ def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
 
 def _why(camera, placement):
     reasons = [one.why for one in camera.rejected if one.placement == placement]
-    return reasons[0] if reasons else "no board picture at this placement"
+    return reasons[0] if reasons else "no board image at this placement"
 
 
 def board_stripes(
@@ -161,7 +161,7 @@ def board_stripes(
     rejected: list[Rejected] | None = None,
     profiles: list[Profiles] | None = None,
 ) -> BoardStripes:
-    """The laser's line on every board: `usable` pairs of a view and the rows of its pictures under the laser.
+    """The laser's line on every board: `usable` pairs of a view and the rows of its images under the laser.
 
     rejected: given those in which no line can be seen; profiles: given the profiles of the line.
     """
@@ -179,7 +179,7 @@ def board_stripes(
 
 
 def _direction(recording, usable, board, saturation) -> str:
-    """Across which lines of the picture the stripes run: where more of them have one clear peak."""
+    """Across which lines of the image the stripes run: where more of them have one clear peak."""
     found = {"rows": 0, "columns": 0}
     for view, rows in usable:
         middle = rows[len(rows) // 2 : len(rows) // 2 + 1]
@@ -216,7 +216,7 @@ class _Work:
             if stack.shape[1:] != region.shape:
                 raise InputError(
                     f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
-                    f"picture, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
+                    f"image, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
                 )
             mine, why = rows[first : first + len(stack)], [unlit(frame) for frame in stack]
             rejected += [
@@ -246,7 +246,7 @@ def _profiles(stack, found, background) -> Profiles:
 
 
 def _told(found, rows, placement) -> BoardStripes:
-    """Stripes with what images.csv says of their pictures."""
+    """Stripes with what images.csv says of their images."""
     names = recorded_columns(rows)
     angles = (
         [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None

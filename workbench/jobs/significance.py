@@ -168,10 +168,10 @@ def save(found: Significance, folder: Path) -> None:
     rows = found.as_json()["parameters"]
     text = csv_text(rows[0], [row.values() for row in rows])
     (folder / "table.csv").write_text(text, encoding="utf-8")
-    picture(found).savefig(folder / "significance.png", dpi=130)
+    image(found).savefig(folder / "significance.png", dpi=130)
 
 
-def picture(found: Significance):
+def image(found: Significance):
     """A matplotlib figure: four charts, a bar a parameter, crosses where there is no effect at all."""
     from matplotlib.figure import Figure
 

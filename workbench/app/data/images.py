@@ -50,7 +50,7 @@ def image_rows(recording) -> list[dict]:
 
 def overlay(recording, index: int) -> Overlay:
     """The image at place `index` of images.csv with its corners and stripe. Raises InputError."""
-    from sensors.pictures import read
+    from sensors.images import read
 
     row = _row_at(recording, index)
     path = resolve_inside(Path(recording.folder), row["image"])
@@ -59,14 +59,14 @@ def overlay(recording, index: int) -> Overlay:
             f"{recording.name}/images.csv, image {row['image']}: expected a file in the recording's folder, "
             "found none; correct the row"
         )
-    picture = read(path, f"{recording.name}/{row['image']}")
-    corners, index, why = _corners(recording, row, picture)
-    stripe, lost = _stripe(row, picture)
+    image = read(path, f"{recording.name}/{row['image']}")
+    corners, index, why = _corners(recording, row, image)
+    stripe, lost = _stripe(row, image)
     return Overlay(
         row["image"],
         row.get("role", ""),
-        encoded(picture.grey),
-        picture.size,
+        encoded(image.grey),
+        image.size,
         corners,
         stripe,
         why or lost,
@@ -96,26 +96,26 @@ def encoded(grey: np.ndarray) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode()
 
 
-def _corners(recording, row: Mapping, picture) -> tuple[np.ndarray, np.ndarray | None, str]:
+def _corners(recording, row: Mapping, image) -> tuple[np.ndarray, np.ndarray | None, str]:
     from sensors.boards.board import Board
     from sensors.boards.detection import View, detect
 
     if row.get("role") != "board" or recording.board is None:
         return np.zeros((2, 0)), None, ""
     keys = {key: value for key, value in recording.board.items() if key != "fixed_to"}
-    found = detect(picture, Board.of(keys), row["image"])
+    found = detect(image, Board.of(keys), row["image"])
     if isinstance(found, View):
         return found.pixels, found.index, ""
     return np.zeros((2, 0)), None, found.why
 
 
-def _stripe(row: Mapping, picture) -> tuple[np.ndarray, str]:
+def _stripe(row: Mapping, image) -> tuple[np.ndarray, str]:
     """The laser line, searched along rows and columns; the direction with the smaller uncertainty is shown."""
     from sensors.stripe.find import find_stripes
 
     if row.get("role") not in ("board-laser", "scan"):
         return np.zeros((2, 0)), ""
-    found = [find_stripes(picture.grey[None], along) for along in ("rows", "columns")]
+    found = [find_stripes(image.grey[None], along) for along in ("rows", "columns")]
     best = min(found, key=lambda one: float(np.median(one.width)) if len(one) else np.inf)
     if not len(best):
         return np.zeros((2, 0)), "no laser line was found in this image"

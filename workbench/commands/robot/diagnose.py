@@ -95,9 +95,9 @@ def command(
 
 def _units(recording) -> tuple[str, ...]:
     """Residuals of calibration images are in pixels, all others in millimetres."""
-    from workbench.diagnosis.answer import PICTURES
+    from workbench.diagnosis.answer import IMAGES
 
-    return ("px",) if recording.measures in PICTURES else ("mm",)
+    return ("px",) if recording.measures in IMAGES else ("mm",)
 
 
 def _check_scanner(found, scanner: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""From pictures to what a diagnosis of the sensor looks at: corners, stripes on boards, stripes on balls.
+"""From images to what a diagnosis of the sensor looks at: corners, stripes on boards, stripes on balls.
 
 Found, cleaned and averaged once by the workbench's own calibration, with bow and free light planes,
 which hide next to nothing; what noise each kind of measurement has is then read from its third
@@ -74,7 +74,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
 
     by_role(recording, "board")
     found = detect_all(
-        recording, lambda done, total, name: progress(f"board in picture {done} of {total}")
+        recording, lambda done, total, name: progress(f"board in image {done} of {total}")
     )
     camera = calibrate_camera(
         found.views, found.board, found.size, "brown", folds=0, progress=progress
@@ -100,7 +100,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
 
 
 def _stripes(recording, camera, progress):
-    """Stripes on the boards that were seen, None where no picture was taken under the laser."""
+    """Stripes on the boards that were seen, None where no image was taken under the laser."""
     seen = {view.placement: view for view in camera.views}
     rows: dict[str, list[Mapping]] = {}
     for row in by_role(recording, "board-laser"):

@@ -8,8 +8,8 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.ball.fit import fit_ball
 from sensors.ball.search import find_balls
+from sensors.images import stacks
 from sensors.light.sheets import Sheets
-from sensors.pictures import stacks
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball

@@ -19,7 +19,7 @@ def solved(bench: SensorBench) -> Chains:
 def simulated(
     chains: Chains, effects: Sequence[Effect], values: Mapping[str, float], seed: int
 ) -> Chains:
-    """The same pictures with fresh Gaussian noise of the stated sigmas, and with `effects` at `values` (by key) acting.
+    """The same images with fresh Gaussian noise of the stated sigmas, and with `effects` at `values` (by key) acting.
 
     The chains are taken for true. Pixels are moved until the chain's residual, effects included, is the noise.
     """

@@ -31,7 +31,7 @@ class Scheme:
 
 
 def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:
-    """Blocks of time and, for an arm, blocks of the workspace; for pictures, every fifth placement and ball."""
+    """Blocks of time and, for an arm, blocks of the workspace; for images, every fifth placement and ball."""
     if "u" in problem.covariates:
         return [Scheme(DEALT, _dealt(pose, problem))]
     by_order = np.argsort(problem.order, kind="stable")

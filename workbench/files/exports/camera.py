@@ -101,11 +101,11 @@ def _from_opencv(keys) -> Camera:
 
 
 def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
-    """The camera as the format `name` can hold it, and px by which it is off the given one, at most in the picture.
+    """The camera as the format `name` can hold it, and px by which it is off the given one, at most in the image.
 
     Kalibr's radtan model has no third radial coefficient: the nearest camera without one stands in for
     it. InputError where that is off by more than a tenth of a pixel, or where
-    part of the picture cannot be undone.
+    part of the image cannot be undone.
     """
     if name != "kalibr" or not any(camera.distortion[4:]):
         return camera, 0.0

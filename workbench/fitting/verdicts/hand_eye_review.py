@@ -9,8 +9,8 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.boards.detection import Detection, View
 from sensors.camera.calibration import calibrate_camera
+from sensors.hand_eye.images import review_views
 from sensors.hand_eye.mistakes import pose_readings
-from sensors.hand_eye.pictures import review_views
 from sensors.hand_eye.review import UNEXPLAINED, Finding, Review
 from workbench.core.errors import InputError
 from workbench.fitting.hand_eye_joints import joint_readings

@@ -1,7 +1,7 @@
-"""Hand-eye from pictures of a board: where the camera sits on the flange, or beside the robot.
+"""Hand-eye from images of a board: where the camera sits on the flange, or beside the robot.
 
 `hand_eye_from_views` starts from OpenCV's closed forms and ends in a maximum-likelihood adjustment
-of pixels in which the robot's own poses are measured with error. The error of a set of pictures
+of pixels in which the robot's own poses are measured with error. The error of a set of images
 is stated as the field does: by how much the board, which never moved, seems to move.
 """
 
@@ -169,8 +169,8 @@ def _checked(views, flange, kind):
     flange = checked_flange(flange, "hand-eye")
     if len(flange) != len(views):
         raise InputError(
-            f"hand-eye: expected one flange pose a picture, found {len(flange)} poses and "
-            f"{len(views)} pictures; take out what has no partner"
+            f"hand-eye: expected one flange pose a image, found {len(flange)} poses and "
+            f"{len(views)} images; take out what has no partner"
         )
     if len(flange) < 3:
         raise InputError(
@@ -202,8 +202,8 @@ def _camera(camera, covariance):
     known = np.asarray(known, float)[: len(own.values), : len(own.values)]
     if not np.isfinite(known).all():
         raise InputError(
-            "hand-eye: expected a camera whose covariance is finite, found one that its pictures do not "
-            "determine; name a camera.toml, or take pictures with the board tilted"
+            "hand-eye: expected a camera whose covariance is finite, found one that its images do not "
+            "determine; name a camera.toml, or take images with the board tilted"
         )
     return own, known
 
@@ -241,7 +241,7 @@ def _shifts(views, points, pixels, pose, camera):
 def _same_way_round(views, board, points, camera, flange, kind):
     """Views of a board that looks the same after a turn, relabelled so that it stands still in the base.
 
-    The first start trusts the labels of most pictures; those that then lie nearer when turned, are.
+    The first start trusts the labels of most images; those that then lie nearer when turned, are.
     """
     turns = getattr(board, "turns", 1)
     if turns == 1:
@@ -272,7 +272,7 @@ def _root(covariance):
 
 
 def _noise(chain, seen):
-    """px, of one coordinate, by which each board misses its own picture."""
+    """px, of one coordinate, by which each board misses its own image."""
     placed = (
         np.einsum("nij,jn->in", seen[chain.pose, :3, :3], chain.board) + seen[chain.pose, :3, 3].T
     )

@@ -10,7 +10,7 @@ OVER = 5
 
 
 def homography(board, tilt=(0.3, -0.2), turn=0.1, fill=0.75, size=SIZE, shift=(0, 0)):
-    """(3, 3) board mm to px of a camera of focal length 1.5 picture widths that sees the board's middle."""
+    """(3, 3) board mm to px of a camera of focal length 1.5 image widths that sees the board's middle."""
     focal = 1.5 * size[0]
     extent = np.ptp(board.points[:2], axis=1) + 2 * board.square_mm
     far = focal * max(extent / (fill * np.array(size)))

@@ -1,4 +1,4 @@
-"""Pictures as grey arrays: read, judged before they are used, and handed on one or a few at a time."""
+"""Images as grey arrays: read, judged before they are used, and handed on one or a few at a time."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -12,16 +12,16 @@ from workbench.core.errors import InputError
 
 CHANNELS = ("grey", "blue", "green", "red")
 BLACK = 1 / 64
-"""Share of full scale that no pixel of a picture taken in the dark passes: 4 of 255 counts."""
+"""Share of full scale that no pixel of a image taken in the dark passes: 4 of 255 counts."""
 FULL = 0.5
-"""Share of pixels at full scale beyond which a picture shows its exposure and nothing else."""
+"""Share of pixels at full scale beyond which a image shows its exposure and nothing else."""
 STANDS_OUT = 8.0
 """Contrast over noise; the brightest and darkest thousandth of pure noise are 6.2 sigma apart."""
 ENDS = ((b"\xff\xd8", b"\xff\xd9", "JPEG"), (b"\x89PNG", b"IEND\xaeB`\x82", "PNG"))
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class Image:
     """`grey` (H, W) uint8 or uint16; `full` is its largest count; `note` says what was converted, "" for nothing."""
 
     grey: np.ndarray
@@ -39,11 +39,11 @@ class Picture:
         return float(np.mean(self.grey >= self.full))
 
 
-def read(path: str | Path, called: str = "", channel: str = "grey") -> Picture:
-    """The picture at `path`, 8 or 16 bits; colour becomes grey (or one `channel`), alpha is dropped.
+def read(path: str | Path, called: str = "", channel: str = "grey") -> Image:
+    """The image at `path`, 8 or 16 bits; colour becomes grey (or one `channel`), alpha is dropped.
 
     called: how sentences name it, `path` where not given. Raises InputError for a file that is
-    missing, empty, broken off, or no picture.
+    missing, empty, broken off, or no image.
     """
     import cv2
 
@@ -52,7 +52,7 @@ def read(path: str | Path, called: str = "", channel: str = "grey") -> Picture:
     found = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if found is None or found.size == 0:
         raise InputError(
-            f"{called}: expected a picture that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
+            f"{called}: expected a image that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
             "it cannot decode; save it as PNG"
         )
     if found.dtype not in (np.uint8, np.uint16):
@@ -62,7 +62,7 @@ def read(path: str | Path, called: str = "", channel: str = "grey") -> Picture:
     grey, note = _one_channel(found, channel)
     full = _full_scale(grey)
     deep = f"{grey.dtype.itemsize * 8}-bit, full scale {full}" if grey.dtype == np.uint16 else ""
-    return Picture(grey, full, "; ".join(filter(None, (note, deep))))
+    return Image(grey, full, "; ".join(filter(None, (note, deep))))
 
 
 def read_grey(path: str | Path, called: str = "", channel: str = "grey") -> np.ndarray:
@@ -70,23 +70,23 @@ def read_grey(path: str | Path, called: str = "", channel: str = "grey") -> np.n
     return read(path, called, channel).grey
 
 
-def flaw(picture: Picture | np.ndarray) -> str | None:
-    """Why nothing can be found in a picture: "all black", "saturated", "no contrast"; None where it can be used."""
-    picture = as_picture(picture)
-    low, high = np.percentile(picture.grey[:: _stride(picture), :: _stride(picture)], (0.1, 99.9))
-    if high <= BLACK * picture.full:
-        return f"all black: no pixel above {high:.0f} of {picture.full}"
-    if picture.saturated > FULL:
-        return f"saturated: {100 * picture.saturated:.0f} % of the pixels at full scale"
-    if high - low <= STANDS_OUT * noise(picture.grey) + 2:
-        return f"no contrast: grey values from {low:.0f} to {high:.0f} of {picture.full}"
+def flaw(image: Image | np.ndarray) -> str | None:
+    """Why nothing can be found in a image: "all black", "saturated", "no contrast"; None where it can be used."""
+    image = as_image(image)
+    low, high = np.percentile(image.grey[:: _stride(image), :: _stride(image)], (0.1, 99.9))
+    if high <= BLACK * image.full:
+        return f"all black: no pixel above {high:.0f} of {image.full}"
+    if image.saturated > FULL:
+        return f"saturated: {100 * image.saturated:.0f} % of the pixels at full scale"
+    if high - low <= STANDS_OUT * noise(image.grey) + 2:
+        return f"no contrast: grey values from {low:.0f} to {high:.0f} of {image.full}"
     return None
 
 
 def unlit(grey: np.ndarray) -> str | None:
-    """Why no laser line can be seen in a picture (H, W) taken to show one: "all black", "saturated"; None where it may.
+    """Why no laser line can be seen in a image (H, W) taken to show one: "all black", "saturated"; None where it may.
 
-    A line fills less of a picture than `flaw` asks for: one pixel that is not black is enough.
+    A line fills less of a image than `flaw` asks for: one pixel that is not black is enough.
     """
     full = 255 if grey.dtype == np.uint8 else _full_scale(grey)
     if (brightest := int(grey.max(initial=0))) <= BLACK * full:
@@ -97,12 +97,12 @@ def unlit(grey: np.ndarray) -> str | None:
 
 
 def odd_sizes(sizes: Iterable[tuple[int, int]]) -> dict[int, str]:
-    """Position of every picture of another size than most, and the reason in words; sizes (width, height) px."""
+    """Position of every image of another size than most, and the reason in words; sizes (width, height) px."""
     sizes = list(sizes)
     if len(set(sizes)) < 2:
         return {}
     usual = Counter(sizes).most_common(1)[0][0]
-    words = f"px among pictures of {usual[0]} x {usual[1]} px"
+    words = f"px among images of {usual[0]} x {usual[1]} px"
     return {
         k: f"wrong size: {w} x {h} {words}" for k, (w, h) in enumerate(sizes) if (w, h) != usual
     }
@@ -114,9 +114,9 @@ def stacks(
     called: Callable[[str | Path], str] = str,
     channel: str = "grey",
 ) -> Iterator[np.ndarray]:
-    """(F, H, W) arrays of at most `frames` pictures each, in order: never all of them in memory.
+    """(F, H, W) arrays of at most `frames` images each, in order: never all of them in memory.
 
-    Raises InputError for a picture that cannot be read, or is not as large or as deep as the first one.
+    Raises InputError for a image that cannot be read, or is not as large or as deep as the first one.
     """
     held, shape, depth = [], None, None
     for path in paths:
@@ -124,12 +124,12 @@ def stacks(
         shape, depth = shape or grey.shape, depth or grey.dtype
         if grey.dtype != depth:
             raise InputError(
-                f"{called(path)}: expected {8 * depth.itemsize} bits a pixel as in the pictures before, "
+                f"{called(path)}: expected {8 * depth.itemsize} bits a pixel as in the images before, "
                 f"found {8 * grey.dtype.itemsize}; save all of them with the same depth"
             )
         if grey.shape != shape:
             raise InputError(
-                f"{called(path)}: expected {shape[1]} x {shape[0]} px as in the pictures before, found "
+                f"{called(path)}: expected {shape[1]} x {shape[0]} px as in the images before, found "
                 f"{grey.shape[1]} x {grey.shape[0]} px; take it again with the same settings"
             )
         held.append(grey)
@@ -156,19 +156,17 @@ def to_eight_bits(grey: np.ndarray) -> np.ndarray:
     return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
 
 
-def as_picture(picture: Picture | np.ndarray) -> Picture:
-    """An array (H, W) of 8 or 16 bits, or of floats in counts of 8 bits, as a `Picture`; InputError for others."""
-    if isinstance(picture, Picture):
-        return picture
-    picture = np.asarray(picture)
-    if picture.ndim != 2 or not (
-        picture.dtype in (np.uint8, np.uint16) or picture.dtype.kind == "f"
-    ):
+def as_image(image: Image | np.ndarray) -> Image:
+    """An array (H, W) of 8 or 16 bits, or of floats in counts of 8 bits, as a `Image`; InputError for others."""
+    if isinstance(image, Image):
+        return image
+    image = np.asarray(image)
+    if image.ndim != 2 or not (image.dtype in (np.uint8, np.uint16) or image.dtype.kind == "f"):
         raise InputError(
-            f"picture: expected grey values (H, W) of 8 or 16 bits, found {picture.dtype} of shape "
-            f"{picture.shape}; convert colour to grey, or read the file with sensors.pictures.read"
+            f"image: expected grey values (H, W) of 8 or 16 bits, found {image.dtype} of shape "
+            f"{image.shape}; convert colour to grey, or read the file with sensors.images.read"
         )
-    return Picture(picture, 255 if picture.dtype.kind == "f" else _full_scale(picture))
+    return Image(image, 255 if image.dtype.kind == "f" else _full_scale(image))
 
 
 def _content(path: Path, called: str) -> bytes:
@@ -176,19 +174,19 @@ def _content(path: Path, called: str) -> bytes:
         content = path.read_bytes()
     except OSError as problem:
         raise InputError(
-            f"{called}: expected a picture, found none to read ({problem.strerror}); put it there or "
+            f"{called}: expected a image, found none to read ({problem.strerror}); put it there or "
             "correct its name"
         ) from None
     if not content:
-        raise InputError(f"{called}: expected a picture, found an empty file; copy it again")
+        raise InputError(f"{called}: expected a image, found an empty file; copy it again")
     for start, end, kind in ENDS:
         if content.startswith(start) and end not in content[-64:]:
             raise InputError(
-                f"{called}: expected a whole {kind} picture, found one that breaks off; copy it again"
+                f"{called}: expected a whole {kind} image, found one that breaks off; copy it again"
             )
     if content[:2] == b"BM" and int.from_bytes(content[2:6], "little") > len(content):
         raise InputError(
-            f"{called}: expected a whole BMP picture, found one that breaks off; copy it again"
+            f"{called}: expected a whole BMP image, found one that breaks off; copy it again"
         )
     return content
 
@@ -213,17 +211,17 @@ def _one_channel(found: np.ndarray, channel: str) -> tuple[np.ndarray, str]:
         )
     if channel != "grey":
         layer = np.ascontiguousarray(colours[:, :, CHANNELS.index(channel) - 1])
-        return layer, f"{channel} channel of a colour picture"
+        return layer, f"{channel} channel of a colour image"
     grey = cv2.cvtColor(np.ascontiguousarray(colours), cv2.COLOR_BGR2GRAY)
     return grey, "; ".join(filter(None, ("colour converted to grey", said)))
 
 
 def _full_scale(grey: np.ndarray) -> int:
-    """255, or for 16 bits what `Counts.full` says of one picture alone: less than the camera's where it is dim."""
+    """255, or for 16 bits what `Counts.full` says of one image alone: less than the camera's where it is dim."""
     if grey.dtype == np.uint8:
         return 255
     return Counts.of(grey).full
 
 
-def _stride(picture: Picture) -> int:
-    return max(1, min(picture.grey.shape) // 512)
+def _stride(image: Image) -> int:
+    return max(1, min(image.grey.shape) // 512)
