@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import workbench as package
 from robot_model import load_robot
 from robot_model.system import bind
+from workbench import fitting as package
 from workbench.core.model import Model
 from workbench.fitting.cross_validation import hold_out
 from workbench.fitting.plans import geometry

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import workbench as package
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import YeCompliance
 from robot_model.system import bind
+from workbench import fitting as package
 from workbench.core.effect import make_effects, numeric_derivative
 from workbench.core.model import Model
 from workbench.fitting.plans import read_plan
