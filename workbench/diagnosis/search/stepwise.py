@@ -73,12 +73,18 @@ class Stepwise:
         return top
 
     def _without_place(self, members: Members) -> list[Members]:
-        """The set without all terms of one place, where there are several: one other may explain them all."""
-        places = [self.objective.terms[i].where for i in members]
-        several = {where for where in places if places.count(where) > 1}
-        return [
-            tuple(i for i, where in zip(members, places) if where != one) for one in sorted(several)
-        ]
+        """The set without all laws of one place that read the same covariates, where there are several.
+
+        One other may explain them all: an error curve of a joint is a series of harmonics, too.
+        """
+        groups: dict[tuple, list[int]] = {}
+        for i in members:
+            term = self.objective.terms[i]
+            read = [name for effect in term.effects for name in effect.reads]
+            if read and not term.unnamed:
+                groups.setdefault((term.where, *sorted(read)), []).append(i)
+        several = [group for group in groups.values() if len(group) > 1]
+        return [tuple(i for i in members if i not in group) for group in several]
 
     def _open(self, members: Members, allowed: np.ndarray) -> np.ndarray:
         """(K,) the allowed terms, without functions where there are `_UNNAMED` of them."""
