@@ -68,8 +68,17 @@ _AT = {
     "artefact": "artefact",
     "time": "time",
     "noise": "noise",
+    "instrument": "instrument",
 }
 _OPTIONS = {
+    "joint-curve": {"start": -2.0, "end": 2.0, "terms": 7},
+    "joint-torque": {"start": -2.0, "end": 2.0},
+    "shift": {"after": 1200.0},
+    "warm-up": {"time_constant": 600.0},
+    "link-warm-up": {"time_constant": 600.0},
+    "base-warm-up": {"time_constant": 600.0},
+    "load-deflection": {"after": 1200.0},
+    "loosening": _SPAN,
     "zero-shift": {"after": 1200.0},
     "joint-coupling": {"joint": 3},
     "base-drift": _SPAN,
@@ -84,6 +93,12 @@ _PLACES = {
     "joint-thermal-drift": "joint-3",
 }
 NOT_SEEN = {
+    "gravity-compliance": "joint-compliance of an arm whose robot file states no masses: the same residual",
+    "gravity-bearing-compliance": "bearing-compliance of an arm without stated masses: the same residual",
+    "gravity-link-compliance": "link-compliance of an arm without stated masses: the same residual",
+    "gravity-pedestal-compliance": "pedestal-compliance of an arm without stated masses: the same residual",
+    "reading-lattice": "rounded readings, recognised from the readings themselves; they move no mean",
+    "angular-noise": "noise that grows with the distance; see noise-heteroscedastic",
     "smooth-function": "a term without a physical law, which a diagnosis adds with its own covariates",
     "periodic-motion": "a term without a physical law, whose rate a diagnosis searches for",
     "compliance-with-masses": "an elastic law with combinations of masses that a diagnosis makes for its poses",
@@ -168,7 +183,8 @@ def _spread(name, kind, where, scene) -> Entry:
 
 
 def _with(scene, name, effect, values) -> dict:
-    cause = {"effect": name, "where": effect.where, **effect.options, "values": values}
+    options = {key: value for key, value in effect.options.items() if value is not None}
+    cause = {"effect": name, "where": effect.where, **options, "values": values}
     return scene | {"effect": [*scene.get("effect", []), cause]}
 
 

@@ -42,6 +42,8 @@ NOT_SEEN = {
     "field-bias": "it acts on clouds that were made with another program; here camera and light are fitted",
     "ball-position": "one ball of a scan has its place fitted; see the robot's",
     "noise-heteroscedastic": "see the robot's",
+    "rolling-shutter": "it needs the column mirror_speed_deg_s, which these images do not have",
+    "recorded-column": "it needs a recorded column, such as exposure_ms, which these images do not have",
 }
 _SEED = 5
 

@@ -5,6 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from robot_model.effects.transmission import Backlash
 from robot_model.effects.unknown_masses import bar_moments
 from workbench.core.covariates import WIND_UP
 from workbench.core.effect import Effect, Variant
@@ -29,7 +30,8 @@ class JointHysteresis(Effect):
     elastic = True
     equation = "dq = (g + h |tau| / tau_max) z, dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width"
     source = "Bouc-Wen with n = 1: Ikhouane & Rodellar, Systems with Hysteresis (2007), ch. 2; Dahl (1968)"
-    family = "backlash"
+    family = Backlash.effect
+    subsumes = (Backlash.effect,)
     by_moves = True
 
     def __init__(self, where: str, width: Annotated[float, Field(ge=0)] = 0.01):

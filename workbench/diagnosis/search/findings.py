@@ -33,6 +33,8 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
     table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
     slack = (1 - LAW) * search.explained()
     rivals = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
+    chance = _NEAR * search.variance()
+    rivals = [h for h in rivals if not _only_generalises(h, own, chance)]
     total = logsumexp([h.log_weight for h in rivals])
     shares: dict[tuple, float] = {}
     for h in rivals:
@@ -47,11 +49,21 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         size,
         own.gain,
         mine.unnamed,
-        _alternatives(rivals, shares, own, search.left(), _NEAR * search.variance()),
+        _alternatives(rivals, shares, own, search.left(), chance),
     )
     if names and mine.key in names:
         made = _among_sets(made, shares, names)
     return made if mine.unnamed else _doubted(search, own, made)
+
+
+def _only_generalises(other: Hypothesis, own: Hypothesis, chance: float) -> bool:
+    """Whether another law contains this one as a special case, and what it has more explains no more than chance.
+
+    It is then no other name: friction that does not grow with the load is backlash.
+    """
+    contains = any(own.effect in effect.subsumes for effect in other.effects)
+    is_larger = other.where == own.where and other.rank > own.rank
+    return contains and is_larger and other.gain <= own.gain + chance
 
 
 def _among_sets(
