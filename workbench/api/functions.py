@@ -76,7 +76,9 @@ def run(command: Callable, arguments: dict) -> Result:
     if "out" in accepted and given.get("out") is None and accepted["out"].default is None:
         given["out"] = folder / "run"
     if "jobs" in accepted and "jobs" not in given:
-        given["jobs"] = 1  # worker processes import the caller's script again, which may not expect it
+        given["jobs"] = (
+            1  # worker processes import the caller's script again, which may not expect it
+        )
     answer_file = folder / "answer.json"
     if "json" in accepted:
         given["json"] = str(answer_file)
