@@ -17,9 +17,9 @@ from workbench.diagnosis.noise import replicates
 from workbench.diagnosis.planning.experiment import (
     Doubt,
     compared,
+    describe_comparison,
     missing_of,
     next_experiment,
-    told,
 )
 from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.diagnosis.robot import against
@@ -150,14 +150,14 @@ def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
     """Boards show it a little, or more; balls not at all; every fifth sample is of a kind that is ten times as noisy."""
     shown = np.concatenate([np.geomspace(0.1, 0.8, 14), np.zeros(20)])
     rng, noise = np.random.default_rng(3), np.array([1.0, 1.0, 1.0, 1.0, 10.0])
-    plain, told = [], []
+    plain, weighted = [], []
     for _ in range(30):
         pose, before, after, sigma = held_out_errors(rng, shown, noise)
         usual = np.ones(len(pose), bool)
         plain.append(heldout.paired(pose, before, after, usual))
-        told.append(heldout.paired(pose, before, after, usual, sigma))
-    assert min(plain) < 2 < min(told)
-    assert np.median(told) > 1.2 * np.median(
+        weighted.append(heldout.paired(pose, before, after, usual, sigma))
+    assert min(plain) < 2 < min(weighted)
+    assert np.median(weighted) > 1.2 * np.median(
         plain
     )  # told as a normal would have it, of about nine poses that show it
 
@@ -179,9 +179,7 @@ def test_where_few_poses_show_most_luck_proves_no_more_often():
     for _ in range(1500):
         moves = 0.5 * np.exp(rng.normal(size=5)) * rng.choice([-1, 1], 5)
         before = rng.normal(size=5) + moves / 2
-        t.append(
-            heldout._beside_what_shows(20 * (before**2 - (before - moves) ** 2), 20 * moves**2)
-        )
+        t.append(heldout._jackknife_t(20 * (before**2 - (before - moves) ** 2), 20 * moves**2))
     assert np.mean(np.array(t) > 2) < 0.03
     assert max(t) < 4
 
@@ -308,8 +306,8 @@ def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
     assert rows[k].unit == "rad" and rows[k].surviving < rows[k].size
 
 
-def test_told_apart_is_where_the_likelihoods_say_so():
-    d = visible.told_apart()
+def test_separable_length_follows_from_the_likelihood_ratio():
+    d = visible.separable_length()
     ratio = np.random.default_rng(3).normal(d**2 / 2, d, 200_000)
     assert (ratio > np.log(19)).mean() == pytest.approx(0.95, abs=0.003)
 
@@ -365,7 +363,7 @@ def test_a_second_load_tells_two_compliances_apart(bench):
     rows = compared(bench, (), doubt)
     assert rows[0][0]["plan"] == "the same poses with more load"
     assert rows[0][0]["apart_then_sigma"] > 1.5 * rows[0][0]["apart_now_sigma"]
-    assert "kg more on the flange" in told(doubt, rows)
+    assert "kg more on the flange" in describe_comparison(doubt, rows)
 
 
 def test_what_is_proposed_separates_as_far_as_was_said(bench):
@@ -404,11 +402,11 @@ def test_figures_are_told_in_units_without_rows_of_zeros(value, std, unit, said)
 
 
 def term(probability, *others, effect="backlash", depends=()):
-    rivals = tuple(
+    alternatives = tuple(
         Alternative(name, "joint-3", "", p, 1.0, "same signature in these poses")
         for name, p in others
     )
-    found = Finding(effect, "joint-3", "", (), 1e-9, probability, 0.3, 40.0, depends, rivals)
+    found = Finding(effect, "joint-3", "", (), 1e-9, probability, 0.3, 40.0, depends, alternatives)
     row = {"name": "half_gap", "label": "half gap", "value": 1.3e-4, "std": 1e-5, "unit": "rad"}
     return Term(found, (row,), 0.08, 5.2, 4.1, 0.013, 9, 9)
 
@@ -461,7 +459,7 @@ def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
     said = next_experiment(bench, (moving,), problem, 1e-9).sentence
     assert (
         said
-        == "Record the side from which each joint came beside every sample; without it this stays open."
+        == "Record the side from which each joint came with every sample; without it this is not identifiable."
     )
     assert missing_of((moving,)) == ("approach",)
     unknown = Term(Finding("unknown", "joint-1", "", (), 1e-9, 0.99, 0.3, 40.0, ("move1",)))

@@ -91,7 +91,9 @@ def test_outliers_beside_an_unknown_hold_more_than_it_may_miss(share, stay):
     outliers = np.arange(60) < 3
     gain = far_off(problem, outliers) / (1 - LAW) / share
     search = SimpleNamespace(
-        accepted=[SimpleNamespace(unnamed=("q4",))], everyone=(0,), beside=lambda i: (gain, 0.0)
+        accepted=[SimpleNamespace(unnamed=("q4",))],
+        everyone=(0,),
+        conditional_gain=lambda i: (gain, 0.0),
     )
     said = (SimpleNamespace(effect="outliers"), SimpleNamespace(effect="noise-heteroscedastic"))
     left, data = _beyond_functions(search, problem, outliers, said)

@@ -12,7 +12,7 @@ from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search import select
-from workbench.diagnosis.search.subset_algebra import Beside, Table
+from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Table
 
 
 def solved():
@@ -61,8 +61,8 @@ def test_a_set_less_a_member_is_the_smaller_set():
     )
     held = np.r_[start[1] : start[2], start[4] : start[5], start[5] : start[6]]
     for member in (slice(0, 3), slice(3, 4), slice(4, 10)):
-        less = Beside(table, held).without(member)
-        own = Beside(table, np.delete(held, member)).whole
+        less = ConditionalSolution(table, held).without(member)
+        own = ConditionalSolution(table, np.delete(held, member)).whole
         assert np.allclose(less.spent, own.spent, rtol=1e-9) and np.allclose(
             less.gained, own.gained, rtol=1e-9
         )
