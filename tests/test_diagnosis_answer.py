@@ -159,10 +159,10 @@ def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
     assert min(plain) < 2 < min(weighted)
     assert np.median(weighted) > 1.2 * np.median(
         plain
-    )  # told as a normal would have it, of about nine poses that show it
+    )  # of the order that a normal distribution predicts, of about nine poses that show it
 
 
-def test_what_is_not_there_and_what_one_pose_alone_shows_prove_nothing_beside_what_could_show():
+def test_absent_effect_and_effect_of_one_pose_are_not_significant():
     rng = np.random.default_rng(4)
     shown = np.concatenate([np.geomspace(0.02, 0.3, 14), np.zeros(20)])
     several = [held_out_errors(rng, shown, np.ones(1), 0.0) for _ in range(300)]
@@ -268,7 +268,7 @@ def test_a_real_step_passes_its_controls_or_they_say_that_they_cannot_tell(tmp_p
     ) == middle
 
 
-def test_a_slow_wander_taken_for_a_step_fails_the_control_that_moves_the_clock(tmp_path):
+def test_slow_drift_taken_for_a_step_fails_the_circular_shift_control(tmp_path):
     slow = {"effect": "joint-thermal-drift", "where": "joint-3", "values": {"per_unit": 0.02}}
     made_of = bench_of(made(tmp_path, effect=[slow], payload_kg=[0.0, 0.0]))
     for after in (205.0, 755.0):
@@ -397,7 +397,7 @@ def test_every_effect_has_a_sentence_with_its_place(name, kind):
         (0.0, 0.0, "mm", "0 µm"),
     ],
 )
-def test_figures_are_told_in_units_without_rows_of_zeros(value, std, unit, said):
+def test_figures_are_stated_in_units_without_rows_of_zeros(value, std, unit, said):
     assert words.measured(value, std, unit) == said
 
 
@@ -440,7 +440,7 @@ def test_what_leaves_most_of_the_mismatch_has_not_explained_it(after, left):
     assert (verdict_of((term(0.99),), 1e-9, much_left(proof, 1e-9)) == "unexplained") == left
 
 
-def test_options_are_told_as_json_takes_them(bench):
+def test_options_are_listed_as_json_types(bench):
     wave = CATALOGUE["transmission-harmonic"]("joint-2", order=3.0)
     assert options_of((wave,)) == {"order": 3.0}
     assert options_of((CATALOGUE["backlash"]("joint-2", seat="gravity", width=0.2),)) == {
@@ -471,7 +471,7 @@ def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
     assert next_experiment(bench, (), problem, 0.5).sentence.startswith("Nothing is missing")
 
 
-def test_what_the_noise_does_is_told_in_words():
+def test_noise_findings_are_described_in_words():
     hidden = Alternative("backlash", "joint-3", "", 0.5, 1.0, "", "approach")
     moving = Term(
         Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)), size=0.03

@@ -1,4 +1,4 @@
-"""What a search keeps: tables, sets less a member and rotations as they are when made anew."""
+"""What a search keeps: tables, sets less a member and rotations equal those computed again."""
 
 from dataclasses import replace
 
@@ -26,8 +26,8 @@ def solved():
 
 
 @pytest.mark.parametrize("kept", [(), (0,), (1,), (0, 1)])
-def test_a_table_beside_what_is_kept_is_that_made_anew(kept):
-    """What the baseline makes of every hypothesis is kept with the problem; beside it all is as without."""
+def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
+    """What the baseline makes of every hypothesis is kept with the problem; all else is as without it."""
     problem = solved()
     judged(problem.keeping(()))
     shared = problem.keeping(kept)
@@ -50,7 +50,7 @@ def test_what_a_spread_of_the_noise_changes_is_not_kept():
 
 
 def test_a_set_less_a_member_is_the_smaller_set():
-    """Block inversion beside a decomposition of its own."""
+    """Block inversion against a decomposition of its own."""
     rng = np.random.default_rng(5)
     widths = np.array([1, 3, 2, 3, 1, 6])
     start = np.concatenate([[0], np.cumsum(widths)])
@@ -94,7 +94,7 @@ def test_several_points_turn_as_each_does():
 
 
 def test_hardly_any_noise_is_no_error(monkeypatch):
-    """Points rounded to four decimals are exact but for that: inner products beyond what rounding can tell apart."""
+    """Points rounded to four decimals are exact but for that: inner products beyond what rounding can resolve."""
     monkeypatch.setattr("test_diagnosis_engine.SIGMA", 1e-6)
     effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
     answer = select.find(bench_of(recorded(35, effects, [2e-5, 2e-5], n=60)))

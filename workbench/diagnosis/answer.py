@@ -307,7 +307,7 @@ def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     """What is there or left though nothing that was found carries to samples that were not fitted: where, on what.
 
     problem: without what it is said of. Next to it, effects of covariates not recorded that could
-    cause it. Where no smooth function is significant at any place, the structure is that of the first term that was refused.
+    cause it. If no smooth function is significant at any place, the structure is that of the first rejected term.
     """
     if any(term.finding.effect == "unknown" for term in terms):
         return ()
