@@ -17,9 +17,9 @@ from workbench.diagnosis.noise import replicates
 from workbench.diagnosis.planning.experiment import (
     Doubt,
     compared,
+    describe_comparison,
     missing_of,
     next_experiment,
-    told,
 )
 from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.diagnosis.robot import against
@@ -150,19 +150,19 @@ def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
     """Boards show it a little, or more; balls not at all; every fifth sample is of a kind that is ten times as noisy."""
     shown = np.concatenate([np.geomspace(0.1, 0.8, 14), np.zeros(20)])
     rng, noise = np.random.default_rng(3), np.array([1.0, 1.0, 1.0, 1.0, 10.0])
-    plain, told = [], []
+    plain, weighted = [], []
     for _ in range(30):
         pose, before, after, sigma = held_out_errors(rng, shown, noise)
         usual = np.ones(len(pose), bool)
         plain.append(heldout.paired(pose, before, after, usual))
-        told.append(heldout.paired(pose, before, after, usual, sigma))
-    assert min(plain) < 2 < min(told)
-    assert np.median(told) > 1.2 * np.median(
+        weighted.append(heldout.paired(pose, before, after, usual, sigma))
+    assert min(plain) < 2 < min(weighted)
+    assert np.median(weighted) > 1.2 * np.median(
         plain
-    )  # told as a normal would have it, of about nine poses that show it
+    )  # of the order that a normal distribution predicts, of about nine poses that show it
 
 
-def test_what_is_not_there_and_what_one_pose_alone_shows_prove_nothing_beside_what_could_show():
+def test_absent_effect_and_effect_of_one_pose_are_not_significant():
     rng = np.random.default_rng(4)
     shown = np.concatenate([np.geomspace(0.02, 0.3, 14), np.zeros(20)])
     several = [held_out_errors(rng, shown, np.ones(1), 0.0) for _ in range(300)]
@@ -179,9 +179,7 @@ def test_where_few_poses_show_most_luck_proves_no_more_often():
     for _ in range(1500):
         moves = 0.5 * np.exp(rng.normal(size=5)) * rng.choice([-1, 1], 5)
         before = rng.normal(size=5) + moves / 2
-        t.append(
-            heldout._beside_what_shows(20 * (before**2 - (before - moves) ** 2), 20 * moves**2)
-        )
+        t.append(heldout._jackknife_t(20 * (before**2 - (before - moves) ** 2), 20 * moves**2))
     assert np.mean(np.array(t) > 2) < 0.03
     assert max(t) < 4
 
@@ -270,7 +268,7 @@ def test_a_real_step_passes_its_controls_or_they_say_that_they_cannot_tell(tmp_p
     ) == middle
 
 
-def test_a_slow_wander_taken_for_a_step_fails_the_control_that_moves_the_clock(tmp_path):
+def test_slow_drift_taken_for_a_step_fails_the_circular_shift_control(tmp_path):
     slow = {"effect": "joint-thermal-drift", "where": "joint-3", "values": {"per_unit": 0.02}}
     made_of = bench_of(made(tmp_path, effect=[slow], payload_kg=[0.0, 0.0]))
     for after in (205.0, 755.0):
@@ -308,8 +306,8 @@ def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
     assert rows[k].unit == "rad" and rows[k].surviving < rows[k].size
 
 
-def test_told_apart_is_where_the_likelihoods_say_so():
-    d = visible.told_apart()
+def test_separable_length_follows_from_the_likelihood_ratio():
+    d = visible.separable_length()
     ratio = np.random.default_rng(3).normal(d**2 / 2, d, 200_000)
     assert (ratio > np.log(19)).mean() == pytest.approx(0.95, abs=0.003)
 
@@ -365,7 +363,7 @@ def test_a_second_load_tells_two_compliances_apart(bench):
     rows = compared(bench, (), doubt)
     assert rows[0][0]["plan"] == "the same poses with more load"
     assert rows[0][0]["apart_then_sigma"] > 1.5 * rows[0][0]["apart_now_sigma"]
-    assert "kg more on the flange" in told(doubt, rows)
+    assert "kg more on the flange" in describe_comparison(doubt, rows)
 
 
 def test_what_is_proposed_separates_as_far_as_was_said(bench):
@@ -399,16 +397,16 @@ def test_every_effect_has_a_sentence_with_its_place(name, kind):
         (0.0, 0.0, "mm", "0 µm"),
     ],
 )
-def test_figures_are_told_in_units_without_rows_of_zeros(value, std, unit, said):
+def test_figures_are_stated_in_units_without_rows_of_zeros(value, std, unit, said):
     assert words.measured(value, std, unit) == said
 
 
 def term(probability, *others, effect="backlash", depends=()):
-    rivals = tuple(
+    alternatives = tuple(
         Alternative(name, "joint-3", "", p, 1.0, "same signature in these poses")
         for name, p in others
     )
-    found = Finding(effect, "joint-3", "", (), 1e-9, probability, 0.3, 40.0, depends, rivals)
+    found = Finding(effect, "joint-3", "", (), 1e-9, probability, 0.3, 40.0, depends, alternatives)
     row = {"name": "half_gap", "label": "half gap", "value": 1.3e-4, "std": 1e-5, "unit": "rad"}
     return Term(found, (row,), 0.08, 5.2, 4.1, 0.013, 9, 9)
 
@@ -442,7 +440,7 @@ def test_what_leaves_most_of_the_mismatch_has_not_explained_it(after, left):
     assert (verdict_of((term(0.99),), 1e-9, much_left(proof, 1e-9)) == "unexplained") == left
 
 
-def test_options_are_told_as_json_takes_them(bench):
+def test_options_are_listed_as_json_types(bench):
     wave = CATALOGUE["transmission-harmonic"]("joint-2", order=3.0)
     assert options_of((wave,)) == {"order": 3.0}
     assert options_of((CATALOGUE["backlash"]("joint-2", seat="gravity", width=0.2),)) == {
@@ -461,7 +459,7 @@ def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
     said = next_experiment(bench, (moving,), problem, 1e-9).sentence
     assert (
         said
-        == "Record the side from which each joint came beside every sample; without it this stays open."
+        == "Record the side from which each joint came with every sample; without it this is not identifiable."
     )
     assert missing_of((moving,)) == ("approach",)
     unknown = Term(Finding("unknown", "joint-1", "", (), 1e-9, 0.99, 0.3, 40.0, ("move1",)))
@@ -473,7 +471,7 @@ def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
     assert next_experiment(bench, (), problem, 0.5).sentence.startswith("Nothing is missing")
 
 
-def test_what_the_noise_does_is_told_in_words():
+def test_noise_findings_are_described_in_words():
     hidden = Alternative("backlash", "joint-3", "", 0.5, 1.0, "", "approach")
     moving = Term(
         Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)), size=0.03

@@ -53,7 +53,7 @@ def found(*args, **given):
 
 
 def test_evidence_is_the_marginal_likelihood():
-    """Beside a sum over sizes and a numerical integral over sigma of Gaussian densities."""
+    """Against a sum over sizes and a numerical integral over sigma of Gaussian densities."""
     rng = np.random.default_rng(1)
     z, y = rng.normal(size=(12, 2)), rng.normal(size=12)
     scores = judge(Moments((z.T @ z)[None], (z.T @ y)[None], np.array([20.0])), float(y @ y), 12)

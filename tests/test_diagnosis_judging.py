@@ -95,7 +95,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     """The term with the least support goes first, and all go where the error never falls."""
     names = [("joint-coupling", "joint-1"), ("axis-run-out", "joint-2")]
     terms = [
-        Term(Finding(*name, "", (), 1e-9, 1.0, 1.0, 50.0), t_anew=t)
+        Term(Finding(*name, "", (), 1e-9, 1.0, 1.0, 50.0), t_nested=t)
         for name, t in zip(names, (3.0, 9.0))
     ]
     scheme = Scheme(TIME, np.zeros(4, int))

@@ -76,7 +76,7 @@ def terms(draw, kept: bool = True):
         tuple(_parameter(draw, effect, where, name) for name in names),
         size=draw(MAYBE),
         t=draw(MAYBE),
-        t_anew=draw(MAYBE),
+        t_nested=draw(MAYBE),
         gain=draw(MAYBE),
         again=draw(st.integers(0, 9)),
         chances=draw(st.integers(0, 9)),

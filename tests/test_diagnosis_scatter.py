@@ -1,4 +1,4 @@
-"""What moves by chance, and what stands beside it: directions against noise of any one shape, what is not asked twice."""
+"""Random effects of places: directions tested against noise of any one shape, and what is not tested twice."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -42,7 +42,7 @@ def test_noise_of_one_shape_is_no_movement_however_heavy_its_tails():
     assert max(ratios) < np.log(_TRIED * 150)
 
 
-def test_a_place_that_moves_all_samples_nearly_one_way_is_told_from_such_noise():
+def test_place_that_moves_all_samples_nearly_one_way_is_distinguishable_from_such_noise():
     rng = np.random.default_rng(4)
     site = _site(rng, 400, 0.3)
     z = rng.normal(size=(3, 400)) + site.rows.reshape(3, -1) * rng.normal(size=400)
@@ -86,12 +86,14 @@ def test_what_the_baseline_holds_is_no_candidate(kind):
 
 
 @pytest.mark.parametrize(("share", "stay"), [(2.0, True), (0.5, False)])
-def test_outliers_beside_an_unknown_hold_more_than_it_may_miss(share, stay):
+def test_outliers_next_to_an_unknown_hold_more_than_it_may_miss(share, stay):
     problem = bench_of(recorded(8, n=60)).problem()
     outliers = np.arange(60) < 3
     gain = far_off(problem, outliers) / (1 - LAW) / share
     search = SimpleNamespace(
-        accepted=[SimpleNamespace(unnamed=("q4",))], everyone=(0,), beside=lambda i: (gain, 0.0)
+        accepted=[SimpleNamespace(unnamed=("q4",))],
+        everyone=(0,),
+        conditional_gain=lambda i: (gain, 0.0),
     )
     said = (SimpleNamespace(effect="outliers"), SimpleNamespace(effect="noise-heteroscedastic"))
     left, data = _beyond_functions(search, problem, outliers, said)
@@ -104,15 +106,15 @@ class Random(CATALOGUE["joint-coupling"]):
         return np.random.default_rng(1).normal(size=(1, 1, state.n))
 
 
-@pytest.mark.parametrize(("moves", "told"), [(2e-4, ["joint-2"]), (0.0, [])])
-def test_what_moves_by_chance_is_told_beside_what_was_refused_if_it_still_does(moves, told):
+@pytest.mark.parametrize(("moves", "places"), [(2e-4, ["joint-2"]), (0.0, [])])
+def test_random_effect_is_reported_next_to_a_rejected_term_if_it_persists(moves, places):
     problem = bench_of(recorded(12, [Random("joint-2", joint=4)], [moves])).problem().keeping()
     spread = (
         Finding("unknown", "joint-2", LABEL, (), 1e-9, 1.0, 0.0, 0.0),
         Finding("noise-heteroscedastic", "noise", "with q1", (), 1e-9, 1.0, 0.0, 0.0, ("q1",)),
     )
     found = SimpleNamespace(spread=spread, p_first=1e-9)
-    assert [t.finding.where for t in _of_noise(found, (), ("refused",), problem)] == told
+    assert [t.finding.where for t in _of_noise(found, (), ("refused",), problem)] == places
 
 
 def test_what_lies_far_off_counts_without_the_weights_that_made_it_little():

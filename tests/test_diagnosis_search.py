@@ -70,7 +70,7 @@ def test_the_objective_is_prior_times_marginal_likelihood_times_the_chance_of_th
 
 
 def test_a_move_is_weighed_as_the_set_that_it_leads_to(objective):
-    """Schur complements beside a set, and beside that less a member, against each set solved by itself."""
+    """Schur complements conditional on a set, and on that less a member, against each set solved by itself."""
     base = (0, int(np.flatnonzero(objective.rooms[0])[0]))
     objective.reduced(base)
     for held in (base, base[:1], base[1:]):
@@ -81,7 +81,7 @@ def test_a_move_is_weighed_as_the_set_that_it_leads_to(objective):
 
 
 def test_a_compliance_that_would_be_negative_is_not_named():
-    """Joint 3 that rises under load is no joint that yields to it."""
+    """A joint 3 that rises under load has no compliance: its sign is wrong."""
     answer = found(31, law("joint-compliance", "joint-3"), [-2e-5], n=120)
     assert ("joint-compliance", "joint-3") not in {(f.effect, f.where) for f in answer.findings}
 

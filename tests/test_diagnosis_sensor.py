@@ -108,7 +108,7 @@ def test_derivatives_of_the_ball_chain_by_camera_mirror_and_centres_are_those_of
     assert np.abs(moved / 1e-4 - by_centre[2]).max() < 1e-3 * np.abs(by_centre[2]).max()
 
 
-def test_noise_is_read_from_neighbours_and_a_concealed_effect_does_not_raise_it():
+def test_noise_is_read_from_neighbours_and_a_planted_effect_does_not_raise_it():
     for chains in (simulated(true(), (), {}, 3), measured("lens-residual", 3, 5.0)[0]):
         for name, chain in chains.parts.items():
             assert sensor_data.noise_scale(chain, name) == pytest.approx(1.0, abs=0.15), name
@@ -179,7 +179,7 @@ def test_a_bowed_light_sheet_is_named_at_the_laser():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CASES if name != "plane-bow"])
-def test_what_is_concealed_is_named_at_its_place(name):
+def test_planted_effect_is_named_at_its_place(name):
     named(name)
 
 
@@ -212,12 +212,12 @@ def test_what_a_scan_found_passes_its_control_though_it_is_no_candidate():
     assert effects[0].effect == effect.effect
     held = {name_of(e) for one in bench.problem().candidates for e in one.effects}
     assert name_of(effects[0]) not in held
-    told = controls(bench, (), effects)
-    assert [one.passed for one in told] == [True]
+    made = controls(bench, (), effects)
+    assert [one.passed for one in made] == [True]
 
 
 @pytest.mark.slow
-def test_a_wobble_so_large_that_it_is_not_linear_is_named_or_declared_beside_its_twin():
+def test_a_wobble_so_large_that_it_is_not_linear_is_named_or_declared_with_its_confounded_effect():
     effect = CATALOGUE["mirror-wobble"]("mirror")
     fine = sensor_virtual.chains(2, steps=24, boards=14, stripe_px=0.008, corner_px=0.004)
     values = {"tilt_cos1": 0.0163, "shift_cos1": -0.56, "tilt_sin1": -0.0022, "shift_sin1": -0.61}
@@ -226,14 +226,14 @@ def test_a_wobble_so_large_that_it_is_not_linear_is_named_or_declared_beside_its
         fine, (effect,), {f"mirror.mirror-wobble.{k}": v for k, v in values.items()}, 2
     )
     found = find(sensor.SensorBench(chains)).findings
-    twins = {("mirror-wobble", "mirror"), ("mirror-encoder-harmonic", "mirror")}
+    confounded = {("mirror-wobble", "mirror"), ("mirror-encoder-harmonic", "mirror")}
     said = {
         (found[0].effect, found[0].where),
         *((a.effect, a.where) for a in found[0].alternatives),
     }
     assert len(found) == 1
     assert ("mirror-wobble", "mirror") in said
-    assert said <= twins
+    assert said <= confounded
 
 
 @pytest.mark.parametrize(
@@ -245,7 +245,7 @@ def test_a_wobble_so_large_that_it_is_not_linear_is_named_or_declared_beside_its
         ("laser", 30.0, True, False),
     ],
 )
-def test_a_large_law_that_is_likelier_stands_beside_a_function_at_its_place(
+def test_large_law_that_is_likelier_is_an_alternative_to_a_function_at_its_place(
     monkeypatch, where, evidence, size, declared
 ):
     label = "a smooth function of mirror and along"
@@ -276,9 +276,11 @@ def test_a_large_law_that_is_likelier_stands_beside_a_function_at_its_place(
         "unknown", "mirror", label, ("a function",), 1e-9, 0.99, 1.0, 100.0, ("mirror", "along")
     )
     found = Found((finding,), bare, bare, 0.0, 0.0, (), (), np.zeros(1, bool))
-    (told,) = sensor_review.reviewed(SimpleNamespace(problem=lambda *about: bare), found).findings
-    assert [a.effect for a in told.alternatives] == ["a law"] * declared
-    assert told.probability + sum(a.probability for a in told.alternatives) == pytest.approx(
+    (revised,) = sensor_review.reviewed(
+        SimpleNamespace(problem=lambda *about: bare), found
+    ).findings
+    assert [a.effect for a in revised.alternatives] == ["a law"] * declared
+    assert revised.probability + sum(a.probability for a in revised.alternatives) == pytest.approx(
         1.0 if declared else 0.99
     )
-    assert (told.effect, told.depends_on) == ("unknown", ("mirror", "along"))
+    assert (revised.effect, revised.depends_on) == ("unknown", ("mirror", "along"))

@@ -46,7 +46,7 @@ def test_a_held_out_board_pose_does_not_absorb_the_error_of_its_stripes():
     assert seen > 0.9 * SHIFT
 
 
-def test_the_noise_beside_a_clean_held_out_error_is_of_its_size(bench):
+def test_noise_and_held_out_error_of_a_clean_scan_are_of_one_size(bench):
     folds = bench.pose % 3
     error = bench.held_out((), folds)
     usual = np.ones(bench.n, bool)

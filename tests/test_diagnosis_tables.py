@@ -1,4 +1,4 @@
-"""What a search keeps: tables, sets less a member and rotations as they are when made anew."""
+"""What a search keeps: tables, sets less a member and rotations equal those computed again."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search import select
-from workbench.diagnosis.search.subset_algebra import Beside, Table
+from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Table
 
 
 def solved():
@@ -26,8 +26,8 @@ def solved():
 
 
 @pytest.mark.parametrize("kept", [(), (0,), (1,), (0, 1)])
-def test_a_table_beside_what_is_kept_is_that_made_anew(kept):
-    """What the baseline makes of every hypothesis is kept with the problem; beside it all is as without."""
+def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
+    """What the baseline makes of every hypothesis is kept with the problem; all else is as without it."""
     problem = solved()
     judged(problem.keeping(()))
     shared = problem.keeping(kept)
@@ -50,7 +50,7 @@ def test_what_a_spread_of_the_noise_changes_is_not_kept():
 
 
 def test_a_set_less_a_member_is_the_smaller_set():
-    """Block inversion beside a decomposition of its own."""
+    """Block inversion against a decomposition of its own."""
     rng = np.random.default_rng(5)
     widths = np.array([1, 3, 2, 3, 1, 6])
     start = np.concatenate([[0], np.cumsum(widths)])
@@ -61,8 +61,8 @@ def test_a_set_less_a_member_is_the_smaller_set():
     )
     held = np.r_[start[1] : start[2], start[4] : start[5], start[5] : start[6]]
     for member in (slice(0, 3), slice(3, 4), slice(4, 10)):
-        less = Beside(table, held).without(member)
-        own = Beside(table, np.delete(held, member)).whole
+        less = ConditionalSolution(table, held).without(member)
+        own = ConditionalSolution(table, np.delete(held, member)).whole
         assert np.allclose(less.spent, own.spent, rtol=1e-9) and np.allclose(
             less.gained, own.gained, rtol=1e-9
         )
@@ -94,7 +94,7 @@ def test_several_points_turn_as_each_does():
 
 
 def test_hardly_any_noise_is_no_error(monkeypatch):
-    """Points rounded to four decimals are exact but for that: inner products beyond what rounding can tell apart."""
+    """Points rounded to four decimals are exact but for that: inner products beyond what rounding can resolve."""
     monkeypatch.setattr("test_diagnosis_engine.SIGMA", 1e-6)
     effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
     answer = select.find(bench_of(recorded(35, effects, [2e-5, 2e-5], n=60)))

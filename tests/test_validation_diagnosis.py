@@ -159,6 +159,6 @@ def test_24_configurations_prove_nothing_and_the_answer_says_so(recording):
     made = diagnose(recording("fanuc165f_innopolis"))
     assert made.verdict != CONSISTENT and made.located[0].p_value < 0.005
     claimed = [term for term in made.terms if term.finding.effects]
-    assert all(term.t_anew > 2 for term in claimed)
+    assert all(term.t_nested > 2 for term in claimed)
     assert made.proof.after <= made.proof.before
     assert made.warnings and "masses" in made.warnings[0]

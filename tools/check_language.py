@@ -59,7 +59,7 @@ WORDS = {
 }
 # Keys, suites, paths and options that other programs and files rely on; they are not prose.
 CONTRACTS = (
-    r"""(["'`])(concealed|sealed|swallowed|twins?|told|pictures?)\1""",
+    r"""(["'`])(concealed|sealed|swallowed|twins?|twin_where|t_searched_anew|told|pictures?)\1""",
     r"\bsealed/",
     r"\bswallowed(?==\d)",
     r"\| swallowed(?= \|)",

@@ -1,4 +1,4 @@
-"""The whole diagnosis: from a recording to findings that are located, named, proved and told in words."""
+"""The whole diagnosis: from a recording to findings that are located, named, tested and described."""
 
 import time
 from collections.abc import Callable
@@ -39,7 +39,7 @@ from workbench.files.provenance import provenance
 
 IMAGES = ("board-images", "scan-images")
 NO_MASSES = (
-    "The file of the robot {robot} states no masses, so that nothing that yields to gravity could be asked "
+    "The file of the robot {robot} states no masses, so that no deflection under gravity could be tested "
     "for: write mass_kg and com_mm of every joint."
 )
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
@@ -279,16 +279,16 @@ def _size(bench, effects, term: Term) -> float | None:
 
 def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     """Findings on the data. They have no mean to be held out, so that their p-value, valid over the search, is all
-    their proof. Where something of the mean was refused, only outliers and what still moves by chance without it hold.
+    their proof. If a term of the mean was rejected, only outliers and a persisting random
+    effect are kept.
     """
     moves = scattered(problem, CLAIMED) if refused and found.spread else None
     still = moves.site.where if moves else None
-    told = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
-    if not terms and found.p_first <= LEVEL and {f.effect for f in told} <= {_UNEVEN, "outliers"}:
-        told = [
-            f for f in told if f.effect != _UNEVEN
-        ]  # a mean that nothing explains makes a spread uneven, too
-    return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in told)
+    kept = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
+    if not terms and found.p_first <= LEVEL and {f.effect for f in kept} <= {_UNEVEN, "outliers"}:
+        # a mean that nothing explains makes the noise heteroscedastic, too
+        kept = [f for f in kept if f.effect != _UNEVEN]
+    return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in kept)
 
 
 def _spread_size(finding: Finding, problem) -> float | None:
@@ -306,8 +306,8 @@ def unwhitened(problem) -> np.ndarray:
 def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     """What is there or left though nothing that was found carries to samples that were not fitted: where, on what.
 
-    problem: without what it is said of. Beside it what could make it of a covariate that was not recorded. Where no
-    smooth function is significant at any place, the structure is that of the first term that was refused.
+    problem: without what it is said of. Next to it, effects of covariates not recorded that could
+    cause it. If no smooth function is significant at any place, the structure is that of the first rejected term.
     """
     if any(term.finding.effect == "unknown" for term in terms):
         return ()
@@ -468,7 +468,7 @@ class _Final:
 
 
 def _plain(problem) -> dict:
-    """Covariates that vary, each told once."""
+    """Covariates that vary, each listed once."""
     out = {}
     for name, x in problem.covariates.items():
         if np.ptp(x) > 0 and not any(np.array_equal(x, other) for other in out.values()):

@@ -24,9 +24,8 @@ def save(made: Diagnosis, folder: Path) -> None:
             [*(row[key] for key in keys), *(row["twin"] or {"effect": "", "where": ""}).values()]
             for row in rows
         ]
-        (folder / VISIBLE).write_text(
-            csv_text([*keys, "twin", "twin_where"], lines), encoding="utf-8"
-        )
+        columns = [*keys, "twin", "twin_where"]
+        (folder / VISIBLE).write_text(csv_text(columns, lines), encoding="utf-8")
     _experiment(made, folder)
 
 

@@ -21,10 +21,10 @@ _REST = 1 / 3
 
 @dataclass(frozen=True)
 class Control:
-    """A term's gain when what it depends on is scrambled.
+    """A term's gain in a permutation or circular-shift control of what it depends on.
 
-    `kind` "permuted", "reversed" or "clock moved round"; `share` of the term's own gain that is left, the median over
-    `trials`; `p_value` that a scrambled one gains as much; `passed`: nothing real is left; None where it cannot tell,
+    `kind` "permuted", "reversed" or "circular shift"; `share` of the term's own gain that is left, the median over
+    `trials`; `p_value` that a permuted one gains as much; `passed`: nothing real is left; None where it cannot tell,
     and `why` it cannot.
     """
 
@@ -40,19 +40,19 @@ class Control:
 class Term:
     """A finding with its proof and its words.
 
-    `t` of the paired gains of poses, and `t_anew` where each fold knows only what was found without it; `gain` (mm, px)
-    the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which what the search found
-    anew makes most of what it makes; `size` (mm, px) RMS displacement of the measured point; `kept` False where a
+    `t` of the paired gains of poses, and `t_nested` of the nested cross-validation; `gain` (mm, px)
+    the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the repeated search
+    reselects most of what it makes; `size` (mm, px) RMS displacement of the measured point; `kept` False where a
     proof failed, and `reason` then says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of
     what is located and not modelled,
-    or of what is left beside the other terms where `rest`.
+    or of what remains next to the other terms where `rest`.
     """
 
     finding: Finding
     parameters: tuple[Mapping, ...] = ()
     size: float | None = None
     t: float | None = None
-    t_anew: float | None = None
+    t_nested: float | None = None
     gain: float | None = None
     again: int = 0
     chances: int = 0
@@ -79,7 +79,8 @@ class Term:
 class Proof:
     """Errors of samples that no step of the selection saw, in mm or px: RMS of their 3-D (2-D) distance.
 
-    `before` with the baseline, `after` with what the selection made of the other folds, whole and anew in each;
+    `before` with the baseline, `after` with what the selection made of the other folds, whole and by nested search
+    in each;
     `fixed` with the terms of all data, fitted on the other folds. `t` of the paired gains. `errors` (2, n): before
     and after, nan where not predicted; `fold` (n,). All of these are of one `scheme`, that can judge the terms;
     `schemes`: before, after, t, folds of every scheme, and whether it judges. `after` is at most `before`.
@@ -263,7 +264,7 @@ def _effect(term: Term, unit: str) -> dict:
         "options": options_of(found.effects),
         f"size_{unit}": term.size,
         "t": term.t,
-        "t_searched_anew": term.t_anew,
+        "t_searched_anew": term.t_nested,
         f"held_out_gain_{unit}": term.gain,
         "found_again": {"folds": term.again, "of": term.chances},
         "controls": [_control(one) for one in term.controls],
@@ -273,10 +274,10 @@ def _effect(term: Term, unit: str) -> dict:
 
 
 def options_of(effects) -> dict:
-    """What an effect was made with beside its place, as JSON: order, joint, instant, seat, width ..."""
+    """What an effect was made with in addition to its place, as JSON: order, joint, instant, seat, width ..."""
     held = {}
     for effect in effects:
-        inner = getattr(effect, "inner", effect)  # a law with its masses found is that law
+        inner = getattr(effect, "inner", effect)  # a law with jointly estimated masses is that law
         held |= {
             name: value
             for name, value in inner.options.items()
@@ -354,5 +355,7 @@ def _visible(one: Visible, unit: str) -> dict:
         "unit": one.unit,
         f"separable_{unit}": one.separable,
         "separable_parameter": one.separable_parameter,
-        "twin": {"effect": one.twin, "where": one.twin_where} if one.twin else None,
+        "twin": {"effect": one.alternative, "where": one.alternative_where}
+        if one.alternative
+        else None,
     }

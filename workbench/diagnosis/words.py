@@ -1,7 +1,7 @@
 """Findings in sentences that an engineer understands, with the figures in millimetres (or pixels).
 
 What an effect is, its own class says in the first sentence of its docstring; here its place is put into that sentence,
-and beside it what was found. There is no second catalogue.
+and next to it what was found. There is no second catalogue.
 """
 
 import math
@@ -182,10 +182,10 @@ def figures(rows: Sequence[Mapping]) -> str:
     parts = list(_waves(rows)) or [
         (_name(row), row) for row in sorted(rows, key=lambda row: -_surety(row))
     ]
-    told = [
+    texts = [
         f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]
     ]
-    said = ", ".join(told) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
+    said = ", ".join(texts) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
     return said + (
         f" (with {len(masses)} numbers for masses that the data sheet does not know)"
         if masses
@@ -261,8 +261,8 @@ def _what(term: Term, tip: str, unit: str) -> str:
             listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
         )
         more = getattr(found.function, "sentence", "") if found.function is not None else ""
-        told = f"{place(found.where).capitalize()} errs with {depends}, by a law that no effect of the catalogue has"
-        return f"{told}{': ' + size if size else ''}.{' ' + more if more else ''}"
+        text = f"{place(found.where).capitalize()} errs with {depends}, by a law that no effect of the catalogue has"
+        return f"{text}{': ' + size if size else ''}.{' ' + more if more else ''}"
     said = law(
         found.effect, found.where, found.label, type(found.effects[0]) if found.effects else None
     )
@@ -287,7 +287,7 @@ def _of_stated_noise(term: Term) -> str:
 
 
 def _of_data(found: Finding) -> str:
-    """What is wrong with the data, or moves by chance: nothing of it can be fitted."""
+    """What is wrong with the data, or a random effect: nothing of it can be fitted."""
     if found.effect == "outliers":
         return f"{found.label} samples come from another process: they lie farther off than the others' spread allows."
     if found.effect == NoiseLaw.effect:
@@ -340,10 +340,10 @@ def _doubt(found: Finding) -> str:
     likely = [
         one for one in found.alternatives if one.probability >= _NOTABLE
     ] or found.alternatives[:1]
-    told = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
+    texts = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
     more = len(likely) - _MOST
     rest = f", or one of {more} less likely ones" if more > 0 else ""
-    return f"In these poses its name is not certain: {listed(told, 'or')}{rest}."
+    return f"In these poses its name is not certain: {listed(texts, 'or')}{rest}."
 
 
 def _other(one) -> str:

@@ -1,6 +1,6 @@
 """The linearised problem: residual and candidates of a fitted baseline as columns, their evidence, and where it sits.
 
-`problem` holds the arrays; `hypotheses` lists all that might be missing, laws of the library and smooth functions
-without a name (`rivals`); `evidence` weighs each from inner products; `locate` says at which place of the chain a
-mismatch sits; `visible` which sizes these data would have shown.
+`problem` holds the arrays; `hypotheses` lists all that might be missing, laws of the library and smooth
+nonparametric alternatives (`smooth_alternatives`); `evidence` weighs each from inner products; `locate` says at which
+place of the chain a mismatch sits; `visible` which sizes these data would have shown.
 """

@@ -1,6 +1,6 @@
 """Evidence of hypotheses on what is missing, after the baseline is projected out of everything.
 
-A hypothesis is a set of P columns X beside the baseline's. With y = M r and Z = M X (M = I - Q Q'),
+A hypothesis is a set of P columns X that are added to the baseline's. With y = M r and Z = M X (M = I - Q Q'),
 coefficients b ~ N(0, sigma^2 s^2 diag(typical^2)) and sigma^2 ~ inverse gamma, the marginal
 likelihood is Student's and closed but for the size s, which is summed over a logarithmic grid:
 
@@ -60,14 +60,14 @@ class Projected:
     """A problem with its baseline projected out: y, y'y, the degrees left, and moments of hypotheses.
 
     Inner products of columns with one another, with y and with the columns of all added effects are made once a
-    solution and kept with the problem (`Problem.known`). Beside any of these effects, moments follow by a Schur
+    solution and kept with the problem (`Problem.known`). Conditional on any of these effects, moments follow by a Schur
     complement.
     """
 
     def __init__(self, problem: Problem):
         self.problem, self.beyond = problem, problem.beyond
         self.y = problem.clear(problem.residual) if self.beyond is None else self.beyond.y
-        self.crowd = crowding(self.y, problem)
+        self.crowd = design_effect(self.y, problem)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
         self.yy = float(self.y @ self.y) / self.crowd
         self.degrees = max(problem.degrees, 1) / self.crowd
@@ -83,26 +83,26 @@ class Projected:
             raw = np.einsum("cnp,cnq->cpq", columns, columns, optimize=True)
             return _less(raw, _made(self._first, columns)), np.einsum("cpp->cp", raw).max(1)
 
-        def beside():
+        def coupling():
             return np.einsum("cnp,n->cp", columns, self._y()), _made(self._columns(), columns)
 
         known = {} if name is None else self.known
         gram, largest = once(known, (name, "gram"), first)
-        return self._complement(gram, largest, *once(known, (name, "added"), beside))
+        return self._complement(gram, largest, *once(known, (name, "added"), coupling))
 
     def _complement(self, gram, largest, score, cross) -> Moments:
-        """Moments beside what is kept: gram (C, P, P), score (C, P) and cross (C, P, A) beside the baseline alone."""
+        """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
         if self.beyond is None:
             return Moments(gram, score, largest)
         made = cross @ self.beyond.mixing
         return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
 
     def _y(self) -> np.ndarray:
-        """(N,) the residual beside the baseline alone."""
+        """(N,) the residual, orthogonal to the baseline alone."""
         return self.y if self.beyond is None else self.beyond.added.y
 
     def _columns(self) -> np.ndarray:
-        """(N, A) columns of all added effects beside the baseline."""
+        """(N, A) columns of all added effects, orthogonal to the baseline."""
         return np.zeros((len(self.y), 0)) if self.beyond is None else self.beyond.added.columns
 
     def slots(self, rows: np.ndarray, name: tuple) -> "Slots":
@@ -142,7 +142,7 @@ class Projected:
         return replace(scores, gain=scores.gain * self.crowd)
 
 
-def crowding(y: np.ndarray, problem: Problem) -> float:
+def design_effect(y: np.ndarray, problem: Problem) -> float:
     """How many coordinates of one pose are worth one, as they err together: Kish's design effect, at least 1.
 
     Repeats of a pose share what the model misses there; they say ten times the same. From the sums
@@ -202,12 +202,12 @@ class Slots:
             gram = _less(own, made(self.basis)) * sizes * typical[:, None, :]
             return gram, (np.einsum("cpp->cp", own) * typical**2).max(1)
 
-        def beside():
+        def coupling():
             return score() * typical, made(self.added) * sizes
 
         known = self.projected.known
         gram, largest = once(known, (self.name, option, "gram"), first)
-        more = once(known, (self.name, option, "added"), beside)
+        more = once(known, (self.name, option, "added"), coupling)
         return self.projected._complement(gram, largest, *more)
 
     def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares=None) -> Moments:

@@ -1,4 +1,4 @@
-"""All that might be missing, judged at once: the library at every place, and the rivals without a name."""
+"""All hypotheses, judged at once: library effects at every place, and smooth nonparametric alternatives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,23 +10,23 @@ from scipy.special import log_ndtr, logsumexp
 from workbench.core.effect import Effect
 from workbench.diagnosis.linear.evidence import Moments, Projected, once, scan_moments
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
-from workbench.diagnosis.linear.rivals import functions
+from workbench.diagnosis.linear.smooth_alternatives import functions
 
 UNNAMED_SHARE = 0.1
 """Prior chance that what is missing is in no row of the library."""
 LEVEL_UNNAMED = 0.3
-"""Share of the error level that goes to the rivals without a name."""
+"""Share of the error level that the smooth nonparametric alternatives receive."""
 _KEPT = 2000  # samples up to which products of functions are kept
 _FEW = 12  # options of a scan that are looked at one by one; the others only count in their family
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One thing that might be missing, judged beside a fitted baseline.
+    """One possibly missing effect, judged conditional on a fitted baseline.
 
     `log_prior`: of this variant; `evidence`: log Bayes factor against nothing; `p`: of its F test by
     itself; `weight`: its share of the error level of the whole search; `gain`, `rank` as in `Scores`.
-    `unnamed`: covariates of a function without a name, () for a named effect. `source`: what it came
+    `unnamed`: covariates of a smooth nonparametric alternative, () for a named effect. `source`: what it came
     from, a Candidate, (Scan, option) or (Site, names).
     """
 
@@ -152,8 +152,18 @@ def _candidates(candidates: Sequence[Candidate], projected: Projected):
             scores, evidence=scores.evidence + _one_sided(chosen, moments, scores, projected)
         )
         for i, c in enumerate(chosen):
-            told = (c.effect, c.where, c.label, c.family, c.effects, (), c.missing, c.together, c)
-            yield c.mass, told, _row(scores, i)
+            description = (
+                c.effect,
+                c.where,
+                c.label,
+                c.family,
+                c.effects,
+                (),
+                c.missing,
+                c.together,
+                c,
+            )
+            yield c.mass, description, _row(scores, i)
 
 
 def _one_sided(chosen, moments: Moments, scores, projected: Projected) -> np.ndarray:
@@ -216,11 +226,13 @@ def _with_priors(rows, share, level):
     """Each family equally likely, its variants by their mass; the level of the search shared alike."""
     rows = list(rows)
     total: dict[str, float] = {}
-    for mass, told, _ in rows:
-        total[told[3]] = total.get(told[3], 0.0) + mass
-    for mass, told, (evidence, p, gain, rank) in rows:
-        part = mass / total[told[3]] / len(total)
-        yield Hypothesis(*told, float(np.log(share * part)), level * part, evidence, p, gain, rank)
+    for mass, description, _ in rows:
+        total[description[3]] = total.get(description[3], 0.0) + mass
+    for mass, description, (evidence, p, gain, rank) in rows:
+        part = mass / total[description[3]] / len(total)
+        yield Hypothesis(
+            *description, float(np.log(share * part)), level * part, evidence, p, gain, rank
+        )
 
 
 def _site(site: Site, problem: Problem, projected: Projected):
@@ -257,16 +269,16 @@ def _unnamed_priors(rows, periods):
     held = [members for members in kinds.values() if members]
     for members in held:
         total = sum(mass for mass, *_ in members) if members is kinds[3] else len(members)
-        for mass, told, (evidence, p, gain, rank) in members:
+        for mass, description, (evidence, p, gain, rank) in members:
             part = (mass if members is kinds[3] else 1.0) / total / len(held)
             prior = float(np.log(UNNAMED_SHARE * part))
-            yield Hypothesis(*told, prior, LEVEL_UNNAMED * part, evidence, p, gain, rank)
+            yield Hypothesis(*description, prior, LEVEL_UNNAMED * part, evidence, p, gain, rank)
 
 
 def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
     """p-value that anything is missing that gains `least` or more, valid under the whole search: weighted Bonferroni.
 
-    A function without a name counts only where it is likelier than nothing: one with many numbers may be neither.
+    A smooth alternative counts only if it is likelier than no effect: one with many parameters may not be.
     Holm, Scand. J. Stat. 6 (1979); weights: Genovese, Roeder & Wasserman, Biometrika 93 (2006).
     """
     counted = [h for h in hypotheses if h.gain >= least and (h.evidence > 0 or not h.unnamed)]

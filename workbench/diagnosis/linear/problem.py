@@ -1,7 +1,7 @@
 """What a diagnosis looks at: a fitted baseline's residual and everything that might explain it, as arrays.
 
 Robot samples and the sensor chain's own residuals become the same `Problem`; all that follows
-(evidence, rivals, selection, place) knows no robot and no camera. A `Bench` makes problems: it can
+(evidence, smooth alternatives, selection, place) knows no robot and no camera. A `Bench` makes problems: it can
 put effects into the model, solve it again non-linearly and linearise it there.
 
 Coordinates: a recording of n samples with m measured components has N = m n whitened coordinates,
@@ -25,7 +25,7 @@ _SAME = 1e-10  # squared share of a column below which what others leave of it i
 
 @dataclass(frozen=True)
 class Candidate:
-    """One library effect at one place, as columns beside the baseline's.
+    """One library effect at one place, as columns in addition to the baseline's.
 
     `effect`, `where`: words of the vocabulary. `label`: tells variants apart ("order 2", "seated by
     gravity", "from joint 5", ""). `effects`: what would join the model. `columns` (N, P): whitened
@@ -35,8 +35,8 @@ class Candidate:
     `mass`: this variant's share of its family's prior, relative to the family's others.
     `missing`: a covariate that the law needs and the recording does not hold ("temperature"), for
     which another stands in (time); "" where nothing is missing. `together`: whether another of the
-    family may act beside it (a second order), or they exclude one another (a gap has one law).
-    `positive`: how many of its first parameters cannot be negative (what yields to a load yields with it).
+    family may act together with it (a second order), or they exclude one another (a gap has one law).
+    `positive`: how many of its first parameters cannot be negative (a compliance deflects along its load).
     `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others.
     """
 
@@ -103,7 +103,7 @@ class Site:
 
     @property
     def fine(self) -> int:
-        """How finely a function may change here, see `rivals.functions`."""
+        """How finely a function may change here, see `smooth_alternatives.functions`."""
         return 2 if self.sharp else int(len(self.rows) == 1)
 
 
@@ -116,7 +116,7 @@ class Problem:
     is of. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
     out as an outlier. `sigma` (N,): what one whitened unit is, in the coordinate's own unit (mm, rad,
     px); `widened`: by how much it exceeds the stated sigma. `pose` (n,): labels; repeats share one.
-    `order` (n,): time or row. `covariates` name -> (n,). `effects`: those in the model beside the
+    `order` (n,): time or row. `covariates` name -> (n,). `effects`: those in the model in addition to the
     baseline's. `added`, `values`: columns (N, P) and fitted values
     (P,) of each of them, where they are not in the basis yet; `keeping` puts them there, or back into the
     residual. `loose`: variants of candidates with numbers more for what their law takes from a data sheet.
@@ -216,7 +216,7 @@ class Problem:
             mass_responses=candidates(self.mass_responses),
         )
 
-    def beside(self, columns: np.ndarray) -> np.ndarray:
+    def orthogonal_basis(self, columns: np.ndarray) -> np.ndarray:
         """(N, R) orthonormal basis of what columns (N, P) make and the baseline does not, without rounding's share.
 
         What the baseline makes exactly leaves 1e-13 of itself, in no direction that means anything.
@@ -247,7 +247,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Added:
-    """Columns (N, A) of all effects beside the baseline, this projected out, of unit length; `start` (E + 1,) of each.
+    """Columns (N, A) of all added effects, orthogonal to the baseline, of unit length; `start` (E + 1,) of each.
 
     `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
     `score` (A,) inner products of the two. What any of the effects make follows from these without the samples.
@@ -362,10 +362,10 @@ class Alternative:
 class Finding:
     """One thing that the baseline does not hold.
 
-    `effect` is "unknown" for a function without a name; then `depends_on` names its covariates and
+    `effect` is "unknown" for a smooth nonparametric alternative; then `depends_on` names its covariates and
     `effects` is empty. `p_value`: valid under the whole search. `probability`: posterior that it is
     this effect at this place, among all named and unnamed. `size`: RMS over all coordinates of what
-    survives of it after the baseline has swallowed what it can, in sigmas. `gain`: fall of the
+    remains of it orthogonal to the baseline, in sigmas. `gain`: fall of the
     whitened sum of squares.
     """
 
@@ -380,7 +380,9 @@ class Finding:
     depends_on: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     alarms: tuple[str, ...] = ()
-    function: object = None  # of an unknown: rivals.Function, to be drawn and described
+    function: object = (
+        None  # of an unknown: smooth_alternatives.Function, to be drawn and described
+    )
 
 
 @dataclass(frozen=True)

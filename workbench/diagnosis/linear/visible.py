@@ -1,11 +1,11 @@
-"""What these data would have shown: the smallest size of every candidate, and the smallest told from its twin.
+"""What these data would have shown: each candidate's minimal detectable and minimal separable size.
 
 Both follow from the projected columns alone, before any effect is looked for. With a signature of length d sigmas
-after the baseline has swallowed what it can, the fall of chi-square is a non-central chi-square with d^2, so that
+orthogonal to the baseline, the fall of chi-square is a non-central chi-square with d^2, so that
 
 - it is *visible* with 95 % power where P(chi'^2_P(d^2) > threshold) = 0.95, the threshold being that of a family of
   all candidates together (Sidak, J. Am. Stat. Assoc. 62 (1967) 626);
-- it is *told from a twin* with probability 0.95, at a posterior of 0.95, where the part of it that the twin cannot
+- it is *separable* from an alternative with probability 0.95, at a posterior of 0.95, where the part that that cannot
   make, of length d, gives a log-likelihood ratio N(d^2/2, d^2) above log 19 in 95 % of all cases. That is d = 4.58.
 
 The minimal detectable and minimal identifiable bias of geodesy: Teunissen, J. Geod. 92 (2018) 59.
@@ -21,7 +21,7 @@ from workbench.diagnosis.linear.problem import Candidate, Problem
 
 POWER, FAMILY = 0.95, 0.01
 _DRAWS = 24
-_BROAD = 10.0  # typical sizes that a twin may well have; to imitate a thing with a thousand of them is none
+_BROAD = 10.0  # typical sizes that an alternative may well have; one that needs a thousand of them is no alternative
 _NOTHING = (
     1e-9  # of a column's own squared length: what rounding leaves of one that the baseline makes
 )
@@ -32,10 +32,11 @@ class Visible:
     """The smallest size of one candidate at its place.
 
     `size`: RMS displacement of the measured point (mm, or px) that it makes by itself, and `surviving` what is left
-    of that after the fitted baseline has swallowed what it can; `parameter`, `unit`: the same size in the parameter's
-    own unit, of several parameters their root mean square. `survives` the share of its square that survives. `twin`
-    is the candidate that it is hardest to tell from, `separable` the size at which it can be.
-    None: at no size (the baseline makes all of it; the twin makes the same).
+    of that orthogonal to the fitted baseline; `parameter`, `unit`: the same size in the parameter's
+    own unit, of several parameters their root mean square. `survives` the share of its square that survives.
+    `alternative` is the candidate that it is most confounded with, `separable` the size from which the two
+    are distinguishable.
+    None: at no size (the baseline makes all of it; the alternative makes the same).
     """
 
     effect: str
@@ -48,8 +49,8 @@ class Visible:
     unit: str
     separable: float | None
     separable_parameter: float | None
-    twin: str
-    twin_where: str
+    alternative: str
+    alternative_where: str
 
 
 def smallest(
@@ -67,9 +68,10 @@ def smallest(
         return []
     table = _Table(problem, sigma, every)
     seen = np.sqrt(_threshold([c.columns.shape[1] for c in every], len(every)))
-    apart, twin = table.apart()
+    apart, alternative = table.apart()
     return [
-        _row(table, k, seen[k], apart[k], int(twin[k]), units(every[k])) for k in range(len(every))
+        _row(table, k, seen[k], apart[k], int(alternative[k]), units(every[k]))
+        for k in range(len(every))
     ]
 
 
@@ -107,15 +109,15 @@ class _Table:
 
     def apart(self):
         """(C, D) the least length that is left of each candidate when one other takes what it can, and (C,) which."""
-        least, twin = np.full_like(self.length, np.inf), np.full(len(self.every), -1)
+        least, alternative = np.full_like(self.length, np.inf), np.full(len(self.every), -1)
         middle = np.full(len(self.every), np.inf)
         for k, other in enumerate(self.every):
             left = np.sqrt(np.maximum(self.length**2 - self._made_by(k), 0))
             share = np.median(left / np.maximum(self.length, 1e-300), axis=1)
             share[[i for i, c in enumerate(self.every) if c.family == other.family]] = np.inf
             closer = share < middle
-            middle[closer], least[closer], twin[closer] = share[closer], left[closer], k
-        return least, twin
+            middle[closer], least[closer], alternative[closer] = share[closer], left[closer], k
+        return least, alternative
 
     def _made_by(self, k):
         """(C, D) squared length of the part of each candidate's directions that candidate k makes at a likely size."""
@@ -146,7 +148,7 @@ def _threshold(columns, count):
     return np.array([needed[p] for p in columns])
 
 
-def told_apart() -> float:
+def separable_length() -> float:
     """d with P(N(d^2/2, d^2) > log(POWER / (1 - POWER))) = POWER, in sigmas."""
     from scipy.stats import norm
 
@@ -154,7 +156,7 @@ def told_apart() -> float:
     return float(z + np.sqrt(z**2 + 2 * odds))
 
 
-def _row(table: _Table, k, seen, apart, twin, units) -> Visible:
+def _row(table: _Table, k, seen, apart, alternative, units) -> Visible:
     candidate = table.every[k]
     survives = float(np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300)))
     unit = units[0] if len(set(units)) == 1 else ""
@@ -164,10 +166,10 @@ def _row(table: _Table, k, seen, apart, twin, units) -> Visible:
     at = _median(seen / length)
     distinct = apart > _NOTHING * table.length[k]
     ratio = np.divide(table.length[k], apart, out=np.full_like(apart, np.inf), where=distinct)
-    least = np.maximum(seen, told_apart() * ratio)
-    same = twin < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
+    least = np.maximum(seen, separable_length() * ratio)
+    same = alternative < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
     far = None if same else _median(least / length)
-    other = table.every[twin] if twin >= 0 else None
+    other = table.every[alternative] if alternative >= 0 else None
     raw, left, own = (
         float(np.median(size[k])) for size in (table.raw, table.left, table.parameter)
     )

@@ -64,7 +64,7 @@ def _tails(length) -> float | None:
     def ratio(nu):
         return np.sqrt(fisher.ppf(0.9, 3, nu) / fisher.ppf(0.5, 3, nu))
 
-    if not np.median(length) > 0:  # exact data: no noise whose tails could be told
+    if not np.median(length) > 0:  # exact data: no noise whose tails could be estimated
         return None
     found, gauss = (
         np.quantile(length, 0.9) / np.median(length),

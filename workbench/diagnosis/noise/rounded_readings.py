@@ -4,7 +4,7 @@ import numpy as np
 
 from robot_model.effects.friction import ReadingLattice, lattice_step
 from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.diagnosis.noise.scatter import beside
+from workbench.diagnosis.noise.scatter import residual_scatter
 
 _LEAST_SHARE = 0.03  # of what is left that rounding must make
 _MOST_SHARE = 1.5
@@ -27,7 +27,7 @@ def rounded_readings(problem: Problem, level: float) -> tuple[Finding, ...]:
         squares = float((site.rows**2).sum()) * step**2 / 12
         if not _LEAST_SHARE < squares / max(left, 1e-300) < _MOST_SHARE:
             continue
-        moves = beside(problem, site.where, site.port, level)
+        moves = residual_scatter(problem, site.where, site.port, level)
         if moves is not None:
             size = float(np.sqrt(squares / len(problem.residual)))
             p = moves.p_value

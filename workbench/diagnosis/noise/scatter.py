@@ -1,4 +1,4 @@
-"""Places that move by chance from sample to sample: what no recorded covariate explains still has a direction.
+"""Random effects of a place from sample to sample: what no recorded covariate explains still has a direction.
 
 A joint whose cause was not recorded (its temperature, the side that it came from) and an encoder that rounds leave
 no smooth function of anything, but residuals that lie along what that joint does. The test compares the direction
@@ -20,7 +20,7 @@ from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Pr
 QUANTISATION = "encoder-quantisation"
 """A finding on the data: readings of a joint that move at random, as counts of an encoder do."""
 CLAIMED = 1e-4
-"""Chance that a place of a recording with nothing wrong is said to move by chance."""
+"""False-alarm probability: a random effect is reported for a place of a recording without one."""
 _NEAR, _SPREADS, _SAME = 0.5, (0.05, 50.0), 1e-3
 _TRIED = 40  # spreads that are tried
 _ROUNDS, _LEAST = 30, 1e-9  # of the search for a shape, and its least width
@@ -65,7 +65,7 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
     its mean over all samples (which a noise that is not round makes), over the root of its squares: normal where
     directions are chance. After the score tests of variance components: Lin, Biometrika 84 (1997) 309. That test is
     blind where a place moves all samples nearly the same way, as the last joint does what a sensor sees; so that
-    beside it the likelihoods of the directions are compared, a place's and that of a noise of any one shape. Of the
+    the likelihoods of the directions are compared in addition, a place's and that of a noise of any one shape. Of the
     places about as clear the likeliest is taken.
     """
     m = len(problem.residual) // problem.n
@@ -110,7 +110,7 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
 
 
 def places(problem: Problem) -> tuple[Site, ...]:
-    """Every place that may move by chance; all joints at once, too, as when readings are of another instant."""
+    """Every place that may have a random effect; all joints at once, too, as when readings are of another instant."""
     joints = [site for site in problem.sites if site.port == "joint" and not site.sharp]
     some = [site for site in (*problem.sites, *problem.growing) if not site.sharp]
     if len(joints) > 1:
@@ -170,7 +170,7 @@ def _likelihood(site, z) -> tuple[float, float, float]:
 
 
 def _turned(site, z, share) -> float:
-    """Log likelihood of the directions of residuals z (m, n) where a site moves by chance in round noise, at its best.
+    """Log likelihood of the directions of residuals z (m, n) with a random effect at a site in isotropic noise.
 
     Against directions that are all as likely; the angular central Gaussian: Tyler, Biometrika 74 (1987) 579.
     share (n,): what each sample counts.
@@ -209,7 +209,7 @@ def _constant(z, share) -> float:
 
 
 def _of_noise(z) -> float:
-    """Log likelihood of residuals z (m, n) where nothing moves by chance, on the scale of `_likelihood`."""
+    """Log likelihood of residuals z (m, n) without a random effect, on the scale of `_likelihood`."""
     return -0.5 * z.size * float(np.log(max((z**2).mean(), 1e-300)))
 
 
@@ -316,8 +316,8 @@ def _which(site: Site) -> tuple:
     return site.where, site.port, len(site.rows)
 
 
-def beside(problem: Problem, where: str, port: str, level: float) -> Scatter | None:
-    """What a function without a name leaves at its own place, as movement by chance there; None where it leaves none.
+def residual_scatter(problem: Problem, where: str, port: str, level: float) -> Scatter | None:
+    """The random effect that a smooth nonparametric alternative leaves at its own place; None if there is none.
 
     By the likelihood ratio of the spread, on the border of what it can be (Self & Liang, JASA 82, 1987).
     """
@@ -345,7 +345,7 @@ def movement(scatter: Scatter) -> float:
     return float((scatter.spread**2 * _directions(scatter.site, 1) ** 2).sum())
 
 
-def told(scatter: Scatter, problem: Problem) -> Finding:
+def scatter_finding(scatter: Scatter, problem: Problem) -> Finding:
     """In words of the vocabulary: rounding where it follows the reading's counts, else an unknown and what may lack."""
     size = float(np.sqrt(movement(scatter) / len(problem.residual)))
     given = (scatter.p_value, 1.0 - scatter.p_value, size, size**2 * len(problem.residual))
@@ -425,12 +425,12 @@ def place_of(scatter: Scatter) -> Located:
 
 __all__ = [
     "Scatter",
-    "beside",
+    "residual_scatter",
     "evened_by",
     "hidden",
     "movement",
     "place_of",
     "scattered",
-    "told",
+    "scatter_finding",
     "unrecorded",
 ]

@@ -17,7 +17,7 @@ from workbench.core.least_squares.design import choose
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.linear.visible import told_apart
+from workbench.diagnosis.linear.visible import separable_length
 from workbench.diagnosis.planning.planned import Plan, plans
 from workbench.diagnosis.planning.scenes import scene_of
 from workbench.diagnosis.result import Experiment, Term
@@ -29,7 +29,7 @@ _HOPELESS = 30  # times as many samples as were planned
 _LIKELY, _ALIKE = (
     0.05,
     0.9,
-)  # probability, or share of the signature, from which on a rival is to be reckoned with
+)  # probability, or share of the signature, from which on an alternative is plausible
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
 NOTHING = "Nothing that was found is in doubt, so that no further recording is needed to tell it from anything else."
 FEW = (
@@ -41,20 +41,20 @@ CLEAN = "Nothing is missing that these data can show; the table of smallest size
 
 @dataclass(frozen=True)
 class Doubt:
-    """A finding with its effects and values, the `rival` effects that might be in its place, and both their names."""
+    """A finding with its effects and values, the `alternative` effects that may replace it, and both their names."""
 
     own: tuple
     values: np.ndarray
-    rival: tuple
+    alternative: tuple
     name: str
     other: str
 
 
 def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: float) -> Experiment:
-    """The experiment that separates the least certain finding from its likeliest rival.
+    """The experiment that separates the least certain finding from its likeliest alternative.
 
     problem: of the model with the findings but those that are in doubt, or of the baseline. A bench that knows no
-    robot, a rival without a name and a missing column get their sentence without a computation.
+    robot, an unnamed alternative and a missing column get their sentence without a computation.
     """
     if all(term.share is not None and not term.rest for term in terms):
         few = FEW.format(poses=len(np.unique(problem.pose)))
@@ -78,7 +78,7 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
         return Experiment(missing or _by_word(term))
     best, plan = rows[0]
     scene, robot = scene_of(bench, others, doubt, plan, len(best["poses"]))
-    sentence = told(doubt, rows) + (f" {missing}" if missing else "")
+    sentence = describe_comparison(doubt, rows) + (f" {missing}" if missing else "")
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
 
@@ -91,18 +91,24 @@ def _asked(bench, terms, term: Term, problem: Problem):
 
 
 def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
-    """Names of covariates that were not recorded and that a rival of some term would need, where that is likely."""
-    rivals = [one for term in terms for one in term.finding.alternatives if one.missing]
+    """Names of covariates that were not recorded and that a plausible alternative to some term would need."""
+    alternatives = [one for term in terms for one in term.finding.alternatives if one.missing]
     return tuple(
-        sorted({one.missing for one in rivals if one.probability >= _LIKELY or one.alike >= _ALIKE})
+        sorted(
+            {
+                one.missing
+                for one in alternatives
+                if one.probability >= _LIKELY or one.alike >= _ALIKE
+            }
+        )
     )
 
 
 def _missing(terms: Sequence[Term]) -> str:
-    """The sentence on columns that were not recorded and that a rival of some term would need."""
+    """The sentence on columns that were not recorded and that an alternative to some term would need."""
     lacking = {covariate(name) for name in missing_of(terms)}
     return (
-        f"Record {listed(sorted(lacking))} beside every sample; without it this stays open."
+        f"Record {listed(sorted(lacking))} with every sample; without it this is not identifiable."
         if lacking
         else ""
     )
@@ -128,13 +134,13 @@ def _called(term: Term) -> str:
 
 
 def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
-    """The finding beside its likeliest rival that has a name; None where it has none."""
+    """The finding and its likeliest named alternative; None if it has none."""
     values = np.array([row["value"] for row in term.parameters])
     for one in term.finding.alternatives:
-        rival = _effects_of(problem, one)
-        if rival and len(values):
+        alternative = _effects_of(problem, one)
+        if alternative and len(values):
             other = f"{one.effect}{f' ({one.label})' if one.label else ''} at {place(one.where)}"
-            return Doubt(tuple(term.finding.effects), values, rival, _called(term), other)
+            return Doubt(tuple(term.finding.effects), values, alternative, _called(term), other)
     return None
 
 
@@ -180,7 +186,7 @@ def _worth(bench, others, doubt: Doubt, plan: Plan) -> dict | None:
     if not gained > 0:
         return None
     samples = int(np.isin(plan.pose, chosen).sum())
-    needed = samples * max(told_apart() ** 2 - now**2, 0.0) / gained
+    needed = samples * max(separable_length() ** 2 - now**2, 0.0) / gained
     return {
         "plan": plan.name,
         "poses": chosen,
@@ -205,17 +211,19 @@ def _rows(bench, others, doubt: Doubt, plan: Plan):
     solved, fit, _ = bench.solve((*others, *doubt.own))
     chain = bind(solved.chain.robot, plan.recording, solved.chain.start)
     chain = replace(chain, state=replace(chain.state, covariates=plan.covariates(chain)))
-    model = Model(chain, (*bench.baseline, *others, *doubt.own, *doubt.rival))
+    model = Model(chain, (*bench.baseline, *others, *doubt.own, *doubt.alternative))
     parameters = model.parameters.take_over(fit.parameters)
     own = [p.key for e in doubt.own for p in e.parameters(chain)]
-    rival = [p.key for e in doubt.rival for p in e.parameters(chain)]
-    free = parameters.only(parameters.mask | np.isin(parameters.keys, own + rival))
+    alternative = [p.key for e in doubt.alternative for p in e.parameters(chain)]
+    free = parameters.only(parameters.mask | np.isin(parameters.keys, own + alternative))
     sigma = float(np.median(solved.sigma(fit.parameters)))
     typical = free.typical[free.mask]
     rows = model.linearise(free)[1] / sigma * typical[:, None, None]
     keys = [key for key, chosen in zip(free.keys, free.mask) if chosen]
     prior = (
-        np.where(np.isin(keys, own + rival), _BROAD**-2, free.precision[free.mask] * typical**2)
+        np.where(
+            np.isin(keys, own + alternative), _BROAD**-2, free.precision[free.mask] * typical**2
+        )
         + 1e-9
     )
     mine = np.array([keys.index(key) for key in own])
@@ -231,13 +239,13 @@ def _by_pose(rows, pose):
     return made.reshape(len(counts), -1, rows.shape[2])
 
 
-def told(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> str:
+def describe_comparison(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> str:
     """What `compared` found, as a sentence or two."""
     best, plan = rows[0]
     if best["samples_needed"] == 0:
         return (
             f"These poses tell {doubt.name} from {doubt.other} already: at this size they stand "
-            f"{best['apart_now_sigma']:.1f} σ apart ({told_apart():.1f} σ are needed to be 95 % sure)."
+            f"{best['apart_now_sigma']:.1f} σ apart ({separable_length():.1f} σ are needed to be 95 % sure)."
         )
     if best["samples_needed"] > _HOPELESS * best["samples"]:
         return (
@@ -248,7 +256,7 @@ def told(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> str:
     first = (
         f"To tell {doubt.name} from {doubt.other}: {plan.words.format(poses=len(best['poses']))}. They would then "
         f"stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
-        f"({told_apart():.1f} σ are needed to be 95 % sure)."
+        f"({separable_length():.1f} σ are needed to be 95 % sure)."
     )
     if len(rows) > 1:
         other, second = rows[1]

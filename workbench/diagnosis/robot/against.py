@@ -1,4 +1,4 @@
-"""A recording against a simulation or an earlier calibration: the three kinds of difference, told apart.
+"""A recording against a simulation or an earlier calibration: the three kinds of difference, separated.
 
 What a simulation and a recording differ by is, first, parameter values that are merely not those of this machine
 (where base and tool stand, lengths, offsets, the sizes of effects that the simulation already holds); second, noise;
@@ -51,9 +51,9 @@ class Reference:
 class Shares:
     """Mean squared 3-D distance between prediction and measurement, mm^2, in three parts that add up.
 
-    `parameters_mm2`: falls when the values that the reference has are found anew; `placing_mm2` of it when base and
+    `parameters_mm2`: falls when the values of the reference are estimated again; `placing_mm2` of it when base and
     tool alone are. `noise_mm2`: what the instrument leaves. `structure_mm2`: the rest, which no value makes.
-    `told_mm2` (values, sorted) the fall that each group of parameters owes, one group after another.
+    `moved` (sorted) the fall that each group of parameters owes, one group after another.
     """
 
     reference: str
@@ -85,7 +85,7 @@ def reference_of(simulation: Path | None, solution: Path | None) -> Reference | 
             "not to be compared with."
         )
     if simulation is not None and Path(simulation).suffix.lower() in DESCRIPTIONS:
-        return _twin(Path(simulation))
+        return _from_description(Path(simulation))
     if simulation is not None:
         truth = truth_of(Path(simulation))
         robot, parameters = truth.model.chain.robot, truth.parameters
@@ -102,7 +102,7 @@ def reference_of(simulation: Path | None, solution: Path | None) -> Reference | 
     return Reference(f"solution {solution}", arm.robot, arm.effects, arm.values, keys)
 
 
-def _twin(path: Path) -> Reference:
+def _from_description(path: Path) -> Reference:
     """A URDF or MJCF file: its nominal arm, and the terms of an exported one."""
     keys = {"urdf": str(path.resolve())}
     robot = load_robot(keys, str(path))
@@ -148,7 +148,7 @@ def shares(
     """Split what the model at `parameters` leaves of its recording into its three parts.
 
     noise_mm: from the residual (3, n) mm of the best values, and the degrees of freedom left of its 3 n, the noise
-    as the RMS of a 3-D distance, mm. A fit swallows the noise of as many coordinates as it has parameters; that part
+    as the RMS of a 3-D distance, mm. A fit absorbs the noise of as many coordinates as it has parameters; that part
     is booked as noise, too, so that it is not taken for parameters that were wrong.
     """
     total = _square(model, parameters)
@@ -161,16 +161,16 @@ def shares(
     left = float((residual**2).sum(0).mean())
     free = fitted.residual.size - fitted.degrees
     noise = noise_mm(residual, fitted.degrees) ** 2
-    swallowed = min(noise * free / fitted.residual.size, max(total - left, 0.0))
-    noise = min(noise - swallowed, left) + swallowed
+    absorbed = min(noise * free / fitted.residual.size, max(total - left, 0.0))
+    noise = min(noise - absorbed, left) + absorbed
     placing = max(total - float((in_space(placed.residual) ** 2).sum(0).mean()), 0.0)
     return Shares(
         name,
         total,
-        total - left - swallowed,
+        total - left - absorbed,
         placing,
         noise,
-        left + swallowed - noise,
+        left + absorbed - noise,
         _moved(parameters, fitted.parameters),
     )
 

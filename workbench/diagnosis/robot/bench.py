@@ -19,7 +19,7 @@ from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Candidate, Problem, Site
-from workbench.diagnosis.linear.rivals import Smooth
+from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import loose
 from workbench.diagnosis.robot.library import compliances, names, variants

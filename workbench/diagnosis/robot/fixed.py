@@ -1,6 +1,6 @@
-"""Reflectors that do not move with the arm: the drift that they measure beside the drift that was found without them.
+"""Reflectors that do not move with the arm: the drift that they measure and the drift found without them.
 
-They enter no fit of a diagnosis. Where the base wanders, they wander with it, so that they say independently whether
+They enter no fit of a diagnosis. Where the base drifts, they drift with it, so that they say independently whether
 the law that was found is right, and by how much it may be wrong.
 """
 
@@ -49,9 +49,9 @@ class FixedPoints:
     @property
     def sentence(self) -> str:
         """What they say."""
-        told = _um(self.measured, self.std)
+        movement = _um(self.measured, self.std)
         said = (
-            f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {told} µm from the first to "
+            f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {movement} µm from the first to "
             "the last fifth of the recording"
         )
         if self.found is None:

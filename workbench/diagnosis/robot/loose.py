@@ -1,8 +1,8 @@
-"""Elastic laws whose masses are not trusted: what yields, yields to a torque that a data sheet only estimates.
+"""Elastic laws whose masses are not trusted: the data sheet only estimates the torque that deflects a joint or link.
 
 Masses and centres of links are seldom measured. A law with the wrong ones leaves a share of itself
 behind, and whatever has the shape of a torque (a harmonic, the bending of another link) is then
-taken for it. So beside each elastic law there stands the same law with a few numbers more: what it
+taken for it. So each elastic law has a second form: the same law with a few numbers more: what it
 would make of first moments that the data sheet does not know.
 """
 
@@ -24,7 +24,7 @@ _MOST, _LEAST = (
     4,
     0.03,
 )  # mixtures of first moments, and the share of the law below which one says nothing
-LABEL = "with its masses found"
+LABEL = "with first mass moments estimated jointly"
 MASS_SHARE, CENTRE_MM = 0.05, 5.0
 """1 sigma of a stated first moment as a share of it, and of a centre of mass (mm per axis): prior of the names."""
 

@@ -10,7 +10,7 @@ from workbench.core.covariates import clock
 from workbench.core.effect import Grid
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.linear.problem import Scan, Site
-from workbench.diagnosis.linear.rivals import Wave
+from workbench.diagnosis.linear.smooth_alternatives import Wave
 from workbench.diagnosis.robot.library import grids, scan_of
 
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}

@@ -2,5 +2,5 @@
 
 `sensor` solves baseline and effects; `sensor_data` reads corners and stripes, `sensor_scans` and `sensor_balls`
 scans of balls; `sensor_library` lists the effects, `sensor_linear` makes their columns; `sensor_review` compares
-twins in full.
+confounded effects in full.
 """

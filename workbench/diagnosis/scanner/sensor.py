@@ -18,7 +18,7 @@ from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
 from workbench.diagnosis.linear.problem import Found, Problem, Site
-from workbench.diagnosis.linear.rivals import Smooth
+from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.scanner import sensor_data
 from workbench.diagnosis.scanner.sensor_data import Chains, Progress
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
@@ -172,7 +172,7 @@ class SensorBench:
             for p in effect.parameters(host(every, effect).chain):
                 value = fit.parameters[p.key]
                 size = _rms_of(every, fit, p.key) * abs(value)
-                told = {
+                description = {
                     "key": p.key,
                     "name": p.key.rpartition(".")[2],
                     "where": effect.where,
@@ -182,7 +182,7 @@ class SensorBench:
                     "typical": p.typical,
                 }
                 found = {"value": value, "std": fit.std.get(p.key, float("nan"))}
-                rows.append(told | found | {"size_px": size, "size_mm": size * scale})
+                rows.append(description | found | {"size_px": size, "size_mm": size * scale})
         return tuple(rows)
 
     def units(self, effects: Sequence[Effect]) -> list[str]:
@@ -191,7 +191,7 @@ class SensorBench:
         return [p.unit for effect in effects for p in effect.parameters(chain)]
 
     def reviewed(self, found: Found, samples: np.ndarray | None = None) -> Found:
-        """What the search hands on: its findings against their twins, each solved in full."""
+        """What the search hands on: its findings and their confounded effects, each solved in full."""
         return reviewed(self, found, samples)
 
     def typical(self, effect: Effect) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 Found, cleaned and averaged once by the workbench's own calibration, with bow and free light planes,
 which hide next to nothing; what noise each kind of measurement has is then read from its third
-differences between neighbours. A smooth effect leaves none there, so a concealed one does not pass for noise.
+differences between neighbours. A smooth effect leaves none there, so a planted one does not pass for noise.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,8 +1,9 @@
-"""Findings of a sensor against twins that first order cannot tell apart.
+"""Findings of a sensor and the effects that are confounded with them to first order.
 
 A mirror hides nearly all of a wobble, so what is seen of one is large, and of what is large the
 derivatives at nothing make only nine tenths. Such a difference of gains is no evidence for a name, nor one for a
-function without a name against a law that would be large: about a solution with the function the law looks small.
+smooth nonparametric alternative against a law that would be large: about
+a solution with the function the law looks small.
 """
 
 from collections.abc import Sequence
@@ -14,42 +15,50 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis, judged
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found, Problem
 
 _LARGE = 20.0
-"""Typical sizes beyond which an effect is no longer linear, nor small beside what the baseline moves by."""
+"""Typical sizes beyond which an effect is no longer linear, nor small compared with what the baseline moves by."""
 _REACH = 0.1  # share of the gain by which first order is wrong then
 _CREDIBLE = 0.95
 
 
 def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> Found:
-    """The same with twins of each named finding declared where one of the two would have to be large."""
+    """The same, with confounded effects of each named finding added if one of the two would have to be large."""
     findings = list(found.findings)
     for i, finding in enumerate(findings):
         if finding.effects:
             others = [e for j, f in enumerate(findings) if j != i for e in f.effects]
-            findings[i] = _beside_twins(bench, bench.problem(others, samples).keeping(), finding)
+            findings[i] = _with_alternatives(
+                bench, bench.problem(others, samples).keeping(), finding
+            )
     return replace(found, findings=tuple(findings))
 
 
-def _beside_twins(bench, bare: Problem, finding: Finding) -> Finding:
+def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
     table = judged(bare)
     own = next(
         (h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)),
         None,
     )
     named = [h for h in table if not h.unnamed]
-    twins = [] if own is None else (_laws if own.unnamed else _twins)(bench, bare, named, own)
-    if not twins:
+    alternatives = (
+        []
+        if own is None
+        else (_laws if own.unnamed else _confounded_effects)(bench, bare, named, own)
+    )
+    if not alternatives:
         return finding
     weights = np.array(
         [
             np.logaddexp.reduce([h.log_prior for h in table if h.key == one.key])
-            for one in (own, *twins)
+            for one in (own, *alternatives)
         ]
     )
     shares = np.exp(weights - np.logaddexp.reduce(weights))
-    return _told(finding, own, twins, shares)
+    return _finding_among(finding, own, alternatives, shares)
 
 
-def _twins(bench, bare: Problem, table: Sequence[Hypothesis], own: Hypothesis) -> list[Hypothesis]:
+def _confounded_effects(
+    bench, bare: Problem, table: Sequence[Hypothesis], own: Hypothesis
+) -> list[Hypothesis]:
     """The likeliest variant of every other effect whose gain is within reach, where that or the finding is large."""
     best: dict[tuple, Hypothesis] = {}
     for h in table:
@@ -61,7 +70,7 @@ def _twins(bench, bare: Problem, table: Sequence[Hypothesis], own: Hypothesis) -
 
 
 def _laws(bench, bare: Problem, named: Sequence[Hypothesis], own: Hypothesis) -> list[Hypothesis]:
-    """Laws that would be large at the place of a function without a name, and are likelier than it about nothing."""
+    """Laws that would be large at the place of a smooth alternative, and are likelier than it about nothing."""
     best: dict[tuple, Hypothesis] = {}
     for h in named:
         if h.where == own.where and h.log_weight > own.log_weight and large(bench, bare, h):
@@ -79,9 +88,9 @@ def large(bench, bare: Problem, h: Hypothesis) -> bool:
     return bool((np.abs(values * widened / bench.typical(h.effects[0])) > _LARGE).any())
 
 
-def _told(finding: Finding, own: Hypothesis, twins, shares) -> Finding:
-    """The finding with its twins as alternatives; probabilities are those before the data, which say nothing here."""
-    names = {h.key for h in (own, *twins)}
+def _finding_among(finding: Finding, own: Hypothesis, alternatives, shares) -> Finding:
+    """The finding with its confounded effects as alternatives; probabilities are the prior ones."""
+    names = {h.key for h in (own, *alternatives)}
     rest = tuple(a for a in finding.alternatives if (a.effect, a.where) not in names)
     left = 1 - sum(a.probability for a in rest)
     made = [
@@ -90,9 +99,9 @@ def _told(finding: Finding, own: Hypothesis, twins, shares) -> Finding:
             h.label,
             float(left * share),
             float(min(1.0, h.gain / max(own.gain, 1e-300))),
-            "one of the two would be so large that to first order they cannot be told apart",
+            "one of the two would be so large that to first order they are confounded",
             h.missing,
         )
-        for h, share in zip(twins, shares[1:])
+        for h, share in zip(alternatives, shares[1:])
     ]
     return replace(finding, probability=float(left * shares[0]), alternatives=(*made, *rest))

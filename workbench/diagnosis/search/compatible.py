@@ -1,14 +1,14 @@
 """Which terms may act side by side.
 
-Variants of one law exclude one another. A function without a name excludes the laws at its place that it can make:
-those that read the same covariates, for a law is a function of these, too.
+Variants of one law exclude one another. A smooth nonparametric alternative excludes the laws at its place that it can
+make: those that read the same covariates, for a law is a function of these, too.
 """
 
 import numpy as np
 
 from robot_model.effects.transmission import JointCoupling, TransmissionHarmonic
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.rivals import SHARP_DEGREE
+from workbench.diagnosis.linear.smooth_alternatives import SHARP_DEGREE
 
 _WAVE = TransmissionHarmonic.effect
 _SLOW = 6.0

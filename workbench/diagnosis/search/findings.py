@@ -21,23 +21,23 @@ from workbench.diagnosis.search.stepwise import LAW
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
 _CREDIBLE = 0.95
 _NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
-_SHOWN = 12  # alternatives that are no likelier than others are not told beyond so many
-_NUMBERS = 6  # in which a smooth function without a name may differ from another
+_SHOWN = 12  # alternatives that are no likelier than others are not listed beyond so many
+_NUMBERS = 6  # in which a smooth nonparametric alternative may differ from another
 
 
 def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -> Finding:
-    """One that is accepted, with its posterior among all that might stand in its place beside the others.
+    """One that is accepted, with its posterior among all that could replace it, conditional on the others.
 
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
     table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
     slack = (1 - LAW) * search.explained()
-    rivals = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
+    explanations = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
     chance = _NEAR * search.variance()
-    rivals = [h for h in rivals if not _only_generalises(h, own, chance)]
-    total = logsumexp([h.log_weight for h in rivals])
+    explanations = [h for h in explanations if not _only_generalises(h, own, chance)]
+    total = logsumexp([h.log_weight for h in explanations])
     shares: dict[tuple, float] = {}
-    for h in rivals:
+    for h in explanations:
         shares[h.key] = shares.get(h.key, 0.0) + float(np.exp(h.log_weight - total))
     size = search.size(i)
     made = Finding(
@@ -49,7 +49,7 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         size,
         own.gain,
         mine.unnamed,
-        _alternatives(rivals, shares, own, search.left(), chance),
+        _alternatives(explanations, shares, own, search.left(), chance),
     )
     if names and mine.key in names:
         made = _among_sets(made, shares, names)
@@ -90,13 +90,15 @@ def _among_sets(
 def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:
     """What else is in the 95 % credible set, or so near in what it explains that what is left could tip the balance.
 
-    And what yields in another place and explains as much but for chance: only its prior speaks against it. And a joint
-    that yields to its own links alone, which it is too where masses are found and the load's turns out to be none.
+    Also a compliance at another place that explains as much but for chance: only its prior differs. Also a joint
+    compliance under its own links alone: it equals one with estimated masses if the load's mass is zero.
     """
     ranked, covered, out = sorted(shares.items(), key=lambda item: -item[1]), 0.0, []
     for key, share in ranked:
         other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
-        twin = other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
+        is_elastic_alternative = (
+            other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
+        )
         near = (
             left > 0
             and not other.unnamed
@@ -105,7 +107,7 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
         )
         special = own.effects[0].subsumes if own.label == LABEL else ()
         within = other.effect in special and other.where == own.where
-        near = twin or within or near and len(out) < _SHOWN
+        near = is_elastic_alternative or within or near and len(out) < _SHOWN
         if key != own.key and (covered < _CREDIBLE or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
             why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
@@ -121,7 +123,7 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
     the whole: a direction among P lies so near to r given ones with a chance of about s^((P - r) / 2) (the tail of
     the beta distribution of a squared correlation).
     """
-    left, moves = _beside(search, own)
+    left, moves = _unnamed_remainder(search, own)
     if left <= 0:
         return made
     share = left / (left + own.gain)
@@ -143,14 +145,14 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
 
 
 def tells(search: Search, own: Hypothesis) -> bool:
-    """Whether what moves by chance at its place is what a law makes of a covariate that was not recorded."""
+    """Whether the random effect at its place is what a law makes of a covariate that was not recorded."""
     if search.scatter is None or search.scatter.site.where not in same_place(own):
         return False
     return any(a.effect == own.effect for a in hidden(search.scatter, search.problem))
 
 
 def with_hidden(search: Search, made: Finding) -> Finding:
-    """The finding with what may make all that moves by chance at its place, of covariates that were not recorded."""
+    """The finding with the effects of covariates not recorded that may cause the random effect at its place."""
     if search.scatter is None or search.scatter.site.where != made.where:
         return made
     known = {(a.effect, a.where, a.label) for a in made.alternatives}
@@ -164,8 +166,8 @@ def with_hidden(search: Search, made: Finding) -> Finding:
     return replace(made, alternatives=(*made.alternatives, *more))
 
 
-def _beside(search: Search, own: Hypothesis) -> tuple[float, bool]:
-    """Sum of squares of what is at a law's place beside it, without a name; and whether it is the law's own covariate,
+def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool]:
+    """Sum of squares of what is unexplained at a law's place next to it; and whether it is the law's own covariate,
     not recorded, that may make it."""
     places, noise = same_place(own), search.variance()
     table = search.table(search.everyone)

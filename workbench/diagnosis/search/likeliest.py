@@ -13,8 +13,8 @@ from workbench.diagnosis.search.stepwise import Stepwise
 
 _ROUNDS = 4
 """Solutions about which the set is searched: the second nearly always confirms the first."""
-_FIRST, _BESIDE, _EACH, _UNNAMED = 48, 24, 4, 6
-"""Terms taken into the search: the likeliest alone, beside all, in the place of each, and functions of each table."""
+_FIRST, _CONDITIONAL, _EACH, _UNNAMED = 48, 24, 4, 6
+"""Terms taken into the search: the likeliest alone, conditional on all, replacing each, and functions of each table."""
 _VARIANTS = 4
 """Variants of one effect at one place among these."""
 _WIDE = 6
@@ -39,14 +39,14 @@ def accept_likeliest(search: Search) -> None:
 
 
 def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
-    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone, beside or instead."""
+    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone, in addition or instead."""
     alone, own = search.table(()), {name_of(h) for h in search.accepted}
     chosen = {name_of(h): h for h in alone if name_of(h) in own}
     order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
     chosen = {name: chosen[name] for name in order}
     pools = [(alone, _FIRST, _UNNAMED)]
     if search.accepted:
-        pools.append((search.table(search.everyone), _BESIDE, _UNNAMED))
+        pools.append((search.table(search.everyone), _CONDITIONAL, _UNNAMED))
     if len(search.accepted) <= _WIDE:
         pools += [(search.table(search.others(i)), _EACH, 0) for i in search.everyone]
     for table, named, unnamed in pools:
@@ -72,12 +72,12 @@ def _varied(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
 
 
 def _with_effect(bench, h: Hypothesis) -> Hypothesis:
-    """A function without a name gets an effect, too: itself, fitted."""
+    """A smooth nonparametric alternative gets an effect, too: itself, fitted."""
     return replace(h, effects=(bench.smooth(*h.source),)) if h.unnamed and not h.effects else h
 
 
 def _order(search: Search) -> None:
-    """What explains most first, then what explains most beside it, and so on."""
+    """What explains most first, then what explains most conditional on it, and so on."""
     left, kept = list(search.everyone), []
     if len(left) < 2:
         return

@@ -30,7 +30,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior
-from workbench.diagnosis.search.subset_algebra import Beside, Left, Table
+from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Left, Table
 
 Members = tuple[int, ...]
 _ANY_LARGE_NUMBER = 1e300  # of a corner of a Cholesky factor that nobody reads
@@ -120,11 +120,11 @@ class LogPosterior:
 
     def value_at(self, members: Members, gain: float) -> float:
         """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing."""
-        beside = self._beside(tuple(sorted(members)))
-        logs = float(log_evidence(beside.spent, np.minimum(beside.gained, gain), self))
-        return logs + self.priors.of(members) + self._signs(members, beside)
+        conditional = self._conditional_on(tuple(sorted(members)))
+        logs = float(log_evidence(conditional.spent, np.minimum(conditional.gained, gain), self))
+        return logs + self.priors.of(members) + self._signs(members, conditional)
 
-    def _signs(self, members: Members, beside: Beside) -> float:
+    def _signs(self, members: Members, conditional: ConditionalSolution) -> float:
         """Log probability, times 2 for each, that what cannot be negative is not; the coefficients one by one."""
         members = tuple(sorted(members))
         widths = np.diff(self.start)[list(members)] if members else np.zeros(0, int)
@@ -132,9 +132,9 @@ class LogPosterior:
         cannot = first < np.repeat(self.priors.positive[list(members)], widths)
         if not cannot.any():
             return 0.0
-        best = int(np.argmax(log_evidence_each(beside.spent, beside.gained, self)))
-        value, spread = beside.coefficients(best, np.flatnonzero(cannot))
-        variance = max(self.yy - beside.gained[best], 1e-300) / max(self.degrees, 1.0)
+        best = int(np.argmax(log_evidence_each(conditional.spent, conditional.gained, self)))
+        value, spread = conditional.coefficients(best, np.flatnonzero(cannot))
+        variance = max(self.yy - conditional.gained[best], 1e-300) / max(self.degrees, 1.0)
         # the residual is predicted minus measured: what is missing has the opposite sign
         z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
         return float((np.log(2) + log_ndtr(z)).sum())
@@ -157,17 +157,19 @@ class LogPosterior:
         """(K,) log posterior, but for signs, of a set with each other term, by Schur complements."""
         key = frozenset(base)
         if key not in self.joined:
-            self.joined[key] = self._weighed(base, self._beside(tuple(sorted(base))).whole)
+            self.joined[key] = self._weighed(base, self._conditional_on(tuple(sorted(base))).whole)
         return self.joined[key]
 
-    def _beside(self, base: Members) -> Beside:
-        """What is solved for beside a set; the last one is kept."""
+    def _conditional_on(self, base: Members) -> ConditionalSolution:
+        """The solution conditional on a set; the last one is kept."""
         if self.last.get("members") != base:
-            self.last.update(members=base, beside=Beside(self.table, self.index(base)))
-        return self.last["beside"]
+            self.last.update(
+                members=base, conditional=ConditionalSolution(self.table, self.index(base))
+            )
+        return self.last["conditional"]
 
     def reduced(self, base: Members) -> None:
-        """Weigh all sets with one member less from what is solved for beside the whole."""
+        """Weigh all sets with one member less from the solution conditional on the whole set."""
         base = tuple(sorted(base))
         edges = np.concatenate([[0], np.cumsum(np.diff(self.start)[list(base)])])
         for k in range(len(base)):
@@ -175,7 +177,7 @@ class LogPosterior:
             if frozenset(fewer) in self.joined:
                 continue
             try:
-                left = self._beside(base).without(slice(edges[k], edges[k + 1]))
+                left = self._conditional_on(base).without(slice(edges[k], edges[k + 1]))
             except np.linalg.LinAlgError:  # too close to singular: solved by itself when needed
                 continue
             self.joined[frozenset(fewer)] = self._weighed(fewer, left)
@@ -184,7 +186,7 @@ class LogPosterior:
         weights = np.full(len(self.terms), -np.inf)
         for (rows, columns), blocks in zip(self.groups, left.blocks):
             weights[rows] = self._evidence_with(left, columns, blocks)
-        return weights + self.priors.of(base) + self.priors.beside(base)
+        return weights + self.priors.of(base) + self.priors.conditional(base)
 
     def _evidence_with(self, left: Left, columns: np.ndarray, blocks: np.ndarray) -> np.ndarray:
         """(C,) log evidence of a set with each of C terms with columns (C, w), blocks (S, C, w, w).

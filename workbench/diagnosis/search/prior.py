@@ -22,7 +22,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate, Problem
 
 SECOND = float(np.log(0.2))
-"""Log prior odds of one more term, beside what its own prior says."""
+"""Log prior odds of one more term, in addition to its own prior."""
 _CHANCE = {
     kind.effect: kind.compliance_prior for kind in CATALOGUE.values() if kind.compliance_prior
 }
@@ -33,7 +33,7 @@ _SCALES = np.geomspace(1e-7, 1e-2, 31)
 """Compliances of a joint under 1 N m, rad/(N m), of which the likeliest is the robot's."""
 _SIZE_BY_LOAD = -0.5
 """Exponent of the load (N m) that compliances scale with: stronger gears are stiffer, yet deflect more."""
-_DEPENDENT = 1e-9  # relative eigenvalue from which on joints are told apart at all
+_DEPENDENT = 1e-9  # relative eigenvalue from which on joints are distinguishable at all
 _LAW_ERROR = 0.005
 """Relative error of every deflection that is computed: torques from joint angles that are off by 0.3 degrees."""
 
@@ -42,8 +42,8 @@ _LAW_ERROR = 0.005
 class Priors:
     """Of K terms: `log_prior` (K,), `elastic` (K,), and `log_odds` (K,) of the elastic ones where something deflects.
 
-    `deflects`: log prior that something does, beside the odds of what; so that all sets of one elastic term together
-    are as likely as their families of candidates.
+    `deflects`: log prior that something does, in addition to the odds of what; so that all sets of one elastic term
+    together are as likely as their families of candidates.
     `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
     `reference`: (effect, where, compliance) of all joints at their likeliest; `joints` (N, J): what these make of the
     residual, the baseline projected out.
@@ -67,8 +67,8 @@ class Priors:
         first = self.deflects if self.elastic[members].any() else 0.0
         return float(own.sum()) + first + (len(members) - 1) * SECOND
 
-    def beside(self, members: Sequence[int]) -> np.ndarray:
-        """(K,) log prior odds of each term beside a set."""
+    def conditional(self, members: Sequence[int]) -> np.ndarray:
+        """(K,) log prior odds of each term conditional on a set."""
         first = 0.0 if self.elastic[list(members)].any() else self.deflects
         step = np.where(self.elastic, self.log_odds + first, self.log_prior)
         return step + SECOND if len(members) else step

@@ -1,8 +1,8 @@
-"""What a baseline leaves out: the likeliest set of missing terms, searched beside the noise that the samples have.
+"""What a baseline leaves out: the likeliest set of missing terms, searched together with the noise of the samples.
 
 In this order: is anything missing at all (a family-wise test); the likeliest set of terms (`search`); the same where
-the noise turns out to depend on a covariate, or a place to move by chance; then findings with their probabilities. What
-the set is worth is not judged here but by nested cross-validation (`proof`).
+the noise turns out to depend on a covariate, or a place to have a random effect; then findings with their
+probabilities. What the set is worth is not judged here but by nested cross-validation (`proof`).
 """
 
 from collections.abc import Callable
@@ -19,10 +19,10 @@ from workbench.diagnosis.noise.scatter import (
     CLAIMED,
     QUANTISATION,
     Scatter,
-    beside,
     place_of,
+    residual_scatter,
+    scatter_finding,
     scattered,
-    told,
 )
 from workbench.diagnosis.search.compatible import near
 from workbench.diagnosis.search.findings import finding, tells, with_hidden
@@ -67,7 +67,7 @@ def _found(search: Search) -> Found:
     ):  # noise that grows with a covariate also passes for a function of it
         search.say("the noise is not the same everywhere")
         first = _again(search)
-    moving = _elsewhere(search) or _beside_unknowns(search)
+    moving = _elsewhere(search) or _explain_next_to_unknowns(search)
     if not moving:
         search.scatter, own = _moving(search) or search.scatter, search.scatter
         moving = search.scatter is not own
@@ -108,7 +108,7 @@ def _beyond_functions(search: Search, after: Problem, outliers, data):
     What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
     hold more than what it may miss are outliers.
     """
-    own = sum(search.beside(i)[0] for i in search.everyone if search.accepted[i].unnamed)
+    own = sum(search.conditional_gain(i)[0] for i in search.everyone if search.accepted[i].unnamed)
     data = tuple(
         f for f in data if f.effect == "outliers" and far_off(after, outliers) > (1 - LAW) * own
     )
@@ -131,7 +131,7 @@ def _first(search: Search) -> float:
 
 
 def _moving(search: Search) -> Scatter | None:
-    """The place that moves by chance, unless what is left has a law, though not a known one."""
+    """The place with a random effect, unless what is left has a law, though not a known one."""
     found = scattered(search.problem.keeping(), CLAIMED)
     if found is None or found.p_value > family_wise(search.table(search.everyone)):
         return None
@@ -139,18 +139,21 @@ def _moving(search: Search) -> Scatter | None:
 
 
 def _with_scatter(search: Search, before: Problem, data, places):
-    """Findings on the data and places with what moves by chance, unless a finding there says more of it."""
+    """Findings on the data and places with a random effect, unless a finding there says more of it."""
     if any(h.unnamed or tells(search, h) for h in search.accepted):
         return data, places
     place = (place_of(search.scatter),)
-    return (told(search.scatter, before), *data), (*places, *place) if search.accepted else (
+    return (scatter_finding(search.scatter, before), *data), (
+        *places,
+        *place,
+    ) if search.accepted else (
         *place,
         *places,
     )
 
 
 def _elsewhere(search: Search) -> bool:
-    """Whether movement by chance, at a place where no function without a name is, is likelier than all of these."""
+    """Whether a random effect, at a place without a smooth alternative, is likelier than all of these."""
     unknown = [h.where for h in search.accepted if h.unnamed]
     laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
     bare, kept = search.problem.keeping(laws), search.problem.keeping()
@@ -164,18 +167,20 @@ def _elsewhere(search: Search) -> bool:
     return True
 
 
-def _beside_unknowns(search: Search) -> bool:
-    """Laws asked again beside what a function without a name leaves at its own place, as it is only nearly right.
+def _explain_next_to_unknowns(search: Search) -> bool:
+    """Search again next to the random effect that an approximate smooth alternative leaves at its own place.
 
     Whether the function itself is not needed there: then there is no more than movement by chance.
     """
     unknown = [
-        (search.beside(i)[0], h.source[0]) for i, h in enumerate(search.accepted) if h.unnamed
+        (search.conditional_gain(i)[0], h.source[0])
+        for i, h in enumerate(search.accepted)
+        if h.unnamed
     ]
     if not unknown:
         return False
     site = max(unknown, key=lambda pair: pair[0])[1]
-    search.scatter = beside(
+    search.scatter = residual_scatter(
         search.problem.keeping(), site.where, getattr(site, "port", "frame"), CLAIMED
     )
     if search.scatter is None:

@@ -1,4 +1,4 @@
-"""A search under way: what is accepted so far, the problem solved with it, and all else judged beside it."""
+"""A search under way: what is accepted so far, the problem solved with it, and all else judged conditional on it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,8 +17,8 @@ from workbench.diagnosis.search.compatible import compatible
 class Search:
     """`accepted` hypotheses and the `problem` solved with them, on `samples` (n,) bool (None: all).
 
-    `level`: chance of a false alarm on the whole search. `scatter`: a place that moves by chance, `spread` (n,) how
-    far each sample's noise is spread: all is judged beside them. `trail`: a line for each step.
+    `level`: chance of a false alarm on the whole search. `scatter`: a place with a random effect, `spread` (n,) how
+    far each sample's noise is spread: all is judged conditional on them. `trail`: a line for each step.
     """
 
     bench: Bench
@@ -50,7 +50,7 @@ class Search:
         )
 
     def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
-        """Everything that has room beside those accepted whose numbers are kept, judged there."""
+        """Everything that has room next to those accepted whose numbers are kept, judged there."""
         if kept not in self.tables:
             wanted = [(h.family, h.label) for h in self.accepted]
             table, held = (
@@ -72,16 +72,16 @@ class Search:
         return tuple(j for j in self.everyone if j != i)
 
     def own(self, i: int) -> Hypothesis:
-        """An accepted hypothesis as the table beside the others judges it."""
+        """An accepted hypothesis as the table conditional on the others judges it."""
         table, mine = self.table(self.others(i)), name_of(self.accepted[i])
         return next((h for h in table if name_of(h) == mine), table[0])
 
-    def beside(self, i: int) -> tuple[float, float]:
-        """Gain of an accepted hypothesis beside the others, and the p-value of its F test by itself."""
+    def conditional_gain(self, i: int) -> tuple[float, float]:
+        """Gain of an accepted hypothesis conditional on the others, and the p-value of its F test by itself."""
         return _asked(self.problem, i, self.others(i))
 
     def size(self, i: int) -> float:
-        """RMS over all coordinates of what an accepted hypothesis makes beside the others, in stated sigmas."""
+        """RMS over all coordinates of an accepted hypothesis's part, conditional on the others, in stated sigmas."""
         return float(np.sqrt(_asked(self.plain, i, self.others(i))[0] / len(self.plain.sample)))
 
     def left(self) -> float:

@@ -1,8 +1,8 @@
-"""What all hypotheses have left beside a set of them, and beside the same set less one member, by Schur complements.
+"""Moments of all hypotheses conditional on a set of them, and on this set less one member, by Schur complements.
 
 With A = G_ss + s^-2 I the set's own inner products for disturbances of size s, what is left of the others' is
 G_cc - G_cs A^-1 G_sc. One eigenvalue decomposition of G_ss serves all sizes. Without the member i all of it grows by
-what the block i of A^-1 says, U' ((A^-1)_ii)^-1 U with U = (A^-1 G)_i: the set is not solved anew for each member
+what the block i of A^-1 says, U' ((A^-1)_ii)^-1 U with U = (A^-1 G)_i: the set is not solved again for each member
 that it might lose (block inversion: Golub & Van Loan, Matrix Computations, 4th ed., sec. 2.1).
 """
 
@@ -34,8 +34,8 @@ class Table:
 
 @dataclass(frozen=True)
 class Left:
-    """`spent` (S,) log determinant of a set and `gained` (S,) its gain, `left` (S, T) the scores beside it, `blocks`
-    (S, C, w, w) of each group what is left of their inner products."""
+    """`spent` (S,) log determinant of a set and `gained` (S,) its gain, `left` (S, T) the scores conditional on it,
+    `blocks` (S, C, w, w) of each group what is left of their inner products."""
 
     spent: np.ndarray
     gained: np.ndarray
@@ -43,8 +43,8 @@ class Left:
     blocks: tuple[np.ndarray, ...]
 
 
-class Beside:
-    """A set of columns `held` (h,) of a table, solved for once: what is left beside it, all of it or less a member."""
+class ConditionalSolution:
+    """A set of columns `held` (h,) of a table, solved once: moments conditional on it, or on it less a member."""
 
     def __init__(self, table: Table, held: np.ndarray):
         self.table = table
@@ -63,7 +63,7 @@ class Beside:
 
     @cached_property
     def whole(self) -> Left:
-        """Beside the whole set."""
+        """Conditional on the whole set."""
         table = self.table
         left = table.score - self._solution @ self._along
         blocks = tuple(self._complement(c, own) for c, own in zip(table.columns, table.blocks))
@@ -92,7 +92,7 @@ class Beside:
         return own - (made * self._within[:, None, None]) @ made.swapaxes(1, 2)
 
     def without(self, member: slice) -> Left:
-        """Beside the set less the held columns of a slice."""
+        """Conditional on the set less the held columns of a slice."""
         whole, mine = self.whole, self._vectors[member]
         kept = mine * self._within[:, None]  # (S, w, h)
         lower = np.linalg.inv(np.linalg.cholesky(kept @ mine.T))
@@ -114,4 +114,4 @@ def _squares(made: np.ndarray) -> np.ndarray:
     return made.swapaxes(2, 3) @ made
 
 
-__all__ = ["Beside", "Left", "Table"]
+__all__ = ["ConditionalSolution", "Left", "Table"]

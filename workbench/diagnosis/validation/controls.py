@@ -1,8 +1,8 @@
-"""Controls: a cause that is scrambled explains nothing, and one that depends on the order of rows only in this order.
+"""Permutation, reversal and circular-shift controls: a permuted cause explains nothing, an ordered one only in order.
 
 The derivative of the measurement stays as it is; only what the effect reads of its samples (angles, torques, sides of
 approach, temperatures, time) is given to other poses, taken from the rows in reverse, or from a clock that is moved
-round. A gain that survives this was never owed to the cause. What a scrambled cause can make of the fitted effect
+round. A gain that survives this was never owed to the cause. What a permuted cause can make of the fitted effect
 itself it gains in any case (a step in the middle is the same step backwards): that is taken off, and where it is
 nearly all, the control says that it cannot tell.
 """
@@ -22,18 +22,18 @@ from workbench.diagnosis.validation.heldout import name_of
 
 _TRIALS, _TURNS = 199, 39
 _LEVEL, _LEFT, _HALF, _MOST = 0.01, 0.2, 0.5, 0.75
-_MADE = 0.8  # share of the fitted effect that a scrambled cause makes, from which on it cannot tell
+_MADE = 0.8  # share of the fitted effect that a permuted cause makes, from which on it cannot tell
 _SAME = (
     1e-3  # of a column's length, by which two that mean the same differ from rounding and refitting
 )
-PERMUTED, REVERSED, ROTATED = "permuted", "reversed", "clock moved round"
+PERMUTED, REVERSED, ROTATED = "permuted", "reversed", "circular shift"
 _CLOCKS = ("time_s", "time", "row", "order")
 
 
 def controls(
     bench: Bench, others: Sequence[Effect], own: Sequence[Effect], seed: int = 0
 ) -> tuple[Control, ...]:
-    """The controls that can be made of the effects `own` beside a model that holds `others`.
+    """The controls that can be made of the effects `own` conditional on a model that holds `others`.
 
     A linearised gain: the fall of the whitened sum of squares when the effects' columns join. Permuted: 199 times
     over poses. Passed where fewer than one in a hundred gains as much, and the median trial gains, beyond what as
@@ -61,28 +61,30 @@ def controls(
 
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
-    """Backwards, where that changes what the effect does; and its clock moved round, where it reads one."""
+    """Backwards, where that changes what the effect does; and a circular shift of its time, where it reads one."""
     if trial.chain is None or not trial.changes(
         backwards := _backwards_state(trial.chain, trial.problem.pose)
     ):
         return ()
-    made = [_told(REVERSED, trial, [backwards], "backwards in time it does nearly the same")]
+    made = [_control_of(REVERSED, trial, [backwards], "backwards in time it does nearly the same")]
     if any(_clocked(e, trial.chain.state, backwards) for e in trial.effects):
         turned = [_turned_state(trial.chain, part) for part in rng.uniform(0.05, 0.95, _TURNS)]
         made.append(
-            _told(ROTATED, trial, turned, "with its clock moved round it does nearly the same")
+            _control_of(
+                ROTATED, trial, turned, "with its time circularly shifted it does nearly the same"
+            )
         )
     return tuple(made)
 
 
-def _told(kind: str, trial: "_Trial", states, why: str) -> Control:
-    """The control of one kind from the states that it scrambles to; those that do nearly the same say nothing."""
-    scrambled = [trial.basis(state) for state in states]
-    made = np.array([trial.made_by(small) for small in scrambled])
+def _control_of(kind: str, trial: "_Trial", states, why: str) -> Control:
+    """The control of one kind from the altered states; those that do nearly the same say nothing."""
+    altered = [trial.basis(state) for state in states]
+    made = np.array([trial.made_by(small) for small in altered])
     telling = np.flatnonzero(made < _MADE)
     if len(telling) < max(1, len(states) // 4):
         return Control(kind, None, None, None, len(states), f"{why}, so that this cannot tell")
-    gains = np.array([trial.gain(scrambled[k]) for k in telling])
+    gains = np.array([trial.gain(altered[k]) for k in telling])
     left = np.array([(trial.beyond(g) - m) / (1 - m) for g, m in zip(gains, made[telling])])
     share = float(np.clip(np.quantile(left, _MOST), 0.0, None))
     p = float((1 + (gains >= trial.own).sum()) / (1 + len(gains))) if len(states) > 1 else None
@@ -120,7 +122,7 @@ def _backwards_state(chain, pose):
 
 
 def _turned_state(chain, part: float):
-    """The state with its clock moved round by a part (0-1) of the recording, what falls off its end at its start."""
+    """The state with its time circularly shifted by a part (0-1) of the recording."""
     held = dict(chain.state.covariates)
     order = np.argsort(clock(chain.state), kind="stable")
     turned = {}
@@ -131,7 +133,7 @@ def _turned_state(chain, part: float):
 
 
 class _Trial:
-    """Whitened residual beside `others`, and what the effects' columns gain when they read other samples.
+    """Whitened residual conditional on `others`, and what the effects' columns gain when they read other samples.
 
     `small` (P, k, n): what the effects do to their slots; `rows` (k, m, n) whitened derivatives by the slots. A bench
     that knows no robot gives the columns themselves, (P, 1, N), whose coordinates are then exchanged.
@@ -207,7 +209,7 @@ class _Trial:
         return not np.allclose(there, self.small, rtol=0, atol=_SAME * np.abs(self.small).max())
 
     def made_by(self, small) -> float:
-        """Share (0-1) of the fitted effect, but for what the baseline makes, that scrambled causes make."""
+        """Share (0-1) of the fitted effect, but for what the baseline makes, that permuted causes make."""
         here, there = (_plane(self.problem.clear(self.columns(s))) for s in (self.small, small))
         fitted = here @ (here.T @ self.y)
         return float(((there.T @ fitted) ** 2).sum() / max(fitted @ fitted, 1e-300))

@@ -45,7 +45,7 @@ def paired(
     loss free). Its scale is that of the median sample, of the smaller errors of the two.
 
     sigma (n,): noise of each sample where they are not all of one kind, as corners, stripes on boards and stripes on
-    balls are not. Errors then count in it and a pose by all of its samples, see `_beside_what_shows`.
+    balls are not. Errors then count in it and a pose by all of its samples, see `_jackknife_t`.
     """
     kept = usual & np.isfinite(before) & np.isfinite(after)
     _, group = np.unique(pose[kept], return_inverse=True)
@@ -57,7 +57,7 @@ def paired(
     losses = [_loss(s / scale) for s in squares]
     falls = np.bincount(group, losses[0] - losses[1])
     if sigma is not None:
-        return _beside_what_shows(
+        return _jackknife_t(
             falls, np.bincount(group, (np.sqrt(losses[0]) - np.sqrt(losses[1])) ** 2)
         )
     falls = falls / np.bincount(group)
@@ -65,7 +65,7 @@ def paired(
     return float(falls.mean() / spread) if spread > 0 else 0.0
 
 
-def _beside_what_shows(falls: np.ndarray, moved: np.ndarray) -> float:
+def _jackknife_t(falls: np.ndarray, moved: np.ndarray) -> float:
     """t of the sum of the falls (p,) of poses that differ in how much of an effect they can show, `moved` (p,).
 
     An effect moves the prediction of some poses a lot and of others not at all: a ball's not by what the board does,

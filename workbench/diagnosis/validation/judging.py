@@ -79,7 +79,7 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     """
     bare = problem.keeping(())
     columns = np.concatenate([problem.added[i] for i in numbers], axis=1)
-    basis = bare.beside(columns)
+    basis = bare.orthogonal_basis(columns)
     made = bare.clear(sum(problem.added[i] @ problem.values[i] for i in numbers))
     total = float(made @ made)
     if not basis.shape[1] or not total > 0:

@@ -1,9 +1,9 @@
-"""Proof of what a search found: errors on samples that no step of it saw, and what is left when a cause is scrambled.
+"""Proof of what a search found: errors on samples that no step of it saw, and permutation controls.
 
-First the whole: the search is made anew inside each fold, and what it finds there must predict the other samples
+First the whole: the search is repeated inside each fold, and what it finds there must predict the other samples
 better than the baseline does. Then each term, by leaving it out with all others in place; the weakest goes first, and
-the others are judged again without it. Last, each term's part in what the folds found by themselves, where a twin that
-is chosen in another fold stands for the term.
+the others are judged again without it. Last, each term's part in what the folds found by themselves, where a confounded
+effect that is chosen in another fold stands for the term.
 
 Each step uses only the splits that can judge the terms (`judging`): a law of time is judged by blocks of the
 workspace, a curve by splits that leave no range of its angle out. The terms that stay reduce the held-out error there.
@@ -38,7 +38,7 @@ _WAVE = TransmissionHarmonic.effect
 _LIKELY, _ALIKE = (
     0.1,
     0.9,
-)  # probability, or share of a finding's signature, from which on another is its twin
+)  # probability, or share of a finding's signature, from which on another is an alternative
 _MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
 _MOST = 0.5  # of what a term makes, that others make of it
 _FAR = 0.05  # robust weight below which a sample is another process's
@@ -48,12 +48,12 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class _Whole:
-    """Errors by scheme: of the baseline and of what every fold found by itself, `anew`, fold by fold; `t` of each."""
+    """Errors by scheme: of the baseline and of what every fold found by itself, `nested`, fold by fold; `t` of each."""
 
     schemes: list[Scheme]
     plain: list[np.ndarray]
     errors: list[np.ndarray]
-    anew: list[dict[int, list[Finding]]]
+    nested: list[dict[int, list[Finding]]]
     t: list[float]
 
 
@@ -68,9 +68,9 @@ def prove(
     """(Proof, terms that stay, terms refused) of what `find(bench)` found on all samples.
 
     find: the whole search, called again inside each fold as find(bench, samples). noise: RMS distance that the
-    instrument leaves (mm, px), and how it is known. A term stays where its held-out gain beside the others is real,
-    where it is real, too, in what the folds found by themselves, and where it passes its controls. jobs: processes
-    that search the folds.
+    instrument leaves (mm, px), and how it is known. A term stays where its held-out gain conditional on the others is
+    real, where it is real, too, in what the folds found by themselves, and where it passes its controls. jobs:
+    processes that search the folds.
     """
     usual = ~found.outliers
     errors = Errors(bench)
@@ -111,7 +111,7 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: _Whol
         if predicted is whole.errors and gone:
             predicted = _without(errors, whole, gone)
             continue
-        weakest = min(terms, key=lambda term: term.t_anew)
+        weakest = min(terms, key=lambda term: term.t_nested)
         refused.append(not_supported(weakest, rows, unit))
         terms = [term for term in terms if term is not weakest]
         predicted = _without(errors, whole, [*gone, *refused])
@@ -121,7 +121,7 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: _Whol
 def _without(errors: Errors, whole: _Whole, refused: Sequence[Term]) -> list[np.ndarray]:
     """Errors (n,) by scheme of what the folds found by themselves, except what is one of the refused terms."""
     out = []
-    for scheme, found, plain in zip(whole.schemes, whole.anew, whole.plain):
+    for scheme, found, plain in zip(whole.schemes, whole.nested, whole.plain):
         kept = {}
         for k, findings in found.items():
             left = [
@@ -182,21 +182,21 @@ def _luck(t: float) -> str:
 
 
 def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: int) -> _Whole:
-    """The search anew inside every fold of every scheme; None: there is nothing to be proved."""
+    """The search repeated inside every fold of every scheme; None: there is nothing to be proved."""
     usual, parts = ~found.outliers, schemes(bench.pose, found.before)
     plain = [errors((), s.fold) for s in parts]
     if find is None:
         return _Whole(parts, plain, plain, [{} for _ in parts], [0.0 for _ in parts])
-    anew = _anew(bench, find, parts, say, jobs)
+    nested = _search_nested(bench, find, parts, say, jobs)
     made = [
         errors.predicted(s, {k: _effects(f) for k, f in a.items()}, p)
-        for s, a, p in zip(parts, anew, plain)
+        for s, a, p in zip(parts, nested, plain)
     ]
     t = [
         paired(bench.pose, before, after, usual, sigma_of(bench))
         for before, after in zip(plain, made)
     ]
-    return _Whole(parts, plain, made, anew, t)
+    return _Whole(parts, plain, made, nested, t)
 
 
 def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:
@@ -231,11 +231,13 @@ def _scheme_row(bench, row: Judged, usual, fixed) -> dict:
     }
 
 
-def _anew(bench, find: Find, parts: list[Scheme], say, jobs: int) -> list[dict[int, list[Finding]]]:
+def _search_nested(
+    bench, find: Find, parts: list[Scheme], say, jobs: int
+) -> list[dict[int, list[Finding]]]:
     """What the search finds on the other folds, and what of it a held-out test on those alone leaves, fold by fold."""
     found: list[dict[int, list[Finding]]] = [{} for _ in parts]
     work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
-    say(f"the whole search anew without each of {len(work)} blocks")
+    say(f"the whole search repeated without each of {len(work)} blocks")
     with searches(bench, partial(earned_inside, find=find), jobs) as searched:
         for (i, s, k), terms in zip(work, searched([s.fold != k for _, s, k in work])):
             found[i][k] = terms
@@ -255,11 +257,11 @@ def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding
 def _earned(
     bench, findings: list[Finding], samples, say: Say = lambda text: None
 ) -> tuple[list[Term], list[Term]]:
-    """Terms whose held-out gain beside one another is real, and those that went, in the problem solved with all.
+    """Terms with a real held-out gain conditional on one another, and the removed ones, in the problem solved with all.
 
     To first order about that solution, by samples left out of the linearised fit.
     """
-    say(f"held-out gain of {len(findings)} terms, each beside the others")
+    say(f"held-out gain of {len(findings)} terms, each conditional on the others")
     gone: list[Term] = []
     problem = bench.problem(_effects(findings), samples) if findings else None
     sigma = sigma_of(bench, samples)
@@ -279,13 +281,13 @@ def _earned(
 
 
 def _unreal(t: float) -> str:
-    return f"its held-out gain beside the others is not real (t = {t:.1f}, where more than {REAL:g} is expected)"
+    return f"its held-out gain conditional on the others is not significant (t = {t:.1f}; required: above {REAL:g})"
 
 
 def _judged(
     bench, problem: Problem, kept: Sequence[int], term: Term, own: Sequence[int], sigma
 ) -> Term:
-    """The term with t and gain of its being there beside the problem's others, over the schemes that may judge it."""
+    """The term with t and gain of its presence next to the problem's others, over the schemes that may judge it."""
     every, rest = problem.keeping(kept), problem.keeping([i for i in kept if i not in own])
     usual, t, gain = problem.weights > _FAR, [], []
     for scheme in judging_schemes(
@@ -317,9 +319,9 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
             [value for s, value in zip(whole.schemes, whole.t) if any(s is one for one in judges)]
         )
         if not t > REAL:
-            return [], [replace(term, kept=False, t_anew=t, reason=_luck(t)) for term in terms]
+            return [], [replace(term, kept=False, t_nested=t, reason=_luck(t)) for term in terms]
     kept, lost = [], []
-    folds = [_solved(bench, a) for a in whole.anew] if terms else []
+    folds = [_solved(bench, a) for a in whole.nested] if terms else []
     with_all = [_linear(s, rows) for s, rows in zip(whole.schemes, folds)]
     findings = [term.finding for term in terms]
     problem, numbers = (
@@ -334,23 +336,23 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
             less = _linear(scheme, folds[at], term.finding)
             t.append(paired(bench.pose, less, with_all[at], usual, sigma_of(bench)))
         again = sum(_alike(moved, others) for others in made)
-        anew = min(t) if min(t) < -REAL else max(t)
-        term = replace(term, again=again, chances=len(made), t_anew=anew)
-        if term.t_anew > REAL:
+        nested = min(t) if min(t) < -REAL else max(t)
+        term = replace(term, again=again, chances=len(made), t_nested=nested)
+        if term.t_nested > REAL:
             kept.append(term)
         else:
-            reason = f"where the search is repeated inside the folds, it does not predict the others (t = {anew:.1f})"
+            reason = f"where the search is repeated inside the folds, it does not predict the others (t = {nested:.1f})"
             lost.append(replace(term, kept=False, reason=reason))
     return kept, lost
 
 
-def _solved(bench, anew: dict[int, list[Finding]]) -> dict[int, tuple[list[Finding], Problem]]:
+def _solved(bench, nested: dict[int, list[Finding]]) -> dict[int, tuple[list[Finding], Problem]]:
     """What each fold found, with all samples solved with that."""
-    return {k: (found, bench.problem(_effects(found))) for k, found in anew.items()}
+    return {k: (found, bench.problem(_effects(found))) for k, found in nested.items()}
 
 
 def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
-    """(N,) mm, px: what each finding makes, beside what the baseline can make of it."""
+    """(N,) mm, px: what each finding makes, orthogonal to the baseline."""
     bare = problem.keeping(())
     unit = problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
     return [
@@ -392,14 +394,16 @@ def _linear(scheme: Scheme, folds: dict, without: Finding | None = None) -> np.n
 
 
 def _same(finding: Finding, other: Finding) -> bool:
-    """Whether two findings are one: the same effect at one place, or twins that these poses hardly tell apart."""
+    """Whether two findings are one: the same effect at one place, or effects that are confounded in these poses."""
     return bool(_names(finding) & {_name(other)} or _names(other) & {_name(finding)})
 
 
 def _names(finding: Finding) -> set[tuple[str, str]]:
-    """A finding and its twins: what is about as likely in its place, or explains as much there."""
-    twins = (a for a in finding.alternatives if a.probability >= _LIKELY or a.alike >= _ALIKE)
-    return {_name(one) for one in (finding, *twins)}
+    """A finding and its alternatives: what is about as likely in its place, or explains as much there."""
+    alternatives = (
+        a for a in finding.alternatives if a.probability >= _LIKELY or a.alike >= _ALIKE
+    )
+    return {_name(one) for one in (finding, *alternatives)}
 
 
 def _name(one) -> tuple[str, str]:

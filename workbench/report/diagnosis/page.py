@@ -368,7 +368,7 @@ def _detectable(made: Diagnosis):
             _parameter(one),
             f"{100 * one.survives:.1f} %",
             rounded(one.separable, 2),
-            f"{one.twin} at {said.place(one.twin_where)}" if one.twin else "–",
+            f"{one.alternative} at {said.place(one.alternative_where)}" if one.alternative else "–",
         )
         for one in order[:_SMALLEST]
     ]

@@ -1,6 +1,6 @@
-"""Rivals without a name: smooth functions of one or two covariates at a port.
+"""Smooth nonparametric alternatives: functions of one or two covariates at a port.
 
-Whatever no row of the library makes must not get the name of the row that is least bad. So beside
+Whatever no row of the library makes must not get the name of the row that is least bad. So next to
 every named effect there stands, at every place, 'a smooth function of this covariate', with a prior
 that is broad in shape and size; the evidence then charges it for every number that it spends.
 """
