@@ -13,9 +13,7 @@ from workbench.core.least_squares.linear_algebra import pseudo_inverse
 
 _ROUNDS = 60
 _STILL = 1e-3  # of a variance, or of what it is known to
-_FEWEST = (
-    3.0  # shared errors that must be left beside the unknowns: fewer tell nothing of their variance
-)
+_FEWEST = 3.0  # shared errors that must remain orthogonal to the unknowns: fewer do not determine a variance
 _GROWS = 10.0  # times what a variance is known to, that it may grow by in one step
 
 
@@ -50,7 +48,7 @@ def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Component
     negative is 0. With T the variances found, R and g become (1 + R T)^-1 R and (1 + R T)^-1 g.
     """
     count = int(kind.max(initial=-1)) + 1
-    told = np.array(
+    estimable = np.array(
         [_left(own[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool
     )
     variance, std, signed = np.zeros(count), np.full(count, np.inf), np.zeros(count)
@@ -59,14 +57,14 @@ def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Component
         left, said = _at(own, pull, variance[kind])
         known, score = _scoring(left, said, kind, count)
         signed = variance + score / np.maximum(np.diag(known), 1e-300)
-        variance, std = _stepped(variance, known, score, told)
+        variance, std = _stepped(variance, known, score, estimable)
         if (np.abs(variance - before) <= _STILL * np.where(np.isfinite(std), std, 0)).all():
             break
     return Components(variance, std, np.where(variance > 0, variance, np.minimum(signed, 0.0)))
 
 
 def _left(own):
-    """How many errors of one kind are left beside the unknowns: (tr R)^2 / tr R^2."""
+    """How many errors of one kind remain after the unknowns are projected out: (tr R)^2 / tr R^2."""
     return float(np.trace(own) ** 2 / max((own**2).sum(), 1e-300)) if own.size else 0.0
 
 
@@ -86,9 +84,9 @@ def _scoring(left, said, kind, count):
     return known.reshape(count, count), score
 
 
-def _stepped(variance, known, score, told):
+def _stepped(variance, known, score, estimable):
     """The next variances and what they are known to; those that would be negative are 0, one after the other."""
-    free, made, std = told.copy(), np.zeros_like(variance), np.full(len(variance), np.inf)
+    free, made, std = estimable.copy(), np.zeros_like(variance), np.full(len(variance), np.inf)
     wanted = known @ variance + score
     while free.any():
         inverse = pseudo_inverse(known[np.ix_(free, free)])
@@ -100,7 +98,7 @@ def _stepped(variance, known, score, told):
         free[np.argmin(made / std)] = False
         made[:] = np.where(free, made, 0)
     single = np.sqrt(2 / np.maximum(np.diag(known), 1e-300))
-    std = np.where(told & ~np.isfinite(std), single, std)
+    std = np.where(estimable & ~np.isfinite(std), single, std)
     return np.minimum(made, variance + _GROWS * np.where(np.isfinite(std), std, 0)), np.where(
-        told, std, np.inf
+        estimable, std, np.inf
     )

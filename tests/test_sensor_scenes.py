@@ -278,7 +278,7 @@ BAD = {
     ),
     "a mesh that is not there": (
         lambda t: t + '[mesh]\nfile = "no.stl"\n',
-        "key mesh.file: expected a file beside",
+        "key mesh.file: expected a file next to",
     ),
     "a board of nothing": (
         lambda t: t.replace("columns = 5", 'kind = "charuco"\ncolumns = 5'),

@@ -344,7 +344,7 @@ def test_a_profiler_states_its_plane_in_the_cameras_frame():
     assert len(made.scanner.steps) == 1 and len(made.made.sheets.together.named) == 3
     assert (
         made.sigma_apart_mm[0] < 1e-9
-        and made.sigma_told_mm is made.sigma_plane_mm
+        and made.sigma_stated_mm is made.sigma_plane_mm
         and made.sigma_plane_mm[0] > 1e-4
     )
     assert _apart(made) == [None]

@@ -1,1 +1,1 @@
-"""Balls in clouds: fitted, found, told apart."""
+"""Balls in clouds: fitted, detected, identified."""

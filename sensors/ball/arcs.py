@@ -72,9 +72,9 @@ def _centres(arc: np.ndarray, radius: float) -> list[np.ndarray]:
         return []
     place, size = circle
     centre = middle[:, 0] + directions[:, :2] @ place
-    beside = np.sqrt(max(radius**2 - size**2, 0.0))
+    offset = np.sqrt(max(radius**2 - size**2, 0.0))
     normal = directions[:, 2]
-    return [centre + beside * normal, centre - beside * normal]
+    return [centre + offset * normal, centre - offset * normal]
 
 
 def _circle(flat: np.ndarray, radius: float) -> tuple[np.ndarray, float] | None:

@@ -34,7 +34,7 @@ REASONS = {
     MISSING: "missing",
     ELSEWHERE: "elsewhere",
 }
-# At so many of its own sigmas a radius is not told from a plane's by a first-order covariance.
+# At so many of its own sigmas a radius is not distinguishable from a plane's by a first-order covariance.
 _KNOWN = 5
 # A further step of the fit, in its own sigmas, up to which it has converged.
 _SETTLED = 0.1
@@ -141,7 +141,7 @@ def fit_ball(points: np.ndarray, sigma=None, radius: float | None = None, **opti
     it is False;
     `shared` (`Shared`, see `plane_error`): errors of known covariance that groups share, estimated with the ball;
     `at_limit` (n,) True for points at the limit of the field; `start` (4,) centre and radius, where no ball is
-    found from there, the fit begins anew; `seed` of that start's random draws;
+    found from there, the fit starts again; `seed` of that start's random draws;
     `form` share of the radius by which a surface may regularly be off and still is a ball's;
     `compare`: where the radius is known, the ball is fitted with a radius of its own too.
 
@@ -280,15 +280,15 @@ class _Task:
 
 
 def _compared(fit: BallFit, free: BallFit) -> BallFit:
-    """A fit of known radius beside the `free` one."""
+    """A fit of known radius, compared with the `free` one."""
     fit = replace(fit, free=free)
     if not abs(fit.radius_gap) > _CHANCE:
         return fit
-    told = (
+    warning = (
         f"radius differs from the stated one by {abs(fit.radius_gap):.3g} sigma ({free.radius:.4f} instead of "
         f"{fit.radius:.4f} mm); with its own the centre moves by {1000 * fit.centre_moves:.3g} um"
     )
-    return replace(fit, warnings=(*fit.warnings, told), outcome=f"{fit.outcome}; {told}")
+    return replace(fit, warnings=(*fit.warnings, warning), outcome=f"{fit.outcome}; {warning}")
 
 
 def _problem(points, sigma, radius, d, covariance, direction) -> Problem:
@@ -449,7 +449,7 @@ class _Part:
         residual[present], reason[present] = distance, codes
         cap, coverage = seen_extent(self.at.normal[:, used], self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
-        values, told = self.values - off, _misshapen(shape)
+        values, shape_warnings = self.values - off, _misshapen(shape)
         return BallFit(
             values[:-1],
             float(values[-1]),
@@ -463,10 +463,10 @@ class _Part:
             coverage,
             cut > 0,
             True,
-            _outcome(reason, cap, coverage, cut, told),
+            _outcome(reason, cap, coverage, cut, shape_warnings),
             self.step,
             shape.rms,
-            told,
+            shape_warnings,
         )
 
 
@@ -478,7 +478,7 @@ def _misshapen(shape: Form) -> tuple[str, ...]:
     )
 
 
-def _outcome(reason, cap, coverage, cut, told):
+def _outcome(reason, cap, coverage, cut, shape_warnings):
     n, used = len(reason), int((reason == USED).sum())
     words = [f"converged on {used} of {n} points, a cap of {np.rad2deg(cap):.0f} deg half angle"]
     if cut:
@@ -489,4 +489,4 @@ def _outcome(reason, cap, coverage, cut, told):
         words.append(
             f"seen on {100 * coverage:.0f} % of the way round: cut by the field or something stands before it"
         )
-    return "; ".join([*words, *told])
+    return "; ".join([*words, *shape_warnings])

@@ -1,4 +1,4 @@
-"""Several balls in one scan, told apart from table, posts and plates; and which ball of the artefact each is."""
+"""Several balls in one scan, distinguished from table, posts and plates; and which ball of the artefact each is."""
 
 from dataclasses import dataclass, replace
 
@@ -462,8 +462,8 @@ def _swapped(ball, expected):
 
 
 def _match_outcome(ball, rms, others, swapped):
-    count, told = int((ball >= 0).sum()), f"within {rms:.3g} mm"
-    words = [f"{count} of {len(ball)} found balls belong to the artefact, {told}"]
+    count, distance = int((ball >= 0).sum()), f"within {rms:.3g} mm"
+    words = [f"{count} of {len(ball)} found balls belong to the artefact, {distance}"]
     if others or count < 3:
         words.append(
             f"which is which is ambiguous: {len(others) + 1} assignments agree with the distances; "

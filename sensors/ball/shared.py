@@ -14,7 +14,8 @@ from workbench.core.least_squares.linear_algebra import inverse_positive, solve_
 
 # Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
 _STEPS, _SETTLE = 40, 8
-_TOLD, _STILL = 6, 0.05  # rounds of the variances, and by which part of them they may still change
+# rounds of the variances, and by which part of them they may still change
+_ROUNDS, _STILL = 6, 0.05
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Shared:
             None if self.unknown is None else self.unknown[..., chosen],
         )
 
-    def told(self, variance: np.ndarray) -> "Shared":
+    def with_variances(self, variance: np.ndarray) -> "Shared":
         """The same with the variances (m,) of the unknown ones."""
         k, m, groups = len(self.derivative), len(variance), int(self.labels.max()) + 1
         whole = np.zeros((groups, k + m, groups, k + m))
@@ -83,12 +84,12 @@ def solve_shared(
     if shared.unknown is None:
         return fit[:2]
     variance = np.zeros(len(shared.unknown))
-    for _ in range(_TOLD):
+    for _ in range(_ROUNDS):
         before, variance = variance, _variances(problem, fit[0], shared, fit[2])
         if (np.abs(variance - before) <= _STILL * (variance + before)).all():
             break
         start = replace(solved, values=fit[0].values, at=fit[0].at)
-        fit = _solve(problem, start, loss, shared.told(variance), ordered)
+        fit = _solve(problem, start, loss, shared.with_variances(variance), ordered)
     return fit[:2]
 
 

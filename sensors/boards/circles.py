@@ -141,7 +141,7 @@ def refine(image: np.ndarray, discs: np.ndarray) -> Fit:
 
 
 def radius_mm(fit: Fit, points: np.ndarray) -> float:
-    """Radius of the board's discs: median over the image of the ellipses' size beside the grid's own.
+    """Radius of the board's discs: median over the image of the ellipses' size relative to the grid's own.
 
     points: (2, n) mm on the board. An ellipse's area over pi r^2 is the determinant of the map from board
     to image at its place; the map is the homography through all centres.

@@ -45,7 +45,7 @@ def fit_saddles(
     """Corners where four squares meet, from starts (2, n) px within a fifth of a square.
 
     along, down: (2, n) px, from a corner to its next one in the row and in the column. clear: share of a
-    square beside each edge that shows nothing else, such as the rim around a marker. `values` are
+    square next to each edge that shows nothing else, such as the rim around a marker. `values` are
     x, y, the two edges' angles (rad), log blur (px), grey level, half the contrast (negative where the
     square between `along` and `down` is dark), and the slope of the light (a px, across and down).
     """
@@ -53,7 +53,9 @@ def fit_saddles(
     spots, grey, weight = _patches(image, centres, reach)
     weight = weight * (np.hypot(*spots - centres[:, :, None]) <= reach[:, None])
     weight = (
-        weight * _beside(spots - centres[:, :, None], along, down, clear) if clear < 0.5 else weight
+        weight * _near_edges(spots - centres[:, :, None], along, down, clear)
+        if clear < 0.5
+        else weight
     )
     middle, spread = _level(grey, weight)
     start = np.stack(
@@ -74,7 +76,7 @@ def fit_saddles(
     return _checked(fit, centres, reach, fit.values[:, 6])
 
 
-def _beside(away: np.ndarray, along: np.ndarray, down: np.ndarray, clear: float) -> np.ndarray:
+def _near_edges(away: np.ndarray, along: np.ndarray, down: np.ndarray, clear: float) -> np.ndarray:
     """(n, m) bool: pixels less than a pixel's blur short of `clear` squares from one of the two edges."""
     area = np.abs(along[0] * down[1] - along[1] * down[0])
     near = np.zeros(away.shape[1:], bool)
@@ -331,8 +333,8 @@ def _with_sigma(model, p, spots, grey, weight, normal, cost):
     freedom = np.maximum(weight.sum(1) - p.shape[1], 1)
     noise = np.sqrt(cost / freedom)
     left = weight * (grey - model(p, spots)[0])
-    beside = (weight[:, 1:] * weight[:, :-1]) * (spots[1, :, 1:] == spots[1, :, :-1])
-    together = (left[:, 1:] * left[:, :-1] * beside).sum(1) / np.maximum(beside.sum(1), 1)
+    adjacent = (weight[:, 1:] * weight[:, :-1]) * (spots[1, :, 1:] == spots[1, :, :-1])
+    together = (left[:, 1:] * left[:, :-1] * adjacent).sum(1) / np.maximum(adjacent.sum(1), 1)
     r = np.clip(together / np.maximum(noise**2, 1e-30), 0, 0.8)
     place = np.linalg.inv(normal + 1e-9 * _diagonal(normal))[:, :2, :2]
     sigma = noise * (1 + r) / (1 - r) * np.sqrt(np.abs(np.einsum("nii->n", place)) / 2)

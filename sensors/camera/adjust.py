@@ -203,7 +203,7 @@ def _turned(chain, kept, board, model, effects, loss):
 
 
 def _less(chain, kept, bad, far):
-    """Chain and views without the views `bad` (V,) and the corners `far` (n,), numbered anew."""
+    """Chain and views without the views `bad` (V,) and the corners `far` (n,), renumbered."""
     names = placement_groups(kept)[1]
     chain = chain.at(~(bad[chain.labels["view"]] | far))
     chain = replace(
@@ -217,7 +217,7 @@ def _less(chain, kept, bad, far):
 
 
 def _best(chain, effects, loss):
-    """As `adjust`; where boards are parallel, so that no start could be told from them, also from a usual lens."""
+    """As `adjust`; where boards are parallel, so that they determine no start, also from a usual lens."""
     found = adjust(chain, effects, loss)
     if tilts(found[0].poses) > PARALLEL:
         return found

@@ -91,7 +91,7 @@ class CameraCalibration:
 
     @property
     def determined(self) -> np.ndarray:
-        """(F,) False for free parameters that cannot be told from others or whose sigma does not hold, all without an
+        """(F,) False for free parameters that are confounded with others or whose sigma does not hold, all without an
         end of the solve.
         """
         known = self.fit.known.determined & self.fit.converged
@@ -219,7 +219,7 @@ def calibrate_camera(
     )
     if folds:
         known = part.fit.parameters
-        progress("images left out in folds, beside OpenCV")
+        progress("images left out in folds, compared with OpenCV")
         left_out = held_out(part.chain, effects, known, loss, folds)
         progress("one half of the images against the other")
         halves = compare_halves(part.chain, effects, known, loss, made.distance_mm)
@@ -250,7 +250,7 @@ def _undetermined(made: CameraCalibration) -> list[str]:
         return said
     weak = not made.determined[made.fit.table.index["camera.fx"]]
     sigma = f"{made.std['camera.fx']:.2g} px (1 sigma)"
-    known = "cannot be told from its distance" if weak else f"is known to {sigma} only"
+    known = "is confounded with its distance" if weak else f"is known to {sigma} only"
     return [
         f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(made.poses)} "
         f"placements: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "

@@ -20,7 +20,7 @@ _CELLS = (8, 6)
 
 
 def group_subset(chain: Corners, groups: np.ndarray) -> Corners:
-    """The chain with some of its placements only (sorted indices), numbered anew."""
+    """The chain with some of its placements only (sorted indices), renumbered."""
     chosen = chain.at(np.isin(chain.labels["placement"], groups))
     renamed = np.searchsorted(groups, chosen.labels["placement"])
     return replace(

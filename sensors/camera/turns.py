@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sensors.boards.detection import View
 
 _BOW = tuple(f"artefact.{BoardBow.effect}.{name}" for name in ("xx", "yy", "xy"))
-_TOLD = (
+_SIGNIFICANT = (
     9.0  # chi-square between the two ways round that half of the placements must exceed: 3 sigmas
 )
 _ROUNDS = 20
@@ -43,11 +43,11 @@ def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) ->
     sign = np.sign(own @ symmetric_eigen(np.einsum("gi,gj->ij", own, own))[1][:, -1])
     for _ in range(_ROUNDS):
         common = solve_positive(known.sum(0), np.einsum("g,gij,gj->i", sign, known, own))
-        told = np.einsum("gi,gij,j->g", own, known, common)
-        if (np.sign(told) == sign).all():
+        projection = np.einsum("gi,gij,j->g", own, known, common)
+        if (np.sign(projection) == sign).all():
             break
-        sign = np.where(told < 0, -1.0, 1.0)
-    sure = np.median(np.abs(4 * told)) > _TOLD * fit.sigma_scale**2
+        sign = np.where(projection < 0, -1.0, 1.0)
+    sure = np.median(np.abs(4 * projection)) > _SIGNIFICANT * fit.sigma_scale**2
     fewer = sign != (1.0 if (sign > 0).sum() * 2 >= len(sign) else -1.0)
     return fewer & sure
 

@@ -56,7 +56,7 @@ class PlaneBow(Effect):
 
 
 class MirrorWobble(Effect):
-    """The mirror's axis nutates and runs out, once and twice a turn.
+    """The mirror's axis nutates and runs out, at one and two cycles per revolution.
 
     The tilt turns the light plane's normal along the stripe (about the place where the stripe
     crosses the optical axis' plane), the run-out shifts the plane along its normal.

@@ -1,7 +1,7 @@
 """Adjustment of a hand-eye chain in which the robot's poses are measured with error as well.
 
 Every pose has an error of its own, normal with one sigma a group (position, rotation): variance
-components, estimated beside the sensor's noise by restricted maximum likelihood, so that the
+components, estimated together with the sensor's noise by restricted maximum likelihood, so that the
 stated sigmas hold for a robot that is a hundred times worse than the camera, or as good as it.
 """
 

@@ -193,7 +193,7 @@ class BallChain:
     Residual: radius of the circle in which the plane cuts the ball, less the distance of the point
     from its centre, mm, within the light plane. `relative` (n,): how much more than the least noisy
     a point's residual may be off. The error of a pose (L = 4) is one offset of the flange at the
-    ball: from one ball at one place an error in position and one in rotation cannot be told apart;
+    ball: from one ball at one place an error in position and one in rotation are confounded;
     and by how much the profiler shows the circle too large (its linearity, the ball's gloss):
     thousands of points know a circle to a fraction of a micrometre, the profiler does not.
     """

@@ -1,4 +1,4 @@
-"""Hand-eye from images of a board: where the camera sits on the flange, or beside the robot.
+"""Hand-eye from images of a board: where the camera sits on the flange, or next to the robot.
 
 `hand_eye_from_views` starts from OpenCV's closed forms and ends in a maximum-likelihood adjustment
 of pixels in which the robot's own poses are measured with error. The error of a set of images
@@ -110,7 +110,7 @@ def _best(chain, parameters, first, most, scale):
     return (
         (scaled, (f"{words}, kept",))
         if after < before
-        else (plain, (f"{words}, not earned, left out",))
+        else (plain, (f"{words}, not retained by cross-validation",))
     )
 
 

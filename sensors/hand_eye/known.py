@@ -32,7 +32,7 @@ class Known:
     typical: np.ndarray
 
     def of(self, rows: np.ndarray) -> np.ndarray:
-        """(R, R) covariance of rows @ parameters, rows (R, F): diagonal inf, and nan beside it, where
+        """(R, R) covariance of rows @ parameters, rows (R, F): diagonal inf, other elements nan, where
         they move by more than their sigma along what is not determined."""
         made = rows @ self.covariance @ rows.T
         lost = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(made)
@@ -51,8 +51,8 @@ class Known:
 def knowledge(adjusted, motion: Motion) -> Known:
     """What an `Adjusted` knows, where the flange moved as it did.
 
-    Judged is what nothing was known of before, with all that has a prior (a camera) adjusted beside
-    it. A direction is open where the data know less of it than a typical size, or where the flange's
+    Only parameters without a prior are judged; those with a prior (a camera) are adjusted with
+    them. A direction is open where the data know less of it than a typical size, or where the flange's
     motions leave it open: there an adjustment that lets the robot be off finds a little knowledge in
     the robot's own errors, which is none.
     """
@@ -60,7 +60,7 @@ def knowledge(adjusted, motion: Motion) -> Known:
     keys = tuple(key for key, mine in zip(table.keys, free) if mine)
     own = table.precision[free] == 0
     found = identifiability(
-        _beside(adjusted.linear.normal, table.precision[free], own),
+        _reduced_normal(adjusted.linear.normal, table.precision[free], own),
         table.only(free & (table.precision == 0)),
     )
     typical = table.typical[free]
@@ -84,7 +84,7 @@ def knowledge(adjusted, motion: Motion) -> Known:
     )
 
 
-def _beside(normal, precision, own):
+def _reduced_normal(normal, precision, own):
     """(A, A) normal matrix of those without a prior, the others adjusted to whatever these are (Schur)."""
     other = normal[np.ix_(~own, ~own)] + np.diag(precision[~own])
     cross = normal[np.ix_(own, ~own)]

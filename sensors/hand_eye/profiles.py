@@ -113,7 +113,7 @@ def _best(chain, parameters, first, weights, range_scale, most):
     return (
         (scaled, (f"{words}, kept",))
         if after < before
-        else (plain, (f"{words}, not earned, left out",))
+        else (plain, (f"{words}, not retained by cross-validation",))
     )
 
 

@@ -33,7 +33,7 @@ class HandEye:
 
     `kind`: "in-hand", "to-hand" or "profiles"; `sensor` (4, 4): T_flange_sensor, for "to-hand"
     T_base_sensor; `covariance` (6, 6) of x y z (mm) and of a small turn about x y z (rad), along the
-    axes of the flange (base for "to-hand"), inf and beside it nan where it is not determined;
+    axes of the flange (base for "to-hand"), inf on the diagonal and nan off it where it is not determined;
     `target` (4, 4): T_base_board, for "to-hand" T_flange_board, for a ball its centre;
     `target_covariance` of the same kind, of a ball (3, 3); `noise` 1 sigma of the sensor (`unit` px, or
     mm in the light plane); `robot_sigma` of the flange poses; `fit` and `held_out` (each pose from the
@@ -66,9 +66,9 @@ class HandEye:
 
     @property
     def T_flange_sensor(self) -> np.ndarray:
-        """(4, 4), for the sensor on the flange; a sensor beside the robot has none."""
+        """(4, 4), for the sensor on the flange; a sensor next to the robot has none."""
         if self.kind == "to-hand":
-            raise AttributeError("the sensor stands beside the robot: `sensor` is T_base_sensor")
+            raise AttributeError("the sensor stands next to the robot: `sensor` is T_base_sensor")
         return self.sensor
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The mirror: one laser sheet, turned by a rotating face into all the light planes of a scan."""
+"""The mirror: one laser plane, deflected by a rotating face into all the light planes of a scan."""
 
 from dataclasses import dataclass
 
@@ -89,8 +89,8 @@ class Mirror:
 def mirror_parameters(by_step: bool = False) -> Parameters:
     """Keys `mirror.<name>`, changes from a start mirror, all 0 there but the gain, which is 1 there.
 
-    With the angles known seven are determined by light planes: the axis (4) and the sheet (3). The
-    turn of the face at angle zero cannot be told from the beam's turn about the axis where the face
+    With the angles known seven are determined by light planes: the axis (4) and the beam's plane (3). The
+    face's angle at zero is confounded with the beam's rotation about the axis where the face
     holds the axis, and hardly elsewhere; the face's distance from the axis makes what is left of
     cos(angle) after 1, cos(2 angle) and sin(2 angle): over a few degrees nearly nothing.
     by_step: angles are numbers of steps, and the gain, rad a step, is unknown.

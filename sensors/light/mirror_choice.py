@@ -1,4 +1,4 @@
-"""Whether one mirror makes all light planes: fitted beside the free planes, tested, and the better one chosen."""
+"""Whether one mirror makes all light planes: fitted next to the free planes, tested, and the better one chosen."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,14 +34,14 @@ _STRICT = 10.0
 
 @dataclass(frozen=True)
 class MirrorCheck:
-    """The mirror beside the free planes.
+    """The mirror compared with the free planes.
 
     `fitted` names of the parameters that the stripes determine, with `std` in their units (rad, mm);
     `gain` turn of the mirror per commanded turn, or rad a step where angles were not commanded;
     `excess` of chi-square over that of the free planes, on `degrees` of freedom, and its
     probability where the mirror is true; `difference_mm` RMS distance of the two kinds of planes
     over the working volume and `expected_mm`, what it should be by their sigmas. `sentences` says
-    what cannot be told apart. `supported`: whether it goes into the scanner: where the stripes agree
+    what is confounded. `supported`: whether it goes into the scanner: where the stripes agree
     with it, or where they do not, but its planes are farther from the truth by less than the free ones' own noise.
     """
 
@@ -136,7 +136,7 @@ def _determined(made: Adjustment, by_step):
     }
     labels = {p.key: p.label for p in whole.fit.table.table}
     said = [
-        f"{labels[f'mirror.{name}']} cannot be told from the others here: it is kept where it started"
+        f"{labels[f'mirror.{name}']} is confounded with the others here: it keeps its start value"
         for name in every
         if name in left_out
     ]

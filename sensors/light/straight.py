@@ -17,7 +17,7 @@ from workbench.core.rigid import rotation_matrix
 def straightened(chain: Sheets, shape: np.ndarray | None) -> tuple[Sheets, float]:
     """The chain without the pull of perspective, and the light sheet's 1 sigma, mm, 0 where its lines do not tell it.
 
-    shape (2, n): width of the line in px, and photon variance at its peak over that beside it; None where unknown.
+    shape (2, n): width of the line in px, and photon variance at its peak over that next to it; None where unknown.
     """
     if shape is None:
         return chain, 0.0

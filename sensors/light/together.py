@@ -44,17 +44,20 @@ class Together:
     def sentence(self) -> str:
         """What the covariance holds of them."""
         every = zip(WORDS, self.sigma, self.std)
-        told = [
+        components = [
             f"{word} {1000 * sigma:.2g} +- {1000 * std:.1g}"
             for word, sigma, std in every
             if np.isfinite(std)
         ]
-        if not told:
+        if not components:
             return (
                 "too few stripes to tell what the points of a stripe err by together: the sigmas of light planes "
                 "do not hold it"
             )
-        return f"points of a stripe err together too, in 0.001 px (1 sigma): {', '.join(told)}; it is in the sigmas"
+        return (
+            "points of a stripe err together too, in 0.001 px (1 sigma): "
+            f"{', '.join(components)}; it is in the sigmas"
+        )
 
     def too_much(self, centre_px: float) -> list[str]:
         """A sentence where placements err by more than a single centre, of 1 sigma `centre_px`, does.

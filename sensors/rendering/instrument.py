@@ -11,7 +11,7 @@ from sensors.rendering.ports import Moment
 
 @dataclass(frozen=True)
 class Optics:
-    """The lens's blur beside its distortion: a Gaussian of 1 sigma `blur_px` at the distance `focus_mm`.
+    """The lens's blur, in addition to its distortion: a Gaussian of 1 sigma `blur_px` at the distance `focus_mm`.
 
     Away from there it grows as a thin lens's circle of confusion does (Potmesil & Chakravarty,
     SIGGRAPH 1981, eq. 1): its 1 sigma is `defocus_px` times |1 - focus / z|.
@@ -53,7 +53,7 @@ class Chip:
 
 @dataclass(frozen=True)
 class Laser:
-    """The sheet of light: Gaussian across, 1 sigma `width_mm`; what a white surface gives back.
+    """The light plane: Gaussian across, 1 sigma `width_mm`; what a white surface gives back.
 
     `peak` (share of the full well) of a white surface square to the light, at the distance
     `reach_mm` from where the light fans out; it falls with the distance from there. `source` (3,)
@@ -131,7 +131,7 @@ def sweeping_mirror(
     distance_mm: float,
     tilt_deg: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Mirror, np.ndarray]:
-    """A mirror beside the camera that throws a sheet, standing along the image's columns, to z = `aim_mm`.
+    """A mirror next to the camera that throws a light plane, standing along the image's columns, to z = `aim_mm`.
 
     Its axis goes through (baseline, 0, 0) along y, turned by `tilt_deg` about x and z; the light
     comes from `distance_mm` beyond it along x. Returns the mirror and the source (3,) mm.

@@ -1,4 +1,4 @@
-"""A whole recording of rendered images, as a laboratory would have made it, and the truth beside it."""
+"""A whole recording of rendered images, as a laboratory would have made it, and its ground truth."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -48,7 +48,7 @@ class Made:
 
 @dataclass(frozen=True)
 class _Take:
-    """Images of one standstill: one of the board, or a sweep with one a step.
+    """Images of one static pose: one of the board, or a sweep with one a step.
 
     `place` is its number from 1, `row` what all its images have in common in images.csv.
     """
@@ -228,7 +228,7 @@ def _images(scene, take: _Take, folder) -> Iterator[Mapping]:
 
 
 def _save(path, image):
-    """Written as bytes: a full disk then is an error, where OpenCV only says so beside its result."""
+    """Written as bytes: a full disk then is an error, where OpenCV only returns a flag."""
     import cv2
 
     with _writing(path):

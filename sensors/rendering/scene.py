@@ -87,7 +87,7 @@ class LaserKeys(_Table):
 
 
 class MirrorKeys(_Table):
-    """A mirror `baseline_mm` beside the camera that throws the sheet to z = `aim_mm` on the optical axis.
+    """A mirror `baseline_mm` from the camera that throws the light plane to z = `aim_mm` on the optical axis.
 
     Its face stands `offset_mm` from its axis, which leans by `tilt_deg` about x and z; the laser is
     `laser_mm` away. `steps` images from `first_deg` to `last_deg`, mirror angles: light turns twice as far.
@@ -161,7 +161,7 @@ class Place(_Table):
 
 
 class Views(_Table):
-    """`count` places at random: the middle at `range_mm`, up to `aside` of the field beside its middle, turned
+    """`count` places at random: the middle at `range_mm`, up to `aside` of the field off its middle, turned
     by up to `roll_deg` in the image and tilted by up to `tilt_deg`; or the `places` themselves. Of a board: at
     the first `laser` of them (all where not given) the stripe is taken too, at every step."""
 
@@ -194,7 +194,7 @@ class Scene(_Table):
     """One file. `parts`: samples a pixel's side of board and stripe images.
 
     `balls`: [x, y, z, radius] of the certificate, artefact frame, mm. `temperature_c` [first, last]: a ramp over
-    the recording, constant while the mirror sweeps. `arm`: a scene of `workbench simulate`, a file beside this one,
+    the recording, constant while the mirror sweeps. `arm`: a scene of `workbench simulate`, a file in the same folder,
     that says where the sensor stands in each scan and gives the readings; then `scans` is left out.
     """
 
@@ -282,7 +282,7 @@ class Scene(_Table):
 def read_scene(path: Path) -> Scene:
     """The scene of a TOML file; InputError with the file, the key and what was expected.
 
-    Files that it names are looked for beside it.
+    Files that it names are searched for in its folder.
     """
     try:
         keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -295,16 +295,16 @@ def read_scene(path: Path) -> Scene:
         raise InputError(_sentence(path, problem.errors()[0])) from None
     except InputError as problem:
         raise InputError(f"scene {path}: {problem}") from None
-    beside = Path(path).parent
-    if scene.mesh and not (beside / scene.mesh.file).is_file():
+    folder = Path(path).parent
+    if scene.mesh and not (folder / scene.mesh.file).is_file():
         raise InputError(
-            f"scene {path}, key mesh.file: expected a file beside the scene, found no {scene.mesh.file}; "
+            f"scene {path}, key mesh.file: expected a file next to the scene, found no {scene.mesh.file}; "
             "correct the name"
         )
     if scene.mesh:
-        scene.mesh.file = str(beside / scene.mesh.file)
+        scene.mesh.file = str(folder / scene.mesh.file)
     if scene.arm:
-        scene.arm = str(beside / scene.arm)
+        scene.arm = str(folder / scene.arm)
     return scene
 
 

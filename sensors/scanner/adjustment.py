@@ -131,7 +131,7 @@ def solve_once(
 
 def linearised(made: Adjustment) -> Adjustment:
     """The same with the fit's residuals and covariance those of where it stands: a solve ends one step after its last
-    derivative, and its chains then start anew."""
+    derivative, and its chains then start again."""
     return replace(
         made,
         fit=_bundle(made.corners, made.sheets, made.effects, made.parameters, made.free, steps=0),
@@ -176,8 +176,8 @@ def adjust(
 
     Variance components: each kind of measurement is weighted by its own residuals (Foerstner,
     Z. Vermess. 104 (1979)). Corners say themselves how well they are seen, before any stripe counts: they may turn out
-    better beside the stripes, with effects that were not in the camera's model, but what they are worse by is where
-    the stripes contradict them, and no noise.
+    better together with the stripes, with effects that were not in the camera's model, but what they are worse by is
+    where the stripes contradict them, and no noise.
     """
     made = solve_once(corners, sheets, effects, known, free, "huber")
     corners, sheets = (

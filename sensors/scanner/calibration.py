@@ -89,9 +89,9 @@ class ScannerCalibration:
         return _over_volume(self.made, self.apart.planes, self.volume)
 
     @property
-    def sigma_told_mm(self) -> np.ndarray:
-        """(S,) mm, `sigma_apart_mm` of three planes or more; of fewer, which a frame that fits best takes up whole and
-        leaves nothing to tell of, `sigma_plane_mm`."""
+    def sigma_stated_mm(self) -> np.ndarray:
+        """(S,) mm, `sigma_apart_mm` of three planes or more. Of fewer, the frame that fits best absorbs all errors:
+        then `sigma_plane_mm`."""
         return (
             self.sigma_apart_mm if len(self.scanner.steps) >= _FRAME_TAKES else self.sigma_plane_mm
         )

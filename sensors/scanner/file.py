@@ -21,7 +21,7 @@ from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 
 FORMAT = "scanner/1"
-# what a unit vector, or a mirror's planes beside those written, may be off by: rounding, not care
+# by how much a unit vector, or a mirror's planes from those in the file, may differ: rounding
 _UNIT, _SAME = 1e-9, 1e-6
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]

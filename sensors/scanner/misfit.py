@@ -1,7 +1,7 @@
 """Lack of fit of stripe centres: what a model leaves, compared with the noise that the images themselves show.
 
 Neighbouring centres of one stripe err by noise alone, whatever the model misses: an unmodelled effect moves a stripe
-as a whole, tilts it or bends it. A cubic polynomial along each stripe therefore separates the two. What remains beside
+as a whole, tilts it or bends it. A cubic polynomial along each stripe therefore separates the two. What remains after
 it is pure error; what it explains beyond the share of pure error is lack of fit (Draper & Smith, Applied Regression
 Analysis, 3rd ed. (1998), sec. 2.1).
 """
@@ -44,7 +44,7 @@ class Misfit:
 
     @property
     def is_relevant(self) -> bool:
-        """Whether lack of fit is significant and not small beside the noise of a single centre."""
+        """Whether lack of fit is significant and not small compared with the noise of a single centre."""
         return self.p_value < _LEVEL and self.total_px > _RELEVANT * self.noise_px
 
     @property

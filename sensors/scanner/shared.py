@@ -35,7 +35,7 @@ def with_shared_errors(made: Adjustment) -> Adjustment:
 
 def _held_by_corners(made: Adjustment) -> Adjustment:
     """Poses by the corners alone and planes by the stripes there; as a first guess of what these share, what they
-    miss their planes by: the root of the mean square of the means of placements, and of stripes beside these."""
+    miss their planes by: the root of the mean square of the means of placements, and of stripes relative to these."""
     sheets = replace(made.sheets, sigma=made.sheets.sigma * _LIGHT)
     held = solve_once(made.corners, sheets, made.effects, made.parameters, made.free)
     sheets = replace(held.sheets, sigma=held.sheets.sigma / _LIGHT)
@@ -53,9 +53,9 @@ def _held_by_corners(made: Adjustment) -> Adjustment:
 
 def _settled(before: Together, now: Together) -> bool:
     """Whether variances stay, to a part of what they are known to."""
-    told = np.isfinite(now.std)
-    doubt = (now.std * np.maximum(now.sigma, now.std))[told]
-    return bool((np.abs(now.sigma**2 - before.sigma**2)[told] <= _AGREES * doubt).all())
+    estimated = np.isfinite(now.std)
+    doubt = (now.std * np.maximum(now.sigma, now.std))[estimated]
+    return bool((np.abs(now.sigma**2 - before.sigma**2)[estimated] <= _AGREES * doubt).all())
 
 
 def _turned(made):
@@ -178,7 +178,7 @@ def _some(label, step, count):
 
 
 def _left(made: Adjustment, effects: _Effects):
-    """R (E, E) and g (E,) of the shared errors beside the adjustment's unknowns, with unit noise.
+    """R (E, E) and g (E,) of the shared errors with the adjustment's unknowns projected out, unit noise.
 
     Poses are eliminated as in the bundle: K the covariance of what is left under unit noise, and
     a pose's own inverse, together those of all unknowns. R and g are those of points that share nothing, of the

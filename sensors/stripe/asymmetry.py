@@ -90,7 +90,7 @@ class Asymmetry:
     odd: float
 
     def is_relevant(self, noise_px: float) -> bool:
-        """Whether it is significant and not small beside the noise of a single centre (px)."""
+        """Whether it is significant and not small compared with the noise of a single centre (px)."""
         certain = abs(self.ambiguity_px) > _SIGNIFICANT * self.std_px
         return certain and abs(self.ambiguity_px) > _RELEVANT * noise_px
 

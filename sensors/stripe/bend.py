@@ -42,7 +42,7 @@ class Bend:
     def pull(self, sheet: float, width: np.ndarray, ratio: np.ndarray) -> np.ndarray:
         """(n,) px by which centres of lines of `width` (n,) px are found off along the scan line.
 
-        sheet: mm, 1 sigma of the light sheet; ratio (n,): photon variance at the peak over that beside the line.
+        sheet: mm, 1 sigma width of the light plane; ratio (n,): photon variance at the peak over that next to the line.
         """
         square = (sheet / self.slope) ** 2
         counted = weighting(ratio) * np.minimum(square / width**2, 1.0)
@@ -77,7 +77,7 @@ def bend_on_ball(
     """How the sheet and its light change along the scan line at pixels (2, n) on a ball.
 
     centre (3,) and radius mm in the camera frame; planes (4, n) of the points; scan (2,) unit vector;
-    light (3,) mm where the light comes from, None where that is unknown: then `shade` is 0. nan beside the ball.
+    light (3,) mm where the light comes from, None where that is unknown: then `shade` is 0. nan off the ball.
     """
 
     def surface(rays):

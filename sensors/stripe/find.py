@@ -77,7 +77,7 @@ class Stripes:
 
     @property
     def shape(self) -> np.ndarray:
-        """(2, n) width in px, and photon variance at the peak over that beside the line."""
+        """(2, n) width in px, and photon variance at the peak over that next to the line."""
         return np.stack(
             [self.width, self.noise.gain * self.peak / self.noise.variance(self.background)]
         ).astype(float)

@@ -135,9 +135,9 @@ def _steep(raw, half, limit):
     """(m,) those of windows (n, w) whose pixel `half` is far above both its neighbours."""
     if raw.shape[1] < half + 2:
         return np.empty(0, np.intp)
-    beside = np.maximum(raw[:, half - 1], raw[:, half + 1])
+    neighbour = np.maximum(raw[:, half - 1], raw[:, half + 1])
     return np.flatnonzero(
-        (raw[:, half] > beside) & (raw[:, half] - beside.astype(np.float32) > limit)
+        (raw[:, half] > neighbour) & (raw[:, half] - neighbour.astype(np.float32) > limit)
     )
 
 
@@ -188,7 +188,7 @@ def _tabulated(rows: Rows, fits: Fits, setting: Setting, todo: np.ndarray) -> np
 
 
 def _bins(rows, fits, setting, todo):
-    """Variance (m,) of a pixel beside the line, and numbers (m,) that name a table: 8 width bin + ratio bin."""
+    """Variance (m,) of a pixel next to the line, and numbers (m,) that name a table: 8 width bin + ratio bin."""
     smooth = smooth_log_width(fits, len(rows.pixels), setting.width).take(todo)
     low, high = smooth.min(), smooth.max()
     if high - low < 2 * _SPREAD and low > 0.05:  # one table for all costs half of two

@@ -24,13 +24,13 @@ SECOND = 0.25
 STEEPEST = 1.5
 """px a row that a line may run; a steeper one is to be searched along the other axis."""
 SHORTEST = 12
-"""Rows of the shortest piece of a line that is told from a glint."""
+"""Rows of the shortest piece of a line that is distinguishable from a glint."""
 _WIDTH_CHANGE = 0.2
 """ln: how much wider or narrower than in the rows around a line may be."""
 
 
 def others(found: Brightest, rows: Rows, fits: Fits, setting: Setting, search: Search):
-    """Peaks beside the main one: how many (n,), and the strongest as `Fits` with its place (m,) among `fits`.
+    """Peaks next to the main one: how many (n,), and the strongest as `Fits` with its place (m,) among `fits`.
 
     Where the brightest peak is no line, by its width, and another one is, `fits` gets that one.
     """
@@ -69,7 +69,7 @@ def _limit(found, fits, setting, search):
 
 
 def _suspicious(found: Brightest, fits: Fits, limit, setting):
-    """(n,) whether a pixel beside the main peak is above `limit`: pieces of the row, then what is next to the peak."""
+    """(n,) whether a pixel next to the main peak is above `limit`: pieces of the row, then what is next to the peak."""
     length, width = found.piece, found.image.shape[1]
     half = int(3 * np.minimum(fits.width, 2 * setting.width).max(initial=0)) + 3
     middle = np.rint(fits.centre).astype(np.intp)

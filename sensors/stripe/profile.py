@@ -21,7 +21,7 @@ _FINE, _COARSE = 0.015, 0.06
 """ln: steps of the tabulated widths below one pixel, where pixels are too large to leave room, and above."""
 _FINEST = int(np.ceil(-np.log(NARROWEST) / _FINE))
 RATIOS = (0.0, 1.0, 3.0, 9.0, 27.0, 81.0)
-"""Photon variance at the peak over the variance beside the line, for which weights are tabulated."""
+"""Photon variance at the peak over the variance next to the line, for which weights are tabulated."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def centre_bound(
 
     Fisher information J' V^-1 J of the four unknowns over the pixels within 6 widths, V the
     diagonal of `noise` (normal approximation; what the variance itself tells is left aside).
-    Beside pure read noise sigma it is sigma / amplitude * sqrt(2 width / sqrt(pi)): centre and width
+    For pure read noise sigma it is sigma / amplitude * sqrt(2 width / sqrt(pi)): centre and width
     do not correlate, so that knowing the width does not improve it.
     """
     half = int(np.ceil(6 * width)) + 1
@@ -81,7 +81,7 @@ class Bank:
     `width` px; `half` px, pixels each side; `ratio` as in `RATIOS`; `q` (pixels, 4 starts)
     whitened orthonormal basis; `back` (16, starts) upper triangle from those to (b, A, B, C);
     `weight` (pixels, starts) of a pixel; `spread`, each (starts,): variance of B ("across") and C
-    ("wide") for variance 1 beside the line, what a variance g adds ("across_lit", "wide_lit"), and
+    ("wide") for variance 1 next to the line, what a variance g adds ("across_lit", "wide_lit"), and
     1 sigma of the second whitened number, the line's matched filter, where there is no line
     ("detect"); `leverage` (starts, pixels).
     """

@@ -138,12 +138,12 @@ def spikes(image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float)
     """
     first, width = row * image.shape[1], image.shape[1]
     three = _cut(image, first + np.clip(column - 1, 0, width - 3), 3)
-    beside, top = np.maximum(three[:, 0], three[:, 2]), three[:, 1].astype(np.float32)
-    alone = np.flatnonzero(top - beside > 8 * noise)
+    neighbour, top = np.maximum(three[:, 0], three[:, 2]), three[:, 1].astype(np.float32)
+    alone = np.flatnonzero(top - neighbour > 8 * noise)
     pixels = _cut(image, first[alone] + np.clip(column[alone] - 4, 0, width - 9), 9)
     base = np.median(pixels, axis=1)
     made = np.zeros(len(row), bool)
-    made[alone] = beside[alone] - base < 0.15 * (top[alone] - base)
+    made[alone] = neighbour[alone] - base < 0.15 * (top[alone] - base)
     return made
 
 
@@ -176,8 +176,8 @@ def _divisible(image):
 
 def without_hot(image: np.ndarray) -> np.ndarray:
     """(n, w) every pixel cut to the larger of its two neighbours."""
-    beside = np.maximum(image[:, 2:], image[:, :-2])
-    return np.pad(np.minimum(image[:, 1:-1], beside), ((0, 0), (1, 1)), mode="edge")
+    neighbour = np.maximum(image[:, 2:], image[:, :-2])
+    return np.pad(np.minimum(image[:, 1:-1], neighbour), ((0, 0), (1, 1)), mode="edge")
 
 
 def lines_enhanced(image: np.ndarray, width: float) -> np.ndarray:

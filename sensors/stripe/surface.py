@@ -19,7 +19,7 @@ def uneven_pull(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
     """(n,) px, 0 or more, by which the fit of a line is pulled where the surface reflects as `rows.under` shows.
 
     The background image stands for the reflectivity: the fit's answer to the profile times the
-    background. 0 without a background, and where it is too dark beside `noise` (grey values, 1
+    background. 0 without a background, and where it is too dark compared with `noise` (grey values, 1
     sigma) to tell. First order; right in size only where the scene's light is even and the camera
     linear, so that it serves to flag such rows and not to correct them.
     """

@@ -231,7 +231,7 @@ class _Work:
                     region=region,
                     saturation=self.saturation,
                 )
-                parts.append(_told(found, [mine[k] for k in lit], view.placement))
+                parts.append(_board_stripes(found, [mine[k] for k in lit], view.placement))
                 profiles.append(_profiles(stack[lit], found, background))
             first += len(stack)
         return parts, rejected, profiles
@@ -245,7 +245,7 @@ def _profiles(stack, found, background) -> Profiles:
     return Profiles.of(stack, found, scale[:, None, None] * background)
 
 
-def _told(found, rows, placement) -> BoardStripes:
+def _board_stripes(found, rows, placement) -> BoardStripes:
     """Stripes with what images.csv says of their images."""
     names = recorded_columns(rows)
     angles = (
@@ -360,7 +360,7 @@ def _on_unseen(made: ScannerRun) -> list[str]:
 
 def _apart(calibration) -> list[float | None]:
     """mm, 1 sigma of each plane in the frame that fits best; None where such a frame takes up all of it."""
-    alone = calibration.sigma_told_mm is calibration.sigma_plane_mm
+    alone = calibration.sigma_stated_mm is calibration.sigma_plane_mm
     return [None] * len(calibration.scanner.steps) if alone else calibration.sigma_apart_mm.tolist()
 
 

@@ -112,7 +112,7 @@ def _planes(calibration):
             quiet=True,
         )
     head = ["step", "nx", "ny", "nz", "offset (mm)", "RMS (mm)", "RMS (px)", "1 σ (mm)"]
-    sigma = calibration.sigma_told_mm
+    sigma = calibration.sigma_stated_mm
     alone = sigma is calibration.sigma_plane_mm
     rows = [
         (
@@ -171,7 +171,7 @@ def per_step(calibration) -> go.Figure:
     made = style.figure(340, "mirror step", "mm")
     for name, values, colour in (
         ("RMS of its points", calibration.rms_mm, style.BLUE),
-        ("1 σ of the plane", calibration.sigma_told_mm, style.ORANGE),
+        ("1 σ of the plane", calibration.sigma_stated_mm, style.ORANGE),
     ):
         made.add_scatter(
             x=calibration.scanner.steps,

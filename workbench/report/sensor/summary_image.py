@@ -79,7 +79,9 @@ def scanner(run) -> tuple[Panel, ...]:
     def steps(axes):
         steps = made.scanner.steps
         axes.plot(steps, made.rms_mm, ".-", color=style.BLUE, label="points from their plane, RMS")
-        axes.plot(steps, made.sigma_told_mm, ".-", color=style.ORANGE, label="1 sigma of the plane")
+        axes.plot(
+            steps, made.sigma_stated_mm, ".-", color=style.ORANGE, label="1 sigma of the plane"
+        )
         axes.set(
             xlabel="mirror step", ylabel="mm", title="light plane by light plane", ylim=(0, None)
         )
