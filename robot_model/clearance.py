@@ -56,15 +56,14 @@ def view_clearance(
 ) -> np.ndarray:
     """(n,) mm: least distance of lines of sight from the links that do not carry the sensor.
 
-    eye, target (3, n) mm in the root frame; links nearer to the sensor than four radii are beside it.
+    eye, target (3, n) mm in the root frame; links nearer to the sensor than four radii do not count.
     """
     origins = joint_origins(robot, variables)
     lengths = np.linalg.norm(np.diff(origins, axis=0), axis=1).max(1)
     found = np.full(variables.shape[1], np.inf)
     for k in range(len(lengths)):
-        if (
-            lengths[k + 1 :].sum() > 4 * radius
-        ):  # what carries the sensor is beside its line of sight
+        # the links that carry the sensor do not block its line of sight
+        if lengths[k + 1 :].sum() > 4 * radius:
             found = np.minimum(found, segment_distance(origins[k], origins[k + 1], eye, target))
     return found
 

@@ -54,7 +54,7 @@ def _load_builtin(spec: Mapping, where: str) -> Robot:
     if len(spec) > 1:
         raise wrong(
             f"{where}: key builtin",
-            "no other key beside it",
+            "no other key next to it",
             ", ".join(map(str, spec)),
             "remove the others",
         )

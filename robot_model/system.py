@@ -306,7 +306,7 @@ def redundant_geometry(robot: Robot) -> list[str]:
 def held_by_convention(robot: Robot) -> list[str]:
     """Keys of the offsets d that Hayati's beta stands in for: along parallel axes only their sum shows, in the next d.
 
-    They are not free; asked of the null space beside those that are, they say so in words.
+    They are not free. In null-space queries together with the free ones they give the explanation in words.
     """
     return [
         f"joint-{k + 1}.d{k + 1}"

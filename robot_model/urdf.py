@@ -65,7 +65,7 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
 
 
 def tree_of(spec: Mapping, where: str) -> Tree:
-    """The tree of links and joints of a URDF or MJCF file, told by its root element. Raises InputError."""
+    """The tree of links and joints of a URDF or MJCF file, recognised by its root element. Raises InputError."""
     file = spec.get("urdf")
     is_other = isinstance(file, str | Path) and is_mjcf(Path(file))
     return MjcfTree(spec, where) if is_other else Tree(spec, where)

@@ -196,7 +196,7 @@ def check_keys(spec: Mapping, where: str) -> None:
         if key not in _KEYS:
             raise wrong(
                 f"{where}: key {key}",
-                f"one of {', '.join(_KEYS)} beside urdf",
+                f"one of {', '.join(_KEYS)} in addition to urdf",
                 key,
                 "correct or remove it",
             )

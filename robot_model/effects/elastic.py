@@ -344,7 +344,7 @@ class ToolDeflection(Effect):
 
 
 class MountTilt(Effect):
-    """Gravity is not along base -z; seen only through what yields to it."""
+    """Gravity is not along base -z; observable only through compliances that deflect under it."""
 
     effect = "mount-tilt"
     port = "gravity"
@@ -365,7 +365,7 @@ class MountTilt(Effect):
 
 
 class MountTorsion(Effect):
-    """Gravity is not along base -z, so that an upright first joint has a load, and yields to it.
+    """Gravity is not along base -z, so that an upright first joint is loaded and deflects.
 
     What that joint's compliance is, nothing else tells; the two numbers are its compliance times the tilt.
     """
@@ -382,7 +382,7 @@ class MountTorsion(Effect):
     def candidates(cls, chain):
         """Where masses are known and the axis of joint 1 is so upright that nominal gravity does not load it."""
         if np.ptp(chain.state.torque[0]) <= _LOADED_NM and chain.state.has_masses:
-            yield Variant(cls("base"), "where an upright joint 1 yields to it")
+            yield Variant(cls("base"), "where an upright joint 1 deflects under it")
 
     def slots(self, chain):
         return chain.slots("joint", "joint-1")
@@ -426,7 +426,7 @@ def _long_axis(robot, k):
 class FirstMoment(Effect):
     """The mass of a link or of the tool is not where the data sheet puts it.
 
-    Three numbers a body, its mass times the place of its centre; only seen through what yields.
+    Three numbers a body, its mass times the place of its centre; observable only through compliances.
     """
 
     effect = "first-moment"

@@ -84,11 +84,12 @@ class TransmissionHarmonic(Effect):
         return {"order": order}, np.cos(order * readings.angles[joint - 1] + phase)
 
     def table(self, chain):
-        times = f"{self.order:g} times a turn"
+        cycles = "cycle" if self.order == 1 else "cycles"
+        frequency = f"{self.order:g} {cycles} per revolution"
         # 3e-4 rad is one minute of arc: what makers state as the accuracy of a robot's gears
         return tuple(
             self.parameter(
-                f"{wave}{self.order:g}", "rad", 3e-4, f"joint {self.number}'s {wave} {times}"
+                f"{wave}{self.order:g}", "rad", 3e-4, f"joint {self.number}'s {wave} {frequency}"
             )
             for wave in ("cos", "sin")
         )

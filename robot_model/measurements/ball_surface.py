@@ -19,14 +19,14 @@ _STEPS = 30
 class BallSurface:
     """Points (3, n) mm in the sensor frame; `balls` (K, 4) centre and radius mm, artefact frame.
 
-    `standstill` (n,): points with one value were seen from one pose.
+    `pose_id` (n,): points with one value were measured from one static pose.
     """
 
     measured: np.ndarray
     index: np.ndarray
     ids: tuple[int, ...]
     balls: np.ndarray
-    standstill: np.ndarray
+    pose_id: np.ndarray
     place, grounded = "sensor", False
 
     @classmethod
@@ -64,7 +64,7 @@ class BallSurface:
             self,
             measured=self.measured[:, samples],
             index=self.index[samples],
-            standstill=self.standstill[samples],
+            pose_id=self.pose_id[samples],
         )
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
@@ -96,9 +96,9 @@ class BallSurface:
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """A ball fitted to the points of each standstill; then as for ball centres."""
+        """A ball fitted to the points of each static pose; then as for ball centres."""
         pairs, first, group = np.unique(
-            np.stack([self.standstill, self.index]), axis=1, return_index=True, return_inverse=True
+            np.stack([self.pose_id, self.index]), axis=1, return_index=True, return_inverse=True
         )
         centres = np.full((3, pairs.shape[1]), np.nan)
         for k in range(pairs.shape[1]):

@@ -21,7 +21,7 @@ _LINKS = ("pose", "repeat")
 
 
 def paired(recording):
-    """One row a pair: that of its first row, with the second row's columns beside it, called `other_...`.
+    """One row a pair: that of its first row, followed by the second row's columns, called `other_...`.
 
     A recording that is already so comes back as it is. InputError where a pair has not two rows.
     """

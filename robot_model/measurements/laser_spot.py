@@ -26,7 +26,7 @@ class LaserSpot:
     """n beams; `index` (n,) which of the K points `ids` each passes; `sphere` (K,) of each point, -1 for none.
 
     `facing` (K, 3, 3): columns of a frame a point, whose z is about where the point lies from its
-    sphere's centre; its place on the sphere is told by two turns from there.
+    sphere's centre; its place on the sphere is given by two rotations from there.
     """
 
     index: np.ndarray

@@ -139,7 +139,7 @@ def sphere_centres(means: np.ndarray) -> np.ndarray:
 
 
 def _residual(beams, point, with_crossings):
-    """Coordinate errors of the centres (eq. 6), and of the crossings beside their means (eq. 7)."""
+    """Coordinate errors of the centres (eq. 6), and of the crossings relative to their means (eq. 7)."""
     crossings = _crossings(*beams, point)
     means = np.array([c.mean(0) for c in crossings])
     centres = sphere_centres(means)
