@@ -1,4 +1,4 @@
-"""Held-out errors: blocks of consecutive poses, never parting what was measured at one standstill."""
+"""Held-out errors: blocks of consecutive poses; all measurements of one static pose share a block."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

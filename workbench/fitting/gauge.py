@@ -26,8 +26,8 @@ def size_of(chain: RobotChain, wanted: Parameters) -> str | None:
     return longest if longest is not None and wanted.mask[wanted.index[longest]] else None
 
 
-def lengths_beside(parameters: Parameters, size: str) -> list[str]:
-    """Keys of the free link lengths that are not negligible beside `size`."""
+def non_negligible_lengths(parameters: Parameters, size: str) -> list[str]:
+    """Keys of the free link lengths that are not negligible compared with `size`."""
     nulls = np.abs(parameters.nulls)
     long = (
         (nulls > 0.05 * nulls[parameters.index[size]])

@@ -21,11 +21,11 @@ FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
 PLAN_FILES = Path(__file__).parent / "plan_files"
 CURVES = "joint curves"
 STAGES = {
-    "transmission": "gears and encoders err once and twice a turn, and have play",
-    "compliance": "joints yield to the weight of links and load, whose centres are not sure",
+    "transmission": "gears and encoders have errors of one and two cycles per revolution, and backlash",
+    "compliance": "joints deflect under the weight of links and load, whose centres of mass are uncertain",
     "bending": "bearings of joints tilt, and with them links bend, under the moment across them",
     CURVES: "gears and encoders have errors of many cycles per revolution, or of none",
-    "drift": "base or instrument wander in the course of the recording",
+    "drift": "base or instrument drifts during the recording",
 }
 """The stages of the default plan after the geometry, and why each is there; `Effect.stage` names one of them."""
 

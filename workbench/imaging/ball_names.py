@@ -14,7 +14,7 @@ _NEAR_MM = 1.0  # by which a distance between balls may differ from the certific
 def named(
     recording: Recording, row: Mapping, radii: Sequence[float], centres: Sequence[np.ndarray]
 ) -> tuple[list[int | None], str]:
-    """The artefact's number of each ball found in a scan, None where it cannot be told, and what is to be said of it.
+    """The artefact's number of each ball found in a scan, None where it is unknown, and a message about it.
 
     row: of images.csv; radii (k) mm; centres (k) of (3,) mm, the ball that is seen best first.
     """
@@ -23,10 +23,10 @@ def named(
         return [None] * len(
             radii
         ), "no ball was found" if known else "there is no artefact.csv to name balls by"
-    if (told := by_sample(recording, row)) is not None:
-        return by_distance(known, told, centres), ""
-    if (told := by_radius(known, radii)) is not None:
-        return told, ""
+    if (number := by_sample(recording, row)) is not None:
+        return by_distance(known, number, centres), ""
+    if (numbers := by_radius(known, radii)) is not None:
+        return numbers, ""
     if len(radii) >= 3:
         found = match(np.transpose(centres), np.array([ball[:3] for ball in known.values()]).T)
         keys = list(known)

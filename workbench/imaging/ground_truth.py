@@ -8,7 +8,7 @@ from workbench.core.rigid import nearest_rotation
 
 
 def centre_errors(scans: Sequence[Mapping], truth: Mapping) -> dict:
-    """RMS and maximum distance, mm, of ball centres from the true ones, after the one rigid motion that fits best.
+    """RMS and maximum distance, mm, of ball centres from the true ones, after rigid alignment (least squares).
 
     scans: those of `scan --json`; truth: of `render --truth`. The frame of the camera is free by a
     rigid motion: a hand-eye takes it up. Balls beyond the calibrated depths do not count.

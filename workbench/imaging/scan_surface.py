@@ -1,4 +1,4 @@
-"""What a scanner's effects must be told of a scan's surface: from the balls in it, found once without those effects."""
+"""Surface normals that a scanner's effects need: from the balls in the scan, found once without those effects."""
 
 from dataclasses import replace
 
@@ -22,8 +22,8 @@ def reconstructed(scanner: Scanner, pixels, steps, covariates, radii) -> tuple[n
     plain = replace(scanner, effects=tuple(row for row in scanner.effects if not row[0].surface))
     points = plain.reconstruct(pixels, steps, covariates)
     normals, ball = on_balls(points, radii, steps)
-    told = f"{', '.join(asking)} taken off the {np.count_nonzero(ball)} of {len(ball)} points that lie on balls"
-    return scanner.reconstruct(pixels, steps, covariates, normals, ball), told
+    message = f"{', '.join(asking)} taken off the {np.count_nonzero(ball)} of {len(ball)} points that lie on balls"
+    return scanner.reconstruct(pixels, steps, covariates, normals, ball), message
 
 
 def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndarray]:

@@ -114,9 +114,9 @@ def characteristics(made: Scans) -> tuple[Characteristic, ...]:
     """Acceptance figures over all scans: the largest of all scans is the result.
 
     Balls that are cut by the field, hidden in part or beyond the calibrated depths do not count. Worked out once."""
-    if "characteristics" not in made.told:
-        made.told["characteristics"] = _characteristics(made)
-    return made.told["characteristics"]
+    if "characteristics" not in made.cache:
+        made.cache["characteristics"] = _characteristics(made)
+    return made.cache["characteristics"]
 
 
 def _characteristics(made: Scans) -> tuple[Characteristic, ...]:
@@ -178,30 +178,30 @@ def characteristic_json(one: Characteristic) -> dict:
 
 
 def centres_of(made: Scans) -> Recording | None:
-    """The recording of kind ball-centre that these scans make; None where no ball is named or no sample is told.
+    """The recording of kind ball-centre that these scans make; None where no ball is named or no sample is known.
 
     One row a ball and scan, with all columns of the sample that the scan belongs to, sigmas of each
     coordinate from the covariance of the fit, and where in the sensor's field the ball was seen. The sigmas are in the
     frame that fits best: what the camera's own frame is off, the calibration of the arm takes up. Worked out once.
     """
-    if "centres" not in made.told:
-        made.told["centres"] = _centres_of(made)
-    return made.told["centres"]
+    if "centres" not in made.cache:
+        made.cache["centres"] = _centres_of(made)
+    return made.cache["centres"]
 
 
 def _centres_of(made: Scans) -> Recording | None:
     recording = made.recording
-    told = _columns(made) if recording.robot and recording.columns else {}
-    if not told:
+    measured = _columns(made) if recording.robot and recording.columns else {}
+    if not measured:
         return None
-    place = rows_of_samples(recording, told.pop("sample"))
+    place = rows_of_samples(recording, measured.pop("sample"))
     columns = {name: values[place] for name, values in recording.columns.items()}
     if len(set(place.tolist())) < len(place):
         columns["pose"] = columns.get("pose", columns["sample"])
         columns["sample"] = np.arange(1.0, len(place) + 1)
     return Recording(
         "ball-centre",
-        columns | told,
+        columns | measured,
         recording.robot,
         title=recording.title,
         balls=recording.balls,
@@ -263,15 +263,15 @@ def _rows(made: Scans) -> Iterator[tuple[dict, Ball]]:
 
 
 def _columns(made: Scans) -> dict[str, np.ndarray]:
-    """Columns (k,) of `_told` of every row of `_rows`, and its sample; numbers alone are kept of a ball."""
+    """Columns (k,) of `_ball_columns` of every row of `_rows`, and its sample; numbers alone are kept of a ball."""
     columns: dict[str, array] = {}
     for row, ball in _rows(made):
-        for name, value in {"sample": row["sample"], **_told(made, ball)}.items():
+        for name, value in {"sample": row["sample"], **_ball_columns(made, ball)}.items():
             columns.setdefault(name, array("d")).append(value)
     return {name: np.array(values) for name, values in columns.items()}
 
 
-def _told(made: Scans, ball: Ball) -> dict[str, float]:
+def _ball_columns(made: Scans, ball: Ball) -> dict[str, float]:
     """Columns of one ball centre, in file units."""
     fit = ball.fit
     std = fit.std[:3]

@@ -42,7 +42,7 @@ from workbench.fitting.cross_validation import (
     in_space,
     repeat_summary,
 )
-from workbench.fitting.gauge import lengths_beside, resized, size_of
+from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
@@ -218,7 +218,7 @@ def _first(model: Model, split: Split, stages: Sequence[Stage]) -> _Step:
 
 
 def _run(nominal: _Step, stages, split, progress):
-    """All stages in order, then once more without each: what does not earn its place is left out."""
+    """All stages in order, then once more without each: a stage stays only if cross-validation retains it."""
     step, results, tried = nominal, [], []
     for planned in stages:
         stage = planned.chosen_for(step.model.at(split.fit), step.parameters)
@@ -235,7 +235,7 @@ def _run(nominal: _Step, stages, split, progress):
 
 
 def _prune(nominal: _Step, step: _Step, rows, split, progress):
-    """Leave out stages that earned their place only until a later one explained the same."""
+    """Remove stages that cross-validation no longer retains once a later stage explains the same."""
     for k, (stage, result) in enumerate(rows):
         others = [s for i, (s, r) in enumerate(rows) if r.earned and i != k]
         if not (
@@ -302,7 +302,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
         fit = settled(model.at(split.fit), fit, stage.loss, stage.steps)
     if size is not None:
         fit = solve(model.at(split.fit), resized(fit.parameters, size), stage.loss, stage.steps)
-        tied = tied | {size: lengths_beside(wanted, size)}
+        tied = tied | {size: non_negligible_lengths(wanted, size)}
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
     return _Step(
@@ -321,8 +321,8 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
 def _canonical(model, trial: Fit, wanted: Parameters):
     """Free only what earlier parameters do not already make, judged at the trial's solution.
 
-    Starts from the trial's values; what is left out goes back to where it was before. The terms of a series stay:
-    their common prior decides what the data determine.
+    Starts from the trial's values; parameters that are not freed return to their earlier values. The terms of a
+    series stay: their common prior decides what the data determine.
     """
     shrunk = model.shrunk
     others = trial.parameters.only(trial.parameters.mask & ~shrunk)
@@ -389,7 +389,7 @@ def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
     change = f"held-out {after.held_out.change_from(before.held_out)}"
     falls = after.held_out.falls_from(before.held_out)
     verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + (
-        "" if earned else ": not earned, left out"
+        "" if earned else ": not retained by cross-validation"
     )
     errors = error_summary(after.fit.residual)
     rotation = after.held_out.rotation_rms

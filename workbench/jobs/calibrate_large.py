@@ -1,7 +1,7 @@
 """Calibration of a recording that is too long for memory: normal equations added up over chunks of its samples.
 
-Which stages earn their place is found on some thousand samples spread over the recording, by `calibrate`; what they
-free is then solved on all samples, and held-out errors are of all samples too.
+`calibrate` selects the stages by cross-validation on some thousand samples spread over the recording. Their free
+parameters are then estimated on all samples, and held-out errors are of all samples too.
 """
 
 import json

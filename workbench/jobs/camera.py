@@ -129,7 +129,7 @@ def bow_json(calibration: CameraCalibration) -> dict | None:
 
 
 def held_out_json(held) -> dict | None:
-    """Errors on images left out, beside OpenCV's; None where there are too few."""
+    """Errors on images left out, next to OpenCV's; None where there are too few."""
     if held is None:
         return None
     names = (

@@ -285,12 +285,12 @@ def _sigma(model, arm) -> np.ndarray:
         arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free
     ]
     rows = model.linearise(parameters)[1][:, :3]
-    covariance = _beside_the_frame(arm)[np.ix_(order, order)]
+    covariance = _covariance_given_frame(arm)[np.ix_(order, order)]
     return np.sqrt(np.maximum(np.einsum("fmn,fg,gmn->n", rows, covariance, rows), 0))
 
 
-def _beside_the_frame(arm) -> np.ndarray:
-    """(F, F) covariance; with the root's turn and height taken as known where nothing but the arm says where it is.
+def _covariance_given_frame(arm) -> np.ndarray:
+    """(F, F) covariance, conditional on the root's rotation and height where nothing but the arm determines them.
 
     Touches, beams and lengths tell nothing of theta1 and d1: they say which frame targets are in, and are no
     error of the arm in it.

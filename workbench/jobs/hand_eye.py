@@ -299,14 +299,14 @@ def save(run: HandEyeRun, folder: Path) -> None:
     """Write hand-eye.toml into `folder`: the transform with its sigma, and where it comes from."""
     import tomli_w
 
-    told = as_json(run)
+    result = as_json(run)
     text = {
         "format": "hand-eye/1",
-        "kind": told["kind"],
-        "transform": told["transform"],
-        **told["hand_eye"],
-        "undetermined": told["undetermined"],
-        "suspicions": told["suspicions"],
-        "provenance": {key: value for key, value in told["provenance"].items() if value},
+        "kind": result["kind"],
+        "transform": result["transform"],
+        **result["hand_eye"],
+        "undetermined": result["undetermined"],
+        "suspicions": result["suspicions"],
+        "provenance": {key: value for key, value in result["provenance"].items() if value},
     }
     (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")

@@ -67,12 +67,12 @@ class Chosen:
             "all_mm": found.everything,
             "bound_mm": max(found.bound, 0.0),
         }
-        told = {
+        errors = {
             key: None if square is None else float(np.sqrt(square))
             for key, square in squares.items()
         }
         share = None if twice is None else float((twice > found.value).mean())
-        return told | {"share_of_twice_beaten": share} | dict(self.rotation)
+        return errors | {"share_of_twice_beaten": share} | dict(self.rotation)
 
     def as_json(self) -> dict:
         """The answer of `workbench poses`."""
@@ -130,7 +130,7 @@ def choose_poses(
     if count < 2:
         raise InputError(
             f"{recording.name}: expected at least 2 poses that can be used, found {count} "
-            f"({_told(left_out)}); bring other candidates, or ask for less of the sensor and the arm"
+            f"({_describe_exclusions(left_out)}); bring other candidates, or ask for less of the sensor and the arm"
         )
     _check_counts(n, count, repeats, recording.name, left_out)
     model, free, everything = _model(robot, moving, effects)
@@ -187,12 +187,12 @@ def _check_counts(n: int, count: int, repeats: int, name: str, left_out) -> None
     if not 2 <= n <= count:
         raise InputError(
             f"--count {n}: expected 2 to {count}, the poses of {name} that can be used "
-            f"({_told(left_out)}), found {n}; ask for fewer or bring more candidates"
+            f"({_describe_exclusions(left_out)}), found {n}; ask for fewer or bring more candidates"
         )
 
 
 def _known(free) -> np.ndarray:
-    """(F, F) what is known of the free parameters beside the data, in typical sizes."""
+    """(F, F) prior information on the free parameters, in typical sizes."""
     return np.diag(free.precision[free.mask] * free.typical[free.mask] ** 2 + _FAINT)
 
 
@@ -203,7 +203,7 @@ def _in_rounds(counts) -> np.ndarray:
     )
 
 
-def _told(left_out) -> str:
+def _describe_exclusions(left_out) -> str:
     return (
         ", ".join(f"{count} {why}" for why, count in left_out.items() if count) or "none left out"
     )

@@ -91,15 +91,15 @@ class Scan:
 @dataclass(frozen=True)
 class Scans:
     """All scans of a recording, of which few are in memory; `calibration` is the scanner's run, None where a file was
-    given; in `folder` waits what a long session cannot keep in memory; `told` holds what was made of all scans, which
-    are gone through once for it."""
+    given; in `folder` waits what a long session cannot keep in memory; `cache` holds results over all scans, so
+    that one pass over them is enough."""
 
     recording: Recording
     scanner: Scanner
     calibration: object
     scans: Sequence[Scan]
     folder: Path | None = None
-    told: dict[str, object] = field(default_factory=dict, init=False, repr=False, compare=False)
+    cache: dict[str, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
 def scan(
@@ -125,10 +125,9 @@ def scan(
     saturation = full_scale(recording, by_role(recording, "scan"))
     work = _Work(recording, scanner, folder, saturation, differ_in_case_only(groups))
     each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
-    beside = (
-        folder.parent
-    )  # on its disk, and not in it: not every system moves a folder with an open file
-    return Scans(recording, scanner, made, Spool(each, folder=beside), beside)
+    # on the same disk, but not in the folder: not every system moves a folder with an open file
+    parent = folder.parent
+    return Scans(recording, scanner, made, Spool(each, folder=parent), parent)
 
 
 def scans_of(recording: Recording) -> Grouped:
@@ -200,7 +199,7 @@ class _Work:
             if outside
             else ""
         )
-        told = "; ".join(
+        message = "; ".join(
             filter(None, (lost, outcome if points.size else self.dark(known), far, surface))
         )
         accepted = figures(self.recording, rows[0], balls)
@@ -212,7 +211,7 @@ class _Work:
             points[:, some],
             dropped,
             balls,
-            told,
+            message,
             rejected,
             accepted,
         )
@@ -272,8 +271,8 @@ class _Work:
         )
         trimmed = np.deg2rad(INCIDENCE_DEG)
         refused: list[Refusal] = []
-        told = dict(stripe=steps, refused=refused, incidence=trimmed)
-        found = find_balls(points, radii, free=True, **told, **each) if points.shape[1] else []
+        options = dict(stripe=steps, refused=refused, incidence=trimmed)
+        found = find_balls(points, radii, free=True, **options, **each) if points.shape[1] else []
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
@@ -360,16 +359,16 @@ def figures(
     numbers = {number: k + 1 for k, number in enumerate(known)}
     table = np.array([ball[:3] for ball in known.values()]).T if known else None
     whole = [ball for ball in balls if ball.whole]
-    told = table if all(ball.number is not None for ball in whole) else None
+    certified = table if all(ball.number is not None for ball in whole) else None
     probed = [
         Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius)
         for k, ball in enumerate(whole)
     ]
-    return acceptance(probed, told, temperature=row.get("temperature_c"))
+    return acceptance(probed, certified, temperature=row.get("temperature_c"))
 
 
 def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
-    """Images that are overexposed, or black between two that show the line: beside what is seen, black is right."""
+    """Images that are overexposed, or black between two that show the line; black ends of a sweep are valid."""
     lit = np.bincount(frame, minlength=len(rows)) > 0
     between = np.r_[False, lit[:-1]] & np.r_[lit[1:], False]
     return tuple(

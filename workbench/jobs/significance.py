@@ -185,7 +185,7 @@ def image(found: Significance):
         marks = {"marker": "x", "s": 26, "color": "#d9730d", "zorder": 3, "label": "no effect"}
         axes.scatter(np.flatnonzero(none), np.zeros(none.sum()), **marks)
         axes.set_title(title, size=10.5)
-        if part == "position":  # a tenth of a millimetre beside tens
+        if part == "position":  # tenths of a millimetre next to tens
             axes.set_yscale("log")
             axes.set_ylim(0.3 * min(column[~none]), None)
             axes.collections[-1].set_offsets(

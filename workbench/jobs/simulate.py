@@ -69,8 +69,8 @@ def truth_of(path: Path) -> Truth:
 
 
 def truth_from(scene: Scene, path: Path) -> Truth:
-    """As `truth_of`, of a scene that is read already; `path` is what sentences call it, and what its robot lies
-    beside."""
+    """As `truth_of`, of a scene that is read already; `path` is what messages call it, and its folder is that of
+    the robot file."""
     keys = _robot_keys(scene, Path(path))
     robot = load_robot(keys, f"scene {path}, key robot")
     keys |= (
@@ -291,7 +291,7 @@ def _blank(scene, robot, keys, joints, target, rng) -> Recording:
 
 
 def _covariates(scene, robot, n, rng) -> dict[str, np.ndarray]:
-    """The columns that the scene asks for beside joints and time, in file units."""
+    """The columns that the scene asks for in addition to joints and time, in file units."""
     columns, slides = {}, sliding(robot)
     if scene.payload_kg is not None:
         columns["payload_kg"] = rng.uniform(*scene.payload_kg, n)

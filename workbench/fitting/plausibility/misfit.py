@@ -135,7 +135,7 @@ def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
 def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
     """One or two numbers of the robot file that are far off: freeing them makes the recording fit.
 
-    Forward selection: the number whose release lowers the misfit most, then a second one beside it.
+    Forward selection: the number whose release lowers the misfit most, then a second one in addition to it.
     """
     chosen = recording.select(even_rows(recording, _ROWS))
     keys = [key for key in geometry_free(robot) if ".alpha" not in key and ".beta" not in key]

@@ -1,7 +1,7 @@
 """Verdicts on cameras, scanners and scans: residuals against the noise of the images and against tolerances.
 
 A result whose residual is far above the noise and large in itself is not trustworthy: the images then show something
-else than the model says (another board, a line beside the board, images of two cameras). It does not pass, whether or
+else than the model says (another board, a line next to the board, images of two cameras). It does not pass, whether or
 not a tolerance was given. A result with a significant lack of fit, or from an asymmetric line, can be used, but its
 stated uncertainty cannot: a warning says so.
 """
@@ -270,13 +270,13 @@ def _refused(verdict: Verdict) -> Verdict:
 
 def _ball_sums(made) -> _BallSums:
     """The sums over all balls of all scans, made once."""
-    if "ball_sums" not in made.told:
+    if "ball_sums" not in made.cache:
         sums = _BallSums()
         for ball in (ball for one in made.scans for ball in one.balls):
             if ball.fit and ball.fit.sigma_scale > 0 and math.isfinite(ball.fit.rms):
                 sums.add(ball.fit, ball.misfit)
-        made.told["ball_sums"] = sums
-    return made.told["ball_sums"]
+        made.cache["ball_sums"] = sums
+    return made.cache["ball_sums"]
 
 
 def _least_px(calibration) -> float:
