@@ -1,4 +1,4 @@
-"""One small text file per pose (pos0.txt, pos1.txt, ... beside pos0.png): 6, 7, 12 or 16 numbers each."""
+"""One small text file per pose (pos0.txt, pos1.txt, ... next to pos0.png): 6, 7, 12 or 16 numbers each."""
 
 import re
 from collections.abc import Sequence

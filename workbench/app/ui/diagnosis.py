@@ -159,7 +159,7 @@ class DiagnosisTab(Tab):
                 self.state.place = name
 
     def apply(self) -> None:
-        """Add the ticked terms to the plan, and write them as plan.toml beside session.toml."""
+        """Add the ticked terms to the plan, and write them as plan.toml next to session.toml."""
         ticked = [whole_number(k, 0, 10**6, "term") for k in self.state.ticked]
         rows, problems = data.plan_effects(self.work.diagnosis.answer, ticked)
         self.work.add_effects(rows, "ticked in the diagnosis")

@@ -1,4 +1,4 @@
-"""Tab "Edit and rerun": what is left out, the outlier threshold, the rerun with progress, before and after."""
+"""Tab "Edit and rerun": excluded data, the outlier threshold, the rerun with progress, before and after."""
 
 import asyncio
 

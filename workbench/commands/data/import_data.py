@@ -134,8 +134,8 @@ def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: 
     else:
         with answer.progress("importing") as say:
             result = import_recording(sources, out, options, say)
-    told = {"command": "import", "sources": list(sources), **result.as_json(), "folder": out}
-    import_dialogue.show(console, told, result)
+    summary = {"command": "import", "sources": list(sources), **result.as_json(), "folder": out}
+    import_dialogue.show(console, summary, result)
     if asks and not import_dialogue.is_confirmed(console):
         import shutil
 
@@ -144,5 +144,5 @@ def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: 
             "The import was rejected and nothing is kept; write the mapping with --propose FILE, correct it, and name "
             "it with --map."
         )
-    answer.deliver(told, json)
+    answer.deliver(summary, json)
     console.print(str(out), markup=False, soft_wrap=True)

@@ -73,12 +73,12 @@ def command(
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
-            told = made.as_json()
+            diagnosis_json = made.as_json()
             save(made, run.partial)
             model = write_model(made, found, run.partial, say, trust_data)
             result = {
-                **told,
-                **check_diagnosis(made, found, tolerances).keys(told),
+                **diagnosis_json,
+                **check_diagnosis(made, found, tolerances).keys(diagnosis_json),
                 "model": model.as_json(run.path),
                 "input": runs.input_name(recording),
                 "run": run.path,

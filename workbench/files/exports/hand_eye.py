@@ -1,6 +1,6 @@
 """A calibrated hand-eye transform for ROS: a static transform as YAML, and a launch file that publishes it.
 
-The parent frame is the flange for a sensor in the arm's hand, and the base for one beside the arm; the child frame is
+The parent frame is the flange for a sensor in the arm's hand, and the base for one next to the arm; the child frame is
 the sensor. Translation in m and rotation as a quaternion are those of geometry_msgs/TransformStamped: they take
 coordinates in the child frame to the parent frame.
 """

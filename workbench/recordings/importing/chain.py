@@ -103,7 +103,7 @@ def import_recording(
     options: ImportOptions,
     progress: Callable[[str], None] = lambda text: None,
 ) -> ImportResult:
-    """Write the recording of foreign files into a new folder, with the mapping beside it.
+    """Write the recording of foreign files into a new folder, with the mapping next to it.
 
     Raises InputError with one sentence where a file cannot be read, a question is open or nothing fits the robot.
     """

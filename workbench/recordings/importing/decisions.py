@@ -156,16 +156,16 @@ def choose_reading(
             f"add {lines[0]} to a mapping file and name it with --map."
         )
     best = fits[0][1]
-    rivals = [item for item in fits[1:] if not best.clearly_beats(item[1])]
-    if len(lines) == 1 or not rivals:
+    alternatives = [item for item in fits[1:] if not best.clearly_beats(item[1])]
+    if len(lines) == 1 or not alternatives:
         return fits[0][0]
     # the usual readings first: where the data decide nothing, the order of the fits is chance
-    close = sorted([fits[0], *rivals], key=lambda item: item[0])[:_SHOWN]
+    close = sorted([fits[0], *alternatives], key=lambda item: item[0])[:_SHOWN]
     words = "; ".join(fit.words for _, fit in close)
-    more = "; ..." if len(rivals) + 1 > len(close) else ""
+    more = "; ..." if len(alternatives) + 1 > len(close) else ""
     question = Question(
-        f"{where}: expected one reading that fits clearly best, found {len(rivals) + 1} that fit about equally well "
-        f"({words}{more})",
+        f"{where}: expected one reading that fits clearly best, found {len(alternatives) + 1} that fit about equally "
+        f"well ({words}{more})",
         tuple(fit.words for _, fit in close),
         tuple(lines[place] for place, _ in close),
     )
