@@ -65,6 +65,7 @@ CONTRACTS = (
     r"\| swallowed(?= \|)",
     r"--(no-)?pictures|from[-_]pictures",
     r"\b(calib|light)_picture\b",
+    r"(?<=\|)picture(?=\|foto\|)",  # a column name that importers accept
     r"^\| `[0-9a-f]{12}` .*",  # a case of the scoreboard: claims as they were written
 )
 
