@@ -12,7 +12,7 @@ from catalogue_entries import FAINT, Entry, confounded, large_enough, listed, si
 from robot_model.effects import CATALOGUE
 from workbench.core.effect import make_effects
 from workbench.core.model import NOISE
-from workbench.diagnosis.planning.experiment import Doubt, compared, told
+from workbench.diagnosis.planning.experiment import Doubt, compared, describe_comparison
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.words import measured
 from workbench.jobs.simulate import simulate
@@ -210,4 +210,8 @@ def _separates(bench, effect, problem, values, near) -> str:
         (effect,), values * FAINT / left, other.effects, "it", f"{other.effect} at {other.where}"
     )
     rows = compared(bench, (), known)
-    return told(known, rows) if rows else "No recording of the kinds that were compared."
+    return (
+        describe_comparison(known, rows)
+        if rows
+        else "No recording of the kinds that were compared."
+    )
