@@ -45,6 +45,7 @@ check: $(VENV)/.test
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python tools/check_style.py
 	$(BIN)/python tools/check_names.py
+	$(BIN)/python tools/check_language.py
 	$(BIN)/python tools/effects_page.py --check
 
 language: $(VENV)/.test
