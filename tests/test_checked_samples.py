@@ -22,7 +22,8 @@ from workbench.jobs.poses import choose_poses
 
 # they take samples, but of a recording that was checked, or only its joint readings
 UNCHECKED = {
-    "diagnosis/against.py",
+    "diagnosis/differences.py",
+    "diagnosis/robot/against.py",
     "fitting/verdicts/diagnosis_verdict.py",
     "jobs/poses.py",
     "jobs/significance.py",

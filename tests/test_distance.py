@@ -120,10 +120,10 @@ def test_the_same_two_postures_stand_on_one_side_of_a_split_and_one_home_does_no
 def test_no_base_is_known_and_the_program_says_so():
     geometry = identifiability(lengths(60))["stages"][0]
     words = " ".join(geometry["undetermined"])
-    assert "joint 1's zero offset (theta) has no effect at all" in words
-    assert "joint 1's offset (d) has no effect at all" in words
+    assert "joint 1's zero offset (theta) has no effect on these measurements" in words
+    assert "joint 1's offset (d) has no effect on these measurements" in words
     assert "base" not in words
-    assert "joint 2's offset (d) and joint 3's offset (d) are one and the same" in words
+    assert "joint 2's offset (d) and joint 3's offset (d) are confounded" in words
     # d2 is not free, as beta2 stands in for it, and is asked about all the same
     assert geometry["identifiable"] == geometry["free"] - (len(geometry["undetermined"]) - 1)
 
@@ -138,13 +138,14 @@ def test_lengths_of_an_arm_that_the_model_did_not_make(tmp_path):
     assert answer["samples"] == 250 and answer["nominal"]["rms_mm"] > 1
     assert answer["held_out"]["rms_mm"] < 1.4 * 0.005
     true, found = made.truth["arm"].geometry, {row["name"]: row for row in answer["parameters"]}
-    for joint, name in (
-        (0, "a1"),
-        (1, "a2"),
-        (2, "a3"),
-    ):  # what its pedestal and links do is only nearly in the model
-        off, before = (found[name][key] - true[joint, 2] for key in ("value", "nominal"))
-        assert found[name]["identifiable"] and abs(off) < 0.1 * abs(before)
+    # what its pedestal and links do is only nearly in the model: single lengths take some of it
+    lengths = ((0, "a1"), (1, "a2"), (2, "a3"))
+    assert all(found[name]["identifiable"] for _, name in lengths)
+    off, before = (
+        np.array([found[name][key] - true[joint, 2] for joint, name in lengths])
+        for key in ("value", "nominal")
+    )
+    assert np.linalg.norm(off) < 0.05 * np.linalg.norm(before)
 
 
 def test_stated_sigmas_hold_their_parameters():

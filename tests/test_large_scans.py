@@ -35,7 +35,7 @@ def test_a_full_disk_is_named_by_its_folder(monkeypatch, tmp_path):
     monkeypatch.setattr(
         "workbench.files.spool.tempfile.TemporaryFile", lambda prefix, dir: open("/dev/full", "w+b")
     )
-    with pytest.raises(InputError, match=f"{tmp_path}.*No space left.*make room"):
+    with pytest.raises(InputError, match=f"{tmp_path}.*No space left.*free space"):
         Spool(range(9), kept=2, folder=tmp_path)
 
 

@@ -31,6 +31,7 @@ def rows(calibration):
 def test_every_parameter_has_one_status(calibration, rows):
     known = calibration.solution.all_known
     determined = {key for key, sure in zip(known.keys, known.determined) if sure}
+    determined |= set(calibration.solution.shrunk)
     confounded = set(known.tied())
     for row in rows:
         key = f"{row['where']}.{row['name']}"
@@ -56,8 +57,8 @@ def test_sentence_counts_only_parameters_without_an_estimate(rows):
     said = tables.unidentified(rows)
     assert f"{len(missing)} of {len(rows)} parameters" in said
     assert (
-        f"{len(missing) - len(held)} not identifiable" in said
-        and f"{len(held)} held by the plan" in said
+        f"{len(missing) - len(held)} are not identifiable" in said
+        and f"{len(held)} are held by the plan" in said
     )
     assert tables.unidentified([row for row in rows if row["identifiable"]]) == ""
 

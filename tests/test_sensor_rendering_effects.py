@@ -54,7 +54,15 @@ SWITCHED = (
     ("board-bow", "artefact", {}, {"xx": 0.2, "yy": -0.1, "xy": 0.2}),
     ("artefact-expansion", "artefact", {}, {"per_unit": 2e-4}),
 )
-ELSEWHERE = {"ball-position", "ball-radius", "noise-heteroscedastic"}
+RECORDED = {
+    "rolling-shutter",
+    "laser-drift",
+    "mirror-vibration",
+    "recorded-column",
+    "board-point-errors",
+}
+"""Effects that read columns of images.csv: tests/test_diagnosis_sensor_recorded.py."""
+ELSEWHERE = {"ball-position", "ball-radius", "noise-heteroscedastic"} | RECORDED
 
 
 def causes(*rows) -> Causes:

@@ -311,7 +311,7 @@ class _Search:
         if self.stripe is None:
             return ""
         count = np.unique(self.stripe[fit.inliers], return_counts=True)[1]
-        if (count >= _LEAST_STRIPE).sum() >= 2:
+        if count.sum() - count.max(initial=0) >= _LEAST_STRIPE:
             return ""
         return "its points lie on a single stripe, which many balls share"
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.text.csv_text import csv_text
 
 
 def as_argument(value, name: str, folder: Path):
@@ -63,7 +64,7 @@ def _written_readings(values: np.ndarray, name: str, folder: Path) -> Path:
             f"{name}: expected an array of joint readings in degrees with one row for each target, "
             f"found {values.ndim} dimensions; reshape it"
         )
-    header = ",".join(f"q{k}_deg" for k in range(1, values.shape[1] + 1))
+    header = [f"q{k}_deg" for k in range(1, values.shape[1] + 1)]
     path = folder / f"{name}.csv"
-    np.savetxt(path, values, delimiter=",", header=header, comments="", fmt="%.12g")
+    path.write_text(csv_text(header, values.tolist()), encoding="utf-8")
     return path

@@ -13,6 +13,7 @@ from pathlib import Path
 # import name -> the distributions that may bring it
 LIBRARIES = {
     "numpy": ("numpy",),
+    "pandas": ("pandas",),
     "scipy": ("scipy",),
     "torch": ("torch",),
     "kornia": ("kornia",),

@@ -1,6 +1,5 @@
 """Example recordings with rendered images: a board seen from a robot, and a laser scanner on a robot."""
 
-import csv
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import resources
@@ -14,6 +13,7 @@ from datasets.formats.recording1 import read_recording
 from datasets.formats.recording1_writer import write_csv
 from datasets.recording import Recording
 from workbench.core.rigid import inverse, rotation_matrix, transform
+from workbench.core.text.csv_text import csv_text
 from workbench.jobs.render import render
 
 _BOARDS = """
@@ -79,10 +79,8 @@ def _pose(values) -> np.ndarray:
 
 
 def _write_images(path: Path, rows) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    text = csv_text(rows[0], (row.values() for row in rows))
+    path.write_text(text, encoding="utf-8")
 
 
 def scan_images(folder: Path, robot: Mapping, progress) -> Recording:
