@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.recording import Recording
 from workbench.core.errors import InputError
 
 
 def from_arrays(
+    kind: type,
     robot: str | Mapping,
     joints_deg,
     points_mm,
@@ -20,7 +20,8 @@ def from_arrays(
 ):
     """A recording of points or poses that an external instrument measured.
 
-    robot: name of a built-in robot, path of a robot.toml or URDF, or the keys of a robot.toml.
+    kind: `datasets.recording.Recording`, which this makes. robot: name of a built-in robot, path of
+    a robot.toml or URDF, or the keys of a robot.toml.
     joints_deg: (n, J) joint readings, deg (mm for a prismatic joint). points_mm: (n, 3) measured
     points in the frame of the instrument. quaternions: (n, 4) w x y z of the target, where poses
     are measured. sigma_mm: 1 sigma of a coordinate. columns: further columns of samples.csv, such
@@ -47,7 +48,7 @@ def from_arrays(
     for name, values in columns.items():
         made[name] = np.broadcast_to(np.asarray(values), (n,))
     measures = "external-point" if quaternions is None else "external-pose"
-    return Recording(measures, made, keys, sigma_mm=sigma_mm, name="arrays")
+    return kind(measures, made, keys, sigma_mm=sigma_mm, name="arrays")
 
 
 def _robot_keys(robot: str | Mapping) -> Mapping:

@@ -146,7 +146,7 @@ class Recording:
         """A recording from arrays: see `datasets.from_arrays.from_arrays` for shapes and units."""
         from datasets.from_arrays import from_arrays
 
-        return from_arrays(robot, joints_deg, points_mm, sigma_mm, **more)
+        return from_arrays(cls, robot, joints_deg, points_mm, sigma_mm, **more)
 
     def select(self, rows) -> "Recording":
         """The same recording with only `rows`: a (n,) bool mask, or indices in the wanted order."""

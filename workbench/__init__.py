@@ -24,7 +24,7 @@ _HOMES = {
     "Result": "workbench.api.results",
     "Solution": "workbench.core.solution",
     "Stage": "workbench.core.solution",
-    "load": "workbench.api.results",
+    "load": "workbench.api.functions",
     "load_example": "workbench.api.recordings",
     "read": "workbench.api.recordings",
 }

@@ -19,6 +19,7 @@ import typer
 
 from workbench.api.inputs import as_argument, sample_list
 from workbench.api.results import Result
+from workbench.core.errors import InputError
 
 COMMANDS = {
     "calibrate": "robot.calibrate",
@@ -91,7 +92,9 @@ def run(command: Callable, arguments: dict) -> Result:
     answer = json.loads(answer_file.read_text(encoding="utf-8")) if answer_file.exists() else {}
     out = given.get("out")
     written = Path(out) if out is not None and Path(out).is_dir() else None
-    return Result(answer, written, _without_path(text.getvalue(), folder), status == 0, owner)
+    return Result(
+        answer, written, _without_path(text.getvalue(), folder), status == 0, function, owner
+    )
 
 
 def _without_path(text: str, folder: Path) -> str:
@@ -100,6 +103,21 @@ def _without_path(text: str, folder: Path) -> str:
     if lines and str(folder) in lines[-1]:
         lines = lines[:-1]
     return "\n".join(lines).rstrip()
+
+
+def load(folder: str | Path) -> Result:
+    """The result in a run folder, of a command line or of `Result.save`.
+
+    Raises InputError where the folder has no answer.json.
+    """
+    path = Path(folder) / "answer.json"
+    try:
+        answer = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: expected the answer of a workbench command, found {error}; name a run folder"
+        ) from error
+    return Result(answer, Path(folder), commands=function)
 
 
 def _argument(name: str, value, folder: Path):

@@ -1,9 +1,8 @@
 """Results of the Python API: the answer of a command, its tables, and its run folder."""
 
 import html
-import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +83,7 @@ class Result:
 
     `command`: its name. `answer`: the JSON object of the command. `folder`: the run folder, None
     for a command that writes none. `passed`: False where a tolerance is not met or a target was
-    refused (exit status 1 of the command).
+    refused (exit status 1 of the command). `commands`: gives the function of a command by name.
     """
 
     def __init__(
@@ -93,10 +92,11 @@ class Result:
         folder: Path | None = None,
         text: str = "",
         passed: bool = True,
+        commands: Callable[[str], Callable] | None = None,
         owner: object = None,
     ):
         self.answer, self.folder, self.passed = answer, folder, passed
-        self._text, self._owner = text, owner
+        self._text, self._commands, self._owner = text, commands, owner
 
     @property
     def command(self) -> str:
@@ -170,15 +170,11 @@ class Result:
 
     def compensate(self, targets, **options) -> "Result":
         """Correct targets with this calibration: see `workbench.compensate`."""
-        from workbench.api.functions import function
-
-        return function("compensate")(self, targets, **options)
+        return self._commands("compensate")(self, targets, **options)
 
     def export(self, path: str | Path, to: str | None = None, **options) -> "Result":
         """Write the result in a format of another program; `to` follows from the suffix where it is clear."""
-        from workbench.api.functions import function
-
-        return function("export")(self, to or _format_of(Path(path)), Path(path), **options)
+        return self._commands("export")(self, to or _format_of(Path(path)), Path(path), **options)
 
     @property
     def model(self) -> "Result":
@@ -203,21 +199,6 @@ class CsvTable:
 
     def __repr__(self) -> str:
         return f"table in {self.path.name}; to_frame() reads it"
-
-
-def load(folder: str | Path) -> Result:
-    """The result in a run folder, of a command line or of `Result.save`.
-
-    Raises InputError where the folder has no answer.json.
-    """
-    path = Path(folder) / "answer.json"
-    try:
-        answer = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: expected the answer of a workbench command, found {error}; name a run folder"
-        ) from error
-    return Result(answer, Path(folder))
 
 
 def viewed(value):

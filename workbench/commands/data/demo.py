@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.robot import calibrate
+from workbench.commands.robot import calibration_run
 from workbench.commands.shared import answer, tables
 from workbench.core.errors import InputError
 from workbench.files import runs
@@ -46,13 +46,13 @@ def command(
             _show(console, rendered)
         (run.partial / TRACKER).mkdir()
         with answer.progress(f"calibrating {name}") as say:
-            table = calibrate.solve_into(
+            table = calibration_run.solve_into(
                 run.partial / TRACKER, run.path / TRACKER, recording, name, {}, say, True
             )
             _front(run.partial, rendered, table, why)
         result = {**table, "command": "demo", "from_pictures": rendered, "run": run.path}
         runs.replace_file(run.partial / "answer.json", answer.as_text(result))
-    calibrate.deliver(result, run, json)
+    calibration_run.deliver(result, run, json)
 
 
 def choose(bundled: bool) -> tuple:
@@ -93,7 +93,7 @@ def _from_images(run: runs.Run, say) -> dict:
     truth = render(scene(), folder / IMAGES, say)["truth"]
     runs.replace_file(folder / "truth.json", answer.as_text(truth))
     found = datasets.read(folder / IMAGES)
-    made = calibrate.solve_into(folder, place, found, "rendered images", {}, say, True)
+    made = calibration_run.solve_into(folder, place, found, "rendered images", {}, say, True)
     return {
         **made,
         "recording": str(place / IMAGES),

@@ -1,15 +1,13 @@
 """`workbench calibrate`: a recording in, parameters, held-out errors and a report page out."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from workbench.commands.shared import answer, samples, tables
+from workbench.commands.robot.calibration_run import check_scanner, deliver, solve
+from workbench.commands.shared import answer, samples
 from workbench.core.errors import InputError
-from workbench.files import runs
-from workbench.fitting.verdicts.verdict import Tolerance
 
 Plan = Annotated[
     Path | None, typer.Option("--plan", metavar="FILE", help="Stages to solve (TOML).")
@@ -130,124 +128,3 @@ def _plan(plan: Path | None, run: Path | None, without: list[str] | None):
     from workbench.fitting.plans import read_plan
 
     return without_terms(read_plan(named), without, str(named))
-
-
-def check_scanner(found, scanner: Path | None) -> None:
-    """Raise InputError if a scanner is given for a recording without images of scans."""
-    if scanner is not None and found.measures != "scan-images":
-        raise InputError(
-            f"--scanner {scanner} expects a scan-images recording, found one of {found.measures}; "
-            "omit the option."
-        )
-
-
-def solve(
-    found,
-    name: str,
-    options: dict,
-    say,
-    out: Path | None,
-    report: bool,
-    scanner: Path | None = None,
-    tolerances: Sequence[Tolerance] = (),
-):
-    """Calibrate, save and report into a run folder. Returns the answer and the run.
-
-    found: a `datasets.recording.Recording`; options: keyword arguments of `workbench.jobs.calibrate.calibrate`;
-    scanner: scanner file for a recording of scans; None calibrates one. tolerances: of the verdict. Raises InputError.
-    """
-    with runs.opened("calibrate", name, out) as run:
-        result = solve_into(
-            run.partial, run.path, found, name, options, say, report, scanner, tolerances
-        )
-    return result, run
-
-
-def solve_into(
-    folder: Path,
-    path: Path,
-    found,
-    name: str,
-    options: dict,
-    say,
-    report: bool,
-    scanner: Path | None = None,
-    tolerances: Sequence[Tolerance] = (),
-) -> dict:
-    """Calibrate, save and report into an existing folder with the final name `path`. Returns the answer.
-
-    Arguments as in `solve`. Raises InputError.
-    """
-    from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
-    from workbench.jobs.calibrate import calibrate, save
-
-    scans, sensor_keys = None, {}
-    if found.measures == "scan-images":
-        scans, sensor_keys, found, options = _centres(found, scanner, folder, path, options, say)
-    say(f"calibrating {name}")
-    calibration = calibrate(found, progress=say, **options)
-    verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
-    result = {
-        **calibration.as_json(),
-        **sensor_keys,
-        "verdict": verdict.as_json(),
-        "input": runs.input_name(name),
-        "options": _stated_options(options, scanner),
-        "run": path,
-    }
-    save(calibration, folder)
-    if report:
-        say("writing the report")
-        _report(calibration, scans, folder)
-    runs.replace_file(folder / "answer.json", answer.as_text(result))
-    return result
-
-
-def _stated_options(options: dict, scanner: Path | None) -> dict:
-    """What the command line said of the calibration: plan, folds, scanner, trust_data."""
-    plan = options.get("plan")
-    return {
-        "plan": str(plan) if isinstance(plan, str | Path) else None,
-        "folds": options.get("folds", 10),
-        "scanner": None if scanner is None else str(scanner),
-        "trust_data": options.get("trust_data", False),
-    }
-
-
-def _centres(found, scanner, folder, path, options, say):
-    """Scans, their part of the answer, the recording of ball centres, and the options for its calibration."""
-    from workbench.jobs import ball_centres, scan
-
-    ball_centres.check_arm(found)
-    scans = scan.scan(found, scanner, folder, say)
-    ball_centres.save(scans, folder)
-    made = ball_centres.required(scans)
-    sensor_keys = {"sensor": ball_centres.as_json(scans, path)}
-    if scans.calibration is not None:
-        from workbench.jobs.scanner import as_json
-
-        sensor_keys["sensor"]["calibration"] = as_json(scans.calibration)
-    lists = {
-        key: ball_centres.renumbered(scans, made, options.get(key))
-        for key in ("fit_samples", "test_samples")
-    }
-    return scans, sensor_keys, made, {**options, **lists}
-
-
-def deliver(result: dict, run: runs.Run, json: str | None) -> None:
-    """Print the answer, write the JSON, print the folder last, and exit with status 1 if a tolerance is not met."""
-    answer.deliver(result, json)
-    console = answer.console(json)
-    tables.calibration(console, result)
-    answer.conclude(console, result, run.path)
-
-
-def _report(calibration, scans, folder: Path) -> None:
-    from workbench.report import write_report
-
-    more = ()
-    if scans is not None:
-        from workbench.report.sensor.scan import chain
-
-        more = chain(scans)
-    write_report(calibration, folder, more)

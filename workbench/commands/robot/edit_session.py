@@ -23,7 +23,7 @@ def calibrate_session(
     """
     from workbench.app.edits.apply import EditedPlan, edited_recording
     from workbench.app.edits.session import CALIBRATE, NAME, read_session
-    from workbench.commands.robot.calibrate import check_scanner, deliver, solve_into
+    from workbench.commands.robot.calibration_run import check_scanner, deliver, solve_into
 
     check_unused(path, options)
     session = read_session(path, CALIBRATE)
