@@ -45,7 +45,7 @@ def is_right(finding, rows, truth) -> bool:
     return true is not None and bool(values) and 0.5 <= max(map(abs, values)) / abs(true) <= 2.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_names_stated_with_95_percent_are_right_on_arms_of_another_engine():
     """Twenty-four arms from MuJoCo statics: all joints, links and most pedestals deflect, masses are 5 % off."""
     stated, right = 0, 0

@@ -5,7 +5,7 @@ import pytest
 
 from robot_model.effects import CATALOGUE as ROBOT
 from robot_model.effects.elastic import JointCompliance, LinkSelfWeight
-from robot_model.effects.transmission import Backlash
+from robot_model.effects.transmission import Backlash, TransmissionHarmonic
 from scenes import ABB, SLIDING, model_of, scene
 from sensors.effects import CATALOGUE as SCANNER
 from workbench.core.effect import Effect, Grid, Variant, option_types
@@ -82,7 +82,7 @@ def test_a_grid_makes_the_effect_of_each_of_its_values(catalogue, chain):
 
 
 def test_compliances_are_the_mass_dependent_effects_without_their_special_cases():
-    assert subsumed(ROBOT) == {LinkSelfWeight.effect, Backlash.effect}
+    assert subsumed(ROBOT) == {LinkSelfWeight.effect, Backlash.effect, TransmissionHarmonic.effect}
     found = compliances(ROBOT)
     assert JointCompliance in found and LinkSelfWeight not in found
     assert all(kind.nonnegative and kind.elastic for kind in found)

@@ -125,7 +125,7 @@ def test_the_chosen_curves_lower_the_error_and_state_the_order():
     assert np.sqrt((fit.residual**2).mean()) < 0.025
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_default_calibration_of_the_ur10_finds_the_curves(recording):
     """Held-out error at most 0.20 mm; geometry and two harmonics per joint leave 0.43 mm."""
     from workbench.jobs.calibrate import calibrate

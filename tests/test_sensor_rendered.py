@@ -74,7 +74,7 @@ def test_what_a_ball_does_to_its_stripes_is_known():
     assert rms((off - pull)[near]) < 0.4 * rms(off[near])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_twin_of_ye_reaches_what_is_asked():
     made = render_scanner(ye_scene())
     error, sigma = made.camera_errors()["fx"]
@@ -87,14 +87,14 @@ def test_the_twin_of_ye_reaches_what_is_asked():
     assert np.abs(np.mean([ball.laid for ball in balls], axis=0)).max() < 0.001
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_camera_covers_the_truth_over_seeds():
     boards = {"placements": {"laser": 0}, "scans": {"count": 0}}
     z = np.concatenate([camera_whitened(small_scene(seed, **boards)) for seed in range(201, 227)])
     assert 0.62 < (np.abs(z) < 1).mean() < 0.74
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_planes_and_ball_centres_cover_the_truth_over_seeds():
     planes, balls = [], []
     for seed in range(101, 109):

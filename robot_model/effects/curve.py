@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
@@ -36,6 +37,7 @@ class JointCurve(Effect):
     """
 
     effect = "joint-curve"
+    subsumes = (TransmissionHarmonic.effect,)
     port = "joint"
     places = ("joint",)
     equation = "dq = sum_j c_j cos(j pi u), u = (q_K - start) / (end - start), j = 1 ... terms"
