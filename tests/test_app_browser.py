@@ -216,7 +216,9 @@ def test_excluding_the_poses_of_a_sample(page, served):
 
 
 def test_a_selected_sample_is_shown_in_the_recording(page):
+    page.get_by_role("tab", name="Residuals").click()
     page.get_by_label("Sample number").fill("101")
+    page.get_by_label("Sample number").press("Tab")
     page.get_by_role("button", name="Select sample").click()
     wait_for_text(page, "selection", "1 of 300")
     page.get_by_role("button", name="Show in recording").click()
