@@ -132,15 +132,12 @@ def warm_up_progress(state, time_constant: float, start: float) -> np.ndarray:
     return -np.expm1(-np.maximum(clock(state) - start, 0.0) / time_constant)
 
 
-class JointWarmUp(Effect):
-    """Joint K warms up and its zero drifts to a steady value, with one time constant and no temperature recorded."""
+class WarmUpLaw:
+    """What warming up has in common wherever it acts: a steady value that is approached with one time constant."""
 
     effect = "warm-up"
     source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
     reads = ("time",)
-    port = "joint"
-    places = ("joint",)
-    equation = "dq = c (1 - exp(-(t - start) / T))"
 
     def __init__(
         self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
@@ -152,6 +149,14 @@ class JointWarmUp(Effect):
     def candidates(cls, chain):
         """With time constants of a share of the recording's length, where no temperature is recorded."""
         return warm_up_variants(cls, chain)
+
+
+class JointWarmUp(WarmUpLaw, Effect):
+    """Joint K warms up and its zero drifts to a steady value, with one time constant and no temperature recorded."""
+
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = c (1 - exp(-(t - start) / T))"
 
     def table(self, chain):
         unit = "mm" if chain.slides(self.number) else "rad"
@@ -162,27 +167,13 @@ class JointWarmUp(Effect):
         return warm_up_progress(state, self.time_constant, self.start)[None, None]
 
 
-class LinkWarmUp(Effect):
+class LinkWarmUp(WarmUpLaw, Effect):
     """Link K warms up and grows to a steady length, with one time constant and no temperature recorded."""
 
-    effect = "warm-up"
-    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
-    reads = ("time",)
     port = "geometry"
     places = ("link",)
     components = (1, 2)
     equation = "(d, a) grow by c (1 - exp(-(t - start) / T)) (d, a)"
-
-    def __init__(
-        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
-    ):
-        super().__init__(where)
-        self.time_constant, self.start = time_constant, start
-
-    @classmethod
-    def candidates(cls, chain):
-        """With time constants of a share of the recording's length, where no temperature is recorded."""
-        return warm_up_variants(cls, chain)
 
     def table(self, chain):
         return (
@@ -196,26 +187,12 @@ class LinkWarmUp(Effect):
         return (lengths[:, None] * warm_up_progress(state, self.time_constant, self.start))[None]
 
 
-class BaseWarmUp(Effect):
+class BaseWarmUp(WarmUpLaw, Effect):
     """The base warms up and moves to a steady pose, with one time constant and no temperature recorded."""
 
-    effect = "warm-up"
-    source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"
-    reads = ("time",)
     port = "frame"
     places = ("base",)
     equation = "twist = c (1 - exp(-(t - start) / T))"
-
-    def __init__(
-        self, where: str, time_constant: Annotated[float, Field(gt=0)], start: float = 0.0
-    ):
-        super().__init__(where)
-        self.time_constant, self.start = time_constant, start
-
-    @classmethod
-    def candidates(cls, chain):
-        """With time constants of a share of the recording's length, where no temperature is recorded."""
-        return warm_up_variants(cls, chain)
 
     def table(self, chain):
         return tuple(

@@ -61,7 +61,7 @@ class LaserDrift(Effect):
 class MirrorVibration(Effect):
     """The mirror, or what carries it, vibrates: its angle oscillates with the time of the images.
 
-    A frequency above half the rate of the images appears at its alias; images at irregular times tell them apart.
+    A frequency above half the rate of the images appears at its alias; images at irregular times distinguish the two.
     """
 
     effect = "mirror-vibration"

@@ -39,8 +39,8 @@ from workbench.files.provenance import provenance
 
 IMAGES = ("board-images", "scan-images")
 NO_MASSES = (
-    "The file of the robot {robot} states no masses, so that no deflection under gravity could be tested "
-    "for: write mass_kg and com_mm of every joint."
+    "The file of the robot {robot} states no masses: deflection under gravity is found only as the product of "
+    "compliance and first moment. For a stiffness in N m/rad write mass_kg and com_mm of every joint."
 )
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 _UNEVEN = NoiseLaw.effect
@@ -228,7 +228,7 @@ def _with_stated_noise(last: "_Final", proved, terms, refused):
 
 
 def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
-    """What is in doubt about this recording, and what could not be asked of it at all."""
+    """What is in doubt about this recording, and what its answer cannot contain."""
     on_data, chain = bench.warnings or recording.warnings, bench.chain
     if chain is None:
         random = random_image_error(bench, terms)

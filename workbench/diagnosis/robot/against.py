@@ -113,7 +113,7 @@ def _from_description(path: Path) -> Reference:
     if not robot.mass.any():
         notes = (
             *notes,
-            f"{path.name} states no masses, so that no deflection under gravity can be tested.",
+            f"{path.name} states no masses: deflection under gravity is found only as compliance times first moment.",
         )
     rows = [(row.pop("effect"), row.pop("where"), row) for row in held.get("effects", [])]
     effects = make_effects(CATALOGUE, rows)

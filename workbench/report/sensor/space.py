@@ -114,12 +114,6 @@ def pyramid(camera, depth: float) -> np.ndarray:
     )
 
 
-def outline(columns: int, rows: int, square: float) -> np.ndarray:
-    """(5, 3) mm: the rectangle that a board's corners span."""
-    x, y = (columns - 1) * square, (rows - 1) * square
-    return np.array([[0, 0, 0], [x, 0, 0], [x, y, 0], [0, y, 0], [0, 0, 0]], float)
-
-
 def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
     """(k, 4, 3) mm: corners of light planes (4, k), cut to the camera's field from `near` to `far` mm."""
     across = int(np.abs(planes[:2]).mean(1).argmax())  # the image axis normal to the light planes
