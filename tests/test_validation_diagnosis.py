@@ -74,11 +74,6 @@ def test_irb120_faro_yields_before_it_waves(recording):
         assert after < 0.45 * before and t > 3
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="with the masses of this arm, which are only approximate, the posterior over sets of elastic terms prefers "
-    "links 1 and 3 to joints 2 and 3; both predict held-out samples alike",
-)
 def test_irb120_faro_names_a_compliance_of_joint_2_or_3(recording):
     """Joints of a geared arm deflect more than its links."""
     found = find(bench_of(every(recording("irb120_faro"), 6)))

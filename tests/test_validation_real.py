@@ -56,11 +56,17 @@ def test_irb120_faro_with_all_stages_that_earn_their_place(recording):
 
 @pytest.mark.parametrize(("hand", "limit"), [("right", 0.080), ("left", 0.085)])
 def test_motoman_hands(recording, hand, limit):
-    """Geometry reaches the limit; what is kept beyond it lowers the held-out error each time."""
+    """Geometry reaches the limit; what is kept beyond it lowers the held-out error each time.
+
+    A stage that later ones make superfluous is left out at the end: the result has the error without it."""
     found = calibrate(recording(f"motoman_leica_ctu:{hand}"))
     assert held_out(found)["geometry"] <= limit
     assert all(after < before for before, after in pairwise(kept(found)))
-    assert found.held_out["rms_mm"] == pytest.approx(kept(found)[-1], rel=1e-12)
+    left_out = [s.sentence for s in found.stages if "no longer earned" in s.sentence]
+    if left_out:
+        assert all("with it added back, held-out" in sentence for sentence in left_out)
+    else:
+        assert found.held_out["rms_mm"] == pytest.approx(kept(found)[-1], rel=1e-12)
     assert found.held_out["rms_mm"] <= limit
 
 
