@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.large import SCENE
 from robot_model.system import geometry_free
 from workbench.core.least_squares import batched
-from workbench.jobs.simulate import truth_from
+from workbench.jobs.robot.simulate import truth_from
 
 CHUNK = 8192
 

@@ -20,7 +20,7 @@ from workbench.core.model import Model
 from workbench.core.solution import Stage
 from workbench.files.scene import Cause, Scene
 from workbench.fitting.plans import geometry
-from workbench.jobs.simulate import truth_from
+from workbench.jobs.robot.simulate import truth_from
 
 BLOCK = 50_000
 SIZES = (1000, 10_000, 100_000, 1_000_000)
@@ -89,7 +89,7 @@ def one(samples: int) -> dict:
     """Seconds of the processor, peak memory (MiB) and errors of one calibration in this process."""
     import resource
 
-    from workbench.jobs.calibrate_large import calibrate_chunks
+    from workbench.jobs.robot.calibrate_large import calibrate_chunks
 
     with tempfile.TemporaryDirectory() as home:
         subprocess.run(

@@ -62,8 +62,8 @@ aside = 0.05
 
 def rendered(folder: Path) -> Path:
     """A folder with the few rendered scans, `few`, and the scanner calibrated from their boards, `run/scanner.toml`."""
-    from workbench.jobs import scanner
-    from workbench.jobs.render import render
+    from workbench.jobs.sensor import scanner
+    from workbench.jobs.sensor.render import render
 
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "scene.toml").write_text(SCENE, encoding="utf-8")

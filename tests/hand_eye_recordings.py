@@ -89,7 +89,7 @@ REAL = ("handeye_open3dv:in-hand", "handeye_open3dv:to-hand")
 @cache
 def real(name: str) -> Made:
     """A real recording by its name, whose own result stands for the truth."""
-    from workbench.jobs import hand_eye
+    from workbench.jobs.sensor import hand_eye
 
     recording = datasets.read(name)
     run = hand_eye.calibrate(recording, None, None, lambda text: None)

@@ -260,7 +260,7 @@ def detected(recording, progress=None):
 
 def outcome(wrong: Made, right: Made, words=()) -> Outcome:
     """What the workbench makes of a recording; `right` holds the true sensor pose."""
-    from workbench.jobs import hand_eye
+    from workbench.jobs.sensor import hand_eye
 
     try:
         with patch.object(hand_eye, "detect_all", detected):

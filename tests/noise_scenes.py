@@ -10,7 +10,7 @@ from robot_model.system import geometry_free
 from scenes import model_of, scene
 from workbench.core.solution import Stage
 from workbench.fitting.plans import FRAMES
-from workbench.jobs.calibrate import Calibration, calibrate
+from workbench.jobs.robot.calibrate import Calibration, calibrate
 
 SIGMA = 0.02
 XYZ = ("x_mm", "y_mm", "z_mm")

@@ -23,7 +23,7 @@ from sensors.rendering import Scene, make_recording, read_scene
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.errors import cut, laid_over
 from workbench.core.rigid import nearest_rotation
-from workbench.jobs import scan, scanner
+from workbench.jobs.sensor import scan, scanner
 
 SCENES = Path(__file__).resolve().parents[1] / "docs" / "scenes"
 BOW = {"effect": "board-bow", "where": "artefact", "values": {"xx": 0.04, "yy": 0.02, "xy": -0.01}}

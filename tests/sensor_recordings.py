@@ -52,7 +52,7 @@ aside = 0.05
 @cache
 def scanner_recording() -> tuple[Path, dict]:
     """The folder of a rendered scan-images recording without an arm, and its truth."""
-    from workbench.jobs.render import render
+    from workbench.jobs.sensor.render import render
 
     home = Path(mkdtemp(prefix="workbench-test-"))
     atexit.register(shutil.rmtree, home, ignore_errors=True)

@@ -9,7 +9,7 @@ from scenes import ABB, assert_rows, differences, scene
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 
 def surface(n=40, each=12, seed=0, sigma=0.0, spread=0.9):

@@ -7,7 +7,7 @@ import pytest
 
 from scenes import model_of, observed, scene
 from workbench.core.errors import InputError
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 SIGMA = 0.02
 

@@ -15,18 +15,18 @@ from workbench.core.errors import InputError
 from workbench.diagnosis.answer import diagnose
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import geometry
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.compare import compare
-from workbench.jobs.identify import identifiability
-from workbench.jobs.poses import choose_poses
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.compare import compare
+from workbench.jobs.robot.identify import identifiability
+from workbench.jobs.robot.poses import choose_poses
 
 # they take samples, but of a recording that was checked, or only its joint readings
 UNCHECKED = {
     "diagnosis/differences.py",
     "diagnosis/robot/against.py",
     "fitting/verdicts/diagnosis_verdict.py",
-    "jobs/poses.py",
-    "jobs/significance.py",
+    "jobs/robot/poses.py",
+    "jobs/robot/significance.py",
 }
 COMMANDS = ("calibrate", "compare", "diagnose", "identifiability", "poses", "calibrate-large")
 

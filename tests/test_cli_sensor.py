@@ -104,7 +104,7 @@ def test_camera_finds_the_camera_that_was_rendered(answers):
 
 
 def test_camera_file_is_read_back(answers):
-    from workbench.jobs.camera import read
+    from workbench.jobs.sensor.camera import read
 
     found, _ = answers("camera")
     camera = read(Path(found["camera_file"]))
@@ -144,7 +144,7 @@ def test_scanner_finds_the_planes_that_were_rendered(answers):
 
 
 def test_scanner_file_is_read_back(answers):
-    from workbench.jobs.scanner import read
+    from workbench.jobs.sensor.scanner import read
 
     found, home = answers("scanner")
     scanner = read(home / "scanner.toml")
@@ -378,7 +378,7 @@ def test_images_become_a_calibrated_arm(here):
     found = json.loads(Path("whole.json").read_text())
     assert found["command"] == "calibrate" and found["measures"] == "ball-centre"
     assert found["held_out"]["rms_mm"] < 0.05 < found["nominal"]["rms_mm"] / 4
-    from workbench.imaging.ground_truth import centre_errors
+    from workbench.files.images.ground_truth import centre_errors
 
     errors = centre_errors(found["sensor"]["scans"], json.loads(Path("truth.json").read_text()))
     assert errors["balls"] >= 25 and errors["rms_mm"] < 0.02

@@ -143,7 +143,7 @@ def test_a_result_says_the_version_that_made_it():
     """That of the code that ran, not what an install once wrote down of a checkout."""
     from types import SimpleNamespace
 
-    from workbench._version import VERSION
+    from workbench.core import VERSION
     from workbench.files.provenance import provenance
 
     told = provenance(SimpleNamespace(sha256="", source="", licence="", name="x"))

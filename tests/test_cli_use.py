@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scenes import ABB, scene
-from workbench.jobs.calibrate import calibrate, save
+from workbench.jobs.robot.calibrate import calibrate, save
 
 WORKBENCH = Path(sys.executable).with_name("workbench")
 

@@ -9,7 +9,7 @@ import pytest
 
 from scenes import scene
 from workbench.core.errors import InputError
-from workbench.jobs.compare import CHOSEN, FEW, SAME, Comparison, compare, save
+from workbench.jobs.robot.compare import CHOSEN, FEW, SAME, Comparison, compare, save
 
 WAVE = """
 [[stage]]

@@ -17,9 +17,9 @@ from workbench.core.rigid import rotation_matrix
 from workbench.files.solution_file import CalibratedArm, _trust, read_solution
 from workbench.files.targets import doubts, read_programme
 from workbench.fitting.plans import geometry
-from workbench.jobs.calibrate import calibrate, save
-from workbench.jobs.compensate import actual_poses, compensate, nominal_poses
-from workbench.jobs.correction_limits import checked
+from workbench.jobs.robot.calibrate import calibrate, save
+from workbench.jobs.robot.compensate import actual_poses, compensate, nominal_poses
+from workbench.jobs.robot.correction_limits import checked
 
 N = 200
 

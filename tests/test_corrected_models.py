@@ -21,10 +21,10 @@ from workbench.diagnosis.result import Term
 from workbench.files.solution_file import read_solution, without_terms
 from workbench.fitting import plan_file
 from workbench.fitting.plans import read_plan
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.compensate import actual_poses
-from workbench.jobs.poses import choose_poses
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.compensate import actual_poses
+from workbench.jobs.robot.poses import choose_poses
+from workbench.jobs.robot.simulate import simulate
 
 HALF_GAP = 4e-4
 SCENE = {

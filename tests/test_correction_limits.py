@@ -11,9 +11,14 @@ from robot_model.system import geometry_priors
 from scenes import ABB, scene
 from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
-from workbench.jobs.calibrate import calibrate, save
-from workbench.jobs.compensate import compensate, covariates_read
-from workbench.jobs.correction_limits import Limits, checked, doubt_about, parameter_deviations
+from workbench.jobs.robot.calibrate import calibrate, save
+from workbench.jobs.robot.compensate import compensate, covariates_read
+from workbench.jobs.robot.correction_limits import (
+    Limits,
+    checked,
+    doubt_about,
+    parameter_deviations,
+)
 
 JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
 RANGE = {f"q{k}_deg": [-100.0, 100.0] for k in range(1, 7)}

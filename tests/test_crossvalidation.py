@@ -16,7 +16,7 @@ from workbench.fitting.cross_validation import (
     error_summary,
     hold_out,
 )
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 poses = st.lists(st.integers(0, 12), min_size=1, max_size=60).map(np.array)
 

@@ -263,7 +263,7 @@ def test_ur10_poses_are_in_order_of_time_with_unit_quaternions():
 
 def test_ur10_orientations_agree_with_the_joint_readings():
     """Another order of the Euler angles would leave tens of degrees."""
-    from workbench.jobs.calibrate import calibrate
+    from workbench.jobs.robot.calibrate import calibrate
 
     recording = real("ur10_ipa_tmac_A")
     found = calibrate(recording.select(np.arange(0, recording.n, 60)), plan=(), folds=3)

@@ -18,12 +18,12 @@ from workbench.core.errors import InputError
 from workbench.diagnosis import diagnose
 from workbench.files.solution_file import read_solution, solution_keys
 from workbench.fitting import checked_samples
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.compare import compare
-from workbench.jobs.compensate import compensate
-from workbench.jobs.identify import identifiability
-from workbench.jobs.poses import CRITERIA, choose_poses
-from workbench.jobs.significance import significance
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.compare import compare
+from workbench.jobs.robot.compensate import compensate
+from workbench.jobs.robot.identify import identifiability
+from workbench.jobs.robot.poses import CRITERIA, choose_poses
+from workbench.jobs.robot.significance import significance
 
 FAST, SLOW, A_TEST = 30, 520, 20
 DIAGNOSED = 60

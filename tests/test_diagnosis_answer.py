@@ -26,7 +26,7 @@ from workbench.diagnosis.robot import against
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, heldout, proof
 from workbench.diagnosis.validation.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
     "robot": "abb_irb120",

@@ -9,7 +9,7 @@ import tomli_w
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.noise.stated_noise import StatedNoise, compare, finding_of
 from workbench.diagnosis.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
     "robot": "abb_irb120",

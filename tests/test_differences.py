@@ -10,7 +10,7 @@ from workbench.core.errors import InputError
 from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.differences import differences
 from workbench.diagnosis.robot.against import reference_of
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
     "robot": "abb_irb120",
@@ -129,7 +129,7 @@ def test_a_twin_without_masses_is_said_to_show_no_deflection(tmp_path):
 def test_parameters_of_an_earlier_solution_that_were_held_are_suspects(tmp_path):
     """A plan without beta at the parallel axes 2 and 3: the solution holds it, and the comparison names it."""
     from workbench.fitting.plans import read_plan
-    from workbench.jobs.calibrate import calibrate, save
+    from workbench.jobs.robot.calibrate import calibrate, save
 
     recording = recorded(tmp_path, {"joint-2.beta2": 8e-4})
     save(calibrate(recording, read_plan("ye-mdh"), folds=4), tmp_path)

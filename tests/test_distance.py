@@ -17,9 +17,9 @@ from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.fitting.cross_validation import blocks
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.identify import identifiability
-from workbench.jobs.poses import choose_poses, write_poses
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.identify import identifiability
+from workbench.jobs.robot.poses import choose_poses, write_poses
 from workbench.report.calibration.errors import errors_of, noise_sentence
 
 REFLECTORS = {1: np.array([20.0, -15.0, 150.0]), 4: np.array([-60.0, 10.0, 80.0])}

@@ -13,10 +13,10 @@ from robot_model.measurements import samples_of
 from scenes import KINDS, scene
 from workbench.diagnosis.answer import diagnose
 from workbench.fitting.plans import geometry
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.calibrate_large import calibrate_chunks
-from workbench.jobs.compare import compare
-from workbench.jobs.identify import identifiability
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.calibrate_large import calibrate_chunks
+from workbench.jobs.robot.compare import compare
+from workbench.jobs.robot.identify import identifiability
 from workbench.studies.resampling import by_poses
 
 

@@ -27,7 +27,7 @@ from workbench.files.exports.ur_kinematics import (
 )
 from workbench.files.exports.urdf_patch import patched_urdf
 from workbench.files.solution_file import CalibratedArm
-from workbench.jobs.compensate import actual_poses, compensate
+from workbench.jobs.robot.compensate import actual_poses, compensate
 
 GEOMETRY = ("theta", "d", "a", "alpha", "beta")
 SIZES = np.array([5e-4, 0.1, 0.1, 5e-4, 5e-4])
@@ -452,7 +452,7 @@ def test_the_nominal_file_is_the_one_that_the_maker_publishes():
 def test_the_module_of_one_half_predicts_the_other_as_calibrate_does(recording, tmp_path):
     """irb120_faro: fitted on the first half, exported, and the second half predicted by the module."""
     from workbench.files.solution_file import read_solution
-    from workbench.jobs.calibrate import calibrate, save
+    from workbench.jobs.robot.calibrate import calibrate, save
 
     measured = recording("irb120_faro")
     moving = samples_of(measured)

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from workbench.core.text.file_names import LONGEST, differ_in_case_only, file_name, identifier_of
-from workbench.jobs import scan
+from workbench.jobs.sensor import scan
 
 AWKWARD = st.sampled_from(
     [

@@ -13,7 +13,7 @@ from datasets.importers.sources import read_sources
 from datasets.importers.sources.text_tables import read_text_table
 from workbench.cli import run
 from workbench.core.errors import InputError
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.importing import ImportOptions, import_recording
 
 SCENE = """

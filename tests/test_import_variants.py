@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from datasets.importers.mapping.rotations import EULER
 from workbench.core.errors import InputError
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.importing import ImportOptions, import_recording
 
 ROBOT = "abb_irb120"

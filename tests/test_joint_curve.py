@@ -128,7 +128,7 @@ def test_the_chosen_curves_lower_the_error_and_state_the_order():
 @pytest.mark.long
 def test_default_calibration_of_the_ur10_finds_the_curves(recording):
     """Held-out error at most 0.20 mm; geometry and two harmonics per joint leave 0.43 mm."""
-    from workbench.jobs.calibrate import calibrate
+    from workbench.jobs.robot.calibrate import calibrate
 
     found = calibrate(recording("ur10_ipa_tmac_A"))
     assert found.held_out["rms_mm"] <= 0.20

@@ -15,9 +15,9 @@ from workbench.commands.sensor.handeye import command
 from workbench.commands.shared import flow
 from workbench.core.errors import InputError
 from workbench.fitting.plans import geometry
-from workbench.jobs import hand_eye
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.identify import identifiability
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.identify import identifiability
+from workbench.jobs.sensor import hand_eye
 
 FREE = (-1000.0, 1000.0)
 ARM = CRAIG | {"gravity": [0.0, 0.0, -1.0]}

@@ -16,8 +16,8 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.files.solution_file import read_solution
-from workbench.jobs import calibrate_large
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot import calibrate_large
+from workbench.jobs.robot.calibrate import calibrate
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import datasets
 from sensor_recordings import scanner_recording
 from workbench.core.errors import InputError
 from workbench.files.spool import Spool
-from workbench.jobs import ball_centres, scan
+from workbench.jobs.sensor import ball_centres, scan
 from workbench.machine.progress import paced
 
 

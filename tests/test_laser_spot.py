@@ -14,7 +14,7 @@ from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 BEAM = np.array([12.0, -7.0, 0.0]), Rotation.from_euler("xy", [0.04, 0.11]).as_matrix()[:, 2]
 CENTRE, RADIUS = np.array([700.0, 40.0, 300.0]), 60.0

@@ -15,7 +15,7 @@ from test_exports_arm import SPRINGS, arm_with, calibrated_geometry, flanges, re
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import mjcf
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 TWIN = """<mujoco model="cell">
   <compiler angle="degree" autolimits="true"/>

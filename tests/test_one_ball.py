@@ -5,8 +5,8 @@ import pytest
 from datasets import read, write
 from scenes import BALLS, scene
 from workbench.core.errors import InputError
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.poses import choose_poses
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.poses import choose_poses
 
 
 def folder(tmp_path, balls, artefact):

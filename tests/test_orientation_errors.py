@@ -24,12 +24,12 @@ from workbench.diagnosis.files import save as save_diagnosis
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation.heldout import Errors
 from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary
-from workbench.jobs.calibrate import calibrate, save
-from workbench.jobs.calibrate_large import calibrate_chunks
-from workbench.jobs.compare import compare
-from workbench.jobs.compare import save as save_comparison
-from workbench.jobs.poses import choose_poses
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.calibrate import calibrate, save
+from workbench.jobs.robot.calibrate_large import calibrate_chunks
+from workbench.jobs.robot.compare import compare
+from workbench.jobs.robot.compare import save as save_comparison
+from workbench.jobs.robot.poses import choose_poses
+from workbench.jobs.robot.simulate import simulate
 from workbench.report.diagnosis.page import page as diagnosis_page
 
 ROTATION_KEYS = ("rotation_rms_deg", "rotation_mean_deg", "rotation_p95_deg", "rotation_max_deg")

@@ -13,7 +13,7 @@ from datasets.makers import gubankov
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.published.touch_pairs import pairs_of, start_tip
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 sys.path.insert(0, str(ROOT / "tools"))
 

@@ -10,7 +10,7 @@ from datasets import read, write
 from datasets.makers import liu
 from robot_model import load_robot
 from robot_model.published.beam_spheres import A2, sphere_centres
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 sys.path.insert(0, str(ROOT / "tools"))
 

@@ -12,9 +12,9 @@ from datasets.makers.tx60 import geometries, tx60
 from robot_model import load_robot
 from robot_model.chain import forward
 from workbench.core.errors import InputError
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.identify import identifiability
-from workbench.jobs.significance import robot_called, significance
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.identify import identifiability
+from workbench.jobs.robot.significance import robot_called, significance
 
 PLAN = Path("mdh-partial-pose")
 OPEN = "joint 6's twist (alpha) has no effect on these measurements"

@@ -10,8 +10,8 @@ import pytest
 import datasets
 from conftest import ROOT
 from workbench.fitting.plans import read_plan
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.compare import compare
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.compare import compare
 
 sys.path.insert(0, str(ROOT / "tools"))
 

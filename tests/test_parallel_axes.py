@@ -8,9 +8,9 @@ from robot_model import load_robot
 from workbench.core.solution import Stage
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, read_plan
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.compare import compare
-from workbench.jobs.simulate import simulate, truth_of
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.compare import compare
+from workbench.jobs.robot.simulate import simulate, truth_of
 
 SCENE = {
     "robot": "abb_irb120",

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from scenes import scene
 from workbench.commands.shared import tables
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 from workbench.report.calibration import parameters as page
 
 

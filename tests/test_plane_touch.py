@@ -14,7 +14,7 @@ from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 TIP = np.array([20.0, -15.0, 150.0])
 PLANES = {

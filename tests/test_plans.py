@@ -11,7 +11,7 @@ from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.fitting.plans import default_plan, read_plan
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 GOOD = """
 [[stage]]

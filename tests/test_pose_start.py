@@ -17,7 +17,7 @@ from workbench.core.solution import Stage
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import frames_of
 from workbench.fitting.start_ambiguity import ambiguity_sentence
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 # what the geometry errors of the scenes leave, with base and tool fitted
 LARGEST_MM, LARGEST_DEG = 8.0, 1.2

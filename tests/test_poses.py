@@ -16,8 +16,8 @@ from workbench.core.least_squares.identifiability import identifiability, indepe
 from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
 from workbench.fitting.plans import geometry
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.poses import choose_poses, write_poses
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.poses import choose_poses, write_poses
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from workbench.core.covariates import last_moves
 from workbench.diagnosis.noise.scatter import places, scattered
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import find
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 STILL = np.array([1e-4, 1e-4])
 SCENE = {

@@ -17,7 +17,7 @@ from scenes import ABB, CRAIG, model_of, scene
 from workbench.core.covariates import WIND_UP, wound_up
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 
 def state_of(arm=ABB, n=60, measures="external-point", seed=4):

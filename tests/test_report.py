@@ -111,7 +111,7 @@ def _columns(q, points):
 
 
 def fake(n=240, sigma=0.02, points=None, seed=5):
-    """What `workbench.jobs.calibrate` returns, with joint 3 still wrong by a sine and one row never held out."""
+    """What `workbench.jobs.robot.calibrate` returns, with joint 3 still wrong by a sine and one row never held out."""
     random = np.random.default_rng(seed)
     q = random.uniform(-80, 80, (n, 6))
     residual = random.normal(0, 0.02, (3, n)) + np.outer(

@@ -30,7 +30,7 @@ STAGES = (
 
 @pytest.fixture(scope="module")
 def calibration():
-    from workbench.jobs.calibrate import calibrate
+    from workbench.jobs.robot.calibrate import calibrate
 
     return calibrate(datasets.read("elastic-arm"), STAGES, folds=2)
 

@@ -45,7 +45,7 @@ def pages(tmp_path_factory):
 
 def camera_page(folder: Path) -> Page:
     import datasets
-    from workbench.jobs import camera
+    from workbench.jobs.sensor import camera
     from workbench.report.sensor.camera import page
 
     return page(camera.calibrate(datasets.read(scanner_recording()[0]), "brown", lambda text: None))
@@ -53,7 +53,7 @@ def camera_page(folder: Path) -> Page:
 
 def scans(folder: Path):
     import datasets
-    from workbench.jobs import scan
+    from workbench.jobs.sensor import scan
 
     return scan.scan(datasets.read(scanner_recording()[0]), None, folder, lambda text: None)
 
@@ -66,7 +66,7 @@ def scan_page(folder: Path) -> Page:
 
 def handeye_page(folder: Path) -> Page:
     import datasets
-    from workbench.jobs import hand_eye
+    from workbench.jobs.sensor import hand_eye
     from workbench.report.sensor.handeye import page
 
     return page(
@@ -273,7 +273,7 @@ def test_time_left_is_told_once_there_is_a_guess():
 )
 def test_balls_are_named_only_where_that_is_certain(radii, distances, column, numbers):
     from datasets.recording import Recording
-    from workbench.imaging.ball_names import named
+    from workbench.files.images.ball_names import named
 
     balls = {1: (0.0, 0.0, 0.0, 10.0), 2: (40.0, 0.0, 0.0, 10.0), 3: (0.0, 90.0, 0.0, 20.0)}
     if numbers == [1, 3]:
@@ -290,7 +290,7 @@ def test_balls_are_named_only_where_that_is_certain(radii, distances, column, nu
 
 def test_distance_from_the_truth_is_that_after_one_rigid_motion():
     from workbench.core.rigid import rotation_matrix
-    from workbench.imaging.ground_truth import centre_errors
+    from workbench.files.images.ground_truth import centre_errors
 
     true = np.random.default_rng(4).uniform(-30, 30, (6, 3))
     moved = true @ rotation_matrix(np.array([0.01, 0.02, -0.01])).T + [0.1, 0.2, -0.3]
@@ -321,7 +321,7 @@ def test_flange_poses_come_from_columns_or_from_joints():
     from datasets.recording import Recording
     from robot_model import load_robot
     from robot_model.chain import forward
-    from workbench.imaging.flange import flange_poses
+    from workbench.files.images.flange import flange_poses
 
     q = np.deg2rad([[10.0, 20, -30, 40, 50, 60]])
     columns = {"sample": np.array([1.0])} | {f"q{k + 1}_deg": np.rad2deg(q[:, k]) for k in range(6)}
@@ -361,7 +361,7 @@ def test_sigmas_of_each_coordinate_are_used():
 def test_a_step_without_a_plane_is_left_out_and_said(tmp_path):
     from dataclasses import replace
 
-    from workbench.jobs import scan
+    from workbench.jobs.sensor import scan
 
     made = scans(tmp_path)
     scanner = made.scanner

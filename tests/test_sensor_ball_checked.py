@@ -13,8 +13,8 @@ from sensors.ball.point_errors import plane_error
 from sensors.ball.search import find_balls
 from sensors.ball.shared import Shared
 from sensors.scanner.model import Scanner
-from workbench.jobs.ball_centres import ball_json, uncertainty
-from workbench.jobs.scan import Ball, _Work
+from workbench.jobs.sensor.ball_centres import ball_json, uncertainty
+from workbench.jobs.sensor.scan import Ball, _Work
 
 RADIUS, SIGMA, SIXTY = 12.7, 0.01, np.pi / 3
 CENTRE = np.array([3.0, -4, 125])

@@ -14,9 +14,9 @@ from sensors.scanner.file import write_scanner
 from sensors.scanner.model import Scanner
 from sensors.stripe.clipping import Counts, clip_level
 from sensors.stripe.find import find_stripes
-from workbench.imaging.images import full_scale
-from workbench.jobs.scan import scan
-from workbench.jobs.scanner import board_stripes
+from workbench.files.images.images import full_scale
+from workbench.jobs.sensor.scan import scan
+from workbench.jobs.sensor.scanner import board_stripes
 
 SIDE = 256
 TRUTH = 60.37 + 0.3 * np.arange(SIDE)
@@ -129,9 +129,9 @@ def passed_on(monkeypatch, module) -> list:
 def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, full):
     import open3d
 
-    import workbench.jobs.scan
+    import workbench.jobs.sensor.scan
 
-    told = passed_on(monkeypatch, workbench.jobs.scan)
+    told = passed_on(monkeypatch, workbench.jobs.sensor.scan)
     images = twelve_bits(left)
     made = recorded(
         tmp_path, {f"{k}.png": image for k, image in enumerate(images)}, "scan", scan="1"
@@ -153,9 +153,9 @@ def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, 
 
 @pytest.mark.parametrize(("left", "full"), [(False, 4095), (True, 65520)])
 def test_stripes_on_boards_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, full):
-    import workbench.jobs.scanner
+    import workbench.jobs.sensor.scanner
 
-    told = passed_on(monkeypatch, workbench.jobs.scanner)
+    told = passed_on(monkeypatch, workbench.jobs.sensor.scanner)
     images = {f"{k}.png": image for k, image in enumerate(twelve_bits(left))}
     made = recorded(tmp_path, images, "board-laser", placement="1")
     assert cv2.imwrite(str(tmp_path / "dark.png"), twelve_bits(left, peak=0.0, frames=1, seed=1)[0])

@@ -7,7 +7,7 @@ import numpy as np
 import datasets
 from sensor_recordings import scanner_recording
 from sensors.boards.detection import detect_all
-from workbench.jobs.scanner import region_of
+from workbench.jobs.sensor.scanner import region_of
 
 
 def test_a_board_that_is_cut_keeps_its_stripes():

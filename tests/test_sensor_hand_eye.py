@@ -393,7 +393,7 @@ def test_spherescan_hand_eye(spherescan, which, radius, limit):
 def test_the_answer_of_profiles_says_scale_noise_and_free_radius(real):
     """As a person reads it: the profiler's scale and the radius, where they are fitted, each with its sigma."""
     import datasets
-    from workbench.jobs import hand_eye
+    from workbench.jobs.sensor import hand_eye
 
     real("spherescan_handeye_pan")
     told = hand_eye.as_json(

@@ -11,7 +11,7 @@ from sensors.hand_eye.centres import Centres, hand_eye_from_centres
 from workbench import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_vector, transform
-from workbench.jobs import hand_eye
+from workbench.jobs.sensor import hand_eye
 
 RADIUS, BALL = 20.0, np.array([600.0, 120.0, 40.0])
 HAND_EYE = transform(

@@ -262,7 +262,7 @@ def test_a_pixel_that_is_no_number_is_named():
 @pytest.fixture(scope="module")
 def one_axis():
     """A run of the command's part on images with turns about one axis."""
-    from workbench.jobs.hand_eye import HandEyeRun
+    from workbench.jobs.sensor.hand_eye import HandEyeRun
 
     views, flange = images(9, turns=SPUN, spin=1e-5)
     views = [View("", "", v.index, v.pixels, CAMERA.size, np.ones(35)) for v in views]
@@ -282,7 +282,7 @@ def test_terminal_and_page_say_first_what_is_not_determined(one_axis, monkeypatc
     from rich.console import Console
 
     from workbench.commands.shared import answer, sensor_tables
-    from workbench.jobs import hand_eye
+    from workbench.jobs.sensor import hand_eye
     from workbench.report.sensor import handeye as report
 
     monkeypatch.setattr(hand_eye, "provenance", lambda recording: {})
@@ -305,7 +305,7 @@ def test_terminal_and_page_say_first_what_is_not_determined(one_axis, monkeypatc
 def test_the_file_says_what_is_not_determined(one_axis, tmp_path, monkeypatch):
     import tomllib
 
-    from workbench.jobs import hand_eye
+    from workbench.jobs.sensor import hand_eye
 
     monkeypatch.setattr(hand_eye, "provenance", lambda recording: {})
     hand_eye.save(one_axis, tmp_path)

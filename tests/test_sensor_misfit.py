@@ -13,7 +13,7 @@ from sensors.scanner.misfit import stripe_misfit
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.find import find_stripes
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
-from workbench.jobs import scanner as scanners
+from workbench.jobs.sensor import scanner as scanners
 
 NOISE = 0.04
 

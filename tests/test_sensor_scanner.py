@@ -440,7 +440,7 @@ def test_stripes_of_images_know_their_placement_step_and_angle():
 def test_a_real_profiler_on_images_left_out(real):
     """linelaser_circlegrid_zhao: within 0.03 of a circle's pitch, more than 80 % inliers; the authors' plane."""
     import datasets
-    from workbench.jobs.scanner import calibrate
+    from workbench.jobs.sensor.scanner import calibrate
 
     folder = real("linelaser_circlegrid_zhao")
     run = calibrate(datasets.read("linelaser_circlegrid_zhao"))

@@ -5,7 +5,7 @@ import pytest
 
 from sensors.ball.arcs import Arcs
 from sensors.ball.search import find_balls
-from workbench.jobs.scan import _seen_instead
+from workbench.jobs.sensor.scan import _seen_instead
 
 RADIUS, CENTRE = 15.0, np.array([2.0, -3.0, 200.0])
 

@@ -8,7 +8,7 @@ from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
-from workbench.imaging.scan_surface import reconstructed
+from workbench.files.images.scan_surface import reconstructed
 
 CAMERA = Camera(1500.0, 1500.0, 640.0, 512.0, (0.0,) * 5, (1280, 1024))
 CENTRE, RADIUS = np.array([[4.0], [-3.0], [125.0]]), 12.0

@@ -8,7 +8,7 @@ import pytest
 import datasets
 from sensor_recordings import scanner_recording
 from sensors.scanner.unseen_steps import with_unseen_steps
-from workbench.jobs import scanner as scanners
+from workbench.jobs.sensor import scanner as scanners
 
 UNSEEN = 4
 

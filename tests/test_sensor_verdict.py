@@ -10,7 +10,7 @@ from sensor_recordings import scanner_recording
 from sensors.boards.detection import detect_all
 from sensors.camera.calibration import calibrate_camera
 from workbench.fitting.verdicts import sensor_verdict
-from workbench.jobs.scanner import as_json, calibrate
+from workbench.jobs.sensor.scanner import as_json, calibrate
 
 
 def mispaired(recording):

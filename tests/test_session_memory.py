@@ -22,7 +22,7 @@ from sensors.scanner.model import Scanner
 from workbench.commands.sensor import scan as scan_command
 from workbench.commands.shared import answer
 from workbench.files.spool import Parts, Spool
-from workbench.jobs import ball_centres, scan
+from workbench.jobs.sensor import ball_centres, scan
 from workbench.report.sensor import summary_image
 from workbench.report.sensor.scan import page
 

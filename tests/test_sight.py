@@ -7,10 +7,10 @@ from plain_frames import frames_of
 from robot_model import load_robot
 from scenes import scene
 from workbench.core.errors import InputError
-from workbench.imaging.visibility import BELOW, OUTSIDE, TOO_FAR, Sight
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.poses import choose_poses
-from workbench.jobs.simulate import simulate
+from workbench.files.images.visibility import BELOW, OUTSIDE, TOO_FAR, Sight
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.poses import choose_poses
+from workbench.jobs.robot.simulate import simulate
 
 SCENE = """
 robot = "fanuc_lr_mate_200id"

@@ -15,7 +15,7 @@ from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 TRACKER = {
     "robot": "abb_irb120",

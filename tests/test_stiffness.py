@@ -9,7 +9,7 @@ from scenes import ABB
 from test_exports_arm import arm_with, readings_of
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import mjcf
-from workbench.jobs.stiffness import PARTS, cartesian_stiffness, save, stiffness_columns
+from workbench.jobs.robot.stiffness import PARTS, cartesian_stiffness, save, stiffness_columns
 
 ROWS = [
     *(("joint-compliance", f"joint-{k}", {}) for k in range(1, 7)),

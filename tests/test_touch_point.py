@@ -15,7 +15,7 @@ from scenes import ABB, assert_rows, differences
 from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.solver import normal_matrix, solve
 from workbench.core.model import Model
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 TIP = np.array([20.0, -15.0, 180.0])
 

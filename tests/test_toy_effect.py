@@ -16,8 +16,8 @@ from robot_model.effects import CATALOGUE
 from workbench.core.effect import Effect
 from workbench.diagnosis import diagnose, words
 from workbench.fitting.plans import read_plan
-from workbench.jobs.calibrate import calibrate
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.calibrate import calibrate
+from workbench.jobs.robot.simulate import simulate
 from workbench.proving import planting
 
 NAME, WHERE, TRUE = "payload-bump", "joint-3", 4e-4

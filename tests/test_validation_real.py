@@ -15,7 +15,7 @@ from workbench import fitting as package
 from workbench.core.model import Model
 from workbench.fitting.cross_validation import hold_out
 from workbench.fitting.plans import geometry
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 BENDING = Path(package.__file__).parent / "plan_files" / "geometry-compliance-bending.toml"
 pytestmark = pytest.mark.slow

@@ -21,7 +21,7 @@ from workbench import fitting as package
 from workbench.core.effect import make_effects, numeric_derivative
 from workbench.core.model import Model
 from workbench.fitting.plans import read_plan
-from workbench.jobs.calibrate import calibrate
+from workbench.jobs.robot.calibrate import calibrate
 
 ye = pytest.importorskip(
     "datasets.makers.ye", reason="MuJoCo is not installed", exc_type=ImportError

@@ -12,7 +12,7 @@ from datasets.columns import POINT, QUATERNION
 from datasets.recording import Recording
 from robot_model.measurements import samples_of
 from workbench.files.scene import Scene
-from workbench.jobs.simulate import truth_from
+from workbench.jobs.robot.simulate import truth_from
 
 _NOISE_MM = 0.02
 _COMPLIANT = [

@@ -15,7 +15,7 @@ from workbench.core.model import NOISE
 from workbench.diagnosis.planning.experiment import Doubt, compared, describe_comparison
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.words import measured
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 _CAUSES = {
     "payload_kg": [0.0, 2.0],

@@ -63,7 +63,7 @@ CONTRACTS = (
     r"\bsealed/",
     r"\bswallowed(?==\d)",
     r"\| swallowed(?= \|)",
-    r"--(no-)?pictures|from[-_]pictures",
+    r"(default: |--|--no-)pictures|from[-_]pictures",
     r"\b(calib|light)_picture\b",
     r"(?<=\|)picture(?=\|foto\|)",  # a column name that importers accept
     r"^\| `[0-9a-f]{12}` .*",  # a case of the scoreboard: claims as they were written

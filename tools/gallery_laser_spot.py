@@ -15,7 +15,7 @@ from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.published.beam_spheres import A2, BeamFit, calibrate_beams
 from workbench.fitting.plans import geometry as geometry_stage
-from workbench.jobs.calibrate import Calibration, calibrate
+from workbench.jobs.robot.calibrate import Calibration, calibrate
 
 HERE = Path(__file__).parents[1] / "docs" / "gallery"
 _NAMES = ("theta", "d", "a", "alpha")

@@ -21,8 +21,8 @@ sys.path.insert(0, str(ROOT))
 
 from datasets import papers  # noqa: E402
 from datasets.makers.tx60 import tx60  # noqa: E402
-from workbench.jobs.calibrate import calibrate  # noqa: E402
-from workbench.jobs.identify import identifiability  # noqa: E402
+from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
+from workbench.jobs.robot.identify import identifiability  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery" / "partial-pose.md"
 PLAN, KINDS, SEEDS = Path("mdh-partial-pose"), ("full", "np", "op"), range(1, 21)

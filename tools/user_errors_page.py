@@ -19,7 +19,7 @@ from user_errors import MISTAKES, is_absorbed, judged  # noqa: E402
 from workbench.core.errors import InputError  # noqa: E402
 from workbench.fitting.plans import geometry  # noqa: E402
 from workbench.fitting.plausibility import check_plausibility  # noqa: E402
-from workbench.jobs.calibrate import calibrate  # noqa: E402
+from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
 
 PAGE, DATA = ROOT / "docs" / "user-errors.md", ROOT / "docs" / "user-errors.json"
 SOUND = "no mistake"

@@ -12,7 +12,7 @@ imported when they are first used: `import workbench` loads none of the large li
 
 from importlib import import_module
 
-from workbench._version import VERSION as __version__
+from workbench.core import VERSION as __version__
 
 _HOMES = {
     "Effect": "workbench.core.effect",

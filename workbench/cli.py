@@ -16,7 +16,6 @@ from typing import Annotated
 
 import typer
 
-from workbench._version import VERSION
 from workbench.commands.data import (
     check,
     datasets,
@@ -42,6 +41,7 @@ from workbench.commands.robot import (
     stiffness,
 )
 from workbench.commands.sensor import camera, handeye, render, scan, scanner
+from workbench.core import VERSION
 from workbench.core.errors import InputError, Stopped
 from workbench.machine.doctor import missing_package
 

@@ -4,7 +4,7 @@ import platform
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 
-from workbench._version import VERSION
+from workbench.core import VERSION
 
 
 def provenance(recording) -> dict[str, str]:

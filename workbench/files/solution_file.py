@@ -55,7 +55,7 @@ class CalibratedArm:
 
 
 def solution_keys(calibration, noise=None) -> dict:
-    """What `read_solution` reads back, of a `workbench.jobs.calibrate.Calibration`.
+    """What `read_solution` reads back, of a `workbench.jobs.robot.calibrate.Calibration`.
 
     noise: its `NoiseReport` (`workbench.fitting.verdicts.noise_report`), where it is not that of the
     calibration's own samples.

@@ -49,7 +49,7 @@ def check_samples(
     """The samples of a recording and its nominal robot, after the plausibility check of the rows to be fitted.
 
     trust_data: what would be refused is a warning instead. fit_samples, test_samples: sample numbers, as of
-    `workbench.jobs.calibrate.calibrate`. Raises InputError where the recorded data cannot be right.
+    `workbench.jobs.robot.calibrate.calibrate`. Raises InputError where the recorded data cannot be right.
     """
     samples = samples_of(recording)
     robot = load_robot(recording.robot, f"robot of {recording.name}")

@@ -12,7 +12,7 @@ from robot_model import builtin_robots, load_robot
 from sensors.hand_eye.mistakes import Reading
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse
-from workbench.imaging.flange import flange_poses
+from workbench.files.images.flange import flange_poses
 
 _OFFSETS_DEG = (90.0, -90.0, 180.0)
 _TURN = 2.1 * np.pi

@@ -16,7 +16,7 @@ PAGE, IMAGE = "report.html", "summary.png"
 def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Path:
     """Write `report.html`, and `summary.png` if it can be drawn, into an existing folder.
 
-    calibration: a `workbench.jobs.calibrate.Calibration`; more: further sections, placed before the provenance.
+    calibration: a `workbench.jobs.robot.calibrate.Calibration`; more: further sections, placed before the provenance.
     Returns the path of the page. Raises InputError if the folder is not writable.
     """
     path = Path(folder) / PAGE

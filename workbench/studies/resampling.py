@@ -8,7 +8,7 @@ import numpy as np
 import datasets
 from datasets.recording import Recording
 from workbench.core.errors import InputError
-from workbench.jobs.calibrate import Calibration, calibrate
+from workbench.jobs.robot.calibrate import Calibration, calibrate
 from workbench.studies.robots import plan_of
 from workbench.studies.spec import Study
 

@@ -18,9 +18,9 @@ from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
 from workbench.files.solution_file import CalibratedArm
 from workbench.fitting.plans import PLAN_FILES, frames_of, geometry, plan_names
-from workbench.jobs.calibrate import Calibration, calibrate
-from workbench.jobs.compensate import compensate
-from workbench.jobs.simulate import Truth, truth_from
+from workbench.jobs.robot.calibrate import Calibration, calibrate
+from workbench.jobs.robot.compensate import compensate
+from workbench.jobs.robot.simulate import Truth, truth_from
 from workbench.studies.spec import Study, Tasks, validated
 
 MODELS = ("geometry", JointCompliance.effect, "default")
@@ -73,7 +73,7 @@ def _designed(study: Study, candidates: Recording, rng) -> np.ndarray:
             np.arange(candidates.n) if design.choice == "first" else rng.permutation(candidates.n)
         )
         return np.sort(chosen[: design.count])
-    from workbench.jobs.poses import choose_poses
+    from workbench.jobs.robot.poses import choose_poses
 
     chosen = choose_poses(
         candidates, design.count, design.choice, link_radius_mm=0.0, seed=int(rng.integers(2**31))

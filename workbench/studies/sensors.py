@@ -11,7 +11,7 @@ from sensors.rendering.scene import Scene
 from sensors.scanner.file import write_scanner
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
-from workbench.jobs.scan import Ball, Scans, scan
+from workbench.jobs.sensor.scan import Ball, Scans, scan
 from workbench.studies.robots import Row
 from workbench.studies.spec import Study, validated
 

@@ -21,7 +21,7 @@ def camera_of(opened: Opened):
     path = _file_of(opened, SCANNER) or _file_of(opened, CAMERA)
     if path is None:
         return None
-    from workbench.jobs.camera import read
+    from workbench.jobs.sensor.camera import read
 
     return read(path)
 
@@ -31,7 +31,7 @@ def scanner_of(opened: Opened):
     path = _file_of(opened, SCANNER)
     if path is None:
         return None
-    from workbench.jobs.scanner import read
+    from workbench.jobs.sensor.scanner import read
 
     return read(path)
 

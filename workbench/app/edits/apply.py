@@ -73,7 +73,7 @@ def _chosen(images, places: list[int]):
 
 @dataclass(frozen=True)
 class EditedPlan:
-    """A plan for `workbench.jobs.calibrate`: called with the chain, it gives the stages that are left.
+    """A plan for `workbench.jobs.robot.calibrate`: called with the chain, it gives the stages that are left.
 
     session: names stages and effects that are left out or added. Raises InputError when called where a name
     is that of no stage or effect of the plan.

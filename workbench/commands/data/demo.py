@@ -85,8 +85,8 @@ def scene() -> Path:
 def _from_images(run: runs.Run, say) -> dict:
     """Rendered images -> scanner -> clouds -> ball centres -> arm, and the error against the truth."""
     import datasets
-    from workbench.imaging.ground_truth import centre_errors
-    from workbench.jobs.render import render
+    from workbench.files.images.ground_truth import centre_errors
+    from workbench.jobs.sensor.render import render
 
     folder, place = run.partial / RENDERED, run.path / RENDERED
     folder.mkdir()

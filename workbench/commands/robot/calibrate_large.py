@@ -30,7 +30,7 @@ def command(
     with answer.progress(f"reading {recording}") as say:
         from datasets.formats.recording1 import read_head
         from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
-        from workbench.jobs.calibrate_large import calibrate_chunks, save
+        from workbench.jobs.robot.calibrate_large import calibrate_chunks, save
 
         tolerances = answer.read_tolerances(tolerance, read_head(recording)[0].measures)
         with runs.opened("calibrate-large", recording, out) as run:

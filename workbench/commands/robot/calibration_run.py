@@ -30,7 +30,7 @@ def solve(
 ):
     """Calibrate, save and report into a run folder. Returns the answer and the run.
 
-    found: a `datasets.recording.Recording`; options: keyword arguments of `workbench.jobs.calibrate.calibrate`;
+    found: a `datasets.recording.Recording`; options: keyword arguments of `workbench.jobs.robot.calibrate.calibrate`;
     scanner: scanner file for a recording of scans; None calibrates one. tolerances: of the verdict. Raises InputError.
     """
     with runs.opened("calibrate", name, out) as run:
@@ -56,7 +56,7 @@ def solve_into(
     Arguments as in `solve`. Raises InputError.
     """
     from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
-    from workbench.jobs.calibrate import calibrate, save
+    from workbench.jobs.robot.calibrate import calibrate, save
 
     scans, sensor_keys = None, {}
     if found.measures == "scan-images":
@@ -93,7 +93,7 @@ def _stated_options(options: dict, scanner: Path | None) -> dict:
 
 def _centres(found, scanner, folder, path, options, say):
     """Scans, their part of the answer, the recording of ball centres, and the options for its calibration."""
-    from workbench.jobs import ball_centres, scan
+    from workbench.jobs.sensor import ball_centres, scan
 
     ball_centres.check_arm(found)
     scans = scan.scan(found, scanner, folder, say)
@@ -101,7 +101,7 @@ def _centres(found, scanner, folder, path, options, say):
     made = ball_centres.required(scans)
     sensor_keys = {"sensor": ball_centres.as_json(scans, path)}
     if scans.calibration is not None:
-        from workbench.jobs.scanner import as_json
+        from workbench.jobs.sensor.scanner import as_json
 
         sensor_keys["sensor"]["calibration"] = as_json(scans.calibration)
     lists = {

@@ -33,7 +33,7 @@ def command(
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         import datasets
-        from workbench.jobs.compare import compare, save
+        from workbench.jobs.robot.compare import compare, save
 
         found = datasets.read(recording, trust_data)
         known = frozenset(found.sample_ids.tolist())

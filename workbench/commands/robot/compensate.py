@@ -72,8 +72,8 @@ def command(
         from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
         from workbench.fitting.verdicts.verdict import parse_tolerances
-        from workbench.jobs.compensate import compensate
-        from workbench.jobs.correction_limits import (
+        from workbench.jobs.robot.compensate import compensate
+        from workbench.jobs.robot.correction_limits import (
             Limits,
             checked,
             covariates_of,

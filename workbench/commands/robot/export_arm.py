@@ -48,7 +48,7 @@ def check_options(to: str, options: ArmOptions) -> None:
 def export_arm(path: Path, to: str, file: Path, options: ArmOptions) -> ArmExport:
     """The export of a solution.json in a format of `FORMATS`, read back before it is returned. Raises InputError."""
     from workbench.files.solution_file import read_solution, without_terms
-    from workbench.jobs.correction_limits import checked
+    from workbench.jobs.robot.correction_limits import checked
 
     check_options(to, options)
     arm = checked(read_solution(path), path, options.force)
@@ -153,8 +153,8 @@ def _program(arm, to: str, file: Path, options: ArmOptions) -> ArmExport:
     from workbench.files.exports.check import check_program
     from workbench.files.exports.programs import Program, program_text
     from workbench.files.targets import read_programme
-    from workbench.jobs.compensate import compensate
-    from workbench.jobs.correction_limits import Limits, covariates_of, judge_targets
+    from workbench.jobs.robot.compensate import compensate
+    from workbench.jobs.robot.correction_limits import Limits, covariates_of, judge_targets
 
     programme = read_programme(options.targets, arm.robot)
     covariates = covariates_of(arm, programme)

@@ -30,7 +30,7 @@ def command(
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         import datasets
-        from workbench.jobs.identify import identifiability
+        from workbench.jobs.robot.identify import identifiability
 
         found = datasets.read(recording, trust_data)
         say("analysing the poses")

@@ -61,8 +61,8 @@ def command(
     """Choose the most informative poses, and state which parameters they do not identify."""
     answer.check_target(json)
     with answer.progress(f"reading {candidates}") as say:
-        from workbench.imaging.visibility import Sight
-        from workbench.jobs.poses import choose_poses, write_poses
+        from workbench.files.images.visibility import Sight
+        from workbench.jobs.robot.poses import choose_poses, write_poses
 
         tolerances = _tolerances(tolerance, criterion)
         rows = _terms(candidates, without)
@@ -135,11 +135,11 @@ def _terms(name: str, without: list[str] | None):
 def _read(name: str, trust_data: bool):
     """A recording, or what the scene of a TOML file, or of a diagnosis run, simulates."""
     if is_model_run(Path(name)):
-        from workbench.jobs.simulate import simulate
+        from workbench.jobs.robot.simulate import simulate
 
         return simulate(Path(name) / SCENE)
     if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
-        from workbench.jobs.simulate import simulate
+        from workbench.jobs.robot.simulate import simulate
 
         return simulate(Path(name))
     import datasets

@@ -31,7 +31,7 @@ def command(
     """State how an error of each parameter changes position and axes of the end effector."""
     answer.check_target(json)
     with answer.progress(f"reading {robot}") as say:
-        from workbench.jobs.significance import robot_called, save, significance
+        from workbench.jobs.robot.significance import robot_called, save, significance
 
         arm, readings = robot_called(robot)
         found = significance(arm, points, seed, step_mm, step_rad, readings)

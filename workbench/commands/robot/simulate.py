@@ -26,7 +26,7 @@ def command(
     answer.check_target(json)
     with answer.progress(f"simulating {scene}") as say:
         import datasets
-        from workbench.jobs.simulate import simulate
+        from workbench.jobs.robot.simulate import simulate
 
         recording = simulate(scene_of(scene), without or ())
         with runs.opened("simulate", scene.stem, out) as run:

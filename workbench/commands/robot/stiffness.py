@@ -46,8 +46,8 @@ def command(
     with answer.progress(f"reading {solution}"):
         from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import read_programme
-        from workbench.jobs.correction_limits import checked
-        from workbench.jobs.stiffness import cartesian_stiffness, save
+        from workbench.jobs.robot.correction_limits import checked
+        from workbench.jobs.robot.stiffness import cartesian_stiffness, save
 
         arm = checked(read_solution(solution), solution, force)
         arm = without_terms(arm, without or (), str(solution))

@@ -59,7 +59,7 @@ def command(
         import datasets
         from workbench.app.edits.apply import edited_recording
         from workbench.app.edits.session import NAME
-        from workbench.jobs import camera
+        from workbench.jobs.sensor import camera
 
         read = datasets.read(recording)
         if edits is not None:

@@ -55,7 +55,7 @@ def command(
     def work(run, say) -> dict:
         import datasets
         from workbench.fitting.verdicts import hand_eye_verdict, verdict
-        from workbench.jobs import hand_eye
+        from workbench.jobs.sensor import hand_eye
 
         read = datasets.read(recording, trust_data)
         is_profile = read.measures in ("ball-surface", "ball-centre")

@@ -30,7 +30,7 @@ def command(
     answer.check_target(json)
     answer.check_target(None if truth is None else str(truth), "--truth")
     with answer.progress(f"reading {scene}") as say:
-        from workbench.jobs.render import render
+        from workbench.jobs.sensor.render import render
 
         with runs.opened("render", scene.stem, out) as run:
             made = render(scene, run.partial, say)

@@ -26,7 +26,7 @@ def command(
 
     def work(run, say) -> dict:
         import datasets
-        from workbench.jobs import ball_centres, scan
+        from workbench.jobs.sensor import ball_centres, scan
 
         read = datasets.read(recording)
         made = scan.scan(read, scanner, run.partial, say)

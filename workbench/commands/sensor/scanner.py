@@ -42,7 +42,7 @@ def command(
 
     def work(run, say) -> dict:
         import datasets
-        from workbench.jobs import scanner
+        from workbench.jobs.sensor import scanner
 
         read = datasets.read(recording)
         made = scanner.calibrate(read, model.value, say)

@@ -21,9 +21,9 @@ from workbench.core.least_squares.linear_algebra import (
     inverse_positive,
     solve_positive,
 )
+from workbench.core.least_squares.noise import noise_mask
 from workbench.core.least_squares.solver import CONVERGED, LOSSES, SETTLED, STALLED
 from workbench.core.model import Model
-from workbench.core.noise import noise_mask
 from workbench.core.parameters import Parameters
 
 OUT_OF_STEPS = (

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from workbench.core.least_squares.linear_algebra import all_finite, covariance_of, solve_positive
+from workbench.core.least_squares.noise import fit_noise, information, noise_mask
 from workbench.core.model import Model
-from workbench.core.noise import fit_noise, information, noise_mask
 from workbench.core.parameters import Parameters
 
 CONVERGED = "converged: another step would move nothing by more than a hundredth of its sigma"

@@ -3,7 +3,7 @@
 import numpy as np
 
 from robot_model.effects import CATALOGUE
-from workbench.jobs.corrected_scene import (
+from workbench.jobs.robot.corrected_scene import (
     KINDS,
     covariate_keys,
     effect_keys,

@@ -25,7 +25,7 @@ from workbench.core.parameters import Parameters
 from workbench.files.solution_file import read_solution
 from workbench.fitting.cross_validation import in_space
 from workbench.fitting.plans import frames_of
-from workbench.jobs.simulate import truth_of
+from workbench.jobs.robot.simulate import truth_of
 
 _LENGTH_MM, _TURN_RAD = 1.0, 0.01
 

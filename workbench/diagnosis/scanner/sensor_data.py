@@ -25,8 +25,8 @@ from sensors.scanner.calibration import calibrate_scanner
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.diagnosis.scanner.sensor_balls import Balls
-from workbench.imaging.images import by_role
-from workbench.jobs import scanner as scanners
+from workbench.files.images.images import by_role
+from workbench.jobs.sensor import scanner as scanners
 
 MOST_STRIPES = 6_000
 """Points of stripes on boards in all: some tens a stripe, which carry everything that is smooth along it."""

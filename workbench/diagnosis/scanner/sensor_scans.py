@@ -15,10 +15,10 @@ from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
 from workbench.diagnosis.scanner.sensor_balls import Balls
-from workbench.imaging.ball_names import named
-from workbench.imaging.columns import recorded_columns
-from workbench.imaging.images import by_role, full_scale, path_of
-from workbench.jobs.scan import INCIDENCE_DEG, scans_of
+from workbench.files.images.ball_names import named
+from workbench.files.images.columns import recorded_columns
+from workbench.files.images.images import by_role, full_scale, path_of
+from workbench.jobs.sensor.scan import INCIDENCE_DEG, scans_of
 
 _FRAMES = 16
 _FEWEST = 40  # points on a ball that tell anything

@@ -32,7 +32,7 @@ _CONDITIONS = ("payload_kg", "approach")
 
 
 def noise_report(calibration) -> NoiseReport:
-    """The comparison of noise estimates for a `workbench.jobs.calibrate.Calibration`."""
+    """The comparison of noise estimates for a `workbench.jobs.robot.calibrate.Calibration`."""
     everyone = np.ones(calibration.recording.n, bool)
     fitted = everyone if calibration.fitted is None else calibration.fitted
     recording = calibration.recording.select(fitted)

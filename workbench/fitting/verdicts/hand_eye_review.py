@@ -73,7 +73,7 @@ def _review(seen: Observed, camera) -> Review:
 def _from_joints(seen):
     """The poses that the joint readings give, where the recording has both."""
     from sensors.hand_eye.mistakes import Reading
-    from workbench.imaging.flange import flange_poses
+    from workbench.files.images.flange import flange_poses
 
     columns = {
         name: values

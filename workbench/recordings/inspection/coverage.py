@@ -11,7 +11,7 @@ from datasets.recording import Recording
 from robot_model import load_robot
 from workbench.core.errors import InputError
 from workbench.core.rigid import nearest_rotation
-from workbench.imaging.flange import flange_poses
+from workbench.files.images.flange import flange_poses
 
 _COLUMNS, _ROWS = 8, 6
 

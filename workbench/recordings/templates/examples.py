@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from datasets.recording import Recording
 from robot_model import load_robot
 from workbench.core.errors import InputError
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.templates.contact import (
     TrueArm,
     beam_through,

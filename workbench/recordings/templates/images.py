@@ -14,7 +14,7 @@ from datasets.formats.recording1_writer import write_csv
 from datasets.recording import Recording
 from workbench.core.rigid import inverse, rotation_matrix, transform
 from workbench.core.text.csv_text import csv_text
-from workbench.jobs.render import render
+from workbench.jobs.sensor.render import render
 
 _BOARDS = """
 title = "example"

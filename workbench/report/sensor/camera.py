@@ -4,7 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from sensors.effects.artefact import BoardBow
-from workbench.jobs.camera import CameraRun
+from workbench.jobs.sensor.camera import CameraRun
 from workbench.report import style
 from workbench.report.provenance import flat
 from workbench.report.sections import (

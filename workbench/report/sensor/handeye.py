@@ -4,7 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 from scipy.spatial.transform import Rotation
 
-from workbench.jobs.hand_eye import TO_HAND, HandEyeRun
+from workbench.jobs.sensor.hand_eye import TO_HAND, HandEyeRun
 from workbench.report import style
 from workbench.report.provenance import flat
 from workbench.report.sections import Page, Section, facts, figure, note, table, thumbnails, words
@@ -251,7 +251,7 @@ def _transform(run):
         f"Pose of the sensor in the frame of {name}; the rotation is a rotation vector. σ is one standard deviation, "
         "from the noise of the sensor and of the flange poses."
     )
-    from workbench.jobs.hand_eye import placed_json
+    from workbench.jobs.sensor.hand_eye import placed_json
 
     placed = placed_json(made.sensor, made.covariance)
     rows = [

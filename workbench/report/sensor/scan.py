@@ -6,8 +6,8 @@ from itertools import islice
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.jobs.ball_centres import camera_covariance, centres_of, characteristics
-from workbench.jobs.scan import Ball, Scan, Scans
+from workbench.jobs.sensor.ball_centres import camera_covariance, centres_of, characteristics
+from workbench.jobs.sensor.scan import Ball, Scan, Scans
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
 from workbench.report.sensor import camera as cameras

@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.jobs.scanner import ScannerRun
+from workbench.jobs.sensor.scanner import ScannerRun
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
 from workbench.report.sensor import camera as cameras

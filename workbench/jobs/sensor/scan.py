@@ -22,12 +22,12 @@ from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.find import find_stripes
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
+from workbench.files.images.ball_names import named
+from workbench.files.images.columns import recorded_columns
+from workbench.files.images.images import by_role, check_size, full_scale, path_of, streamed
+from workbench.files.images.scan_surface import reconstructed
 from workbench.files.spool import Made, Spool
-from workbench.imaging.ball_names import named
-from workbench.imaging.columns import recorded_columns
-from workbench.imaging.images import by_role, check_size, full_scale, path_of, streamed
-from workbench.imaging.scan_surface import reconstructed
-from workbench.jobs import scanner as calibrated
+from workbench.jobs.sensor import scanner as calibrated
 from workbench.machine.progress import paced
 
 CLOUDS = "clouds"

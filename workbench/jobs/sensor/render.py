@@ -10,7 +10,7 @@ from sensors.rendering.recording import Stations, make_recording
 from sensors.rendering.scene import Scene, read_scene
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix, transform
-from workbench.jobs.simulate import Truth, truth_of
+from workbench.jobs.robot.simulate import Truth, truth_of
 from workbench.machine.progress import paced
 
 _NOT_THE_ARMS = ("sensor", "target", "noise")

@@ -17,7 +17,7 @@ from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
 from workbench.files.solution_file import CalibratedArm
-from workbench.jobs.compensate import covariates_read
+from workbench.jobs.robot.compensate import covariates_read
 
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
 # makes less than a ten-thousandth of the mean square. The noise statement, the data or the model is wrong.
@@ -202,7 +202,7 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
 def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judgement:
     """Which targets of a programme must not be sent to the arm, and what is to be said of the others.
 
-    programme: `workbench.files.targets.Programme`; found: its `workbench.jobs.compensate.Compensated`.
+    programme: `workbench.files.targets.Programme`; found: its `workbench.jobs.robot.compensate.Compensated`.
     """
     refused: dict[int, list[str]] = {}
 

@@ -13,7 +13,7 @@ from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
 from workbench.files.scene import Scene
-from workbench.jobs.simulate import truth_from
+from workbench.jobs.robot.simulate import truth_from
 
 KINDS = ("external-point", "external-pose", "ball-centre")
 SCENE, ROBOT = "scene.toml", "scene.robot.toml"
@@ -32,7 +32,7 @@ class CorrectedScene:
 def corrected_scene(calibration, title: str = "") -> CorrectedScene:
     """The scene that repeats a recording with the calibrated arm.
 
-    calibration: a `workbench.jobs.calibrate.Calibration`. The scene has its base, tool, geometry and effects, the
+    calibration: a `workbench.jobs.robot.calibrate.Calibration`. The scene has its base, tool, geometry and effects, the
     noise of its residual, and poses and covariates at random over the recorded ranges.
     """
     recording, chain = calibration.recording, calibration.model.chain

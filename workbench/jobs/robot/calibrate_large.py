@@ -28,7 +28,7 @@ from workbench.files.solution_file import NAME, solution_keys
 from workbench.fitting.cross_validation import error_summary
 from workbench.fitting.plans import frames_of
 from workbench.fitting.verdicts.noise_report import NoiseReport, report
-from workbench.jobs.calibrate import Calibration, Stage, calibrate
+from workbench.jobs.robot.calibrate import Calibration, Stage, calibrate
 from workbench.machine.progress import paced
 
 _FLOOR = 1e-4
@@ -195,7 +195,7 @@ def calibrate_chunks(
 ) -> ChunkedCalibration:
     """Calibrate the robot of a recording folder whose samples are too many for memory.
 
-    plan, folds, progress, trust_data: as of `workbench.jobs.calibrate.calibrate`.
+    plan, folds, progress, trust_data: as of `workbench.jobs.robot.calibrate.calibrate`.
     Held-out errors: a fold's parameters are
     those of all samples less one Newton step of its own normal equations (the infinitesimal jackknife's next order:
     Cook & Weisberg, Residuals and Influence in Regression, 1982, sec. 3.4), which is exact where the model is linear

@@ -19,9 +19,9 @@ from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
 from workbench.core.text.csv_text import csv_text
+from workbench.files.images.visibility import EVERYTHING, Sight, unseen
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import default_plan, frames_of
-from workbench.imaging.visibility import EVERYTHING, Sight, unseen
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5", "task")
 _NOMINAL_SIGMA_MM = 0.05

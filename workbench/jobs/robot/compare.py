@@ -13,7 +13,7 @@ from workbench.fitting.cross_validation import blocks, error_summary
 from workbench.fitting.plans import read_plan
 from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.fitting.verdicts.verdict import Tolerance, Verdict
-from workbench.jobs.calibrate import Calibration, calibrate
+from workbench.jobs.robot.calibrate import Calibration, calibrate
 
 DEFAULT = "default"
 _BLOCKS, _LEAST_BLOCKS = 10, 5
@@ -181,7 +181,7 @@ def compare(
     """Calibrate a recording by each of several plans, all on the same splits.
 
     plans: names or files of plans, "default" for the default one, each once. The rest as of
-    `workbench.jobs.calibrate.calibrate`. Raises InputError.
+    `workbench.jobs.robot.calibrate.calibrate`. Raises InputError.
     """
     _check(plans)
     found = []

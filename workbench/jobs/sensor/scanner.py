@@ -18,12 +18,12 @@ from sensors.scanner.unseen_steps import with_unseen_steps
 from sensors.stripe.asymmetry import Asymmetry, Profiles, asymmetry
 from sensors.stripe.find import exposures, find_stripes
 from workbench.core.errors import InputError
+from workbench.files.images.columns import recorded_columns
+from workbench.files.images.images import by_role, full_scale, path_of, streamed
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
-from workbench.imaging.columns import recorded_columns
-from workbench.imaging.images import by_role, full_scale, path_of, streamed
-from workbench.jobs import camera as cameras
+from workbench.jobs.sensor import camera as cameras
 from workbench.machine.progress import paced
 
 FILE = "scanner.toml"

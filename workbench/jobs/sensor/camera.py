@@ -11,10 +11,10 @@ from sensors.boards.detection import Rejected, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, camera_from_keys, camera_keys
 from workbench.core.errors import InputError
+from workbench.files.images.images import by_role
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import camera_verdict, camera_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
-from workbench.imaging.images import by_role
 from workbench.machine.progress import paced
 
 FILE = "camera.toml"

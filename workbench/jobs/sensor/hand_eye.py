@@ -15,13 +15,13 @@ from sensors.hand_eye.result import HandEye
 from sensors.hand_eye.review import Review
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
+from workbench.files.images.flange import flange_poses, rows_of_samples
+from workbench.files.images.images import by_role, check_size
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.hand_eye_verdict import handeye_verdict, handeye_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
-from workbench.imaging.flange import flange_poses, rows_of_samples
-from workbench.imaging.images import by_role, check_size
-from workbench.jobs import camera as cameras
-from workbench.jobs import hand_eye_clouds
+from workbench.jobs.sensor import camera as cameras
+from workbench.jobs.sensor import hand_eye_clouds
 from workbench.machine.progress import paced
 
 FILE = "hand-eye.toml"

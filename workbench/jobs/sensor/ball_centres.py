@@ -14,12 +14,12 @@ from sensors.acceptance import Characteristic, acceptance
 from sensors.ball.fit import BallFit
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
+from workbench.files.images.flange import rows_of_samples
 from workbench.files.provenance import provenance
 from workbench.files.spool import Made, Parts, Spool
 from workbench.fitting.verdicts.sensor_verdict import scan_verdict, scan_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
-from workbench.imaging.flange import rows_of_samples
-from workbench.jobs.scan import Ball, Scan, Scans
+from workbench.jobs.sensor.scan import Ball, Scan, Scans
 
 FOLDER = "ball-centres"
 
@@ -294,7 +294,7 @@ def _ball_columns(made: Scans, ball: Ball) -> dict[str, float]:
 def save(made: Scans, folder: Path) -> None:
     """Write the recording of ball centres, and the scanner where it was calibrated here, into `folder`."""
     if made.calibration is not None:
-        from workbench.jobs import scanner
+        from workbench.jobs.sensor import scanner
 
         scanner.save(made.calibration, folder)
     centres = centres_of(made)

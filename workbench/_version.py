@@ -1,3 +1,0 @@
-"""The version, alone in a file that a build can read without importing anything."""
-
-VERSION = "0.3.0"
