@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from workbench.study import executors, tables
-from workbench.study.engine import carry_out, parts_of
-from workbench.study.study import read
+from workbench.studies import executors, tables
+from workbench.studies.engine import carry_out, parts_of
+from workbench.studies.study import read
 
 RATIO, OVERHEAD = 1.8, 0.05
 

@@ -42,7 +42,7 @@ def written(folder: Path, *changes: tuple[str, str], text: str = TEXT) -> Path:
 
 def noted(folder: str, slowly: float, study, runs):
     """`do_part` that leaves a mark for every run that it made, in a process that is told by its number."""
-    from workbench.study.engine import do_part
+    from workbench.studies.engine import do_part
 
     time.sleep(slowly)
     rows, seconds = do_part(study, runs)
@@ -54,7 +54,7 @@ def noted(folder: str, slowly: float, study, runs):
 
 def dying_once(folder: str, study, runs):
     """`do_part` in a process that is killed the first time that it comes to run 10."""
-    from workbench.study.engine import do_part
+    from workbench.studies.engine import do_part
 
     mark = Path(folder) / "died"
     if 10 in runs and not mark.exists():

@@ -1,6 +1,7 @@
 """The Python API: every command is a function, and results can be looked at, kept and used."""
 
 import inspect
+import pkgutil
 import subprocess
 import sys
 
@@ -50,6 +51,11 @@ def test_every_function_explains_its_arguments(name):
     for parameter in inspect.signature(call).parameters:
         assert f"{parameter}:" in text
     assert "json" not in inspect.signature(call).parameters
+
+
+def test_no_module_hides_a_function_once_it_is_imported():
+    modules = {module.name for module in pkgutil.iter_modules(wb.__path__)}
+    assert not modules & set(wb.__all__)
 
 
 def test_the_answer_is_reached_by_attributes(calibration):

@@ -17,7 +17,7 @@ from workbench.jobs.calibrate import calibrate
 from workbench.jobs.calibrate_large import calibrate_chunks
 from workbench.jobs.compare import compare
 from workbench.jobs.identify import identifiability
-from workbench.study.resampling import by_poses
+from workbench.studies.resampling import by_poses
 
 
 def joined(recording, rows, **columns):

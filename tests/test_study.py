@@ -11,12 +11,12 @@ import pytest
 
 import study_scenes as scenes
 from workbench.core.errors import InputError, Stopped
-from workbench.study import executors, folder, tables
-from workbench.study.engine import carry_out, do_part, given, part_size, parts_of
-from workbench.study.runs import row_of, seed_of
-from workbench.study.spec import read_study, study_names
-from workbench.study.study import carried_out, read
-from workbench.study.variation import BLOCK, count, unit_of, values_of
+from workbench.studies import executors, folder, tables
+from workbench.studies.engine import carry_out, do_part, given, part_size, parts_of
+from workbench.studies.runs import row_of, seed_of
+from workbench.studies.spec import read_study, study_names
+from workbench.studies.study import carried_out, read
+from workbench.studies.variation import BLOCK, count, unit_of, values_of
 
 
 def quiet(*_):

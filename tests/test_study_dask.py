@@ -14,9 +14,9 @@ import pytest
 
 import study_scenes as scenes
 from workbench.core.errors import InputError
-from workbench.study import executors, tables
-from workbench.study.engine import carry_out, given, parts_of
-from workbench.study.study import carried_out, read
+from workbench.studies import executors, tables
+from workbench.studies.engine import carry_out, given, parts_of
+from workbench.studies.study import carried_out, read
 
 pytest.importorskip("distributed", reason="needs the package distributed (extra study)")
 ROOT = Path(__file__).resolve().parents[1]

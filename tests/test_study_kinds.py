@@ -7,13 +7,13 @@ import pytest
 
 import study_scenes as scenes
 from workbench.machine import processes
-from workbench.study import resampling, robots, tables
-from workbench.study.engine import carry_out, given, parts_of
-from workbench.study.runs import row_of, seed_of
-from workbench.study.spec import read_study, study_names
-from workbench.study.study import Finished, read
-from workbench.study.summary import summary
-from workbench.study.variation import values_of, with_values
+from workbench.studies import resampling, robots, tables
+from workbench.studies.engine import carry_out, given, parts_of
+from workbench.studies.runs import row_of, seed_of
+from workbench.studies.spec import read_study, study_names
+from workbench.studies.study import Finished, read
+from workbench.studies.summary import summary
+from workbench.studies.variation import values_of, with_values
 
 
 def finished(study, place, runs=None):
@@ -82,7 +82,7 @@ def test_saltelli_indices_are_those_of_an_additive_outcome(tmp_path):
     (tmp_path / tables.PARTS).mkdir()
     tables.write_part(tmp_path, 0, rows)
     tables.put_together(tmp_path, 1)
-    from workbench.study.summary import sensitivity
+    from workbench.studies.summary import sensitivity
 
     found = sensitivity(Finished("made", study, tmp_path, None), tables.column_names(tmp_path))
     first = [row["first"] for row in found["indices"]]
@@ -143,7 +143,7 @@ def test_a_known_scanner_errs_more_in_noise_and_its_page_is_made(tmp_path):
     loud = with_values(
         study, {"range_mm": 128.0, "blur_px": 0.8, "speckle": 0.4, "read_noise_e": 150.0}
     )
-    from workbench.study.sensors import figures
+    from workbench.studies.sensors import figures
 
     quiet, noisy = (figures(one, 5) for one in (own, loud))
     assert quiet["balls_found"] == noisy["balls_found"] == 1

@@ -8,8 +8,8 @@ import pytest
 import study_scenes as scenes
 from workbench.cli import run
 from workbench.core.errors import InputError
-from workbench.study import tables
-from workbench.study.study import carried_out, read
+from workbench.studies import tables
+from workbench.studies.study import carried_out, read
 
 AXIS = 'name = "c2"\npath = "scene.effect.1.values.compliance"\nlow = 1e-5\nhigh = 1e-4'
 WRONG = {

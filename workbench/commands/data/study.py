@@ -41,7 +41,7 @@ def command(
         _alone(study, run, json)
         return
     with answer.progress(f"reading {study}") as say:
-        from workbench.study.study import carried_out
+        from workbench.studies.study import carried_out
 
         def close(made, place, tell):
             _close(made, place, tell, no_report)
@@ -52,7 +52,7 @@ def command(
 
 def _close(made, place: Path, say, no_report: bool) -> None:
     """Write answer.json and the report page into the folder of a study with a finished table."""
-    from workbench.study.summary import summary
+    from workbench.studies.summary import summary
 
     say("computing the summary")
     found = summary(made)
@@ -92,9 +92,9 @@ def _alone(study: Path, run: int, json: str | None) -> None:
     with answer.progress(f"run {run} of {study}"):
         from workbench.core.errors import InputError
         from workbench.machine.processes import one_thread
-        from workbench.study.runs import row_of, seed_of
-        from workbench.study.study import read
-        from workbench.study.variation import count
+        from workbench.studies.runs import row_of, seed_of
+        from workbench.studies.study import read
+        from workbench.studies.variation import count
 
         one_thread()
         found, _ = read(study)

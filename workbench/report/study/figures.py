@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from workbench.report import style
 from workbench.report.text import rounded
-from workbench.study.spec import Axis
+from workbench.studies.spec import Axis
 
 _COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY)
 _BINS, _EACH = 12, 12

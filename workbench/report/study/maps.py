@@ -10,10 +10,10 @@ from workbench.core.errors import InputError
 from workbench.report.calibration.scene import axes
 from workbench.report.calibration.volume import write_volume
 from workbench.report.sections import figure, image, pair, words
-from workbench.study import robots
-from workbench.study.runs import seed_of
-from workbench.study.spec import Study
-from workbench.study.variation import values_of, with_values
+from workbench.studies import robots
+from workbench.studies.runs import seed_of
+from workbench.studies.spec import Study
+from workbench.studies.variation import values_of, with_values
 
 _POSES = 1200
 

@@ -4,8 +4,8 @@ from workbench.report.sections import Page, Section, facts, figure, note, pair, 
 from workbench.report.study import figures as figures
 from workbench.report.study import maps as maps
 from workbench.report.text import counted, rounded, sentence
-from workbench.study import tables
-from workbench.study.summary import numeric
+from workbench.studies import tables
+from workbench.studies.summary import numeric
 
 _MOST_FIGURES = 6
 _ROWS = 120

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from workbench.core.errors import InputError
 from workbench.machine.processes import one_thread
-from workbench.study.robots import Row
-from workbench.study.spec import Study
-from workbench.study.tables import parts_done, write_part
-from workbench.study.variation import count
+from workbench.studies.robots import Row
+from workbench.studies.spec import Study
+from workbench.studies.tables import parts_done, write_part
+from workbench.studies.variation import count
 
 _PARTS = 400
 """Approximate number of parts: a limited number of files, and little lost work if a study is stopped."""
@@ -54,7 +54,7 @@ def parts_of(study: Study) -> list[range]:
 def do_part(study: Study, runs: range) -> tuple[list[Row], float]:
     """Rows of some runs and their duration in s; the unit of work of a worker."""
     one_thread()
-    from workbench.study.runs import row_of
+    from workbench.studies.runs import row_of
 
     start = time.perf_counter()
     return [row_of(study, run) for run in runs], time.perf_counter() - start

@@ -9,8 +9,8 @@ import datasets
 from datasets.recording import Recording
 from workbench.core.errors import InputError
 from workbench.jobs.calibrate import Calibration, calibrate
-from workbench.study.robots import plan_of
-from workbench.study.spec import Study
+from workbench.studies.robots import plan_of
+from workbench.studies.spec import Study
 
 
 @lru_cache(maxsize=2)

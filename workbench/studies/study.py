@@ -9,10 +9,10 @@ from pathlib import Path
 from workbench.core.errors import InputError, Stopped
 from workbench.machine import processes
 from workbench.machine.progress import paced
-from workbench.study import executors, folder, robots, tables
-from workbench.study.engine import Done, carry_out, given, parts_of
-from workbench.study.spec import Study, home_of, read_study
-from workbench.study.variation import count, ends, values_of, with_values
+from workbench.studies import executors, folder, robots, tables
+from workbench.studies.engine import Done, carry_out, given, parts_of
+from workbench.studies.spec import Study, home_of, read_study
+from workbench.studies.variation import count, ends, values_of, with_values
 
 Say = Callable[[str], None]
 
@@ -63,12 +63,12 @@ def _check_scene(study: Study, called: str) -> None:
     """Raise InputError if the scene with these values is invalid."""
     try:
         if study.kind == "sensor":
-            from workbench.study.sensors import scene_of
+            from workbench.studies.sensors import scene_of
 
             scene_of(study, 0)
         elif study.scene is not None:
             from workbench.files.scene import Scene
-            from workbench.study.spec import validated
+            from workbench.studies.spec import validated
 
             validated(Scene, study.scene, "scene")
             small = study.model_copy(update={"scene": study.scene | {"samples": 8}, "design": None})
@@ -82,7 +82,7 @@ def _check_scene(study: Study, called: str) -> None:
 def _data_of(study: Study) -> str:
     """Checksum of the recording, or text of the scene's robot file; "" without one."""
     if study.recording is not None:
-        from workbench.study.resampling import original
+        from workbench.studies.resampling import original
 
         return original(study.recording).sha256
     robot = Path(str((study.scene or {}).get("robot", "")))

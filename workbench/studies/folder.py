@@ -11,8 +11,8 @@ from pathlib import Path
 
 from workbench.core.errors import InputError
 from workbench.files.runs import RUNS, replace_file, slug
-from workbench.study.spec import Study
-from workbench.study.tables import PARTS, TABLE, parts_done
+from workbench.studies.spec import Study
+from workbench.studies.tables import PARTS, TABLE, parts_done
 
 STUDY = "study.json"
 

@@ -5,9 +5,9 @@ from collections import Counter
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.study import tables
-from workbench.study.spec import Axis, Study
-from workbench.study.variation import problem, unit_of
+from workbench.studies import tables
+from workbench.studies.spec import Axis, Study
+from workbench.studies.variation import problem, unit_of
 
 _LEAST = 80
 """Number of runs below which sensitivity indices are mostly noise."""
@@ -15,7 +15,7 @@ _QUANTILES = {"min": 0, "p5": 5, "median": 50, "p95": 95, "max": 100}
 
 
 def summary(made) -> dict:
-    """The answer of `workbench study` for a `workbench.study.study.Finished` with its table."""
+    """The answer of `workbench study` for a `workbench.studies.study.Finished` with its table."""
     study, names = made.study, tables.column_names(made.path)
     outcomes = tables.columns(made.path, ["outcome"])["outcome"]
     done = int((outcomes == "done").sum())
@@ -203,8 +203,8 @@ def coverage(made, names: list[str]) -> list[dict]:
         return []
     from pathlib import Path
 
-    from workbench.study.resampling import fitted
-    from workbench.study.robots import parameter_row
+    from workbench.studies.resampling import fitted
+    from workbench.studies.robots import parameter_row
 
     whole = {Path(name).stem: fitted(study.recording, name, study.folds) for name in study.models}
     true = parameter_row(whole)

@@ -5,10 +5,10 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.study import resampling, robots
-from workbench.study.robots import Row
-from workbench.study.spec import Study
-from workbench.study.variation import values_of, with_values
+from workbench.studies import resampling, robots
+from workbench.studies.robots import Row
+from workbench.studies.spec import Study
+from workbench.studies.variation import values_of, with_values
 
 
 def row_of(study: Study, run: int) -> Row:
@@ -46,7 +46,7 @@ def seed_of(study: Study, run: int) -> int:
 
 def _figures(study: Study, seed: int) -> Row:
     if study.kind == "sensor":
-        from workbench.study.sensors import figures
+        from workbench.studies.sensors import figures
 
         return figures(study, seed)
     if study.recording is not None:

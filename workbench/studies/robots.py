@@ -21,7 +21,7 @@ from workbench.fitting.plans import PLAN_FILES, frames_of, geometry, plan_names
 from workbench.jobs.calibrate import Calibration, calibrate
 from workbench.jobs.compensate import compensate
 from workbench.jobs.simulate import Truth, truth_from
-from workbench.study.spec import Study, Tasks, validated
+from workbench.studies.spec import Study, Tasks, validated
 
 MODELS = ("geometry", JointCompliance.effect, "default")
 """Models that need no plan file."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.text.csv_text import protect_text_columns
-from workbench.study.robots import Row
+from workbench.studies.robots import Row
 
 PARTS, TABLE, CSV = "parts", "table.parquet", "table.csv"
 

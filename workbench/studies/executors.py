@@ -10,7 +10,7 @@ from workbench.machine import processes
 
 def local(workers: int) -> AbstractContextManager[Executor]:
     """Processes of this machine that have the runs loaded."""
-    return processes.local(workers, "workbench.study.runs")
+    return processes.local(workers, "workbench.studies.runs")
 
 
 @contextmanager

@@ -12,8 +12,8 @@ from sensors.scanner.file import write_scanner
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 from workbench.jobs.scan import Ball, Scans, scan
-from workbench.study.robots import Row
-from workbench.study.spec import Study, validated
+from workbench.studies.robots import Row
+from workbench.studies.spec import Study, validated
 
 BANDS_DEG = (0, 15, 30, 45, 60)
 """Limits of the bands of incidence angle (between surface and line of sight) of the form error."""

@@ -12,7 +12,7 @@ from math import prod
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.study.spec import Axis, Study, Vary, validated
+from workbench.studies.spec import Axis, Study, Vary, validated
 
 BLOCK = 4096
 _DESIGN = 0x5EED
