@@ -51,7 +51,7 @@ def command(
         int, typer.Option("--repeats", min=1, help="Largest number of measurements of one pose.")
     ] = 1,
     seed: Annotated[
-        int, typer.Option("--seed", help="Seed of the random sets for comparison.")
+        int, typer.Option("--seed", min=0, help="Seed of the random sets for comparison.")
     ] = 0,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,

@@ -7,7 +7,6 @@ coordinates in the child frame to the parent frame.
 
 import re
 import shlex
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "hand-eye/1"
 PARENTS = {"T_flange_sensor": "flange", "T_base_sensor": "base"}
@@ -58,8 +58,8 @@ class StaticTransform:
 def read_hand_eye(path: Path) -> CalibratedHandEye:
     """The transform of a hand-eye.toml. Raises InputError with the file, the key and what to do."""
     try:
-        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        keys = read_toml(path)
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"{path}: expected a hand-eye.toml, found that it cannot be read ({problem}); name the file that "
             "`workbench handeye` wrote"
