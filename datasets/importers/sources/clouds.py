@@ -23,7 +23,12 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
         import open3d
 
         with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-            points = np.asarray(open3d.io.read_point_cloud(str(path)).points)
+            try:
+                points = np.asarray(open3d.io.read_point_cloud(str(path)).points)
+            except (MemoryError, RuntimeError) as problem:
+                raise complaint(
+                    path.name, "a point cloud", f"a damaged one ({problem})", "export it again"
+                ) from None
     points = points[np.isfinite(points).all(1)]
     if len(points) < _FEWEST:
         raise complaint(
