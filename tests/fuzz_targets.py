@@ -347,58 +347,31 @@ def _run_targets(run: Path) -> Iterator[Target]:
 
 def _command_targets(home: Path, run: Path) -> Iterator[Target]:
     """Commands that end in less than about a second on these examples."""
-    recording = home / "recording"
-    plan = home / "plan"
+    recording, one_stage = home / "recording", home / "one-stage.toml"
+    calibrate = ("calibrate", "{}", "--plan", one_stage, "--no-report")
     use = ("compensate", "{}", "{}/targets.csv", "--force")
-    yield Target("compensate solution", run, "solution.json", with_out(*use))
-    yield Target("compensate targets", run, "targets.csv", with_out(*use))
-    yield Target(
-        "export urdf", run, "solution.json", with_out("export", "{}", "--to", "urdf", "--force")
+    by_list = ("calibrate", recording, "--test-samples", "{}/list.txt", *calibrate[2:])
+    by_plan = ("calibrate", recording, "--plan", "{}/plan.toml", "--no-report")
+    robot = ("significance", "{}/robot.toml", "--points", "3")
+    sources = ("import", "{}/samples.csv", "--robot", "abb_irb120", "--yes")
+    writing = (
+        ("compensate solution", run, "solution.json", use),
+        ("compensate targets", run, "targets.csv", use),
+        ("export urdf", run, "solution.json", ("export", "{}", "--to", "urdf", "--force")),
+        ("stiffness", run, "solution.json", ("stiffness", "{}", "{}/targets.csv")),
+        ("simulate", home / "scene", "scene.toml", ("simulate", "{}/scene.toml")),
+        ("calibrate samples", recording, "samples.csv", calibrate),
+        ("calibrate plan", home / "plan", "plan.toml", by_plan),
+        ("calibrate list", run, "list.txt", by_list),
+        ("import", _simulated(home), "samples.csv", sources),
+        ("significance", home / "robot-file", "robot.toml", robot),
     )
-    yield Target("stiffness", run, "solution.json", with_out("stiffness", "{}", "{}/targets.csv"))
+    for name, folder, file, words in writing:
+        yield Target(name, folder, file, with_out(*words))
     yield Target("check", recording, "samples.csv", lambda f: command("check", f))
     yield Target("check toml", recording, "recording.toml", lambda f: command("check", f))
     yield Target(
         "identifiability", recording, "samples.csv", lambda f: command("identifiability", f)
-    )
-    yield Target("simulate", home / "scene", "scene.toml", with_out("simulate", "{}/scene.toml"))
-    yield Target(
-        "calibrate samples",
-        recording,
-        "samples.csv",
-        with_out("calibrate", "{}", "--plan", home / "one-stage.toml", "--no-report"),
-    )
-    yield Target(
-        "calibrate plan",
-        plan,
-        "plan.toml",
-        with_out("calibrate", recording, "--plan", "{}/plan.toml", "--no-report"),
-    )
-    yield Target(
-        "calibrate list",
-        run,
-        "list.txt",
-        with_out(
-            "calibrate",
-            recording,
-            "--test-samples",
-            "{}/list.txt",
-            "--plan",
-            home / "one-stage.toml",
-            "--no-report",
-        ),
-    )
-    yield Target(
-        "import",
-        _simulated(home),
-        "samples.csv",
-        with_out("import", "{}/samples.csv", "--robot", "abb_irb120", "--yes"),
-    )
-    yield Target(
-        "significance",
-        home / "robot-file",
-        "robot.toml",
-        with_out("significance", "{}/robot.toml", "--points", "3"),
     )
 
 

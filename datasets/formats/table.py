@@ -311,7 +311,8 @@ def _read_parquet(
     import pyarrow.parquet
 
     check_file(path, called, ".parquet")
-    with parquet_errors(called), pyarrow.parquet.ParquetFile(path, memory_map=False) as file:
+    checked = dict(memory_map=False, page_checksum_verification=True)
+    with parquet_errors(called), pyarrow.parquet.ParquetFile(path, **checked) as file:
         found = file.read()
         named = tuple(
             name

@@ -60,6 +60,7 @@ def command(
 ) -> None:
     """Choose the most informative poses, and state which parameters they do not identify."""
     answer.check_target(json)
+    runs.check_place(out)
     with answer.progress(f"reading {candidates}") as say:
         from workbench.imaging.visibility import Sight
         from workbench.jobs.poses import choose_poses, write_poses

@@ -30,6 +30,7 @@ def command(
 ) -> None:
     """State how an error of each parameter changes position and axes of the end effector."""
     answer.check_target(json)
+    runs.check_place(out)
     with answer.progress(f"reading {robot}") as say:
         from workbench.jobs.significance import robot_called, save, significance
 
