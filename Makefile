@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
 
-.PHONY: help demo prove test test-slow test-all test-long check language docs bench system clean
+.PHONY: help demo prove test test-slow test-all test-long check fuzz language docs bench system clean
 
 help:
 	@echo "make demo       calibrate a recording and write a report page"
@@ -16,6 +16,7 @@ help:
 	@echo "make test-all   both, in one run"
 	@echo "make test-long  the statistical studies on hundreds of recordings (about an hour)"
 	@echo "make check      lint, format, import rules, house style"
+	@echo "make fuzz       20,000 damaged inputs to every reader and command (an hour)"
 	@echo "make language   words that the project no longer uses"
 	@echo "make docs       the documentation site, in site/"
 	@echo "make prove      the blind benchmark: cases of every suite, and a scoreboard (hours)"
@@ -47,6 +48,9 @@ check: $(VENV)/.test
 	$(BIN)/python tools/check_names.py
 	$(BIN)/python tools/check_language.py
 	$(BIN)/python tools/effects_page.py --check
+
+fuzz: $(VENV)/.test
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/fuzz.py --inputs 20000 --minutes 600
 
 language: $(VENV)/.test
 	$(BIN)/python tools/check_language.py

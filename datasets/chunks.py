@@ -150,7 +150,8 @@ def _tables(path: Path) -> Iterator[Table]:
     import pyarrow.parquet as pq
 
     first = 1
-    with parquet_errors(label(path)), pq.ParquetFile(path, memory_map=False) as file:
+    checked = dict(memory_map=False, page_checksum_verification=True)
+    with parquet_errors(label(path)), pq.ParquetFile(path, **checked) as file:
         for batch in file.iter_batches(ROWS, use_threads=False):
             yield arrow_table(batch, label(path), TEXT, first)
             first += batch.num_rows

@@ -1,10 +1,10 @@
 """Reading of the user's files: size limits, encodings, TOML, and paths confined to their folder."""
 
 import codecs
-import tomllib
 from pathlib import Path, PureWindowsPath
 
 from datasets.errors import complaint
+from workbench.core.text.structured_text import ContentError, parse_toml
 
 LIMITS_MB = {".toml": 1, ".csv": 256, ".parquet": 1024, ".urdf": 16, "image": 256}
 """Largest size of a file that is opened at all, in MB (10^6 bytes); asked of the file system first."""
@@ -63,17 +63,13 @@ def read_toml(path: Path, called: str) -> dict:
     """Keys of a TOML file. Raises InputError with the line that does not parse."""
     text = read_text(path, called)
     try:
-        return tomllib.loads(text.replace("\r\n", "\n"))
-    except tomllib.TOMLDecodeError as problem:
+        return parse_toml(text)
+    except ContentError as problem:
         raise complaint(
             called,
             "valid TOML",
-            str(problem).rstrip("."),
+            str(problem),
             "correct that line: text in quotes, numbers with a point",
-        ) from None
-    except (RecursionError, ValueError):
-        raise complaint(
-            called, "valid TOML", "nested or oversized values", "write it again"
         ) from None
 
 

@@ -1,12 +1,12 @@
 """A recording made from arrays in memory, without files."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 
 def from_arrays(
@@ -61,8 +61,8 @@ def _robot_keys(robot: str | Mapping) -> Mapping:
     if path.suffix.lower() != ".toml":
         return {"builtin": str(robot)}
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return read_toml(path)
+    except (OSError, ContentError) as error:
         raise InputError(
             f"robot {path}: expected a robot file (TOML), found {error}; correct it"
         ) from error

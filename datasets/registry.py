@@ -20,6 +20,8 @@ from datasets.errors import complaint
 
 SETTING = "WORKBENCH_RECORDINGS"
 TIMEOUT_S = 30
+LIMIT_MB = 500
+"""Largest file that is downloaded; the largest known one has less than a fifth of it."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +96,12 @@ def source(name: str) -> Source:
 
 def cache_folder() -> Path:
     """Where `get` puts a set when no folder is named."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "vision-sensor-workbench" / "recordings"
+    home = os.environ.get("XDG_CACHE_HOME")
+    try:
+        home = Path(home) if home else Path.home() / ".cache"
+    except RuntimeError:  # a user without a home folder, as in some containers
+        home = Path(tempfile.gettempdir())
+    return home / "vision-sensor-workbench" / "recordings"
 
 
 def places() -> list[Path]:
@@ -170,19 +176,27 @@ def _is_whole(path: Path, file: RemoteFile) -> bool:
 
 
 def _download(wanted: Source, file: RemoteFile, target: Path) -> None:
+    from http.client import HTTPException
     from urllib.request import urlopen
 
     url = wanted.url_of(file)
     try:
         with urlopen(url, timeout=TIMEOUT_S) as answer:
-            content = answer.read()
-    except OSError as problem:
+            content = answer.read(LIMIT_MB * 10**6 + 1)
+    except (OSError, HTTPException) as problem:  # HTTPException: the answer breaks off
         raise complaint(
             f"{wanted.name}/{file.path}",
             f"an answer from {url}",
             f"none ({problem})",
             f"connect to the network, or copy the set into a folder and name that in {SETTING}",
         ) from None
+    if len(content) > LIMIT_MB * 10**6:
+        raise complaint(
+            f"{wanted.name}/{file.path}",
+            f"at most {LIMIT_MB} MB from {url}",
+            "more",
+            "report it: the source has changed",
+        )
     found = hashlib.sha256(content).hexdigest()
     if found != file.sha256:
         raise complaint(
@@ -191,7 +205,24 @@ def _download(wanted: Source, file: RemoteFile, target: Path) -> None:
             f"{found[:12]}…",
             "report it: the source has changed",
         )
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=target.parent, delete=False) as part:
-        part.write(content)
-    Path(part.name).replace(target)
+    _keep(content, target)
+
+
+def _keep(content: bytes, target: Path) -> None:
+    """Write a file under a temporary name and move it into place. Raises InputError."""
+    part = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=target.parent, delete=False) as file:
+            part = Path(file.name)
+            file.write(content)
+        part.replace(target)
+    except OSError as problem:
+        if part is not None:
+            part.unlink(missing_ok=True)
+        raise complaint(
+            str(target),
+            "a place that can be written",
+            str(problem.strerror),
+            "free space there, or name another folder",
+        ) from None

@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from robot_model.robot import Robot, wrong
-from robot_model.robot_file import read_toml, robot_from_keys
+from robot_model.robot_file import read_robot_keys, robot_from_keys
 from robot_model.urdf import robot_from_urdf
 
 DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
@@ -42,7 +42,7 @@ def _load_named(path: Path) -> Robot:
     if path.suffix.lower() in DESCRIPTIONS:
         return load_robot({"urdf": str(path)}, str(path))
     if path.suffix.lower() == ".toml":
-        keys = read_toml(path)
+        keys = read_robot_keys(path)
         if isinstance(keys.get("urdf"), str):
             keys["urdf"] = str(path.parent / keys["urdf"])
         return load_robot(keys, str(path))
@@ -66,4 +66,4 @@ def _load_builtin(spec: Mapping, where: str) -> Robot:
             "name one, or give a file",
         )
     file = resources.files("robot_model").joinpath("robots", f"{name}.toml")
-    return robot_from_keys(read_toml(file), f"{name}.toml")
+    return robot_from_keys(read_robot_keys(file), f"{name}.toml")

@@ -1,23 +1,21 @@
 """The arm that a robot.toml describes."""
 
-import tomllib
 from collections.abc import Mapping
 
 import numpy as np
 
 from robot_model.robot import PARALLEL, Robot, wrong
 from workbench.core.robot_file import Joint, Payload, RobotFile, checked_robot_file
+from workbench.core.text.structured_text import ContentError, read_toml
 
 
-def read_toml(path) -> dict:
+def read_robot_keys(path) -> dict:
     """The keys of a TOML file; InputError where it is not there or is not TOML."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise wrong(path, "UTF-8 text", "other bytes", "save it as UTF-8") from None
+        return read_toml(path)
     except OSError as problem:
         raise wrong(path, "a readable file", problem.strerror, "check the path") from None
-    except tomllib.TOMLDecodeError as problem:
+    except ContentError as problem:
         raise wrong(path, "TOML", f"a mistake ({problem})", "correct it there") from None
 
 

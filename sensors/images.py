@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sensors.image_size import check_decoded_size
 from sensors.stripe.clipping import Counts
 from workbench.core.errors import InputError
 
@@ -49,7 +50,11 @@ def read(path: str | Path, called: str = "", channel: str = "grey") -> Image:
 
     called = called or str(path)
     content = _content(Path(path), called)
-    found = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    check_decoded_size(content, called)
+    try:
+        found = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        found = None
     if found is None or found.size == 0:
         raise InputError(
             f"{called}: expected a image that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "

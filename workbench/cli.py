@@ -50,6 +50,7 @@ INTERRUPTED = 130
 _STOPPED = "Interrupted; nothing was written."
 # Errors of the system that the user can correct; they are not internal errors.
 _REFUSALS = {errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EROFS, errno.EDQUOT}
+_FULL = {errno.ENOSPC, errno.EDQUOT}
 
 # rich takes a quarter of a second to load; without a terminal it is not used.
 app = typer.Typer(
@@ -151,6 +152,18 @@ def _failed(error: Exception) -> int:
         return _say(
             f"{error.filename} cannot be used ('{error.strerror}'). "
             "Choose another path or change its permissions.",
+            2,
+        )
+    if isinstance(error, OSError) and error.errno in _FULL:
+        return _say(
+            f"The disk is full ('{error.strerror}'), so the result is not written. "
+            "Free space or name a folder on another disk, and repeat the command.",
+            2,
+        )
+    if isinstance(error, MemoryError):
+        return _say(
+            "The memory of this machine does not suffice for this input. "
+            "Use fewer samples or smaller images, or another machine.",
             2,
         )
     return _say(

@@ -149,7 +149,8 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    pyarrow.parquet.write_table(pyarrow.table({k: np.asarray(v) for k, v in columns.items()}), path)
+    table = pyarrow.table({k: np.asarray(v) for k, v in columns.items()})
+    pyarrow.parquet.write_table(table, path, write_page_checksum=True)
 
 
 def _write_images(recording: Recording, folder: Path, copy: bool) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,11 @@ from datasets.files import check_file, read_text
 from workbench.core.text.csv_text import unprotect_cell
 
 _AT_A_TIME = 5_000  # rows of a CSV file
+_MOST_COLUMNS = 2_000
+_LONGEST_TEXT, _LONGEST_NUMBER = (
+    2_000,
+    100,
+)  # characters of a cell; numpy gives every cell this room
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,15 +173,26 @@ def _check_header(header: list[str], called: str) -> list[str]:
             "an empty cell",
             "name the column or delete it",
         )
-    for name in header:
-        if header.count(name) > 1:
+    _check_column_count(len(header), called)
+    for name, count in Counter(header).items():
+        if count > 1:
             raise complaint(
                 f"{where}, column {name}",
                 "every column once",
-                f"it {header.count(name)} times",
+                f"it {count} times",
                 "delete or rename one of them",
             )
     return header
+
+
+def _check_column_count(found: int, called: str) -> None:
+    if found > _MOST_COLUMNS:
+        raise complaint(
+            called,
+            f"at most {_MOST_COLUMNS} columns",
+            f"{found}",
+            "delete the columns that are not needed, or transpose the table",
+        )
 
 
 def _check_width(row: list[str], header: list[str], number: int, called: str) -> None:
@@ -206,7 +223,22 @@ def _column(
     return _numbers(name, cells, rows, called)
 
 
+def _check_lengths(
+    name: str, cells: list[str], rows: np.ndarray, called: str, longest: int
+) -> None:
+    """Raise InputError for a cell with more than `longest` characters."""
+    for number, cell in zip(rows, cells):
+        if len(cell) > longest:
+            raise complaint(
+                f"{called}, row {number}, column {name}",
+                f"at most {longest} characters",
+                f"{len(cell)}",
+                "shorten the cell, or keep long notes in a file of their own",
+            )
+
+
 def _texts(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
+    _check_lengths(name, cells, rows, called, _LONGEST_TEXT)
     for number, cell in zip(rows, cells):
         if "\0" in cell:
             raise complaint(
@@ -240,6 +272,7 @@ def _with_blanks(name: str, cells: list[str], rows: np.ndarray, called: str) -> 
 
 
 def _numbers(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.ndarray:
+    _check_lengths(name, cells, rows, called, _LONGEST_NUMBER)
     try:
         return np.array(cells, dtype=str).astype(float)
     except ValueError:
@@ -278,7 +311,8 @@ def _read_parquet(
     import pyarrow.parquet
 
     check_file(path, called, ".parquet")
-    with parquet_errors(called), pyarrow.parquet.ParquetFile(path, memory_map=False) as file:
+    checked = dict(memory_map=False, page_checksum_verification=True)
+    with parquet_errors(called), pyarrow.parquet.ParquetFile(path, **checked) as file:
         found = file.read()
         named = tuple(
             name
@@ -329,6 +363,7 @@ def arrow_table(found, called: str, text: tuple[str, ...] = (), first_row: int =
 def _arrow_names(found, called: str) -> list[str]:
     """Names of the columns, without spaces around them; InputError where one is no text, empty, or there twice."""
     names = [name.strip() for name in found.column_names]
+    _check_column_count(len(names), called)
     for k, name in enumerate(names, 1):
         if not name:
             raise complaint(
@@ -381,4 +416,7 @@ def _arrow_column(column, name: str, called: str, text: bool) -> np.ndarray:
             "none (null)",
             "fill it, or delete the row or the whole column",
         )
-    return np.array(values, dtype=str) if text else values.to_numpy().astype(float)
+    if text:
+        _check_lengths(name, values, np.arange(1, len(values) + 1), called, _LONGEST_TEXT)
+        return np.array(values, dtype=str)
+    return values.to_numpy().astype(float)

@@ -142,21 +142,40 @@ def camera_from_keys(keys: dict, called: str) -> Camera:
             float(k) for k in keys["distortion"]
         ]
         size = (int(keys["width_px"]), int(keys["height_px"]))
-    except (KeyError, TypeError, ValueError) as problem:
+    except (KeyError, TypeError, ValueError, OverflowError) as problem:
         raise InputError(
             f"{called}: expected fx_px, fy_px, cx_px, cy_px, distortion, width_px and height_px, "
             f"found none or no number for {problem}; write them again"
         ) from None
-    if (
-        len(values) not in (BROWN, RATIONAL)
-        or not np.isfinite(values).all()
-        or min(*values[:2], *size) <= 0
-    ):
+    if len(values) not in (BROWN, RATIONAL) or not np.isfinite(values).all():
         raise InputError(
-            f"{called}: expected positive focal lengths and 5 or 8 finite distortion coefficients, "
+            f"{called}: expected 5 or 8 finite distortion coefficients, "
             f"found {values}; calibrate the camera again"
         )
+    if not _is_possible(np.array(values), np.array(size)):
+        raise InputError(
+            f"{called}: expected an image of 1 to {_LARGEST} pixels a side, focal lengths from 1/100 to 10,000 "
+            f"times its size, a principal point within ten times its size and distortion coefficients below "
+            f"{_STRONGEST:g}, found {values} for {size[0]} x {size[1]} pixels; calibrate the camera again"
+        )
     return Camera.of(values, size)
+
+
+_LARGEST = 100_000  # pixels a side; the largest sensors have some 20,000
+_STRONGEST = 1e6  # of a distortion coefficient: telephoto lenses have high orders of some thousand
+
+
+def _is_possible(values: np.ndarray, size: np.ndarray) -> bool:
+    """Whether a camera with these parameters can exist; the bounds are far outside of any lens."""
+    if size.min() < 1 or size.max() > _LARGEST:
+        return False
+    focal, centre, distortion = values[:2], values[2:4], values[4:]
+    return bool(
+        focal.min() >= size.max() / 100
+        and focal.max() <= 1e4 * size.max()
+        and (np.abs(centre) <= 10 * size).all()
+        and np.abs(distortion).max() < _STRONGEST
+    )
 
 
 def camera_keys(camera: Camera) -> dict:

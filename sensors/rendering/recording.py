@@ -15,6 +15,7 @@ from sensors.rendering.scene import Scene
 from sensors.rendering.surfaces import BallSurface, BoardSurface, MeshSurface, Surface, true_balls
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector
+from workbench.core.text.cloud_headers import ply_problem
 from workbench.core.text.csv_text import write_rows
 
 _ROLES = ("board", "board-laser", "scan")
@@ -190,6 +191,8 @@ def _in_view(centre, radius, camera) -> bool:
 def _mesh(file):
     import open3d as o3d
 
+    if str(file).lower().endswith(".ply") and (problem := ply_problem(file)):
+        raise InputError(f"{file}: expected a mesh, found {problem}; save it as PLY, STL or OBJ")
     mesh = o3d.io.read_triangle_mesh(file)
     if not len(mesh.triangles):
         raise InputError(

@@ -1,6 +1,5 @@
 """Scene files of `workbench render`: the instrument, what stands before it and what is wrong with it, checked."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,6 +12,7 @@ from sensors.rendering.instrument import Chip, Instrument, Lamp, Laser, Optics, 
 from sensors.rendering.patterns import Pattern
 from sensors.rendering.ports import Causes, make_causes
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Above = Annotated[float, Field(gt=0)]
@@ -285,8 +285,8 @@ def read_scene(path: Path) -> Scene:
     Files that it names are searched for in its folder.
     """
     try:
-        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        keys = read_toml(path)
+    except (OSError, ContentError) as problem:
         raise InputError(f"scene {path} cannot be read ({problem}); write it as TOML") from None
     try:
         scene = Scene(**keys)

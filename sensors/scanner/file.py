@@ -3,7 +3,6 @@
 import base64
 import binascii
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from sensors.light.mirror import Mirror
 from sensors.scanner.model import Scanner
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "scanner/1"
 # by how much a unit vector, or a mirror's planes from those in the file, may differ: rounding
@@ -165,12 +165,10 @@ def read_scanner(path: Path) -> Scanner:
     """The scanner of scanner.toml; InputError with one sentence where the file is not there or cannot be right."""
     path = Path(path)
     try:
-        keys = tomllib.loads(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise _wrong(path, "UTF-8 text", "other bytes", "calibrate the scanner again") from None
+        keys = read_toml(path)
     except OSError as problem:
         raise _wrong(path, "a readable file", problem.strerror, "check the path") from None
-    except tomllib.TOMLDecodeError as problem:
+    except ContentError as problem:
         raise _wrong(path, "TOML", f"a mistake ({problem})", "correct it there") from None
     return scanner_of(keys, str(path))
 

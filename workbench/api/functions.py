@@ -20,6 +20,7 @@ import typer
 from workbench.api.inputs import as_argument, sample_list
 from workbench.api.results import Result
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_json
 
 COMMANDS = {
     "calibrate": "robot.calibrate",
@@ -112,8 +113,8 @@ def load(folder: str | Path) -> Result:
     """
     path = Path(folder) / "answer.json"
     try:
-        answer = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        answer = read_json(path)
+    except (OSError, ContentError) as error:
         raise InputError(
             f"{path}: expected the answer of a workbench command, found {error}; name a run folder"
         ) from error

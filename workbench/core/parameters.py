@@ -1,6 +1,5 @@
 """Parameters of a model: named values with unit, null value, typical size, prior and free mask."""
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -9,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, parse_toml
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,8 @@ class Parameters:
 def _parameter_rows(text: str) -> dict:
     """key -> row of a parameter file; InputError where it is no such file."""
     try:
-        rows = tomllib.loads(text).get("parameters")
-    except tomllib.TOMLDecodeError as problem:
+        rows = parse_toml(text).get("parameters")
+    except ContentError as problem:
         raise InputError(
             f"the parameters file is not TOML ({problem}); write one table line a parameter"
         ) from None

@@ -213,6 +213,7 @@ def save_arrows(calibration, folder: Path) -> None:
     pq.write_table(
         pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()}),
         folder / ARROWS,
+        write_page_checksum=True,
     )
 
 

@@ -23,6 +23,7 @@ except ImportError:  # Windows: a temporary folder that is left behind has to be
     fcntl = None
 
 RUNS = Path("runs")
+_MANY_FILES = 200
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,26 @@ def opened(command: str, subject: str | Path, out: Path | None = None) -> Iterat
         yield run
         _move_into_place(run)
     finally:
-        shutil.rmtree(run.partial, ignore_errors=True)
-        if run.lock is not None:
-            _lock_of(run.partial).unlink(missing_ok=True)
-            os.close(run.lock)
-        for folder in run.made:
-            with suppress(OSError):  # it holds something, as it should after a run that ended well
-                folder.rmdir()
+        _release(run)
+
+
+def check_place(out: Path | None) -> None:
+    """Raise InputError where `opened` would, before the work whose result is to be written.
+
+    out: the folder of --out; None: a new folder under `runs`.
+    """
+    _release(_named(out) if out else _numbered(".check"))
+
+
+def _release(run: Run) -> None:
+    """Remove what a run leaves besides its result: temporary folder, lock, parent folders without content."""
+    shutil.rmtree(run.partial, ignore_errors=True)
+    if run.lock is not None:
+        _lock_of(run.partial).unlink(missing_ok=True)
+        os.close(run.lock)
+    for folder in run.made:
+        with suppress(OSError):  # it holds something, as it should after a run that ended well
+            folder.rmdir()
 
 
 def slug(subject: str | Path) -> str:
@@ -90,6 +104,7 @@ def replace_file(path: Path, text: str | bytes | Iterable[str]) -> None:
             with target.open("w", encoding="utf-8") as file:
                 file.writelines([text] if isinstance(text, str) else text)
         if not special:
+            flush_to_disk(partial)
             partial.replace(path.resolve())
     except OSError as error:
         if not special:
@@ -170,11 +185,37 @@ def _is_ours(lock: int, path: Path) -> bool:
         return False
 
 
+def flush_to_disk(path: Path) -> None:
+    """Ask the system to write a file or folder to the disk, so that it survives a loss of power.
+
+    Raises OSError where that fails, such as for a full disk. Windows has no handles of folders.
+    """
+    if path.is_dir() and os.name == "nt":
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _flush_folder(folder: Path) -> None:
+    """All files of a folder to the disk; one call for the whole system where there are many."""
+    files = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    if len(files) > _MANY_FILES and hasattr(os, "sync"):
+        os.sync()
+        return
+    for path in files:
+        flush_to_disk(path)
+
+
 def _move_into_place(run: Run) -> None:
     try:
+        _flush_folder(run.partial)
         if run.path.is_dir():
             run.path.rmdir()  # it was empty; where it no longer is, this refuses
         run.partial.rename(run.path)
+        flush_to_disk(run.path.parent)
     except OSError as error:
         raise InputError(_refused(run.path, error)) from error
 

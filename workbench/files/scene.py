@@ -1,12 +1,12 @@
 """Scene files: what to simulate, read from TOML and checked key by key."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 
@@ -105,8 +105,8 @@ def unreadable(path: Path, problem: Exception) -> InputError:
 def read_scene(path: Path) -> Scene:
     """The scene of a TOML file; InputError with the file, the key and what was expected."""
     try:
-        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        keys = read_toml(path)
+    except (OSError, ContentError) as problem:
         raise unreadable(path, problem) from None
     try:
         return Scene(**keys)

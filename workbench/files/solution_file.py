@@ -1,6 +1,5 @@
 """`solution.json`: a calibrated arm on disk, with all that a program needs to use it later."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from robot_model.robot import Robot
 from workbench.core.effect import Effect, make_effects
 from workbench.core.errors import InputError
 from workbench.core.terms import switched_off, term_names
+from workbench.core.text.structured_text import ContentError, read_json
 
 FORMAT, NAME = "solution/1", "solution.json"
 # What acts on the arm. The instrument's own errors, its drift relative to the base and the moment of reading move no
@@ -149,22 +149,65 @@ def read_solution(path: Path) -> CalibratedArm:
             keys,
             ranges,
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as problem:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
             raise
         raise InputError(
             f"{path}: expected a whole {FORMAT} file, found that {problem} is missing or not usable; "
             "calibrate again"
         ) from None
+    _check_arm(path, arm)
+    return arm
+
+
+def _check_arm(path: Path, arm: CalibratedArm) -> None:
+    """Raise InputError where numbers of the file are missing, not finite or contradict one another."""
     if missing := sorted({*arm.free, *_geometry_keys(arm.robot)} - set(arm.values)):
         raise InputError(
             f"{path}, key values: expected a value of {missing[0]}, found none; calibrate again"
         )
-    if not np.isfinite([*arm.values.values(), arm.held_out_mm]).all():
-        raise InputError(
-            f"{path}, key values: expected finite numbers, found others; calibrate again"
-        )
-    return arm
+    ranges = np.array([*(arm.fitted_range or {}).values()]).reshape(-1, 2)
+    numbers = {
+        "values": [*arm.values.values()],
+        "held_out": [arm.held_out_mm],
+        "covariance": arm.covariance,
+        "load_centre_mm": arm.load_centre,
+        "fitted_range": ranges,
+    }
+    for key, given in numbers.items():
+        if not np.isfinite(given).all():
+            raise _unusable(path, key, "finite numbers", "others")
+    if arm.load_centre.shape != (3,):
+        raise _unusable(path, "load_centre_mm", "three numbers", f"{arm.load_centre.size}")
+    if arm.held_out_mm < 0:
+        raise _unusable(path, "held_out.rms_mm", "an error of 0 or more", f"{arm.held_out_mm:g}")
+    if len(set(arm.free)) != len(arm.free):
+        raise _unusable(path, "free", "every parameter once", "one twice")
+    if (ranges[:, 0] > ranges[:, 1]).any():
+        raise _unusable(path, "fitted_range", "lowest and highest values", "them exchanged")
+    if problem := _covariance_problem(arm.covariance):
+        raise _unusable(path, "covariance", "a covariance matrix", problem)
+
+
+def _covariance_problem(covariance: np.ndarray) -> str:
+    """Why a matrix (F, F) is no covariance matrix, "" where it is one.
+
+    It is symmetric and positive semi-definite. Rounding is judged after the scaling to correlations,
+    because variances in mm^2 and rad^2 differ by many powers of ten.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if (np.diag(covariance) < 0).any():
+        return "a negative variance"
+    scale = np.where(sigma > 0, sigma, 1.0)
+    correlation = covariance / scale[:, None] / scale[None, :]
+    if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6:
+        return "a matrix that is not symmetric"
+    lowest = np.linalg.eigvalsh(correlation)[0] if len(correlation) else 0.0
+    return "a matrix with a negative eigenvalue" if lowest < -1e-6 * len(correlation) else ""
+
+
+def _unusable(path: Path, key: str, expected: str, found: str) -> InputError:
+    return InputError(f"{path}, key {key}: expected {expected}, found {found}; calibrate again")
 
 
 def without_terms(arm: CalibratedArm, patterns: Sequence[str], where: str) -> CalibratedArm:
@@ -187,16 +230,16 @@ def _geometry_keys(robot: Robot) -> list[str]:
 
 def _read(path: Path) -> dict:
     try:
-        keys = json.loads(path.read_text(encoding="utf-8"))
+        keys = read_json(path)
     except OSError as problem:
         raise InputError(
             f"{path}: expected a solution.json or the run folder of `workbench calibrate`, found that it "
             f"cannot be read ({problem.strerror}); name another"
         ) from None
-    except ValueError:
+    except ContentError as problem:
         raise InputError(
-            f"{path}: expected JSON as `workbench calibrate` writes it, found another kind of file; "
-            "name its solution.json"
+            f"{path}: expected JSON as `workbench calibrate` writes it, found another kind of file "
+            f"({problem}); name its solution.json"
         ) from None
     if not isinstance(keys, dict) or keys.get("format") != FORMAT:
         raise InputError(

@@ -1,6 +1,5 @@
 """Plans: which stages a calibration goes through; the default one, and plans read from TOML."""
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import LOSSES
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
+from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.fitting.joint_curves import choose_joint_curves
 
 FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
@@ -104,8 +104,8 @@ def read_plan(path: Path) -> tuple[Stage, ...]:
     path = PLAN_FILES / f"{path}.toml" if str(path) in plan_names() else Path(path)
     path = path / "plan.toml" if path.is_dir() else path  # a run folder of `workbench diagnose`
     try:
-        rows = tomllib.loads(path.read_text(encoding="utf-8")).get("stage", [])
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        rows = read_toml(path).get("stage", [])
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"plan {path} cannot be read ({problem}); write it as TOML with [[stage]] tables, or name one "
             f"of {', '.join(plan_names())}"

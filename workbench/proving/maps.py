@@ -46,12 +46,11 @@ def _chosen(rows) -> Mapping | None:
 
 
 def _map(exam, row) -> Map:
-    import json
 
     import datasets
     from workbench.proving.oracle import Bench, claimed_rows
 
-    answer = json.loads(exam.answer(row["case"]).read_text(encoding="utf-8"))["answer"]
+    answer = protocol.read_object(exam.answer(row["case"]))["answer"]
     bench = Bench(datasets.read(exam.recording(row["case"])), answer["baseline"])
     before, after = bench.predicted(()), bench.predicted(claimed_rows(answer))
     title = f"{row['suite']} {row['index']}: {'; '.join(row['concealed'])}, {row['survives_sigma']:.1f} σ"

@@ -21,7 +21,7 @@ def weigh(folder: Path, name: str) -> None:
     """Write the held-out errors of baseline and oracle on an unblinded case, and those on its validation part."""
     exam = protocol.BenchmarkRun(folder)
     truth = protocol.opened(exam, name, protocol.published(exam))
-    record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
+    record = protocol.read_object(exam.answer(name))
     try:
         found = _weighed(exam.recording(name), truth, record["answer"])
     except Exception as error:  # a failed oracle gives a note instead of figures

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_json
 from workbench.files.runs import replace_file
 
 PATIENCE_S = 1200
@@ -110,7 +111,31 @@ def seal(exam: BenchmarkRun) -> dict[str, str]:
 
 def published(exam: BenchmarkRun) -> dict[str, str]:
     """Case -> published checksum."""
-    return json.loads(exam.seals.read_text(encoding="utf-8")) if exam.seals.exists() else {}
+    if not exam.seals.exists():
+        return {}
+    seals = read_object(exam.seals)
+    if not all(isinstance(seal, str) for seal in seals.values()):
+        raise damaged(exam.seals, "an entry that is no checksum")
+    return seals
+
+
+def read_object(path: Path) -> dict:
+    """The JSON object in a file of a benchmark run. Raises InputError where it is damaged."""
+    try:
+        value = read_json(path)
+    except (OSError, ContentError) as problem:
+        raise damaged(path, str(problem)) from None
+    if not isinstance(value, dict):
+        raise damaged(path, f"a {type(value).__name__}")
+    return value
+
+
+def damaged(path: Path, found: str) -> InputError:
+    """The error for a file of a benchmark run that has been changed or is incomplete."""
+    return InputError(
+        f"{path}: expected a file that `workbench prove` has written, found {found}. This benchmark run "
+        "cannot be continued. Start it again in a new folder."
+    )
 
 
 def checksum(path: Path) -> str:
@@ -143,7 +168,7 @@ def opened(exam: BenchmarkRun, name: str, seals: Mapping[str, str]) -> dict:
             "Diagnose it first."
         )
     check(exam, {name: seals[name]})
-    return json.loads(exam.truth(name).read_text(encoding="utf-8"))
+    return read_object(exam.truth(name))
 
 
 # ----------------------------------------------------------------- run, watched
@@ -262,7 +287,7 @@ def run(folder: Path, name: str, diagnose: Callable[[Path], Mapping], program: s
         record |= {"seconds": time.monotonic() - began, "cpu_s": time.process_time() - used}
         record |= {"opened": sorted(set(found)), "program": program}
         replace_file(exam.answer(name), json.dumps(record, indent=1, allow_nan=False) + "\n")
-    return json.loads(exam.answer(name).read_text(encoding="utf-8"))
+    return read_object(exam.answer(name))
 
 
 def _answered(diagnose, recording: Path) -> dict:

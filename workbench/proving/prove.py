@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_json
 from workbench.files import runs
 from workbench.proving import board, checks, protocol, stages, tasks
 
@@ -105,37 +106,63 @@ def bring(exam: protocol.BenchmarkRun, own: Path) -> list[str]:
                 f"{path}: SHA256SUMS of {own} has another checksum: the truth was changed after its hash was "
                 "published. Restore the original file."
             )
-        text = path.read_text(encoding="utf-8")
-        _check_truth(path, text)
+        text = _checked_truth(path)
         copy = partial(shutil.copytree, source)
         protocol.write_case(exam, name, copy, lambda text=text: text)
     return [path.stem for path in truths]
 
 
-def _check_truth(path: Path, text: str) -> None:
+def _checked_truth(path: Path) -> str:
+    """The text of a truth of the user. Raises InputError where it lacks what the scoring reads."""
     try:
-        effects = json.loads(text)["effects"]
-        complete = all({"effect", "where"} <= set(one) for one in effects)
-    except (ValueError, KeyError, TypeError):
-        complete = False
-    if not complete:
+        truth = read_json(path)
+        found = "something else"
+    except (OSError, ContentError) as problem:
+        truth, found = None, str(problem)
+    effects = truth.get("effects") if isinstance(truth, dict) else None
+    if not isinstance(effects, list) or not all(_is_effect(one) for one in effects):
         raise InputError(
             f'{path}: expected an object with a list "effects" of objects with "effect" and "where" '
-            "(an empty list if no effect is planted), found something else. Correct the file."
+            f"(an empty list if no effect is planted), found {found}. Correct the file."
         )
+    return json.dumps(truth)
+
+
+def _is_effect(one) -> bool:
+    if not isinstance(one, dict):
+        return False
+    names = isinstance(one.get("effect"), str) and isinstance(one.get("where"), str)
+    size = one.get("survives_sigma")
+    return names and (size is None or isinstance(size, int | float))
 
 
 def _sums(path: Path) -> dict[str, str]:
+    """Case -> checksum of a SHA256SUMS file, {} without one. Raises InputError."""
     if not path.exists():
         return {}
-    rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    return {Path(name).stem: seal for seal, name in (row[:2] for row in rows)}
+    rows = [line.split(maxsplit=1) for line in _read_lines(path) if line.strip()]
+    if bad := [number for number, row in enumerate(rows, 1) if len(row) != 2]:
+        raise InputError(
+            f"{path}, row {bad[0]}: expected a checksum and a file name, found one word. "
+            "Write the file with sha256sum."
+        )
+    return {Path(name.strip().lstrip("*")).stem: seal for seal, name in rows}
+
+
+def _read_lines(path: Path) -> list[str]:
+    """The lines of a UTF-8 text file. Raises InputError."""
+    try:
+        return path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as problem:
+        raise InputError(
+            f"{path}: expected readable UTF-8 text, found {problem}. Correct or remove the file."
+        ) from None
 
 
 def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int]) -> dict[str, int]:
     """Start a benchmark run, or continue one of the same seed and source. Returns the planned cases of each suite."""
     path = folder / _SETTINGS
-    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    known = _settings(path)
     if known is None and folder.is_dir() and any(folder.iterdir()):
         raise InputError(
             f"{folder} contains other files. A benchmark run needs a new folder, an empty one, or its own. "
@@ -155,6 +182,18 @@ def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int])
         path, json.dumps({"seed": seed, "own": own, "planned": planned}, indent=1) + "\n"
     )
     return planned
+
+
+def _settings(path: Path) -> dict | None:
+    """What an earlier call settled, None in a new folder. Raises InputError where it is damaged."""
+    if not path.exists():
+        return None
+    known = protocol.read_object(path)
+    planned = known.get("planned")
+    is_whole = isinstance(known.get("seed"), int) and isinstance(planned, dict) and "own" in known
+    if not is_whole or not all(isinstance(count, int) for count in planned.values()):
+        raise protocol.damaged(path, "incomplete settings")
+    return known
 
 
 def _command(planned, seed, own) -> str:

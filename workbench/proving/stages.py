@@ -28,7 +28,7 @@ def publish(folder: Path) -> dict[str, str]:
     """Publish the hashes of all truths, and the questions, which contain only the baseline of each case."""
     exam = protocol.BenchmarkRun(folder)
     seals = protocol.seal(exam)
-    truths = {name: json.loads(exam.truth(name).read_text(encoding="utf-8")) for name in seals}
+    truths = {name: protocol.read_object(exam.truth(name)) for name in seals}
     questions = {name: tasks.baseline(truth) for name, truth in truths.items()}
     replace_file(folder / QUESTIONS, json.dumps(questions, indent=1, sort_keys=True) + "\n")
     return seals
@@ -46,7 +46,7 @@ def run(
     exam = protocol.BenchmarkRun(folder)
     seals = protocol.published(exam)
     protocol.check(exam, seals)
-    questions = json.loads((folder / QUESTIONS).read_text(encoding="utf-8"))
+    questions = protocol.read_object(folder / QUESTIONS)
     missing = [name for name in names if not exam.answer(name).exists()]
     work = [(folder, name, questions[name], until) for name in missing]
     for done, _ in enumerate(_spread(diagnose, work, jobs), 1):
@@ -97,7 +97,7 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
 def row_of(exam: protocol.BenchmarkRun, name: str, seals) -> dict:
     """Row of an unblinded case: truth, claims, score."""
     truth = protocol.opened(exam, name, seals)
-    record = json.loads(exam.answer(name).read_text(encoding="utf-8"))
+    record = protocol.read_object(exam.answer(name))
     known = {
         key: truth.get(key)
         for key in ("suite", "index", "robot", "measures", "samples", "sigma_mm", "noise")
@@ -108,7 +108,7 @@ def row_of(exam: protocol.BenchmarkRun, name: str, seals) -> dict:
         "effects": truth["effects"],
         "survives_sigma": min((s for s in sizes if s is not None), default=None),
     }
-    weighed = json.loads(exam.weighed(name).read_text(encoding="utf-8"))
+    weighed = protocol.read_object(exam.weighed(name))
     if weighed.pop("answer_seal", None) not in (None, protocol.checksum(exam.answer(name))):
         raise InputError(
             f"{exam.answer(name)} was changed after its case was unblinded. This benchmark run is invalid. "
@@ -132,7 +132,7 @@ def _by_rule(exam, truth, record) -> dict:
 
     path = exam.answer(truth["twin"]) if "twin" in truth else None
     exists = path is not None and path.exists()
-    original = json.loads(path.read_text(encoding="utf-8")) if exists else None
+    original = protocol.read_object(path) if exists else None
     return real.score(truth, record, original)
 
 

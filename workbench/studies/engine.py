@@ -13,7 +13,7 @@ from workbench.core.errors import InputError
 from workbench.machine.processes import one_thread
 from workbench.studies.robots import Row
 from workbench.studies.spec import Study
-from workbench.studies.tables import parts_done, write_part
+from workbench.studies.tables import parts_done, remove_damaged_parts, write_part
 from workbench.studies.variation import count
 
 _PARTS = 400
@@ -75,6 +75,7 @@ def carry_out(
     limits the memory. Raises InputError, and any other error of a run.
     """
     parts, start = parts_of(study), time.perf_counter()
+    remove_damaged_parts(folder)
     left = sorted(set(range(len(parts))) - parts_done(folder))
     total, seconds, made = count(study), 0.0, 0
     done = total - sum(len(parts[k]) for k in left)

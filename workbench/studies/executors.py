@@ -1,8 +1,9 @@
 """Executors of the runs: processes of this machine, a Dask cluster, or any `concurrent.futures.Executor`."""
 
+import asyncio
 from collections.abc import Iterator
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 
 from workbench.core.errors import InputError
 from workbench.machine import processes
@@ -42,5 +43,28 @@ def dask(address: str) -> Iterator[tuple[Executor, int]]:
                 f"{address}`"
             )
         yield client.get_executor(pure=False, retries=2), threads
+    except _lost_errors() as problem:
+        raise InputError(
+            f"--scheduler {address}: the connection to the Dask cluster was lost ({type(problem).__name__}). All runs "
+            "that were finished are saved; the same command continues with the remaining ones"
+        ) from problem
     finally:
-        client.close()
+        with suppress(*_lost_errors()):
+            client.close()
+
+
+def _lost_errors() -> tuple[type[BaseException], ...]:
+    """What distributed raises for futures and connections of a scheduler that has ended."""
+    from concurrent.futures import CancelledError as CancelledFuture
+
+    from distributed.client import FutureCancelledError
+    from distributed.comm.core import CommClosedError
+
+    return (
+        asyncio.CancelledError,
+        CancelledFuture,
+        CommClosedError,
+        FutureCancelledError,
+        ConnectionError,
+        TimeoutError,
+    )

@@ -1,12 +1,12 @@
 """Study files (TOML): simulation or resampling, varied parameters, steps, kept columns; validated key by key."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 STUDY_FILES = Path(__file__).parent / "study_files"
 METHODS = ("grid", "random", "latin-hypercube", "sobol", "saltelli")
@@ -187,13 +187,13 @@ def study_names() -> list[str]:
 
 def _toml(path: Path, what: str) -> dict:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return read_toml(path)
     except FileNotFoundError:
         known = f", or one of {', '.join(study_names())}" if what == "study" else ""
         raise InputError(
             f"{path}: expected a {what} (TOML){known}, found no such file; correct its name"
         ) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"{path}: expected a {what} (TOML), found an unreadable file ({problem}); correct it"
         ) from None

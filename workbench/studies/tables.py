@@ -1,6 +1,7 @@
 """The table of a study: its parts are written atomically as they finish, and merged at the end one by one."""
 
 import errno
+import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.text.csv_text import protect_text_columns
+from workbench.files.runs import flush_to_disk
 from workbench.studies.robots import Row
 
 PARTS, TABLE, CSV = "parts", "table.parquet", "table.csv"
@@ -20,11 +22,13 @@ def write_part(folder: Path, number: int, rows: Sequence[Row]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    path = folder / PARTS / _name(number)
     names = dict.fromkeys(name for row in rows for name in row)
     table = pa.table({name: _column(pa, [row.get(name) for row in rows]) for name in names})
-    with whole(path) as partial:
-        pq.write_table(table, partial)
+    buffer = pa.BufferOutputStream()
+    pq.write_table(table, buffer, write_page_checksum=True)
+    content = buffer.getvalue().to_pybytes()
+    with whole(folder / PARTS / _name(number, content)) as partial:
+        partial.write_bytes(content)
 
 
 def _column(pa, cells):
@@ -37,8 +41,13 @@ def _column(pa, cells):
     return pa.array([None if cell is None else str(cell) for cell in cells], pa.string())
 
 
-def _name(number: int) -> str:
-    return f"part-{number:08d}.parquet"
+def _name(number: int, content: bytes) -> str:
+    """File name of a part; the checksum in it shows later whether the file is whole."""
+    return f"part-{number:08d}-{_checksum(content)}.parquet"
+
+
+def _checksum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 @contextmanager
@@ -50,6 +59,7 @@ def whole(path: Path) -> Iterator[Path]:
     partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
     try:
         yield partial
+        flush_to_disk(partial)
         partial.replace(path)
     except OSError as problem:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT)
@@ -64,8 +74,23 @@ def whole(path: Path) -> Iterator[Path]:
 
 def parts_done(folder: Path) -> set[int]:
     """Numbers of the existing parts."""
-    names = (path.name for path in (folder / PARTS).glob("part-*.parquet"))
-    return {int(name.removeprefix("part-").removesuffix(".parquet")) for name in names}
+    return set(_part_files(folder))
+
+
+def remove_damaged_parts(folder: Path) -> int:
+    """Remove parts that differ from their checksum, as after a loss of power; returns their number."""
+    damaged = []
+    for path in (folder / PARTS).glob("part-*.parquet"):
+        if _checksum(path.read_bytes()) != path.stem.rpartition("-")[2]:
+            damaged.append(path)
+    for path in damaged:
+        path.unlink()
+    return len(damaged)
+
+
+def _part_files(folder: Path) -> dict[int, Path]:
+    """File of each existing part by its number."""
+    return {int(path.stem.split("-")[1]): path for path in (folder / PARTS).glob("part-*.parquet")}
 
 
 def put_together(folder: Path, parts: int) -> None:
@@ -77,13 +102,17 @@ def put_together(folder: Path, parts: int) -> None:
     import pyarrow.csv as pc
     import pyarrow.parquet as pq
 
-    paths = [folder / PARTS / _name(number) for number in range(parts)]
+    files = _part_files(folder)
+    paths = [files[number] for number in range(parts)]
     schema = _schema(pa, (pq.read_schema(path) for path in paths))
     csv_schema = protect_text_columns(schema.empty_table()).schema
     with whole(folder / TABLE) as table, whole(folder / CSV) as text:
-        with pq.ParquetWriter(table, schema) as writer, pc.CSVWriter(text, csv_schema) as lines:
+        with (
+            pq.ParquetWriter(table, schema, write_page_checksum=True) as writer,
+            pc.CSVWriter(text, csv_schema) as lines,
+        ):
             for path in paths:
-                made = _as(pa, pq.read_table(path), schema)
+                made = _as(pa, pq.read_table(path, page_checksum_verification=True), schema)
                 writer.write_table(made)
                 lines.write_table(protect_text_columns(made))
 

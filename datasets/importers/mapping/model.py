@@ -23,7 +23,6 @@ convention = "intrinsic XYZ"
 "Temp" = "temperature_c"
 """
 
-import tomllib
 from collections.abc import Mapping as Keys
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -32,6 +31,7 @@ from datasets.columns import KINDS
 from datasets.errors import complaint
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
 from datasets.importers.units import ANGLES, LENGTHS
+from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "import/1"
 QUANTITIES = ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation", "time")
@@ -138,12 +138,12 @@ def write_mapping(mapping: Mapping, path: Path, comment: str = "") -> None:
 def read_mapping(path: Path) -> Mapping:
     """The mapping of a TOML file. Raises InputError with file and key where it cannot be right."""
     try:
-        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+        keys = read_toml(path)
     except OSError as problem:
         raise complaint(
             f"--map {path}", "a readable file", str(problem.strerror), "correct the name"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+    except ContentError as problem:
         raise complaint(
             f"--map {path}", "TOML", f"a mistake ({problem})", "correct it there"
         ) from None

@@ -62,7 +62,7 @@ def read_numpy(path: Path) -> list[RawTable]:
             if isinstance(found, np.ndarray)
             else {k: found[k] for k in found.files}
         )
-    except (ValueError, OSError) as problem:
+    except Exception as problem:  # numpy raises many kinds for damaged files
         raise complaint(
             path.name, "arrays of numbers", f"another content ({problem})", "save plain arrays"
         ) from None

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.errors import complaint
+from workbench.core.text.cloud_headers import pcd_problem, ply_problem
 
 EXTENSIONS = {".ply", ".pcd", ".xyz", ".pts"}
 _FEWEST = 4
@@ -18,10 +19,16 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
     if path.suffix.lower() in {".xyz", ".pts"}:
         points = _read_xyz(path)
     else:
+        _check_header(path)
         import open3d
 
         with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-            points = np.asarray(open3d.io.read_point_cloud(str(path)).points)
+            try:
+                points = np.asarray(open3d.io.read_point_cloud(str(path)).points)
+            except (MemoryError, RuntimeError) as problem:
+                raise complaint(
+                    path.name, "a point cloud", f"a damaged one ({problem})", "export it again"
+                ) from None
     points = points[np.isfinite(points).all(1)]
     if len(points) < _FEWEST:
         raise complaint(
@@ -33,6 +40,13 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points) - 1, most).astype(int)]
+
+
+def _check_header(path: Path) -> None:
+    """Raise InputError for a header that the parsers of Open3D do not survive."""
+    problem = (ply_problem if path.suffix.lower() == ".ply" else pcd_problem)(path)
+    if problem:
+        raise complaint(path.name, "a point cloud", problem, "export the cloud again")
 
 
 def _read_xyz(path: Path) -> np.ndarray:

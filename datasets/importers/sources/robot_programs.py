@@ -12,7 +12,8 @@ Poses are those of the active tool in the active base or user frame, as the cont
 """
 
 import re
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,14 +24,14 @@ from datasets.importers.sources.text_tables import encoding_of
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _KUKA = re.compile(
-    r"(?:DECL\s+)?(?:GLOBAL\s+)?(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)\s*=\s*\{([^}]*)\}",
+    r"(?:DECL\s+)?(?:GLOBAL\s+)?(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)\s*=\s*\{([^{}]{1,2000})\}",
     re.IGNORECASE,
 )
 _KUKA_KEY = re.compile(rf"\b([A-Z]\d?)\s+({_NUMBER})", re.IGNORECASE)
-_ABB = re.compile(
-    r"\b(robtarget|jointtarget)\s+(\w+)\s*:=\s*(\[.*?\])\s*;", re.IGNORECASE | re.DOTALL
+_ABB = re.compile(r"\b(robtarget|jointtarget)\s+(\w+)\s*:=\s*(\[[^;]{1,2000}\])\s*;", re.IGNORECASE)
+_FANUC = re.compile(
+    r"P\[(\d{1,9})(?:\s{0,9}:\s{0,9}\"([^\"\n]{0,80})\")?\]\s{0,9}\{([^{};]{1,4000})\}\s*;"
 )
-_FANUC = re.compile(r"P\[(\d+)(?:\s*:\s*\"([^\"]*)\")?\]\s*\{(.*?)\}\s*;", re.DOTALL)
 _FANUC_KEY = re.compile(rf"\b([XYZWPR]|J\d)\s*=\s*({_NUMBER})")
 
 _POSE = ("flange X [mm]", "flange Y [mm]", "flange Z [mm]")
@@ -96,8 +97,9 @@ def _kuka(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
 
 
 def _abb(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
+    line_of = _line_counter(text)
     for match in _ABB.finditer(text):
-        line = text.count("\n", 0, match.start()) + 1
+        line = line_of(match.start())
         values = [float(v) for v in re.findall(_NUMBER, match[3])]
         is_joint = match[1].lower() == "jointtarget"
         size = 6 if is_joint else 7
@@ -107,8 +109,9 @@ def _abb(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
 
 
 def _fanuc(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
+    line_of = _line_counter(text)
     for match in _FANUC.finditer(text):
-        line = text.count("\n", 0, match.start()) + 1
+        line = line_of(match.start())
         keys = {key: float(value) for key, value in _FANUC_KEY.findall(match[3])}
         name = match[2] or f"P[{match[1]}]"
         if "J1" in keys:
@@ -120,6 +123,12 @@ def _fanuc(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]
         if missing:
             raise _incomplete(path, line, name, missing[0])
         yield "joints" if "J1" in keys else "pose", name, line, [keys[key] for key in wanted]
+
+
+def _line_counter(text: str) -> Callable[[int], int]:
+    """The number of the line that holds a position of the text."""
+    breaks = [match.start() for match in re.finditer("\n", text)]
+    return lambda position: bisect_left(breaks, position) + 1
 
 
 def _incomplete(path: Path, line: int, name: str, missing: str):

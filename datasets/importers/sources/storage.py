@@ -4,11 +4,11 @@ import re
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from datasets.errors import complaint
 from datasets.importers.source import Source
 from datasets.importers.sources.arrays import pose_columns, tables_of_arrays
+from workbench.core.text.structured_text import read_yaml
 
 _HEAD_BYTES = 4096
 
@@ -37,7 +37,7 @@ def read_kalibr_target(path: Path) -> Source:
     Raises InputError for AprilGrids, which no command detects, and for missing keys.
     """
     try:
-        keys = yaml.safe_load(path.read_text(encoding="utf-8"))
+        keys = read_yaml(path)
         kind = keys["target_type"]
         if kind == "aprilgrid":
             raise complaint(
@@ -57,7 +57,7 @@ def read_kalibr_target(path: Path) -> Source:
         raise complaint(
             f"{path.name}, key {missing}", "this key of a Kalibr target", "none", "add it"
         ) from None
-    except (yaml.YAMLError, TypeError, ValueError) as problem:
+    except (OSError, OverflowError, TypeError, ValueError) as problem:
         raise complaint(
             path.name, "a Kalibr target in YAML", f"{problem}", "correct the file"
         ) from None
@@ -73,14 +73,16 @@ def read_opencv(path: Path) -> Source:
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         opened = storage.isOpened()
-    except cv2.error:
-        opened = False
+        arrays = dict(_matrices(storage.root())) if opened else {}
+        storage.release()
+    except (cv2.error, SystemError, UnicodeError, RecursionError, ValueError):
+        opened = (
+            False  # SystemError: text of the file that is not UTF-8, in OpenCV's Python binding
+        )
     if not opened:
         raise complaint(
             path.name, "an OpenCV FileStorage", "a file that OpenCV cannot read", "write it again"
         )
-    arrays = dict(_matrices(storage.root()))
-    storage.release()
     camera = _camera(arrays)
     poses = _poses(arrays)
     arrays = {name: value for name, value in arrays.items() if value.ndim == 2 and len(value) >= 3}

@@ -1,6 +1,5 @@
 """What `workbench open` opens: a run folder with its recording, or a recording alone."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +9,7 @@ import numpy as np
 
 from workbench.app.data.residuals import Residuals, read_residuals
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_json
 from workbench.files.runs import RUNS
 
 ANSWER = "answer.json"
@@ -84,7 +84,9 @@ class Opened:
         path = self.folder / "solution.json" if self.folder else None
         if path is None or not path.is_file():
             return {}
-        return json.loads(path.read_text(encoding="utf-8"))["values"]
+        from workbench.files.solution_file import read_solution
+
+        return read_solution(path).values
 
 
 def open_subject(subject: str | None, recording: str | None = None) -> Opened:
@@ -140,8 +142,8 @@ def _open_run(folder: Path, recording: str | None) -> Opened:
 def read_answer(path: Path) -> dict:
     """The object of an answer.json. Raises InputError."""
     try:
-        answer = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as problem:
+        answer = read_json(path)
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"{path} cannot be read ({problem}); name the folder of a run of workbench"
         ) from None

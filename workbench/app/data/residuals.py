@@ -79,7 +79,7 @@ def _read_arrows(path: Path, sample: np.ndarray):
     import pyarrow.parquet as pq
 
     try:
-        read = pq.read_table(path)
+        read = pq.read_table(path, page_checksum_verification=True)
         columns = {name: read[name].to_numpy() for name in read.column_names}
         points = np.stack([columns[f"{axis}_mm"] for axis in "xyz"])
         arrows = np.stack([columns[f"d{axis}_mm"] for axis in "xyz"])

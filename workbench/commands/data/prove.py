@@ -21,7 +21,7 @@ def command(
         int | None,
         typer.Option("--cases", min=1, help="Number of cases of a suite without a count."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the random cases.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random cases.")] = 1,
     folder: Annotated[
         Path | None,
         typer.Option("--folder", metavar="DIR", help="Use your own recordings and truths."),

@@ -68,6 +68,7 @@ def command(
     The exit status is then 1: the programme is incomplete and must not be run.
     """
     answer.check_target(json)
+    runs.check_place(out)
     with answer.progress(f"reading {solution}") as say:
         from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme

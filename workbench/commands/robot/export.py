@@ -193,13 +193,12 @@ def _by_name(source: Path) -> Mapping[str, Path]:
 
 
 def _is_hand_eye(source: Path) -> bool:
-    import tomllib
-
+    from workbench.core.text.structured_text import ContentError, read_toml
     from workbench.files.exports.hand_eye import FORMAT
 
     try:
-        return tomllib.loads(source.read_text(encoding="utf-8")).get("format") == FORMAT
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return read_toml(source).get("format") == FORMAT
+    except (OSError, ContentError):
         return False
 
 

@@ -51,7 +51,7 @@ def command(
         int, typer.Option("--repeats", min=1, help="Largest number of measurements of one pose.")
     ] = 1,
     seed: Annotated[
-        int, typer.Option("--seed", help="Seed of the random sets for comparison.")
+        int, typer.Option("--seed", min=0, help="Seed of the random sets for comparison.")
     ] = 0,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
@@ -60,6 +60,7 @@ def command(
 ) -> None:
     """Choose the most informative poses, and state which parameters they do not identify."""
     answer.check_target(json)
+    runs.check_place(out)
     with answer.progress(f"reading {candidates}") as say:
         from workbench.files.images.visibility import Sight
         from workbench.jobs.robot.poses import choose_poses, write_poses

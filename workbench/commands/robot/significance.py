@@ -20,7 +20,7 @@ def command(
     points: Annotated[
         int, typer.Option("--points", min=1, help="Configurations: random, or of a recording.")
     ] = 50,
-    seed: Annotated[int, typer.Option("--seed", help="Of the configurations.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the configurations.")] = 0,
     step_mm: Annotated[float, typer.Option("--mm", min=1e-6, help="Error of a length, mm.")] = 0.1,
     step_rad: Annotated[
         float, typer.Option("--rad", min=1e-9, help="Error of an angle, rad.")
@@ -30,6 +30,7 @@ def command(
 ) -> None:
     """State how an error of each parameter changes position and axes of the end effector."""
     answer.check_target(json)
+    runs.check_place(out)
     with answer.progress(f"reading {robot}") as say:
         from workbench.jobs.robot.significance import robot_called, save, significance
 

@@ -24,6 +24,7 @@ def command(
 ) -> None:
     """Simulate a recording from a scene and write it as a recording folder."""
     answer.check_target(json)
+    runs.check_place(out)
     with answer.progress(f"simulating {scene}") as say:
         import datasets
         from workbench.jobs.robot.simulate import simulate

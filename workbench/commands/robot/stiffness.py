@@ -43,6 +43,7 @@ def command(
     Writes stiffness.csv, compliance.npy (n, 6, 6), a map of the workspace as PDF and SVG, and map.vtk.
     """
     answer.check_target(json)
+    runs.check_place(out)
     with answer.progress(f"reading {solution}"):
         from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import read_programme

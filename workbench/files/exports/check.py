@@ -1,7 +1,6 @@
 """Every export is read back before it is kept: a file that means something else is never written."""
 
 import tempfile
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from robot_model.measurements.closure import flange_matrices
 from sensors.camera.model import Camera, camera_from_keys
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
+from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.exports.camera import read_camera_text
 from workbench.files.exports.hand_eye import StaticTransform, read_launch_yaml, read_transform_yaml
 from workbench.files.exports.mdh import calibrated_geometry, read_mdh
@@ -129,8 +129,8 @@ def check_static_transform(made: StaticTransform, transform: str, launch: str) -
 def read_calibrated_camera(path: Path) -> Camera:
     """The camera of a camera.toml or scanner.toml; InputError where it holds none."""
     try:
-        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        keys = read_toml(path)
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"{path}: expected a camera.toml or scanner.toml, found that it cannot be read ({problem}); "
             "name the file that `workbench camera` or `workbench scanner` wrote"

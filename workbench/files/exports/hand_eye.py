@@ -7,7 +7,6 @@ coordinates in the child frame to the parent frame.
 
 import re
 import shlex
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "hand-eye/1"
 PARENTS = {"T_flange_sensor": "flange", "T_base_sensor": "base"}
@@ -58,8 +58,8 @@ class StaticTransform:
 def read_hand_eye(path: Path) -> CalibratedHandEye:
     """The transform of a hand-eye.toml. Raises InputError with the file, the key and what to do."""
     try:
-        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        keys = read_toml(path)
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"{path}: expected a hand-eye.toml, found that it cannot be read ({problem}); name the file that "
             "`workbench handeye` wrote"
@@ -70,7 +70,7 @@ def read_hand_eye(path: Path) -> CalibratedHandEye:
             "name the file that `workbench handeye` wrote"
         )
     matrix = _matrix_of(keys, path)
-    return CalibratedHandEye(matrix, PARENTS[keys["transform"]], _doubt(keys))
+    return CalibratedHandEye(matrix, PARENTS[keys["transform"]], _doubt(keys, path))
 
 
 def _matrix_of(keys, path) -> np.ndarray:
@@ -90,12 +90,18 @@ def _matrix_of(keys, path) -> np.ndarray:
     return matrix
 
 
-def _doubt(keys) -> str:
-    if keys.get("suspicions"):
-        return f"its recording is in doubt ({keys['suspicions'][0]})"
-    spread = [*keys.get("std_mm", []), *keys.get("std_deg", [])]
-    if not np.isfinite(spread).all():
-        why = (keys.get("undetermined") or ["its standard deviation is not finite"])[0]
+def _doubt(keys, path) -> str:
+    lists = {key: keys.get(key, []) for key in ("suspicions", "std_mm", "std_deg", "undetermined")}
+    for key, value in lists.items():
+        if not isinstance(value, list):
+            raise InputError(
+                f"{path}, key {key}: expected a list, found {value!r:.40}; run `workbench handeye` again"
+            )
+    if lists["suspicions"]:
+        return f"its recording is in doubt ({lists['suspicions'][0]})"
+    spread = [*lists["std_mm"], *lists["std_deg"]]
+    if not all(isinstance(one, int | float) and np.isfinite(one) for one in spread):
+        why = (lists["undetermined"] or ["its standard deviation is not finite"])[0]
         return f"part of the transform is not determined ({why})"
     return "" if keys.get("converged", True) else "the solve did not converge"
 

@@ -14,7 +14,7 @@ from robot_model.effects import CATALOGUE
 from robot_model.loading import DESCRIPTIONS
 from robot_model.poses import pose_values
 from robot_model.robot import Robot
-from robot_model.robot_file import read_toml
+from robot_model.robot_file import read_robot_keys
 from robot_model.state import sliding
 from robot_model.system import bind
 from workbench.core.effect import make_effects
@@ -95,7 +95,7 @@ def _robot_keys(scene: Scene, path: Path) -> dict:
         return {"urdf": str(file)}
     if file.suffix.lower() != ".toml":
         return {"builtin": scene.robot}
-    keys = read_toml(file)
+    keys = read_robot_keys(file)
     return (
         keys | {"urdf": str(file.parent / keys["urdf"])}
         if isinstance(keys.get("urdf"), str)

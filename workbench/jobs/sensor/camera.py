@@ -11,6 +11,7 @@ from sensors.boards.detection import Rejected, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, camera_from_keys, camera_keys
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.images.images import by_role
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import camera_verdict, camera_warnings
@@ -186,11 +187,9 @@ def save(made: CameraRun, folder: Path) -> None:
 
 def read(path: Path) -> Camera:
     """The camera of a camera.toml, or of a scanner.toml. Raises InputError."""
-    import tomllib
-
     try:
-        keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        keys = read_toml(path)
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"{path}: expected a calibrated camera (TOML), found none to read ({problem}); name the "
             "camera.toml that `workbench camera` writes"

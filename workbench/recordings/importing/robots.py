@@ -1,6 +1,5 @@
 """The robot and the artefact that an import names: what the recording will say of them."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from datasets.errors import complaint
 from datasets.importers.sources.text_tables import read_text_table
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 
 
 def robot_keys(name: str | None, file: str) -> Mapping:
@@ -29,8 +29,8 @@ def robot_keys(name: str | None, file: str) -> Mapping:
     if path.suffix.lower() == ".toml":
         _check_there(path)
         try:
-            keys = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+            keys = read_toml(path)
+        except (OSError, ContentError) as problem:
             raise complaint(
                 f"--robot {name}", "TOML", f"a mistake ({problem})", "correct it there"
             ) from None

@@ -1,0 +1,66 @@
+"""Checks of PLY and PCD files before Open3D reads them.
+
+The PLY parser in Open3D (RPly) overflows a buffer of 1,024 bytes when it reports a long word, and both
+parsers allocate what a header announces; the process ends. No file needs such words, or can hold more
+points than its size allows.
+"""
+
+import re
+from pathlib import Path
+
+_LONGEST = 200
+_COMPRESSION = 300  # LZF of PCD shortens by less
+_WORD = re.compile(rb"[^\s]{%d}" % _LONGEST)
+_HEADER_BYTES = 65_536
+
+
+def ply_problem(path: Path) -> str:
+    """Why a file is no PLY file that can be parsed, as a part of a sentence; "" where it is one."""
+    with Path(path).open("rb") as file:
+        start = file.read(_HEADER_BYTES)
+        header, end, _ = start.partition(b"end_header")
+        if not start.startswith(b"ply") or not end:
+            return "no header of a PLY file"
+        if _WORD.search(header):
+            return f"a header with a word of {_LONGEST} characters or more"
+        is_ascii = re.search(rb"^format\s+ascii\b", header, re.MULTILINE)
+        binary = re.search(rb"^format\s+binary_(little|big)_endian\b", header, re.MULTILINE)
+        if not is_ascii and not binary:
+            return "a format that is neither ascii nor binary"
+        if is_ascii and _has_long_word(start, file):
+            return f"a number of {_LONGEST} characters or more"
+        counts = re.findall(rb"^element[ \t]+\S+[ \t]+(\S+)", header, re.MULTILINE)
+    return _count_problem(counts, Path(path).stat().st_size)
+
+
+def pcd_problem(path: Path) -> str:
+    """Why a file is no PCD file that can be parsed, as a part of a sentence; "" where it is one."""
+    with Path(path).open("rb") as file:
+        header, found, _ = file.read(_HEADER_BYTES).partition(b"\nDATA ")
+    if not found:
+        return "no header of a PCD file"
+    if _WORD.search(header):
+        return f"a header with a word of {_LONGEST} characters or more"
+    numbers = re.findall(rb"^(?:WIDTH|HEIGHT|POINTS)[ \t]+(\S+)", header, re.MULTILINE)
+    sizes = re.findall(rb"^(?:SIZE|COUNT)[ \t]+([^\n]*)", header, re.MULTILINE)
+    largest = _COMPRESSION * Path(path).stat().st_size
+    return _count_problem(numbers, largest) or _count_problem(b" ".join(sizes).split(), 1000)
+
+
+def _count_problem(counts: list[bytes], most: int) -> str:
+    """A sentence part for the first count that is no number, or above `most`."""
+    for count in counts:
+        if not count.isdigit() or int(count) > most:
+            return f"a header that announces {count.decode('ascii', 'replace')} elements"
+    return ""
+
+
+def _has_long_word(start: bytes, file) -> bool:
+    """Whether the text has a long word, read in parts that overlap by one word."""
+    part = start
+    while part:
+        if _WORD.search(part):
+            return True
+        following = file.read(2**20)
+        part = part[-_LONGEST:] + following if following else b""
+    return False
