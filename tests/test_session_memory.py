@@ -135,13 +135,15 @@ def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(
     made = scan.scan(
         datasets.read(folder), Path("scanner.toml"), new(tmp_path / "run"), lambda text: None
     )
-    asked, told_of = [], ball_centres._told
-    monkeypatch.setattr(ball_centres, "_told", lambda *given: asked.append(1) or told_of(*given))
+    computed, columns_of = [], ball_centres._ball_columns
+    monkeypatch.setattr(
+        ball_centres, "_ball_columns", lambda *given: computed.append(1) or columns_of(*given)
+    )
     told = ball_centres.as_json(made, tmp_path)
     shown = page(made)
-    assert len(asked) == 90 and ball_centres.characteristics(made) is ball_centres.characteristics(
+    assert len(computed) == 90 and ball_centres.characteristics(
         made
-    )
+    ) is ball_centres.characteristics(made)
     assert ball_centres.centres_of(made) is ball_centres.centres_of(made)
     assert ("scans", "90", "") in shown.numbers and ("balls found", "90", "") in shown.numbers
     assert "The JSON holds 78 more." in str(shown)
