@@ -14,9 +14,9 @@ the fit of a Gaussian to what is left finds its centre off by
 q = 3/2 where all pixels count alike and 0 where they count by their photons. On a flat board f2 is perspective's: its
 nearer part is seen larger.
 
-Blur acts along the line too. Where the line's course is c(r) over rows r (slope c', curvature c''), a row receives light
-of its neighbours, from r + d with weights of variance b^2 (the blur's, in px^2). With A the light across the line (its
-peak times its width a), the mean of that light is off by b^2 (c''/2 + c' A'/A), and its third central moment is
+Blur acts along the line too. Where the line's course is c(r) over rows r (slope c', curvature c''), a row receives
+light of its neighbours, from r + d with weights of variance b^2 (the blur's, in px^2). With A the light across the line
+(its peak times its width a), the mean of that light is off by b^2 (c''/2 + c' A'/A), and its third central moment is
 m = 3 b^2 (c' (a^2)' + c'^2 c'' b^2). Of a Gram-Charlier series with that moment, the fit takes q m / (6 w^2) off:
 
     c = b^2 (c''/2 + c' A'/A) - q m / (6 w^2).
