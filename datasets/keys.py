@@ -99,6 +99,7 @@ SECTIONS = {
         "square_mm": Key(_above_zero, "a length above 0 in mm", True),
         "asymmetric": Key(lambda v: isinstance(v, bool), "true or false"),
         "legacy": Key(lambda v: isinstance(v, bool), "true or false"),
+        "flatness_mm": Key(_above_zero, "a length above 0 in mm"),
         "marker_mm": Key(_above_zero, "a length above 0 in mm"),
         "dictionary": Key(_one_of(*DICTIONARIES), "one of OpenCV's, such as DICT_5X5_250"),
         "fixed_to": Key(_one_of("tool", "base", "floor"), "one of tool, base, floor"),

@@ -385,3 +385,25 @@ def test_circles_of_the_line_laser_set(real):
     made = calibrate_camera(views, board, views[0].size)
     assert made.rms_px <= 0.10 and made.held_out.rms_px <= 0.10
     assert made.held_out.rms_px <= made.held_out.opencv_rms_px and len(made.views) == 12
+
+
+def test_a_certified_flat_board_makes_the_camera_more_certain():
+    """Few images of a flat board: the warp takes information from the camera, the certificate gives most of it back."""
+    views, _ = views_of(np.random.default_rng(4), count=5, bow={})
+    free = calibrated(views)
+    certified = calibrated(views, board=replace(BOARD, flatness_mm=0.005))
+    flat = calibrated(views, bow=False)
+    assert flat.std["camera.fx"] < certified.std["camera.fx"] < 0.97 * free.std["camera.fx"]
+    assert abs(certified.camera.fx - 3421) < 3 * certified.std["camera.fx"]
+    assert not any("flatness" in said for said in certified.remarks)
+
+
+def test_images_that_contradict_the_certified_flatness_are_said():
+    views, _ = views_of(np.random.default_rng(0))
+    made = calibrated(views, board=replace(BOARD, flatness_mm=0.01))
+    assert any("flatness_mm" in said for said in made.remarks)
+
+
+def test_the_certified_flatness_is_read_from_the_board():
+    keys = {"kind": "chessboard", "columns": 7, "rows": 5, "square_mm": 6.0, "flatness_mm": 0.02}
+    assert Board.of(keys).flatness_mm == 0.02

@@ -68,8 +68,9 @@ def test_what_a_ball_does_to_its_stripes_is_known():
         off = off + bend.away / bend.slope
     near = (bend.lit > 0.5) & np.isfinite(off) & (found.pixels[1] > 100) & (found.pixels[1] < 900)
     ratio = found.noise.gain * found.peak / found.noise.variance(found.background)
-    pull = bend.pull(bend.sheet(found.width), found.width, ratio)
-    assert bend.sheet(found.width) == pytest.approx(instrument.laser.width_mm, rel=0.05)
+    line = bend.line_shape(found.width)
+    pull = bend.pull(line, found.width, ratio)
+    assert line.sheet_mm == pytest.approx(instrument.laser.width_mm, rel=0.05)
     assert (off * pull)[near].sum() / (pull**2)[near].sum() == pytest.approx(1, abs=0.1)
     assert rms((off - pull)[near]) < 0.4 * rms(off[near])
 

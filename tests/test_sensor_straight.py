@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import brentq, least_squares
 
 from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror
 from sensors.camera.model import Camera
 from sensors.light.sheets import Sheets
 from sensors.light.straight import straightened, unshaded
-from sensors.stripe.bend import bend_on_boards
+from sensors.stripe.bend import LineShape, bend_on_ball, bend_on_boards
 from workbench.core.rigid import rotation_matrix
 
 PINHOLE = Camera.of([1700.0, 1700.0, 640.0, 512.0, 0.0, 0.0, 0.0, 0.0, 0.0], (1280, 1024))
@@ -69,10 +70,55 @@ def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
         np.array([1.0, 0.0]),
         light,
     )
-    told = bend.pull(SHEET, np.array([width]), np.array([0.0]))[0]
+    told = bend.pull(LineShape(SHEET, 0.0), np.array([width]), np.array([0.0]))[0]
     assert abs(bend.away[0]) < 1e-9
     assert told == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
     assert abs(told) > 0.002 or turn >= 0
+
+
+def blurred_on_ball(centre, radius, plane, zero, row, blur):
+    """Middle and width of a Gaussian fitted to the light on a ball along a row, blurred along both axes of the image."""
+    step = 0.1
+    x, y = zero + np.arange(-14, 14, step), row + np.arange(-5 * blur, 5 * blur + step, step)
+    grid = np.stack(np.meshgrid(x, y)).reshape(2, -1)
+    rays = PINHOLE.rays(grid)
+    along = centre @ rays
+    points = rays * (along - np.sqrt(radius**2 - ((rays * along - centre[:, None]) ** 2).sum(0)))
+    away = plane[:3] @ points + plane[3]
+    towards = LIGHT[:, None] - points
+    cosine = ((points - centre[:, None]) * towards).sum(0) / np.sqrt((towards**2).sum(0))
+    light = (np.exp(-0.5 * (away / SHEET) ** 2) * cosine).reshape(len(y), len(x))
+    profile = np.exp(-0.5 * ((y - row) / blur) ** 2) @ light
+    profile = gaussian_filter1d(profile, blur / step)
+    found = least_squares(
+        lambda p: p[0] * np.exp(-0.5 * ((x - p[1]) / p[2]) ** 2) - profile,
+        [profile.max(), x[profile.argmax()], 2.0],
+    )
+    return found.x[1], found.x[2]
+
+
+@pytest.mark.parametrize("row", [400.0, 480.0, 570.0])
+def test_blur_along_the_line_moves_the_centre_on_a_ball(row):
+    """A ball's line is curved: blur brings light of its neighbours to the inside of the curve."""
+    radius, blur, plane = 15.0, 1.2, mirror().planes(np.array([0.01]))[:, 0]
+    top = (
+        -(plane[2] * 110 + plane[3]) / plane[0]
+    )  # where the light meets the side of the ball that the camera sees
+    centre = np.array([top + 1.0, 0.0, 110 + radius])
+
+    def bend_at(x):
+        place = np.array([[x], [row]])
+        scan = np.array([1.0, 0.0])
+        return bend_on_ball(PINHOLE, centre, radius, place, plane[:, None], scan, LIGHT)
+
+    middle = PINHOLE.project(np.array([[top], [0.0], [110.0]]))[0, 0]
+    zero = brentq(lambda x: bend_at(x).away[0], middle - 60, middle + 60)
+    found, width = blurred_on_ball(centre, radius, plane, zero, row, blur)
+    bend = bend_at(zero)
+    pull = bend.pull(LineShape(SHEET, blur), np.array([width]), np.array([0.0]))[0]
+    without = bend.pull(LineShape(SHEET, 0.0), np.array([width]), np.array([0.0]))[0]
+    assert pull == pytest.approx(found - zero, rel=0.1, abs=1e-3)
+    assert abs(without - (found - zero)) > 2 * abs(pull - (found - zero))
 
 
 def chain(seed=1):

@@ -17,6 +17,7 @@ LEAST = 6
 class Board:
     """A flat board. `columns` and `rows` count inner corners (also of ChArUco) or circles, `square_mm` is their step.
 
+    `flatness_mm`: certified height of the highest over the lowest point, None where it is not known.
     The square between corners 0, 1, columns and columns + 1 is dark. Asymmetric circles are OpenCV's: `columns`
     in each of `rows` rows, every second row shifted by one step, circles of a row two steps apart.
     """
@@ -28,6 +29,7 @@ class Board:
     marker_mm: float | None = None
     dictionary: str = ""
     legacy: bool = False
+    flatness_mm: float | None = None
 
     @classmethod
     def of(cls, keys: Mapping) -> "Board":
@@ -37,7 +39,8 @@ class Board:
             raise InputError(
                 f"[board], key kind: expected one of {', '.join(KINDS[:3])}, found {kind!r}; correct it"
             )
-        more = {name: keys[name] for name in ("marker_mm", "dictionary", "legacy") if name in keys}
+        optional = ("marker_mm", "dictionary", "legacy", "flatness_mm")
+        more = {name: keys[name] for name in optional if name in keys}
         board = cls(kind, int(keys["columns"]), int(keys["rows"]), float(keys["square_mm"]), **more)
         if min(board.columns, board.rows) < 2 or board.count < LEAST:
             raise InputError(

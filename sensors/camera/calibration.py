@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 _BOW = f"artefact.{BoardBow.effect}."
 _COVERED = 0.6
+_DOUBTED = 3.0  # standard deviations
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,7 @@ def calibrate_camera(
         raise InputError(
             f"camera model: expected {' or '.join(MODELS)}, found {model!r}; choose one of them"
         )
-    effects = (*((BoardBow("artefact"),) if bow else ()), *effects)
+    effects = (*((BoardBow("artefact", board.flatness_mm),) if bow else ()), *effects)
     progress(f"camera, poses and bow from {len(views)} images")
     part = adjusted(views, board, size, model, effects, loss)
     made = CameraCalibration(
@@ -290,4 +291,19 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
         )
     if not made.fit.converged:
         said.append(made.fit.outcome)
-    return said
+    return [*said, *_on_flatness(made)]
+
+
+def _on_flatness(made: CameraCalibration) -> list[str]:
+    """A sentence where the images contradict the certified flatness of the board."""
+    bow, flatness = made.bow, made.board.flatness_mm
+    if (
+        bow is None
+        or flatness is None
+        or not bow.height_mm - _DOUBTED * bow.height_std_mm > flatness
+    ):
+        return []
+    return [
+        f"the board's warp is {bow.height_mm:.2g} +- {bow.height_std_mm:.1g} mm, its certified flatness (flatness_mm) "
+        f"{flatness:g} mm: the prior is wrong and biases the camera; correct or remove flatness_mm"
+    ]

@@ -1,6 +1,9 @@
 """Effects on what is looked at: the board's flatness, the balls' certificate, and heat."""
 
+from typing import Annotated
+
 import numpy as np
+from pydantic import Field
 
 from sensors.effects.covariates import warming
 from workbench.core.common_effects import ArtefactExpansionLaw, BallPositionLaw
@@ -12,7 +15,8 @@ class BoardBow(Effect):
     """The calibration board is not flat: a quadratic warp across it.
 
     x and y are the place from the board's middle over half its diagonal, so that a parameter is
-    the height (mm, along the board's z) at the corners of a long board.
+    the height (mm, along the board's z) at the corners of a long board. `flatness_mm`: certified height of the highest
+    over the lowest point; half of it is then the prior standard deviation of each parameter.
     """
 
     effect = "board-bow"
@@ -22,9 +26,14 @@ class BoardBow(Effect):
     equation = "dz = a x^2 + b y^2 + c x y"
     source = "board warp as in mrcal, where it has two terms: Kogan, https://mrcal.secretsauce.net"
 
+    def __init__(self, where: str, flatness_mm: Annotated[float, Field(gt=0)] | None = None):
+        super().__init__(where)
+        self.flatness_mm = flatness_mm
+
     def table(self, chain):
+        prior = self.flatness_mm and self.flatness_mm / 2
         return tuple(
-            self.parameter(name, "mm", 0.05, f"the board's bow in {name}")
+            self.parameter(name, "mm", 0.05, f"the board's bow in {name}", prior)
             for name in ("xx", "yy", "xy")
         )
 

@@ -22,8 +22,8 @@ def straightened(chain: Sheets, shape: np.ndarray | None) -> tuple[Sheets, float
     if shape is None:
         return chain, 0.0
     bend = _bend(chain, None)
-    sheet = bend.sheet(shape[0])
-    return _without(chain, bend.pull(sheet, *shape)), sheet
+    line = bend.line_shape(shape[0])
+    return _without(chain, bend.pull(line, *shape)), line.sheet_mm
 
 
 def unshaded(chain: Sheets, sheet: float, light: np.ndarray) -> Sheets:

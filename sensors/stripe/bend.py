@@ -13,6 +13,15 @@ the fit of a Gaussian to what is left finds its centre off by
 
 q = 3/2 where all pixels count alike and 0 where they count by their photons. On a flat board f2 is perspective's: its
 nearer part is seen larger.
+
+Blur acts along the line too. Where the line's course is c(r) over rows r (slope c', curvature c''), a row receives
+light of its neighbours, from r + d with weights of variance b^2 (the blur's, in px^2). With A the light across the line
+(its peak times its width a), the mean of that light is off by b^2 (c''/2 + c' A'/A), and its third central moment is
+m = 3 b^2 (c' (a^2)' + c'^2 c'' b^2). Of a Gram-Charlier series with that moment, the fit takes q m / (6 w^2) off:
+
+    c = b^2 (c''/2 + c' A'/A) - q m / (6 w^2).
+
+On a ball of radius R this moves points by some b^2 / 2R across the surface, always outwards.
 """
 
 from dataclasses import dataclass
@@ -30,7 +39,8 @@ _RATIOS = np.geomspace(1e-2, 1e3, 26)
 class Bend:
     """A surface's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
     `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `away` (n,) mm from
-    the sheet's middle.
+    the sheet's middle. Along the line: `tilt` c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px derivative of ln a
+    and `brightening` (n,) 1/px of the logarithm of that cosine.
     """
 
     slope: np.ndarray
@@ -38,31 +48,59 @@ class Bend:
     shade: np.ndarray
     lit: np.ndarray
     away: np.ndarray
+    tilt: np.ndarray
+    curve: np.ndarray
+    widening: np.ndarray
+    brightening: np.ndarray
 
-    def pull(self, sheet: float, width: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+    def pull(self, line: "LineShape", width: np.ndarray, ratio: np.ndarray) -> np.ndarray:
         """(n,) px by which centres of lines of `width` (n,) px are found off along the scan line.
 
-        sheet: mm, 1 sigma width of the light plane; ratio (n,): photon variance at the peak over that next to the line.
+        ratio (n,): photon variance at the peak over that next to the line.
         """
-        square = (sheet / self.slope) ** 2
-        counted = weighting(ratio) * np.minimum(square / width**2, 1.0)
-        return square * (self.shade - self.bend / self.slope * (3 - counted))
+        square, fitted = (line.sheet_mm / self.slope) ** 2, weighting(ratio)
+        counted = fitted * np.minimum(square / width**2, 1.0)
+        across = square * (self.shade - self.bend / self.slope * (3 - counted))
+        return across + self._along(line.blur_px**2, square, fitted / width**2)
 
-    def sheet(self, width: np.ndarray) -> float:
-        """mm, 1 sigma of the sheet from widths (n,) px of its lines: they widen with the slope, blur does not.
+    def _along(self, blur: np.ndarray, square: np.ndarray, counted: np.ndarray) -> np.ndarray:
+        """(n,) px by blur of the variance `blur` (px^2) along the line; `square` a^2, `counted` q / w^2."""
+        mean = blur * (self.curve / 2 + self.tilt * (self.widening + self.brightening))
+        moment = self.tilt * 2 * square * self.widening + self.tilt**2 * self.curve * blur
+        return mean - counted * blur * moment / 2
 
-        Straight line of width^2 by 1 / slope^2, what is far off left out three times over; 0 where widths say nothing.
+    def line_shape(self, width: np.ndarray) -> "LineShape":
+        """Sheet and blur from widths (n,) px of the lines: width^2 = (sheet / slope)^2 + blur^2.
+
+        Weighted least squares; what is far off, as lines that run aslant, is left out three times over. Both are 0
+        where widths say nothing.
         """
-        steep, square = self.slope**-2, np.asarray(width, float) ** 2
-        kept = np.isfinite(steep) & np.isfinite(square) & (square > 0)
-        grown = 0.0
+        square = np.asarray(width, float) ** 2
+        shape = np.stack([self.slope**-2, np.ones_like(self.slope)])
+        kept = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
+        found = np.zeros(2)
         for _ in range(4):
             if kept.sum() < 20:
-                return 0.0
-            grown, blur = np.polyfit(steep[kept], square[kept], 1, w=1 / square[kept])
-            off = np.abs(square - grown * steep - blur) / square
+                return LineShape(0.0, 0.0)
+            found = _nonnegative(shape[:, kept] / square[kept])
+            off = np.abs(square - found @ shape) / square
             kept = off <= 3 * 1.4826 * np.median(off[kept])
-        return float(np.sqrt(max(grown, 0.0)))
+        return LineShape(*np.sqrt(found).tolist())
+
+
+@dataclass(frozen=True)
+class LineShape:
+    """Of the laser's line: 1 sigma of the light plane `sheet_mm`, and of the blur `blur_px`, with the pixel's own."""
+
+    sheet_mm: float
+    blur_px: float
+
+
+def _nonnegative(shape: np.ndarray) -> np.ndarray:
+    """(2,) least-squares solution of found @ shape = 1 with shape (2, n) and no negative number."""
+    from scipy.optimize import nnls
+
+    return nnls(shape.T, np.ones(shape.shape[1]))[0]
 
 
 def bend_on_ball(
@@ -110,17 +148,30 @@ def bend_on_boards(
 
 
 def _bend(camera, surface, pixels, planes, scan, light):
-    low, middle, high = (
-        _seen(surface, camera.rays(pixels + step * scan[:, None]), planes, light)
-        for step in (-_STEP, 0.0, _STEP)
-    )
-    away, shade = (high - low) / (2 * _STEP)
+    """Difference quotients over the 3 x 3 places (scan line, line) about each pixel."""
+    along = np.array([scan[1], scan[0]])
+
+    def at(across, beyond):
+        places = pixels + _STEP * (across * scan + beyond * along)[:, None]
+        return _seen(surface, camera.rays(places), planes, light)
+
+    middle = at(0, 0)
+    low, high, before, after = at(-1, 0), at(1, 0), at(0, -1), at(0, 1)
+    mixed = at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)
+    by_scan, by_line = (high - low) / (2 * _STEP), (after - before) / (2 * _STEP)
+    twice, twice_line = ((ends - 2 * middle)[0] / _STEP**2 for ends in (high + low, after + before))
+    slope, crossed = by_scan[0], mixed[0] / (4 * _STEP**2)
+    tilt = -by_line[0] / slope
     return Bend(
-        away,
-        (high[0] - 2 * middle[0] + low[0]) / (2 * _STEP**2),
-        shade,
+        slope,
+        twice / 2,
+        by_scan[1],
         np.exp(middle[1]),
         middle[0],
+        tilt,
+        -(twice_line + 2 * crossed * tilt + twice * tilt**2) / slope,
+        -(crossed + twice * tilt) / slope,
+        by_line[1] + by_scan[1] * tilt,
     )
 
 

@@ -120,7 +120,7 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
         scanner.scan,
         light,
     )
-    pull = np.nan_to_num(bend.pull(bend.sheet(shape[0, on]), *shape[:, on]))
+    pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0, on]), *shape[:, on]))
     outward = points[:, on] - fit.centre[:, None]
     facing = (
         -(outward * points[:, on]).sum(0)

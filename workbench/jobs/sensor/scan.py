@@ -290,7 +290,7 @@ class _Work:
             radius = self._radius(number, free.radius, radii)
             start = np.append(free.centre, free.radius if radius is None else radius)
             bend = self._bend(start, pixels[:, on], place[on])
-            pull = np.nan_to_num(bend.pull(bend.sheet(shape[0, on]), *shape[:, on]))
+            pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0, on]), *shape[:, on]))
             straight = points[:, on] - error[:, on] * pull
             fit = _fitted(straight, bend.lit > np.cos(trimmed), radius, start, own)
             beyond = self._beyond(points[2, on])
