@@ -200,6 +200,15 @@ SPRINGS = {
             "joint-3.joint-compliance.compliance": 5e-5,
         },
     ),
+    "bearing-1": ([("bearing-compliance", "joint-1", {}), ("mount-tilt", "base", {})], {}),
+    "bearing-2": (
+        [("bearing-compliance", "joint-2", {})],
+        {"joint-2.bearing-compliance.tilt": 2e-4},
+    ),
+    "bearing-4": (
+        [("bearing-compliance", "joint-4", {})],
+        {"joint-4.bearing-compliance.tilt": 2e-4},
+    ),
     "link": ([("link-compliance", "link-2", {})], {"link-2.link-compliance.bending": 2e-5}),
     "pedestal": ([("pedestal-compliance", "base", {})], {}),
     "moments": (

@@ -48,16 +48,15 @@ def test_a_sag_is_that_of_the_stretched_arm():
 @pytest.mark.parametrize("name", ["bearing-compliance", "gravity-bearing-compliance"])
 @pytest.mark.parametrize("arm", [ABB, CRAIG], ids=["abb", "craig"])
 def test_a_bearing_turns_about_its_joint_axis(name, arm):
-    """A point on the axis of joint 3 stays, and the rotation is across the axis."""
+    """The point on the axis of joint 4 about which the moment is taken stays; the rotation is across the axis."""
     state = state_of(arm)
-    effect, number = CATALOGUE[name]("joint-3"), 3
+    effect, number = CATALOGUE[name]("joint-4"), 4
     twist = effect.basis(state)[0]
     link = state.frames.link[number]
     shift, turn = (np.einsum("cin,cn->in", link, part) for part in (twist[:3], twist[3:]))
     axis = state.frames.z[number - 1]
     assert np.abs((turn * axis).sum(0)).max() <= 1e-9 * np.abs(turn).max()
-    half = 0.0 if state.robot.convention == "craig" else state.robot.geometry[number - 1, 1] / 2
-    point = state.frames.z_origin[number - 1] + half * axis
+    point = state.frames.z_origin[number - 1]
     moved = shift + np.cross(turn, point - state.frames.pivot[number], axis=0)
     assert np.abs(moved).max() <= 1e-9 * max(np.abs(shift).max(), 1.0)
 

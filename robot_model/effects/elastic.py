@@ -241,8 +241,8 @@ class LinkCompliance(Effect):
 class BearingCompliance(Effect):
     """The bearing of joint K tilts under the gravity moment across its axis.
 
-    A rotation across the axis of joint K about a point on it: halfway along the offset d of the joint (Craig: the
-    origin of frame K). The moment is that of bodies K to J and the load about a point on the axis.
+    A rotation across the axis of joint K about a point on it: the origin of frame K-1 (Craig: of frame K). The moment
+    is that of bodies K to J and the load about the same point, so that the bearing is a spring with an energy.
     """
 
     effect = "bearing-compliance"

@@ -300,16 +300,13 @@ class GravityPedestal(Effect):
 
 
 def about_axis(state, number: int, turns: np.ndarray) -> np.ndarray:
-    """(P, 6, n) twists of frame K that turn by `turns` (P, 3, n) about a point on the axis of joint K.
+    """(P, 6, n) twists of frame K that turn by `turns` (P, 3, n) about the origin of joint K's axis.
 
-    The port turns about the middle of the link; the shift moves the pivot to the joint axis, halfway along offset d.
+    The port turns about the middle of the link; the shift moves the pivot to the point on the axis about which the
+    moment is taken. Moment and rotation about one point are those of a spring: they have a potential energy.
     """
-    frames, d = state.frames, state.robot.geometry[number - 1, 1]
-    half = 0.0 if state.robot.prismatic[number - 1] else d / 2
-    point = frames.z_origin[number - 1]
-    if state.robot.convention == "distal":
-        point = point + half * frames.z[number - 1]
-    lever = frames.pivot[number] - point
+    frames = state.frames
+    lever = frames.pivot[number] - frames.z_origin[number - 1]
     lever = np.einsum("cin,in->cn", frames.link[number], lever)
     shifts = cross(turns, np.broadcast_to(lever, turns.shape))
     return np.concatenate([shifts, turns], 1)

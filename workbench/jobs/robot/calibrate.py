@@ -46,6 +46,7 @@ from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
+from workbench.fitting.stage_tests import is_retained
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
@@ -220,6 +221,7 @@ def _first(model: Model, split: Split, stages: Sequence[Stage]) -> _Step:
 def _run(nominal: _Step, stages, split, progress):
     """All stages in order, then once more without each: a stage stays only if cross-validation retains it."""
     step, results, tried = nominal, [], []
+    tests = sum(stage.earn for stage in stages)
     for planned in stages:
         stage = planned.chosen_for(step.model.at(split.fit), step.parameters)
         if planned.choose is not None and not stage.effects:
@@ -227,7 +229,7 @@ def _run(nominal: _Step, stages, split, progress):
         tried.append(stage)
         progress(f"stage {stage.name}: {stage.why}")
         after = _try(step, stage, split)
-        earned = not stage.earn or after.held_out.beats(step.held_out)
+        earned = not stage.earn or is_retained(step, after, tests, split.fit)
         results.append(_stage_result(stage, step, after, earned))
         progress(results[-1].sentence)
         step = after if earned else step
@@ -236,6 +238,7 @@ def _run(nominal: _Step, stages, split, progress):
 
 def _prune(nominal: _Step, step: _Step, rows, split, progress):
     """Remove stages that cross-validation no longer retains once a later stage explains the same."""
+    tests = sum(stage.earn for stage, _ in rows)
     for k, (stage, result) in enumerate(rows):
         others = [s for i, (s, r) in enumerate(rows) if r.earned and i != k]
         if not (
@@ -246,7 +249,7 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
             continue
         progress(f"the result without {stage.name}")
         without = _try(replace(step, model=nominal.model), _merged(others, nominal), split)
-        if not step.held_out.beats(without.held_out):
+        if not is_retained(without, step, tests, split.fit):
             change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
             sentence = (
                 f"{result.sentence}; no longer earned after the later stages ({change}): left out"
