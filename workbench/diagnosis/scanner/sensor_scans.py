@@ -18,6 +18,7 @@ from workbench.diagnosis.scanner.sensor_balls import Balls
 from workbench.imaging.ball_names import named
 from workbench.imaging.columns import recorded_columns
 from workbench.imaging.images import by_role, full_scale, path_of
+from workbench.jobs.joined_scans import is_joined
 from workbench.jobs.scan import INCIDENCE_DEG, scans_of
 
 _FRAMES = 16
@@ -56,6 +57,8 @@ def balls_of(
     light = None if sheets.mirror is None else sheets.mirror.point
     arcs, scans = [], []
     for name, rows in groups.items():
+        if is_joined(rows):
+            continue  # the sensor or the object moves in it: its errors are not those of the sensor alone
         progress(f"balls in scan {name}")
         found = _arcs(recording, made.scanner, rows, depth, light)
         arcs += found
