@@ -18,6 +18,8 @@ INTEGERS = ("step", "sample")
 UNITS = {
     "mirror": "mirror_deg",
     "mirror_rad": "mirror_deg",
+    "table": "table_deg",
+    "table_rad": "table_deg",
     "time": "time_s",
     "temperature": "temperature_c",
     "mirror_speed": "mirror_speed_deg_s",
@@ -122,14 +124,19 @@ def _check_together(table: Table, rows: Rows) -> None:
     )
     swept = np.flatnonzero(role != "board")
     numbers = [np.unique(values, return_inverse=True)[1].ravel() for values in (role, place)]
-    steps = np.stack([*numbers, rows.values("step", np.inf), rows.values("sweep", np.inf)], 1)
+    moved = [
+        np.where(role == "scan", rows.values(name, np.inf), np.inf)
+        for name in ("sample", "table_deg")
+    ]
+    swept_by = [rows.values(name, np.inf) for name in ("step", "sweep")]
+    steps = np.stack([*numbers, *swept_by, *moved], 1)
     if twice := _repeated(steps[swept]):
         first, again = swept[list(twice)]
         raise complaint(
             table.where(again, "step"),
             f"every step of a {NEEDS[role[again]]} once",
             f"the step of row {table.rows[first]} again",
-            "number the steps",
+            "number the steps; where the robot or a turntable moves between images, add sample or table_deg",
         )
     alone = np.flatnonzero((role == "board-laser") & ~np.isin(place, place[role == "board"]))
     if len(alone):

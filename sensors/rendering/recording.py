@@ -29,6 +29,8 @@ class Stations:
     `poses` (n, 4, 4) T_artefact_sensor as they truly were; `columns` of samples.csv, each (n,), with
     `sample`; `robot` the keys of robot.toml; `section` of recording.toml's [robot], its file if empty.
     `boards` (g, 4, 4) T_camera_board of placements that the arm held, taken at the samples `board_samples` (g,).
+    `rows` (n) and `board_rows` (g): cells of images.csv of each station and each board, instead of these numbers:
+    several stations of one `scan` make a joined scan.
     """
 
     poses: np.ndarray
@@ -37,6 +39,8 @@ class Stations:
     section: Mapping = field(default_factory=dict)
     boards: np.ndarray | None = None
     board_samples: np.ndarray | None = None
+    rows: tuple[Mapping, ...] | None = None
+    board_rows: tuple[Mapping, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,8 @@ def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
         moment = Moment(scene.causes, covariates)
         if role == "scan":
             surfaces, row = _artefact(scene, artefacts[k], moment), {"scan": k + 1}
-            number = None if stations is None else stations.columns["sample"][k]
+            is_numbered = stations is not None and stations.rows is None
+            number = stations.columns["sample"][k] if is_numbered else None
         else:
             surfaces = (BoardSurface(scene.board.pattern, boards[k], scene.sees, moment),)
             row, held = (
@@ -140,8 +145,17 @@ def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
             number = stations.board_samples[k] if held else None
         if number is not None:
             row["sample"] = int(number)
+        row |= _own_cells(stations, role, k)
         yield _Take(role, k + 1, surfaces, covariates, row, seconds)
         clock += seconds * (1 if role == "board" else len(scene.instrument.steps))
+
+
+def _own_cells(stations: Stations | None, role: str, place: int) -> Mapping:
+    """Cells of images.csv that the stations state for one static pose."""
+    rows = None
+    if stations is not None:
+        rows = stations.rows if role == "scan" else stations.board_rows
+    return {} if rows is None else rows[place]
 
 
 def _covariates(scene, role, place, clock, share, rng) -> tuple[dict[str, float], float]:
@@ -269,7 +283,7 @@ def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) ->
             folder / "artefact.csv",
             [dict(zip(names, (k + 1, *b))) for k, b in enumerate(scene.balls)],
         )
-    if stations is not None:
+    if stations is not None and stations.columns:
         keys["samples"] = {"file": "samples.csv"}
         columns = {name: np.asarray(values).tolist() for name, values in stations.columns.items()}
         _write_csv(
@@ -277,7 +291,8 @@ def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) ->
         )
         if stations.robot:
             _write_toml(folder / "robot.toml", stations.robot)
-        keys["robot"] = dict(stations.section) or {"file": "robot.toml"}
+        if stations.robot or stations.section:
+            keys["robot"] = dict(stations.section) or {"file": "robot.toml"}
     _write_toml(folder / "recording.toml", keys)
 
 

@@ -16,6 +16,7 @@ from sensors.camera.model import camera_from_keys, camera_keys
 from sensors.effects import CATALOGUE
 from sensors.light.mirror import Mirror
 from sensors.scanner.model import Scanner
+from sensors.scanner.turntable import Turntable
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -68,11 +69,27 @@ class _Light(_Section):
     ) = None
 
 
+class _Harmonic(_Section):
+    order: Annotated[int, Field(ge=1)]
+    cosine_rad: Finite
+    sine_rad: Finite
+
+
+class _Turntable(_Section):
+    axis: Vector
+    point_mm: Vector
+    gain: Finite
+    sigma_rad: Annotated[Finite, Field(ge=0)]
+    harmonics: list[_Harmonic] = []
+    covariance: list[list[Finite]]
+
+
 class _File(_Section):
     format: str
     camera: dict[str, Any]
     light: _Light
     mirror: _Mirror | None = None
+    turntable: _Turntable | None = None
     effect: list[_Effect] = []
     provenance: dict[str, Any] = {}
 
@@ -109,6 +126,8 @@ def scanner_text(scanner: Scanner) -> str:
             "beam": _list(mirror.beam),
             "angles_rad": _list(scanner.angles),
         }
+    if scanner.turntable is not None:
+        keys["turntable"] = _turntable_keys(scanner.turntable)
     if scanner.effects:
         keys["effect"] = [
             _effect_keys(scanner, effect, values) for effect, values in scanner.effects
@@ -118,6 +137,41 @@ def scanner_text(scanner: Scanner) -> str:
             name: value for name, value in scanner.provenance.items() if value is not None
         }
     return tomli_w.dumps(keys)
+
+
+def _turntable_keys(table: Turntable) -> dict:
+    rows = [
+        {"order": int(order), "cosine_rad": float(pair[0]), "sine_rad": float(pair[1])}
+        for order, pair in table.harmonics.items()
+    ]
+    return {
+        "axis": _list(table.axis),
+        "point_mm": _list(table.point),
+        "gain": float(table.gain),
+        "sigma_rad": float(table.sigma),
+        "harmonics": rows,
+        "covariance": _list(table.covariance),
+    }
+
+
+def _turntable(file, where) -> Turntable | None:
+    if file.turntable is None:
+        return None
+    keys = file.turntable
+    harmonics = {one.order: (one.cosine_rad, one.sine_rad) for one in keys.harmonics}
+    size = 5 + 2 * len(harmonics)
+    covariance = np.array([row for row in keys.covariance if len(row) == size])
+    axis = np.array(keys.axis)
+    if covariance.shape != (size, size) or abs(np.linalg.norm(axis) - 1) > _UNIT:
+        raise _wrong(
+            f"{where}, [turntable]",
+            f"a unit axis and a covariance of {size} x {size} numbers",
+            "others",
+            "calibrate again",
+        )
+    return Turntable(
+        axis, np.array(keys.point_mm), keys.gain, harmonics, keys.sigma_rad, covariance
+    )
 
 
 def _list(values):
@@ -210,6 +264,7 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
         file.provenance,
         _frame(light, where),
         light.shared_px or {},
+        _turntable(file, where),
     )
     effects = tuple(_effect(row, bare, where) for row in file.effect)
     return replace(bare, effects=effects)

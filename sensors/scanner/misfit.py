@@ -70,11 +70,16 @@ class Misfit:
         }
 
 
-def stripe_misfit(residual: np.ndarray, stripe: np.ndarray, along: np.ndarray) -> Misfit | None:
+def stripe_misfit(
+    residual: np.ndarray, stripe: np.ndarray, along: np.ndarray, known: np.ndarray | None = None
+) -> Misfit | None:
     """Lack of fit of residuals (n,) px along the scan line; None where there are too few stripes.
 
     stripe (n,) int: label of the stripe of each centre. along (n,) px: its place along the stripe.
+    known (n,) px^2: variance of each residual from stated errors that move its whole stripe (of flange poses, of a
+    turntable); what these explain is no lack of fit.
     """
+    stated = 0.0 if known is None else float(known.sum())
     order = np.lexsort((along, stripe))
     residual, stripe, along = residual[order], stripe[order], along[order]
     edges = np.flatnonzero(np.diff(stripe)) + 1
@@ -87,7 +92,7 @@ def stripe_misfit(residual: np.ndarray, stripe: np.ndarray, along: np.ndarray) -
         return None
     explained = np.sum([part[0] for part in parts], axis=0)
     rest = [part[1] for part in parts]
-    return _tested(explained, rest)
+    return _tested(explained, rest, stated)
 
 
 def _decomposed(values: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +105,7 @@ def _decomposed(values: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.
     return coefficients**2, values - basis @ coefficients
 
 
-def _tested(explained: np.ndarray, rest: list[np.ndarray]) -> Misfit:
+def _tested(explained: np.ndarray, rest: list[np.ndarray], stated: float) -> Misfit:
     from scipy.special import fdtrc
 
     stripes = len(rest)
@@ -111,9 +116,11 @@ def _tested(explained: np.ndarray, rest: list[np.ndarray]) -> Misfit:
     inflation = _memory(rest)
     # Correlated noise gives low degrees of a polynomial more than the variance of independent noise.
     expected = variance * inflation * stripes
-    ratio = float(explained.sum()) / (_ORDERS * expected)
-    p_value = float(fdtrc(_ORDERS * stripes, max(degrees / inflation, 1.0), ratio))
-    beyond = np.sqrt(np.maximum(explained - expected, 0.0) / count)
+    ratio = float(explained.sum()) / (_ORDERS * expected + stated)
+    independent = stripes if stated > expected else _ORDERS * stripes
+    p_value = float(fdtrc(independent, max(degrees / inflation, 1.0), ratio))
+    of_shift = np.array([stated, 0.0, 0.0, 0.0])
+    beyond = np.sqrt(np.maximum(explained - expected - of_shift, 0.0) / count)
     bend = float(np.hypot(beyond[2], beyond[3]))
     return Misfit(
         float(np.sqrt(variance)), float(beyond[0]), float(beyond[1]), bend, p_value, stripes

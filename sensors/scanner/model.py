@@ -11,6 +11,7 @@ from sensors.camera.model import Camera
 from sensors.camera.undistort import BLOCK
 from sensors.light.mirror import Mirror
 from sensors.scanner.errors import by_pixel, by_plane, cut, frame_moves
+from sensors.scanner.turntable import Turntable
 from sensors.state import SensorState, stripe_direction
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
@@ -31,7 +32,7 @@ class Scanner:
     in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest,
     farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px;
     `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.together`): it is in the
-    covariance.
+    covariance. `turntable`: that turns the object, None without one.
     """
 
     camera: Camera
@@ -47,6 +48,7 @@ class Scanner:
     provenance: Mapping = field(default_factory=dict)
     frame: np.ndarray | None = None
     shared_px: Mapping[str, float] = field(default_factory=dict)
+    turntable: Turntable | None = None
 
     @cached_property
     def _table(self) -> tuple[int, np.ndarray | None] | None:

@@ -10,7 +10,8 @@ from workbench.commands.shared import answer
 Kind = Annotated[
     str,
     typer.Argument(
-        help="What is measured: external-point, external-pose, ball-centre, board-images, ..."
+        help="What is measured: external-point, external-pose, ball-centre, board-images, ...; or a scanner: "
+        "fixed-plane, galvanometer, turntable, profiler, 3d-camera."
     ),
 ]
 Robot = Annotated[

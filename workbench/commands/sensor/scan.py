@@ -1,5 +1,6 @@
 """`workbench scan`: images of scans in; clouds, ball centres with their uncertainty and acceptance figures out."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -7,29 +8,50 @@ import typer
 from workbench.commands.shared import answer, flow, sensor_tables
 
 Recording = Annotated[
-    str, typer.Argument(help="Folder of a recording with images of scans, or a known name.")
+    str,
+    typer.Argument(
+        help="Folder of a recording with images of scans, or with points on balls, or a known name."
+    ),
+]
+
+HandEyeFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--hand-eye",
+        metavar="FILE",
+        help="Join images of several flange poses with this transform (hand-eye.toml of `workbench handeye`).",
+    ),
 ]
 
 
 def command(
     recording: Recording,
     scanner: answer.ScannerFile = None,
+    hand_eye: HandEyeFile = None,
     out: answer.OutFolder = None,
     tolerance: answer.Tolerance = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Compute point clouds and ball centres from scans; without --scanner, calibrate the scanner first."""
+    """Compute point clouds and ball centres from scans, profiles or clouds of balls.
+
+    Without --scanner, the scanner is calibrated first. Images, profiles and clouds of several flange poses are joined
+    in the base frame of the robot; without --hand-eye, the hand-eye transform is calibrated first.
+    """
     from workbench.fitting.verdicts import sensor_verdict, verdict
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCAN_UNITS)
 
     def work(run, say) -> dict:
         import datasets
+        from workbench.jobs import surface_scan
         from workbench.jobs.sensor import ball_centres, scan
 
         read = datasets.read(recording)
-        made = scan.scan(read, scanner, run.partial, say)
+        if read.measures == "ball-surface":
+            made = surface_scan.join_surface(read, hand_eye, run.partial, say)
+        else:
+            made = scan.scan(read, scanner, run.partial, say, hand_eye)
         say("writing the ball centres")
         ball_centres.save(made, run.partial)
         if not no_report:

@@ -2,7 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 
-_IDENTIFIERS = {"image", "role", "placement", "scan", "step", "sample", "mirror_deg", "note"}
+_IDENTIFIERS = {
+    "image",
+    "role",
+    "placement",
+    "scan",
+    "step",
+    "sample",
+    "mirror_deg",
+    "table_deg",
+    "note",
+}
 
 
 def recorded_columns(rows: Sequence[Mapping]) -> list[str]:

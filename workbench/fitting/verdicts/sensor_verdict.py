@@ -30,7 +30,7 @@ SCAN_UNITS = ("mm",)
 _CORNERS = "of each corner in its image"
 _CENTRES = "of each stripe centre in its image"
 _NEIGHBOURS = "of neighbouring stripe centres"
-_POINTS = "of the points, from stripe centres and light planes"
+_POINTS = "of the points, as the errors of sensor and pose explain it"
 # What is both so many times the noise and so many px off, or such a share of the image's width in a small image, is no
 # noise and no imperfect lens.
 _POOR, _POOR_PX, _POOR_SHARE = 5.0, 1.0, 5e-4

@@ -11,7 +11,6 @@ import numpy as np
 import datasets
 from datasets.recording import Recording
 from sensors.acceptance import Characteristic, acceptance
-from sensors.ball.fit import BallFit
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 from workbench.files.images.flange import rows_of_samples
@@ -41,12 +40,17 @@ def as_json(made: Scans, folder: Path, tolerances: Sequence[Tolerance] = ()) -> 
     }
 
 
-def uncertainty(scanner: Scanner) -> str:
-    """What the sigmas of ball centres are measured from."""
+def uncertainty(scanner: Scanner | None) -> str:
+    """What the sigmas of ball centres are measured from; scanner: None where the sensor gave points."""
     best = (
         "std_in_best_frame_mm: 1 sigma in the frame that fits the scanner's points best, for distances between balls, "
         "hand-eye and robot calibration"
     )
+    if scanner is None:
+        return (
+            "std_mm: 1 sigma of x, y and z in the base frame, with the uncertainty of the hand-eye transform; "
+            "std_in_best_frame_mm is without it"
+        )
     if scanner.frame is None:
         return f"std_mm is the same, since the frame's own uncertainty is not in the scanner's file; {best}"
     return (
@@ -59,6 +63,7 @@ def scan_json(one: Scan, folder: Path, scanner: Scanner) -> dict:
     """One scan of the contract."""
     return {
         "scan": one.name,
+        "frame": one.frame,
         "sample": one.row.get("sample"),
         "points": one.points,
         "cloud": str(folder / one.cloud) if one.points else None,
@@ -69,16 +74,19 @@ def scan_json(one: Scan, folder: Path, scanner: Scanner) -> dict:
     }
 
 
-def camera_covariance(scanner: Scanner, fit: BallFit) -> np.ndarray:
-    """(3, 3) mm^2 of a ball's centre in the camera's frame: of the fit, and of the frame in which the fit states it."""
+def whole_covariance(scanner: Scanner, ball: Ball) -> np.ndarray:
+    """(3, 3) mm^2 of a ball's centre in the frame of its scan: of the fit, and of what all points of the scan share."""
+    fit = ball.fit
+    if ball.common is not None:
+        return fit.covariance[:3, :3] + ball.common
     return fit.covariance[:3, :3] + scanner.frame_covariance(fit.centre[:, None])[..., 0]
 
 
 def ball_json(ball: Ball, scanner: Scanner) -> dict:
-    """A ball of the contract, sensor frame: `radius_mm` is that of the fit, certified where it is known; `std_mm` holds
-    in the camera's frame, see `uncertainty`."""
+    """A ball of the contract, frame of its scan: `radius_mm` is that of the fit, certified where it is known; `std_mm`
+    holds in that frame, see `uncertainty`."""
     fit, free = ball.fit, ball.free
-    whole = camera_covariance(scanner, fit)
+    whole = whole_covariance(scanner, ball)
     return {
         "ball": ball.number,
         **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
@@ -191,7 +199,8 @@ def centres_of(made: Scans) -> Recording | None:
 
 def _centres_of(made: Scans) -> Recording | None:
     recording = made.recording
-    measured = _columns(made) if recording.robot and recording.columns else {}
+    is_placed = recording.columns and (recording.robot or recording.flange is not None)
+    measured = _columns(made) if is_placed else {}
     if not measured:
         return None
     place = rows_of_samples(recording, measured.pop("sample"))
@@ -228,6 +237,11 @@ def required(made: Scans) -> Recording:
     if found is not None:
         return found
     check_arm(made.recording)
+    if any(one.frame == "base" for one in made.scans):
+        raise InputError(
+            f"{made.recording.name}, images.csv: expected scans that were taken at one sample each, found images of "
+            "one scan at several samples; joining them assumes that the flange poses are right: use `workbench scan`"
+        )
     name, fitted = (
         made.recording.name,
         sum(bool(ball.fit) for one in made.scans for ball in one.balls),
@@ -255,10 +269,11 @@ def renumbered(
 
 
 def _rows(made: Scans) -> Iterator[tuple[dict, Ball]]:
-    """Row of images.csv and ball, of every named ball in a scan of a sample, at depths that are calibrated."""
+    """Row of images.csv and ball, of every named ball in a scan of one sample, at depths that are calibrated."""
     for one in made.scans:
         for ball in one.balls:
-            if ball.number is not None and ball.fit and not ball.beyond and "sample" in one.row:
+            is_placed = one.frame == "camera" and "sample" in one.row
+            if ball.number is not None and ball.fit and not ball.beyond and is_placed:
                 yield one.row, ball
 
 

@@ -56,14 +56,14 @@ class HandEyeRun:
 
 def calibrate(
     recording: Recording,
-    sensor: Path | None,
+    sensor: Path | Camera | None,
     kind: str | None,
     progress: Callable[[str], None],
     trust_data: bool = False,
 ) -> HandEyeRun:
     """The hand-eye of a recording with flange poses or joint readings.
 
-    sensor: a camera.toml or scanner.toml, None calibrates the camera from the same images; kind:
+    sensor: a camera.toml, a scanner.toml or a camera, None calibrates the camera from the same images; kind:
     "in-hand" or "to-hand", None as the recording's [board] says. trust_data: a mistake in the data that explains what
     the data cannot is reported and does not refuse the recording. Raises InputError.
     """
@@ -83,20 +83,22 @@ def calibrate(
             "image was taken at, found none; add the column"
         )
     _check_enough(recording, views, found)
-    camera, source = _camera(recording, sensor, found, progress)
+    camera, source, covariance = _camera(recording, sensor, found, progress)
     progress(f"hand-eye from {len(views)} images")
     from sensors.hand_eye.images import hand_eye_from_views
     from workbench.fitting.verdicts.hand_eye_review import Observed, refuse, review_recording
 
     rows = rows_of_samples(recording, [view.row["sample"] for view in views])
     poses = flange[rows]
-    held = source == HELD or sensor is not None
+    held = source == HELD or isinstance(sensor, Path)
     review = review_recording(
         Observed(recording, found, views, camera, not held, poses, rows, kind), progress
     )
     if not trust_data:
         refuse(recording, review)
-    made = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
+    made = hand_eye_from_views(
+        views, found.board, camera, poses, kind, camera_covariance=covariance, reviewed=review
+    )
     calibration = camera if isinstance(camera, CameraCalibration) else None
     return HandEyeRun(
         recording,
@@ -125,22 +127,29 @@ def _check_enough(recording, views, found) -> None:
 
 
 def _camera(recording, sensor, found, progress):
-    """The camera, and where it comes from: the file named, the recording's own guess, or the same images."""
+    """The camera, and where it comes from: the file named, the recording's own guess, or the same images; and its
+    covariance where it is not the calibration's own."""
+    if isinstance(sensor, Camera):
+        own = calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress)
+        size = len(sensor.values)
+        same = len(own.camera.values) == size
+        return sensor, "the scanner's", own.covariance[:size, :size] if same else None
     if sensor is not None:
         camera = cameras.read(sensor)
         check_size(camera, found.size, recording.name, str(sensor))
-        return camera, f"read from {sensor}"
+        return camera, f"read from {sensor}", None
     guess = recording.guess.get("camera")
     try:
         return (
             calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress),
             "calibrated from the same images",
+            None,
         )
     except InputError:
         if guess is None:
             raise
     keys = {"width_px": found.size[0], "height_px": found.size[1], **guess}
-    return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD
+    return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD, None
 
 
 def _from_centres(recording, kind, progress) -> HandEyeRun:
@@ -305,6 +314,8 @@ def save(run: HandEyeRun, folder: Path) -> None:
         "kind": result["kind"],
         "transform": result["transform"],
         **result["hand_eye"],
+        "covariance": run.made.covariance.tolist(),
+        "robot_sigma": result["robot_sigma"],
         "undetermined": result["undetermined"],
         "suspicions": result["suspicions"],
         "provenance": {key: value for key, value in result["provenance"].items() if value},

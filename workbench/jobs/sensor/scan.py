@@ -12,13 +12,12 @@ from datasets.recording import Recording
 from datasets.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
-from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.search import Refusal, find_balls
 from sensors.boards.detection import Rejected
 from sensors.images import flaw, read, stacks, unlit
+from sensors.scanner.cloud import Cloud
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
-from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.find import find_stripes
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
@@ -27,6 +26,7 @@ from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, check_size, full_scale, path_of, streamed
 from workbench.files.images.scan_surface import reconstructed
 from workbench.files.spool import Made, Spool
+from workbench.jobs.joined_scans import Motions, motions_of
 from workbench.jobs.sensor import scanner as calibrated
 from workbench.machine.progress import paced
 
@@ -48,7 +48,8 @@ class Ball:
     certified where there is one, `free` with a radius of its own; `points` (3, k) mm on it, `pixels` (2, k).
 
     `beyond`: most of its points are at depths for which the light planes were not calibrated. `misfit`: lack of fit
-    of its stripes, None where it has too few."""
+    of its stripes, None where it has too few. `frame`: name of the frame of its centre; `common` (3, 3) mm^2: what
+    errors that all images of a joined scan share add to the covariance of the centre, None for another scan."""
 
     number: int | None
     radius: float | None
@@ -58,6 +59,8 @@ class Ball:
     pixels: np.ndarray
     beyond: bool
     misfit: Misfit | None = None
+    frame: str = "camera"
+    common: np.ndarray | None = None
 
     @property
     def whole(self) -> bool:
@@ -73,8 +76,8 @@ class Ball:
 @dataclass(frozen=True)
 class Scan:
     """One scan: its `row` of images.csv, number of `points` in `cloud` (a file of the run), `drawn` (3, k) mm some of
-    them, stripe centres `dropped` by reason, its balls, what is to be said of them, images `rejected`, and its own
-    acceptance figures."""
+    them, stripe centres `dropped` by reason, its balls, what is to be said of them, images `rejected`, its own
+    acceptance figures, and the name of the `frame` in which it is stated."""
 
     name: str
     row: Mapping
@@ -86,6 +89,7 @@ class Scan:
     outcome: str
     rejected: tuple[Rejected, ...] = ()
     accepted: tuple[Characteristic, ...] = ()
+    frame: str = "camera"
 
 
 @dataclass(frozen=True)
@@ -103,12 +107,17 @@ class Scans:
 
 
 def scan(
-    recording: Recording, scanner_file: Path | None, folder: Path, progress: Callable[[str], None]
+    recording: Recording,
+    scanner_file: Path | None,
+    folder: Path,
+    progress: Callable[[str], None],
+    hand_eye_file: Path | None = None,
 ) -> Scans:
     """Clouds and balls of every scan of a recording.
 
     scanner_file: a calibrated scanner, None calibrates one from the recording's boards; folder: where
-    the clouds go, one PLY file a scan. Raises InputError.
+    the clouds go, one PLY file a scan. hand_eye_file: the hand-eye transform that joins images taken at several flange
+    poses, None calibrates it from the recording's images of a board. Raises InputError.
     """
     groups = scans_of(recording)
     if scanner_file is None and not by_role(recording, "board-laser"):
@@ -123,7 +132,8 @@ def scan(
     check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
     (folder / CLOUDS).mkdir()
     saturation = full_scale(recording, by_role(recording, "scan"))
-    work = _Work(recording, scanner, folder, saturation, differ_in_case_only(groups))
+    motions = motions_of(recording, scanner, groups, hand_eye_file, progress)
+    work = _Work(recording, scanner, folder, saturation, differ_in_case_only(groups), motions)
     each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
     # on the same disk, but not in the folder: not every system moves a folder with an open file
     parent = folder.parent
@@ -142,6 +152,11 @@ def scans_of(recording: Recording) -> Grouped:
     steps = groups.rows.values("step", 0)
     same = np.diff(steps) == 0
     same[groups.starts[1:-1] - 1] = False  # the last of a scan and the first of the next
+    for name in (
+        "sample",
+        "table_deg",
+    ):  # of a joined scan, in which the sensor or the object moves
+        same &= ~(np.abs(np.diff(groups.rows.values(name, np.nan))) > 0)
     if same.any():
         again = int(np.argmax(same))
         name, mine = groups.at(int(np.searchsorted(groups.starts, again, "right")) - 1)
@@ -156,7 +171,7 @@ def scans_of(recording: Recording) -> Grouped:
 class _Work:
     """What is done with one scan; `saturation` as in `find_stripes`.
 
-    `same_but_case`: ids of scans that differ from another one in capitals only.
+    `same_but_case`: ids of scans that differ from another one in capitals only; `motions` of joined scans.
     """
 
     recording: Recording
@@ -164,6 +179,7 @@ class _Work:
     folder: Path
     saturation: float | None = None
     same_but_case: frozenset[str] = frozenset()
+    motions: Motions = Motions()
 
     def __call__(self, named: tuple[str, list[Mapping]]) -> Scan:
         name, rows = named
@@ -173,19 +189,15 @@ class _Work:
                 f"{self.recording.name}, images.csv, scan {name}: expected images at steps of the scanner "
                 f"({min(self.steps)} to {max(self.steps)}), found none; use the scanner of this recording"
             )
-        pixels, steps, sigma, shape, covariates, dropped, rejected = self.stripes(known)
-        points, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
-        seen = np.isfinite(points).all(0)
-        points, pixels, steps, sigma, shape = (
-            points[:, seen],
-            pixels[:, seen],
-            steps[seen],
-            sigma[seen],
-            shape[:, seen],
-        )
-        cloud = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
-        write_cloud(self.folder / cloud, points)
-        balls, outcome = self.balls(known, points, pixels, steps, sigma, shape)
+        pixels, steps, image, sigma, shape, covariates, dropped, rejected = self.stripes(known)
+        local, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
+        seen = np.isfinite(local).all(0)
+        motion = self.motions.of(known)
+        cloud = Cloud(self.scanner, local, pixels, steps, image, motion).some(seen)
+        points = cloud.points
+        file = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
+        write_cloud(self.folder / file, points)
+        balls, outcome = self.balls(known, cloud, sigma[seen], shape[:, seen])
         without = len(rows) - len(known)
         lost = (
             f"{without} of {len(rows)} images are at steps that the scanner has no plane for"
@@ -207,13 +219,14 @@ class _Work:
             name,
             rows[0],
             points.shape[1],
-            cloud,
+            file,
             points[:, some],
             dropped,
             balls,
             message,
             rejected,
             accepted,
+            cloud.frame,
         )
 
     def dark(self, rows) -> str:
@@ -234,8 +247,8 @@ class _Work:
         return sorted({ball[3] for ball in self.recording.balls.values()}) or None
 
     def stripes(self, rows):
-        """Pixels (2, n), steps (n,), sigma (n,) px and covariates of a scan's stripe; counts of what was dropped, and
-        images in which none can be seen."""
+        """Pixels (2, n), steps (n,), image (n,) from 0, sigma (n,) px and covariates of a scan's stripe; counts of what
+        was dropped, and images in which none can be seen."""
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         parts, flaws, dropped, first = [], [], Counter(), 0
@@ -251,83 +264,94 @@ class _Work:
         names = recorded_columns(rows)
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
-        return pixels, steps, sigma, shape, covariates, dict(dropped), _unseen(rows, flaws, frame)
+        lost = _unseen(rows, flaws, frame)
+        return pixels, steps, frame, sigma, shape, covariates, dict(dropped), lost
 
     @property
     def along(self) -> str:
         """In which direction a centre is sought, as on the boards."""
         return "rows" if abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1]) else "columns"
 
-    def balls(self, rows, points, pixels, steps, sigma, shape):
-        """The balls among points (3, n) mm of the images `rows`, named as far as they can be."""
+    def balls(self, rows, cloud: Cloud, sigma, shape):
+        """The balls in the cloud of the images `rows`, named as far as they can be; sigma (n,) px of centres."""
         radii = self.radii
-        place = self.scanner.places(steps)
-        error = self.scanner.by_stripe(points, steps)  # for one px of the stripe's centre
-        length = np.linalg.norm(error, axis=0)
+        points = cloud.points
+        length = np.linalg.norm(cloud.error, axis=0)  # mm for one px of the stripe's centre
         each = dict(
             sigma=np.hypot(sigma, self.scanner.sigma_px) * length,
-            direction=error / length,
-            at_limit=self._at_limit(pixels, steps, [int(row.get("step", 0)) for row in rows]),
+            direction=cloud.error / length,
+            at_limit=self._at_limit(cloud, [int(row.get("step", 0)) for row in rows]),
         )
         trimmed = np.deg2rad(INCIDENCE_DEG)
         refused: list[Refusal] = []
-        options = dict(stripe=steps, refused=refused, incidence=trimmed)
+        options = dict(stripe=cloud.stripe, refused=refused, incidence=trimmed, view=cloud.view)
         found = find_balls(points, radii, free=True, **options, **each) if points.shape[1] else []
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
         if not found:
-            seen = _seen_instead(points, steps, refused)
+            seen = _seen_instead(points, cloud.stripe, refused)
             outcome = "; ".join(filter(None, (outcome, seen, _perhaps_cut(each["at_limit"]))))
         made = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
-            own = (
-                {key: value[..., on] for key, value in each.items()}
-                | {"incidence": trimmed}
-                | self._together(points, pixels, place, error, on)
-            )
-            radius = self._radius(number, free.radius, radii)
-            start = np.append(free.centre, free.radius if radius is None else radius)
-            bend = self._bend(start, pixels[:, on], place[on])
-            pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0, on]), *shape[:, on]))
-            straight = points[:, on] - error[:, on] * pull
-            fit = _fitted(straight, bend.lit > np.cos(trimmed), radius, start, own)
-            beyond = self._beyond(points[2, on])
-            other = (fit if radius is None else fit.free) or free
-            misfit = self._misfit(fit or free, straight, error[:, on], pixels[:, on], steps[on])
-            made.append(
-                Ball(number, radius, fit or free, other, straight, pixels[:, on], beyond, misfit)
-            )
+            own = {key: value[..., on] for key, value in each.items()} | {"incidence": trimmed}
+            made.append(self._ball(cloud.some(on), own, free, number, shape[:, on]))
         return tuple(made), outcome
 
-    def _misfit(self, fit, points, error, pixels, steps) -> Misfit | None:
+    def _ball(self, cloud: Cloud, own, free: BallFit, number, shape) -> Ball:
+        """A ball from its points: fitted with the certified radius, the pull of its curvature taken off."""
+        own = own | cloud.together()
+        radius = self._radius(number, free.radius, self.radii)
+        start = np.append(free.centre, free.radius if radius is None else radius)
+        bend = cloud.bend(start)
+        pull = np.nan_to_num(bend.pull(bend.sheet(shape[0]), *shape))
+        straight = cloud.points - cloud.error * pull
+        lit = bend.lit > np.cos(own["incidence"])
+        fit = _fitted(straight, cloud.view, lit, radius, start, own)
+        beyond = self._beyond(cloud.local[2])
+        other = (fit if radius is None else fit.free) or free
+        misfit = self._misfit(fit or free, straight, cloud)
+        used = (fit or free).inliers if len((fit or free).reason) == len(lit) else lit
+        common = None
+        if cloud.motion is not None:
+            common = cloud.common_covariance((fit or free).centre, used)
+        return Ball(
+            number,
+            radius,
+            fit or free,
+            other,
+            straight,
+            cloud.pixels,
+            beyond,
+            misfit,
+            cloud.frame,
+            common,
+        )
+
+    def _misfit(self, fit, points, cloud: Cloud) -> Misfit | None:
         """Lack of fit of a ball's stripes: distances from its surface as px along the scan line."""
         if not fit or len(fit.residual) != points.shape[1]:
             return None
+        error = cloud.error
         outward = (points - fit.centre[:, None]) / fit.radius
         gain = (outward * error).sum(0)  # mm of distance for one px
         used = fit.inliers & (np.abs(gain) > _LEAST_GAIN * np.linalg.norm(error, axis=0))
-        along = pixels[1 if self.along == "rows" else 0]
-        return stripe_misfit((fit.residual / gain)[used], steps[used], along[used])
+        stated = cloud.stated_variance(outward)
+        known = None if stated is None else (stated / gain**2)[used]
+        residual = (fit.residual / gain)[used]
+        return stripe_misfit(residual, cloud.stripe[used], cloud.along[used], known)
 
-    def _together(self, points, pixels, place, error, on) -> dict:
-        """What the errors of points have in common: their light plane's, where its covariance is known, and their
-        stripe's."""
-        if self.scanner.covariance is None:
-            return {"groups": place[on]}
-        planes, covariance = self.scanner.planes, self.scanner.covariance
-        along = pixels[1 if self.along == "rows" else 0, on]
-        own = stripe_error(error[:, on], place[on], along)
-        return {
-            "shared": plane_error(points[:, on], planes, place[on], covariance, own),
-            "ordered": True,
-        }
-
-    def _at_limit(self, pixels, steps, swept):
-        """(n,) whether points lie at the edge of the image, or in the first or last plane of the steps `swept`."""
+    def _at_limit(self, cloud: Cloud, swept):
+        """(n,) whether points lie at the edge of the image, or in the first or last plane of the steps `swept`, of a
+        joined scan in its first or last image."""
         size = np.array(self.scanner.camera.size)[:, None]
+        pixels, steps = cloud.pixels, cloud.steps
         edge = ((pixels < _BORDER) | (pixels > size - 1 - _BORDER)).any(0)
+        if cloud.motion is not None and cloud.motion.is_closed:
+            return edge
+        if cloud.motion is not None:
+            return edge | (cloud.image == 0) | (cloud.image == len(swept) - 1)
         return edge | ((min(swept) < max(swept)) & ((steps == min(swept)) | (steps == max(swept))))
 
     def _beyond(self, depth) -> bool:
@@ -336,14 +360,6 @@ class _Work:
             return False
         low, high = self.scanner.volume
         return bool(np.median(np.clip(depth, low, high) == depth) < 1)
-
-    def _bend(self, ball, pixels, place) -> Bend:
-        """What a ball (4,) does to the stripes on it, by which their centres are found off."""
-        mirror = self.scanner.mirror
-        planes, light = self.scanner.planes[:, place], None if mirror is None else mirror.point
-        return bend_on_ball(
-            self.scanner.camera, ball[:3], ball[3], pixels, planes, self.scanner.scan, light
-        )
 
     def _radius(self, number, found, radii):
         if number is not None:
@@ -403,11 +419,11 @@ def _perhaps_cut(at_limit) -> str:
     )
 
 
-def _fitted(points, lit, radius, start, own) -> BallFit:
+def _fitted(points, view, lit, radius, start, own) -> BallFit:
     """The ball through points (3, k) that are `lit` (k,): light that grazes the surface spreads over many pixels,
     which speckle makes a ragged patch."""
     own = own | {"sigma": np.where(lit, own["sigma"], np.nan)}
-    fit = fit_ball(points, radius=radius, view=points, start=start, **own)
+    fit = fit_ball(points, radius=radius, view=view, start=start, **own)
     return replace(fit, reason=np.where(~lit & (fit.reason == MISSING), INCIDENCE, fit.reason))
 
 

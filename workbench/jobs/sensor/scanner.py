@@ -1,7 +1,7 @@
 """From images of a board, without and with the laser, to a scanner: the recording's part, contract and file."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from sensors.light.board_stripes import BoardStripes, joined
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
+from sensors.scanner.turntable_calibration import TurntableCalibration
 from sensors.scanner.unseen_steps import with_unseen_steps
 from sensors.stripe.asymmetry import Asymmetry, Profiles, asymmetry
 from sensors.stripe.find import exposures, find_stripes
@@ -24,6 +25,7 @@ from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.jobs.sensor import camera as cameras
+from workbench.jobs.turntables import turntable_json, turntable_of
 from workbench.machine.progress import paced
 
 FILE = "scanner.toml"
@@ -41,7 +43,7 @@ class ScannerRun:
     `unusable`: placements with laser images whose stripes could not be used, and why; `rejected` every image under
     the laser that was left out, these and those that are black or overexposed. `misfit`: lack of fit of the stripes,
     and `asymmetry` of the line's profile; None where there are too few stripes. `unseen`: the scanner with the planes
-    of steps that scans use and no board saw, and these steps.
+    of steps that scans use and no board saw, and these steps. `turntable`: from images that state `table_deg`.
     """
 
     recording: Recording
@@ -52,11 +54,15 @@ class ScannerRun:
     misfit: Misfit | None = None
     asymmetry: Asymmetry | None = None
     unseen: tuple[Scanner, tuple[int, ...]] | None = None
+    turntable: TurntableCalibration | None = None
 
     @property
     def scanner(self) -> Scanner:
         """The calibrated scanner, with planes of steps that no board saw where a mirror gives them."""
-        return self.calibration.scanner if self.unseen is None else self.unseen[0]
+        scanner = self.calibration.scanner if self.unseen is None else self.unseen[0]
+        return (
+            scanner if self.turntable is None else replace(scanner, turntable=self.turntable.table)
+        )
 
 
 def calibrate(
@@ -112,6 +118,7 @@ def calibrate(
         misfit_of(calibration),
         shape,
         with_unseen_steps(calibration, _commanded(recording)),
+        turntable_of(camera.calibration, calibration, progress),
     )
 
 
@@ -336,16 +343,21 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "stripe_points": int(good.sum()),
         "left_out": left_out_json(calibration.left_out),
         "dropped": dict(calibration.dropped),
+        "turntable": turntable_json(made.turntable),
         "unusable_placements": list(made.unusable),
         "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
         "volume_mm": list(calibration.volume),
-        "sentences": [*calibration.sentences, *_on_unseen(made)],
+        "sentences": [*calibration.sentences, *_on_unseen(made), *_on_turntable(made)],
         "misfit": None if made.misfit is None else made.misfit.as_json(),
         "line_asymmetry": None if made.asymmetry is None else made.asymmetry.as_json(),
         "warnings": scanner_warnings(calibration, made.misfit, made.asymmetry),
         "verdict": scanner_verdict(calibration, tolerances, made.misfit).as_json(),
         "provenance": provenance(made.recording),
     }
+
+
+def _on_turntable(made: ScannerRun) -> tuple[str, ...]:
+    return () if made.turntable is None else made.turntable.sentences
 
 
 def _on_unseen(made: ScannerRun) -> list[str]:

@@ -1,5 +1,7 @@
 """recording.toml of a template: every key with a comment that says what to put there."""
 
+import textwrap
+
 from datasets.recording import Recording
 
 _ROWS = {
@@ -18,15 +20,34 @@ _ROWS = {
 _NEXT = {
     "board-images": "`workbench camera DIR` and `workbench handeye DIR`",
     "scan-images": "`workbench scanner DIR` and `workbench calibrate DIR`",
+    "fixed-plane": "`workbench handeye DIR` and `workbench scan DIR`",
+    "galvanometer": "`workbench handeye DIR` and `workbench scan DIR`",
+    "turntable": "`workbench scan DIR`",
+    "profiler": "`workbench handeye DIR` and `workbench scan DIR`",
+    "3d-camera": "`workbench handeye DIR` and `workbench scan DIR`",
+}
+_SCANNERS = {
+    "fixed-plane": "A laser plane fixed to the camera, both on the flange: every image of a scan names its own sample, "
+    "and the images are joined by flange pose. `step` is left out or 0.",
+    "galvanometer": "A galvanometer mirror: `step` numbers its positions. mirror_deg is the commanded angle (volts "
+    "times the galvanometer's degrees per volt); leave it out if you do not know it.",
+    "turntable": "A camera and a laser plane that stand still before a turntable: `table_deg` is the commanded angle "
+    "of the table. Images of role board with table_deg show a board that stands on the table.",
+    "profiler": "A laser profiler with its own calibration: points (x_mm, 0, z_mm) of one profile have one `pose` "
+    "number, and repeat the flange pose of that profile.",
+    "3d-camera": "A 3-D camera or structured light: the points of one cloud have one `pose` number, and repeat the "
+    "flange pose of that cloud.",
 }
 
 
-def recording_toml(recording: Recording, samples: bool = True) -> str:
-    """The text of recording.toml for an example, with comments."""
+def recording_toml(recording: Recording, samples: bool = True, template: str = "") -> str:
+    """The text of recording.toml for an example, with comments; template: name of a kind of scanner."""
     kind = recording.measures
-    command = _NEXT.get(kind, "`workbench calibrate DIR`")
+    name = template or kind
+    command = _NEXT.get(name, "`workbench calibrate DIR`")
     lines = [
-        f"# Template of a {kind} recording. Its numbers are simulated, and it calibrates as it is: {command}.",
+        f"# Template of a {name} recording. Its numbers are simulated, and it calibrates as it is: {command}.",
+        *(f"# {line}" for line in textwrap.wrap(_SCANNERS.get(name, ""), 110)),
         "# Replace the rows of the tables by your own measurements, then judge them: `workbench check DIR`.",
         "# Lengths are mm, angles degrees. The whole format: docs/recording-format.md.",
         "",
@@ -42,7 +63,10 @@ def recording_toml(recording: Recording, samples: bool = True) -> str:
     if recording.robot:
         lines += ["", "[robot]", *_robot_lines()]
     if samples:
-        lines += ["", f"# samples.csv: one row = {_ROWS[kind]}.", *_column_lines(recording)]
+        row = _ROWS[kind]
+        if kind == "scan-images" and not recording.robot:
+            row = _ROWS["board-images"]
+        lines += ["", f"# samples.csv: one row = {row}.", *_column_lines(recording)]
         lines += ["[samples]", 'file = "samples.csv"']
     if recording.balls:
         lines += ["", "# artefact.csv: certified ball centres and radii.", "[artefact]"]

@@ -13,11 +13,12 @@ from datasets.formats.recording1_writer import write_csv
 from datasets.recording import Recording
 from robot_model import builtin_robots
 from workbench.recordings.importing.robots import robot_keys
+from workbench.recordings.templates import scanner_kinds
 from workbench.recordings.templates.comments import recording_toml
 from workbench.recordings.templates.examples import EXAMPLES
 from workbench.recordings.templates.images import board_images, scan_images
 
-KINDS = tuple(ALL_KINDS)
+KINDS = (*ALL_KINDS, *scanner_kinds.KINDS)
 DEFAULT_ROBOT = "ur10"
 DEFAULT_SCANNER_ROBOT = "abb_irb120"
 _ROBOT_COMMENT = """# Nominal robot: one [[joint]] per joint, from the base outward. Replace it by your own data sheet.
@@ -47,6 +48,7 @@ def write_template(
 ) -> Template:
     """Write a recording of a kind into a new folder, with comments and simulated example rows.
 
+    kind: a kind of measurement, or a kind of scanner (`scanner_kinds.KINDS`).
     robot: built-in name, robot.toml or URDF of the nominal robot. Raises InputError for an unknown kind, a robot that
     the example cannot use, or a folder that holds files.
     """
@@ -56,6 +58,13 @@ def write_template(
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise complaint(str(folder), "a new or empty folder", "files in it", "name another folder")
+    if kind in scanner_kinds.KINDS and robot is not None:
+        raise complaint(
+            f"workbench new {kind} --robot {robot}",
+            "no robot: this kind records flange poses, as any controller shows them, or none",
+            "one",
+            "omit the option",
+        )
     default = DEFAULT_SCANNER_ROBOT if kind == "scan-images" else DEFAULT_ROBOT
     name = robot or default
     keys = robot_keys(name, f"workbench new {kind}")
@@ -63,14 +72,14 @@ def write_template(
     with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
         made = Path(parent) / "recording"
         recording = _example(kind, made, keys, progress)
-        _write_files(recording, made, name)
+        _write_files(recording, made, name, kind)
         files = tuple(
             sorted(str(path.relative_to(made)) for path in made.rglob("*.*") if path.is_file())
         )
         if folder.exists():
             folder.rmdir()
         made.replace(folder)
-    return Template(folder, kind, recording.n, len(recording.images), files)
+    return Template(folder, recording.measures, recording.n, len(recording.images), files)
 
 
 def _example(kind: str, folder: Path, keys: Mapping, progress) -> Recording:
@@ -78,6 +87,8 @@ def _example(kind: str, folder: Path, keys: Mapping, progress) -> Recording:
     if kind == "board-images":
         progress("rendering images")
         return board_images(folder, progress)
+    if kind in scanner_kinds.KINDS:
+        return scanner_kinds.example(kind, folder, progress).recording
     if kind == "scan-images":
         progress("rendering images")
         return scan_images(folder, _full_keys(keys), progress)
@@ -100,16 +111,16 @@ def _builtin_text(name: str) -> str:
     return file.read_text(encoding="utf-8")
 
 
-def _write_files(recording: Recording, folder: Path, robot: str) -> None:
+def _write_files(recording: Recording, folder: Path, robot: str, kind: str) -> None:
     """Tables, robot and the commented recording.toml, over what rendering has written."""
-    if recording.columns:
+    if recording.columns and not (folder / "samples.csv").exists():
         write_csv(folder / "samples.csv", recording.columns)
     if recording.balls and not (folder / "artefact.csv").exists():
         rows = zip(*((ball, *xyzr) for ball, xyzr in recording.balls.items()))
         write_csv(
             folder / "artefact.csv", dict(zip(("ball", "x_mm", "y_mm", "z_mm", "radius_mm"), rows))
         )
-    text = recording_toml(recording, bool(recording.columns))
+    text = recording_toml(recording, bool(recording.columns), kind)
     if recording.robot:
         if Path(robot).suffix.lower() == ".urdf":
             shutil.copyfile(robot, folder / "robot.urdf")

@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.jobs.sensor.ball_centres import camera_covariance, centres_of, characteristics
+from workbench.jobs.sensor.ball_centres import centres_of, characteristics, whole_covariance
 from workbench.jobs.sensor.scan import Ball, Scan, Scans
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
@@ -21,6 +21,14 @@ _ROWS = 60
 _DOUBTS = 12
 _NAMED = 6
 _MAP_POINTS = 4000
+
+
+_JOINED = {
+    "base": "The images of a scan are joined by flange pose and hand-eye transform: points and centres are in the base "
+    "frame of the robot. σ of the JSON holds the errors of light plane, camera, hand-eye transform and flange poses.",
+    "turntable": "The images of a scan are joined by the angle of the turntable: points and centres are in the camera "
+    "frame at table angle zero. σ of the JSON holds the errors of light plane, camera, axis and angles.",
+}
 
 
 def page(made: Scans) -> Page:
@@ -87,7 +95,9 @@ def lead(made: Scans) -> list[str]:
         "seen spheres. The radius is the certified one if there is a certificate."
     )
     scanner = (
-        "The scanner was calibrated from the same recording; its sections follow below."
+        "The points are those of the sensor, which has its own calibration."
+        if made.scanner is None
+        else "The scanner was calibrated from the same recording; its sections follow below."
         if made.calibration
         else "The scanner was read from a file."
     )
@@ -102,11 +112,14 @@ def lead(made: Scans) -> list[str]:
 
 def _frames(made: Scans) -> list[str]:
     """Reference frames of the standard deviations of centres."""
-    fits = (ball.fit for _, ball in every(made) if ball.fit)
+    joined = sorted({one.frame for one in made.scans} - {"camera"})
+    if joined:
+        return [_JOINED[name] for name in joined]
+    balls = (ball for _, ball in every(made) if ball.fit)
     if made.scanner.frame is None:
         return []
     most = max(
-        (float(np.sqrt(np.diag(camera_covariance(made.scanner, fit)).max())) for fit in fits),
+        (float(np.sqrt(np.diag(whole_covariance(made.scanner, ball)).max())) for ball in balls),
         default=None,
     )
     if most is None:

@@ -1,0 +1,127 @@
+"""Stripe points of one scan in its frame: that of the camera, or the one in which images of a moving sensor join."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sensors.ball.point_errors import plane_error, stripe_error
+from sensors.scanner.model import Scanner
+from sensors.scanner.motion import Motion, Seen
+from sensors.stripe.bend import Bend, bend_on_ball
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """n points of a scan: `local` (3, n) mm in the camera frame of their image, `pixels` (2, n), `steps` (n,) of the
+    light planes and `image` (n,) from 0; `motion` of the images, None where neither sensor nor object moved."""
+
+    scanner: Scanner
+    local: np.ndarray
+    pixels: np.ndarray
+    steps: np.ndarray
+    image: np.ndarray
+    motion: Motion | None = None
+
+    def some(self, chosen: np.ndarray) -> "Cloud":
+        """The same of the chosen points."""
+        parts = {name: getattr(self, name)[..., chosen] for name in ("local", "pixels")}
+        return replace(self, **parts, steps=self.steps[chosen], image=self.image[chosen])
+
+    @property
+    def frame(self) -> str:
+        """Name of the frame of `points`."""
+        return "camera" if self.motion is None else self.motion.frame
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(3, n) mm in the frame of the scan."""
+        return self.local if self.motion is None else self.motion.points(self.local, self.image)
+
+    @cached_property
+    def view(self) -> np.ndarray:
+        """(3, n) mm from the camera to each point, in the axes of the frame."""
+        return self._turned(self.local)
+
+    @property
+    def stripe(self) -> np.ndarray:
+        """(n,) int: points of one number are of one stripe."""
+        return self.steps if self.motion is None else self.image
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """(3, n) mm by which points move, in the axes of the frame, where the centre of their stripe errs by 1 px."""
+        return self._turned(self.scanner.by_stripe(self.local, self.steps))
+
+    @property
+    def along(self) -> np.ndarray:
+        """(n,) px: place along the stripe."""
+        return self.pixels[1 if self.is_across_columns else 0]
+
+    @property
+    def is_across_columns(self) -> bool:
+        """Whether centres are sought along the rows of the image."""
+        return abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1])
+
+    def _turned(self, vectors):
+        return vectors if self.motion is None else self.motion.directions(vectors, self.image)
+
+    def together(self) -> dict:
+        """Options of `fit_ball` for the errors that points have in common."""
+        if self.motion is not None:
+            return {"shared": self.motion.own_errors(self.scanner, self.local, self._seen)} | {
+                "ordered": True
+            }
+        place = self.scanner.places(self.steps)
+        if self.scanner.covariance is None:
+            return {"groups": place}
+        planes, covariance = self.scanner.planes, self.scanner.covariance
+        own = stripe_error(self.error, place, self.along)
+        shared = plane_error(self.points, planes, place, covariance, own)
+        return {"shared": shared, "ordered": True}
+
+    def common_covariance(self, centre: np.ndarray, used: np.ndarray) -> np.ndarray:
+        """(3, 3) mm^2 of a ball's centre (3,) from errors that all images of a joined scan share; zero of another.
+
+        used (n,) bool: points of the fit.
+        """
+        if self.motion is None:
+            return np.zeros((3, 3))
+        on = self.some(used)
+        outward = on.points - centre[:, None]
+        outward = outward / np.linalg.norm(outward, axis=0)
+        return on.motion.centre_covariance(on.scanner, on.local, on._seen, outward)
+
+    def stated_variance(self, outward: np.ndarray) -> np.ndarray | None:
+        """(n,) mm^2 by which points scatter along unit normals (3, n) by the stated error of each image's own pose;
+        None where nothing moved."""
+        if self.motion is None:
+            return None
+        across = np.einsum("in,kin->kn", outward, self.motion.own_moves(self.points, self.image))
+        return np.einsum("kn,kl,ln->n", across, self.motion.own_covariance, across)
+
+    @property
+    def _seen(self) -> Seen:
+        return Seen(self.pixels, self.steps, self.image)
+
+    def bend(self, ball: np.ndarray) -> Bend:
+        """What a ball (4,), centre and radius in mm, does to the stripes on it."""
+        if self.motion is None:
+            return self._bend_at(ball[:3], ball[3])
+        order = np.argsort(self.image, kind="stable")
+        images, first = np.unique(self.image[order], return_index=True)
+        parts = []
+        for image, rows in zip(images, np.split(order, first[1:])):
+            centre = self.motion.local(ball[:3], image)
+            parts.append(self.some(rows)._bend_at(centre, ball[3]))
+        back = np.argsort(order)
+        names = ("slope", "bend", "shade", "lit", "away")
+        return Bend(*(np.concatenate([getattr(one, n) for one in parts])[back] for n in names))
+
+    def _bend_at(self, centre: np.ndarray, radius: float) -> Bend:
+        scanner = self.scanner
+        light = None if scanner.mirror is None else scanner.mirror.point
+        planes = scanner.planes[:, scanner.places(self.steps)]
+        return bend_on_ball(
+            scanner.camera, centre, radius, self.pixels, planes, scanner.scan, light
+        )

@@ -1,0 +1,90 @@
+"""A turntable that turns the object before a fixed scanner: its axis, its angle law, and motion of a scan.
+
+The frame of a scan is the camera frame at table angle zero. A point p that the camera sees at angle theta stood at
+
+    p_0 = R(axis, -phi) (p - point) + point,    phi = gain theta + sum_n c_n (cos(n theta) - 1) + s_n sin(n theta).
+
+Harmonics are the periodic error of the table's encoder or gear (radial error motion and eccentricity, ISO 230-7);
+what remains is a random error of each position.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sensors.scanner.motion import Motion, twists_of
+from workbench.core.rigid import rotation_matrix, transform
+
+FRAME = "turntable"
+_STEP = 1e-6
+_TINY = 1e-9
+_WIDEST_GAP = 3.0  # over the usual gap between positions of a full turn
+
+
+def is_full_turn(commanded: np.ndarray) -> bool:
+    """Whether positions (F,) rad go all the way round, so that no image is the first or the last one."""
+    around = np.sort(np.mod(commanded, 2 * np.pi))
+    gaps = np.diff(around, append=around[:1] + 2 * np.pi)
+    return bool(gaps.max() < _WIDEST_GAP * max(np.median(gaps), _TINY))
+
+
+@dataclass(frozen=True, eq=False)
+class Turntable:
+    """`axis` (3,) unit vector and `point` (3,) mm of the axis in the camera frame; a positive angle turns the object by
+    the right-hand rule about `axis`.
+
+    `harmonics` order -> (cosine, sine) in rad; `sigma` rad, random error of one position. `covariance` (P, P) of two
+    tilts (rad) and two shifts (mm) of the axis across itself (`across`), of the gain, and of each harmonic's two
+    amplitudes (rad).
+    """
+
+    axis: np.ndarray
+    point: np.ndarray
+    gain: float = 1.0
+    harmonics: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    sigma: float = 0.0
+    covariance: np.ndarray | None = None
+
+    @property
+    def across(self) -> np.ndarray:
+        """(2, 3) unit vectors across the axis and each other."""
+        first = np.eye(3)[np.argmin(np.abs(self.axis))]
+        first = np.cross(self.axis, first)
+        first = first / np.linalg.norm(first)
+        return np.stack([first, np.cross(self.axis, first)])
+
+    def angles(self, commanded: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """(F,) rad by which the object is turned at commanded angles (F,) rad.
+
+        change (1 + 2 H,): of gain and harmonics.
+        """
+        change = np.zeros(1 + 2 * len(self.harmonics)) if change is None else change
+        turned = (self.gain + change[0]) * commanded
+        for k, (order, (cosine, sine)) in enumerate(self.harmonics.items()):
+            turned = turned + (cosine + change[1 + 2 * k]) * (np.cos(order * commanded) - 1)
+            turned = turned + (sine + change[2 + 2 * k]) * np.sin(order * commanded)
+        return turned
+
+    def poses(self, commanded: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """(F, 4, 4) T_frame_camera, mm, at commanded angles (F,) rad; change (P,): of the parameters."""
+        change = np.zeros(5 + 2 * len(self.harmonics)) if change is None else change
+        axis = rotation_matrix(change[:2] @ self.across) @ self.axis
+        point = self.point + change[2:4] @ self.across
+        turn = rotation_matrix(-self.angles(commanded, change[4:])[:, None] * axis)
+        return transform(turn, point - turn @ point)
+
+    def motion(self, commanded: np.ndarray) -> Motion:
+        """Motion of a scan whose images were taken at commanded angles (F,) rad."""
+        poses = self.poses(commanded)
+        count = 5 + 2 * len(self.harmonics)
+        twists = []
+        for k in range(count):
+            change = _STEP * np.eye(count)[k]
+            twists.append(twists_of(poses, self.poses(commanded, change), _STEP))
+        covariance = np.zeros((count, count)) if self.covariance is None else self.covariance
+        own = np.concatenate([-np.cross(self.axis, -self.point), self.axis])
+        own = np.broadcast_to(own, (len(poses), 1, 6))
+        variance = np.array([[max(self.sigma, _TINY) ** 2]])
+        common = np.stack(twists, axis=1)
+        return Motion(FRAME, poses, common, covariance, own, variance, is_full_turn(commanded))

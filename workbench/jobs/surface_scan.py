@@ -1,0 +1,127 @@
+"""Profiles of a laser profiler or clouds of a 3-D camera, at flange poses: joined in the base frame, with balls."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.ball.fit import BallFit, fit_ball
+from sensors.ball.shared import Shared
+from sensors.scanner.motion import Motion
+from workbench.core.errors import InputError
+from workbench.files.images.flange import flange_poses
+from workbench.jobs.joined_scans import KnownHandEye, moved_by_robot, read_known
+from workbench.jobs.sensor.scan import CLOUDS, Ball, Scan, Scans, figures, write_cloud
+
+NAME = "all-poses"
+_DRAWN = 4000
+_MOVES = 3  # directions in which one pose can shift the ball
+
+
+def join_surface(
+    recording: Recording,
+    hand_eye_file: Path | None,
+    folder: Path,
+    progress: Callable[[str], None],
+) -> Scans:
+    """One cloud of all poses of a ball-surface recording, in the base frame, and its balls.
+
+    hand_eye_file: the hand-eye transform, None estimates it from the same points. folder: where the cloud goes, a PLY
+    file. Raises InputError.
+    """
+    known = _hand_eye(recording, hand_eye_file, progress)
+    pose = np.unique(recording.poses, return_inverse=True)[1]
+    first = np.unique(pose, return_index=True)[1]
+    motion = moved_by_robot(flange_poses(recording)[first], known)
+    points = motion.points(recording.points.T, pose)
+    (folder / CLOUDS).mkdir()
+    file = f"{CLOUDS}/{NAME}.ply"
+    write_cloud(folder / file, points[:, np.isfinite(points).all(0)])
+    progress(f"balls in {points.shape[1]} points of {len(first)} poses")
+    balls, outcome = _balls(recording, motion, points, pose)
+    some = np.linspace(0, points.shape[1] - 1, min(points.shape[1], _DRAWN)).astype(int)
+    accepted = figures(recording, {}, balls)
+    scan = Scan(
+        NAME,
+        {},
+        points.shape[1],
+        file,
+        points[:, some],
+        {},
+        balls,
+        outcome,
+        (),
+        accepted,
+        motion.frame,
+    )
+    return Scans(recording, None, None, [scan], folder.parent)
+
+
+def _hand_eye(recording, hand_eye_file, progress) -> KnownHandEye:
+    if hand_eye_file is not None:
+        return read_known(hand_eye_file)
+    from workbench.jobs.sensor import hand_eye
+
+    made = hand_eye.calibrate(recording, None, None, progress).made
+    if not np.isfinite(np.diag(made.covariance)).all():
+        raise InputError(
+            f"{recording.name}: expected poses that determine the hand-eye transform, found that they do not "
+            f"({'; '.join(made.undetermined)}); name one with --hand-eye FILE, or record more poses"
+        )
+    return KnownHandEye(made.sensor, made.covariance, made.robot_sigma.get("position_mm", 0.0))
+
+
+def _balls(recording, motion: Motion, points, pose) -> tuple[tuple[Ball, ...], str]:
+    made, failed = [], []
+    for number in np.unique(recording.ball):
+        on = (recording.ball == number) & np.isfinite(points).all(0)
+        found = recording.balls.get(int(number))
+        radius = None if found is None else float(found[3])
+        fit = _fit(motion, points[:, on], pose[on], radius)
+        if fit:
+            fit = _with_expected_scatter(motion, points[:, on], pose[on], fit)
+            made.append(_ball(motion, points[:, on], pose[on], fit, int(number), radius))
+        else:
+            failed.append(f"ball {number}: {fit.outcome}")
+    return tuple(made), "; ".join(failed)
+
+
+def _fit(motion: Motion, points, pose, radius) -> BallFit:
+    label = np.unique(pose, return_inverse=True)[1]
+    moves = motion.own_moves(points, pose)
+    covariance = np.kron(np.eye(label.max() + 1), motion.own_covariance)
+    shared = Shared(label, moves, covariance)
+    view = points - motion.poses[pose, :3, 3].T
+    return fit_ball(points, radius=radius, view=view, shared=shared, ordered=False)
+
+
+def _with_expected_scatter(motion: Motion, points, pose, fit: BallFit) -> BallFit:
+    """The fit whose `sigma_scale` compares the distances with the noise within single poses and the stated errors of
+    the flange poses together."""
+    used = fit.inliers
+    residual, at = fit.residual[used], pose[used]
+    outward = points[:, used] - fit.centre[:, None]
+    outward = outward / np.linalg.norm(outward, axis=0)
+    squares, degrees = 0.0, 0
+    for one in np.unique(at):
+        rows = outward[:, at == one].T
+        left = residual[at == one]
+        left = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-6)[0]
+        squares, degrees = squares + float(left @ left), degrees + len(left) - _MOVES
+    noise = squares / max(degrees, 1)
+    across = np.einsum("in,kin->kn", outward, motion.own_moves(points[:, used], at))
+    stated = np.einsum("kn,kl,ln->n", across, motion.own_covariance, across).mean()
+    return replace(fit, sigma_scale=fit.rms / max(np.sqrt(noise + stated), 1e-9))
+
+
+def _ball(motion: Motion, points, pose, fit: BallFit, number: int, radius) -> Ball:
+    """A ball with what errors of the hand-eye transform, common to all poses, add to its covariance."""
+    used = fit.inliers
+    outward = points[:, used] - fit.centre[:, None]
+    outward = outward / np.linalg.norm(outward, axis=0)
+    common = motion.common_of_centre(points[:, used], pose[used], outward)
+    pixels = np.full((2, points.shape[1]), np.nan)
+    other = fit.free or fit
+    return Ball(number, radius, fit, other, points, pixels, False, None, motion.frame, common)

@@ -1,0 +1,66 @@
+"""The turntable of a recording: from images of a board that stands on it, and its part of the JSON contract."""
+
+import numpy as np
+
+from sensors.scanner.calibration import ScannerCalibration
+from sensors.scanner.turntable_calibration import (
+    TurntableCalibration,
+    calibrate_turntable,
+    pose_matrices,
+)
+
+
+def turntable_of(camera, calibration: ScannerCalibration, progress) -> TurntableCalibration | None:
+    """The turntable on which boards stood, from their corners with the scanner's camera; None without one."""
+    views = [view for view in camera.views if "table_deg" in view.row]
+    if not views:
+        return None
+    progress(f"turntable from {len(views)} images")
+    place = {name: k for k, name in enumerate(calibration.placements)}
+    poses = pose_matrices(calibration.poses[[place[view.placement] for view in views]])
+    angles = np.deg2rad([view.row["table_deg"] for view in views])
+    known = calibration.camera
+    size = len(known.values)
+    covariance = camera.covariance[:size, :size]
+    return calibrate_turntable(views, camera.board.points, known, poses, angles, covariance)
+
+
+def turntable_json(made: TurntableCalibration | None) -> dict | None:
+    """Axis, angle law and error of each position of a turntable; None without one."""
+    if made is None:
+        return None
+    table, degrees = made.table, np.rad2deg
+    std = np.sqrt(np.diag(table.covariance))
+    rows = zip(made.images, made.commanded, made.measured, made.sigma, made.residual)
+    return {
+        "axis": table.axis.tolist(),
+        "point_mm": table.point.tolist(),
+        "std_tilt_deg": degrees(std[:2]).tolist(),
+        "std_shift_mm": std[2:4].tolist(),
+        "gain": table.gain,
+        "sigma_deg": float(degrees(table.sigma)),
+        "sigma_std_deg": float(degrees(made.sigma_std)),
+        "before_deg": float(degrees(made.before)),
+        "after_deg": float(degrees(made.after)),
+        "terms": [
+            {
+                "effect": "turntable-step-error",
+                "name": term.name,
+                "order": term.order,
+                "values": list(term.values),
+                "probability": term.probability,
+                "retained": term.retained,
+            }
+            for term in made.terms
+        ],
+        "positions": [
+            {
+                "image": name,
+                "commanded_deg": float(degrees(commanded)),
+                "measured_deg": float(degrees(measured)),
+                "std_deg": float(degrees(sigma)),
+                "residual_deg": float(degrees(left)),
+            }
+            for name, commanded, measured, sigma, left in rows
+        ],
+    }
