@@ -256,9 +256,14 @@ class Workspace:
 
     # Reruns
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a run is in progress."""
+        return self.job is not None and self.job.state == RUNNING
+
     def start(self, command: str = CALIBRATE) -> Job:
         """Start a rerun in the background: `workbench calibrate --session`, or a diagnosis of the recording."""
-        if self.job is not None and self.job.state == RUNNING:
+        if self.is_busy:
             raise InputError("A run is in progress; wait for it or cancel it")
         self._save()
         folder = self.path.parent.resolve()

@@ -16,15 +16,9 @@ class RecordingTab(Tab):
     name, title = "recording", "Recording"
 
     def build(self) -> None:
-        state, opened = self.state, self.work.opened
-        state.row, state.last_row = self.work.current, max(self.work.count - 1, 0)
-        state.row_text = ""
-        state.row_table = []
-        state.has_arm = has_arm(opened)
-        state.images = [
-            {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
-            for row in image_rows(opened.recording)
-        ]
+        state = self.state
+        state.row, state.last_row, state.row_text, state.row_table = 0, 0, "", []
+        state.has_arm, state.images = False, []
         state.image, state.image_text, state.image_on = 0, "", True
         with v3.VRow():
             with v3.VCol(cols=12, lg=7):
@@ -100,7 +94,12 @@ class RecordingTab(Tab):
         self.figure("image", "Image with detected corners and stripe", "70vh")
 
     def refresh(self) -> None:
-        if has_arm(self.work.opened):
+        self.state.has_arm = has_arm(self.work.opened)
+        self.state.images = [
+            {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
+            for row in image_rows(self.work.opened.recording)
+        ]
+        if self.state.has_arm:
             self.draw("scene", robot.scene(self.work))
         self.draw("coverage", robot.coverage(self.work))
         self._describe()
