@@ -30,7 +30,7 @@ STAGES = (
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A run folder of the bundled arm, as `workbench calibrate` writes it."""
-    from workbench.commands.robot.calibrate import solve_into
+    from workbench.commands.robot.calibration_run import solve_into
 
     folder = tmp_path_factory.mktemp("run")
     options = {"plan": STAGES, "folds": 3}

@@ -23,7 +23,8 @@ class Options:
 def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
     """Serve the app until it is interrupted.
 
-    opened: a `workbench.app.data.opened.Opened`, None to import one; say: called with the address once the app can be reached.
+    opened: a `workbench.app.data.opened.Opened`, None to import one; say: called with the address once the
+    app can be reached.
     Raises InputError for a session that cannot be read or a port that is taken, ImportError without trame.
     """
     os.environ["WSLINK_READY_MSG"] = ""

@@ -105,7 +105,10 @@ class Page:
 
 
 class Tab:
-    """One tab: `name` is its value in the state, `title` what people read; `needs_work`: shown once something is open."""
+    """One tab: `name` is its value in the state, `title` what people read.
+
+    `needs_work`: it is shown only once something is open.
+    """
 
     name = ""
     title = ""

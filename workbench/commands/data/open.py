@@ -9,7 +9,8 @@ Subject = Annotated[
     str | None,
     typer.Argument(
         metavar="[RUN|RECORDING]",
-        help="Folder of a run, folder of a recording or a known name; the newest run under runs/ where left out, the import where there is none.",
+        help="Folder of a run, folder of a recording or a known name; the newest run under runs/ where left out, the "
+        "import where there is none.",
     ),
 ]
 
