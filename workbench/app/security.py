@@ -89,10 +89,11 @@ def resolve_inside(folder: Path, name: str) -> Path | None:
     return path if path.is_relative_to(folder) and path.is_file() else None
 
 
-def guard(gate_of, folder: Path | None):
+def guard(gate_of, folder_of):
     """aiohttp middleware that refuses what the gate refuses, and the handler of files of the run.
 
-    gate_of: gives the `Gate`, once the port is known; folder: whose files may be read under /files, None for none.
+    gate_of: gives the `Gate`, once the port is known; folder_of: gives the folder whose files may be read under
+    /files, None for none.
     """
     from aiohttp import web
 
@@ -113,6 +114,7 @@ def guard(gate_of, folder: Path | None):
         return response
 
     async def send_file(request):
+        folder = folder_of()
         path = None if folder is None else resolve_inside(folder, request.match_info["name"])
         if path is None:
             return web.Response(

@@ -15,7 +15,7 @@ HOST = "127.0.0.1"
 class Options:
     """port: 0 for any free one; browser: whether to open one; session: where session.toml is kept."""
 
-    session: Path
+    session: Path | None
     port: int = 0
     browser: bool = True
 
@@ -23,7 +23,8 @@ class Options:
 def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
     """Serve the app until it is interrupted.
 
-    opened: a `workbench.app.data.opened.Opened`; say: called with the address once the app can be reached.
+    opened: a `workbench.app.data.opened.Opened`, None to import one; say: called with the address once the
+    app can be reached.
     Raises InputError for a session that cannot be read or a port that is taken, ImportError without trame.
     """
     os.environ["WSLINK_READY_MSG"] = ""
@@ -32,9 +33,9 @@ def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
     from workbench.app.ui.page import build
 
     server = get_server(f"workbench-{new_token()[:8]}", client_type="vue3")
-    build(server, opened, options.session)
+    page = build(server, opened, options.session)
     token = new_token()
-    add_gate(server, token, opened.folder)
+    add_gate(server, token, lambda: page.folder)
 
     def announce(**_):
         address = f"http://{HOST}:{server.port}/?token={token}"
@@ -46,11 +47,11 @@ def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
     _start(server, options.port)
 
 
-def add_gate(server, token: str, folder: Path | None) -> None:
-    """Let only requests with the token reach the app, and serve files of `folder` under /files."""
+def add_gate(server, token: str, folder_of: Callable[[], Path | None]) -> None:
+    """Let only requests with the token reach the app, and serve files of the folder of the run under /files."""
 
     def protect(web_server) -> None:
-        middleware, send_file = guard(lambda: Gate(token, server.port), folder)
+        middleware, send_file = guard(lambda: Gate(token, server.port), folder_of)
         web_server.app.middlewares.append(middleware)
         web_server.app.router.add_get("/files/{name:.*}", send_file)
 

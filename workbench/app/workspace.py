@@ -120,14 +120,19 @@ class Workspace:
         self.select(rows, mode)
 
     def image_index_of(self, number: int) -> int | None:
-        """Place in images.csv of the first image that belongs to a sample; None without one."""
-        places = (
-            k for k, row in enumerate(self.opened.recording.images) if row.get("sample") == number
-        )
-        return next(places, None)
+        """Place in images.csv of the middle image that belongs to a sample; None without one."""
+        images = self.opened.recording.images
+        places = [k for k, row in enumerate(images) if row.get("sample") == number]
+        return places[len(places) // 2] if places else None
+
+    def row_of_image(self, index: int) -> int | None:
+        """Row of the sample that the image at a place of images.csv belongs to; None without one."""
+        number = self.opened.recording.images[index].get("sample")
+        rows = np.flatnonzero(self.opened.edit_ids == number) if number is not None else ()
+        return int(rows[0]) if len(rows) else None
 
     def image_of(self, number: int) -> str:
-        """Name of the first image that belongs to a sample, "–" without one."""
+        """Name of the middle image that belongs to a sample, "–" without one."""
         index = self.image_index_of(number)
         return "–" if index is None else self.opened.recording.images[index]["image"]
 
@@ -200,8 +205,7 @@ class Workspace:
 
     def change(self, change: Change) -> None:
         """Make one change and write session.toml."""
-        self.history.apply(change)
-        self._save()
+        self._saved(lambda history: history.apply(change))
 
     def exclude_selected(self, why: str = "selected in the app") -> None:
         """Exclude the selected samples. Raises InputError where nothing is selected."""
@@ -246,27 +250,27 @@ class Workspace:
 
     def undo(self) -> None:
         """Take the last change back."""
-        self.history.undo()
-        self._save()
+        self._saved(History.undo)
 
     def redo(self) -> None:
         """Make the last change again that was taken back."""
-        self.history.redo()
-        self._save()
+        self._saved(History.redo)
 
     # Reruns
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether a run is in progress."""
+        return self.job is not None and self.job.state == RUNNING
+
     def start(self, command: str = CALIBRATE) -> Job:
-        """Start a rerun in the background: `workbench calibrate --session`, or a diagnosis of the recording."""
-        if self.job is not None and self.job.state == RUNNING:
+        """Start a rerun in the background: `workbench calibrate --session`, or a diagnosis of what is not excluded."""
+        if self.is_busy:
             raise InputError("A run is in progress; wait for it or cancel it")
         self._save()
         folder = self.path.parent.resolve()
-        if command != DIAGNOSE:
-            command = self.session.command
+        command = DIAGNOSE if command == DIAGNOSE else self.session.command
         words = [command, "--session", str(self.path.resolve())]
-        if command == DIAGNOSE:
-            words = [DIAGNOSE, self.session.recording]
         self.job = Job(words, self._free_folder(folder, command), folder)
         return self.job
 
@@ -320,8 +324,26 @@ class Workspace:
         return rows.astype(int)
 
     def _save(self) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        """Write session.toml. Raises InputError where the folder cannot be written."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise InputError(
+                f"{self.path.parent}: expected a folder that can be written, found '{problem.strerror}'; start "
+                "workbench open in another folder or name a file with --session"
+            ) from None
         self.session.save(self.path)
+
+    def _saved(self, edit: Callable) -> None:
+        """Edit the session and write it; where it cannot be written nothing changes. Raises InputError."""
+        before = self.history
+        self.history = before.copy()
+        try:
+            edit(self.history)
+            self._save()
+        except InputError:
+            self.history = before
+            raise
 
     @staticmethod
     def _free_folder(folder: Path, command: str) -> Path:

@@ -1,12 +1,16 @@
 """Where arm, sensor and instrument stand: forward kinematics of the nominal arm for the rows that are drawn."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from robot_model.chain import forward
 from workbench.app.data.opened import Opened
 from workbench.core.rigid import rotation_matrix, transform
+
+SENSOR_DEPTH_MM, AXIS_MM = 130.0, 200.0
+"""Drawn depth of the sensor's field, and drawn length of the axes of the instrument."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,46 @@ def outer_frame(opened: Opened) -> np.ndarray | None:
         return None
     turn = rotation_matrix(pose[3:])
     return transform(turn.T, -turn.T @ pose[:3])
+
+
+_LOOKED_AT = 200
+_MARGIN = 0.04
+
+
+@lru_cache(maxsize=4)
+def reach(opened: Opened, with_outer: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest (3,) mm of all that is drawn of the arm, whichever sample is shown.
+
+    with_outer: also the instrument or the balls. Arm, sensor and targets of evenly spread samples are looked at.
+    """
+    rows = np.unique(np.linspace(0, max(len(opened.rows) - 1, 0), _LOOKED_AT).astype(int))
+    seen = [_outline(arm_pose(opened, int(opened.rows[row]))) for row in rows]
+    if opened.residuals is not None and opened.residuals.points is not None:
+        seen.append(opened.residuals.points)
+    outer = outer_frame(opened) if with_outer else None
+    if outer is not None:
+        seen.append(_outer_outline(opened, outer))
+    points = np.concatenate(seen, axis=1)
+    low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
+    margin = _MARGIN * float(np.linalg.norm(high - low))
+    return low - margin, high + margin
+
+
+def _outline(pose: ArmPose) -> np.ndarray:
+    """(3, k) mm: links, targets and the end of the sensor's field."""
+    parts = [pose.links, pose.targets]
+    if pose.sensor is not None:
+        parts.append((pose.sensor[:3, 3] + SENSOR_DEPTH_MM * pose.sensor[:3, 2])[:, None])
+    return np.concatenate(parts, axis=1)
+
+
+def _outer_outline(opened: Opened, frame: np.ndarray) -> np.ndarray:
+    """(3, k) mm: balls of the artefact, or ends of the axes of the instrument."""
+    if opened.samples.balls:
+        places = np.array([ball[:3] for ball in opened.samples.balls.values()]).T
+    else:
+        places = np.hstack([np.zeros((3, 1)), AXIS_MM * np.eye(3)])
+    return frame[:3, :3] @ places + frame[:3, 3:]
 
 
 def joint_coverage(opened: Opened) -> list[dict]:

@@ -7,6 +7,7 @@ import numpy as np
 MOST_POINTS = 4000
 MOST_ARROWS = 2500
 MOST_BINS = 60
+_FEWEST_BINS = 8
 _LEAST_IN_BIN = 8
 
 
@@ -46,8 +47,14 @@ class Histogram:
     counts: dict[str, np.ndarray]
 
 
-def histogram(values: dict[str, np.ndarray], bins: int = MOST_BINS) -> Histogram:
-    """Counts of all finite values of each kind, from zero to the largest."""
+def histogram(values: dict[str, np.ndarray], bins: int | None = None) -> Histogram:
+    """Counts of all finite values of each kind, from zero to the largest.
+
+    bins: their number; where left out that of Rice's rule, 2 n^(1/3), with at most `MOST_BINS`.
+    """
+    if bins is None:
+        largest = max((len(row) for row in values.values()), default=1)
+        bins = int(np.clip(np.ceil(2 * largest ** (1 / 3)), _FEWEST_BINS, MOST_BINS))
     top = max(
         (float(np.nanmax(row)) for row in values.values() if np.isfinite(row).any()), default=1.0
     )

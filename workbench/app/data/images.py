@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,20 @@ def overlay(recording, index: int) -> Overlay:
         why or lost,
         index,
     )
+
+
+@lru_cache(maxsize=24)
+def overlay_of(opened, index: int) -> tuple[Overlay, np.ndarray | None]:
+    """The image of an opened run with its marks, and (2, k) px reprojection errors of its corners, None without.
+
+    Raises InputError as `overlay`.
+    """
+    from workbench.app.data.sensor import reprojection
+
+    shown = overlay(opened.recording, index)
+    if not shown.corners.shape[1] or shown.index is None:
+        return shown, None
+    return shown, reprojection(opened, shown.corners, shown.index)
 
 
 def _row_at(recording, index: int) -> Mapping:

@@ -108,9 +108,14 @@ def open_subject(subject: str | None, recording: str | None = None) -> Opened:
     return Opened(input_name(subject), found, found, None, {})
 
 
+def finished_runs() -> list[Path]:
+    """answer.json of each finished run under `runs`."""
+    return [path for path in RUNS.glob(f"*/{ANSWER}") if not path.parent.name.startswith(".")]
+
+
 def newest_run() -> Path:
     """The newest finished run under `runs`. Raises InputError where there is none."""
-    answers = [path for path in RUNS.glob(f"*/{ANSWER}") if not path.parent.name.startswith(".")]
+    answers = finished_runs()
     if not answers:
         raise InputError(
             f"workbench open: expected a run in {RUNS.resolve()}, found none; name a run folder or a recording"

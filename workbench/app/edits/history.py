@@ -11,6 +11,12 @@ class History:
         self.session = session
         self._undone: list[Change] = []
 
+    def copy(self) -> "History":
+        """The same session and the same undone changes, to be changed on their own."""
+        made = History(self.session)
+        made._undone = list(self._undone)
+        return made
+
     def apply(self, change: Change) -> Session:
         """Make one more change."""
         self._undone.clear()

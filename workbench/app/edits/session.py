@@ -3,14 +3,14 @@
 `session.toml` holds all of it. `workbench calibrate --session FILE` repeats the calibration without the app.
 """
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from workbench.app.edits.changes import ADD, EXCLUDE, KINDS, Change, change_line, read_change
 from workbench.core.errors import InputError
-from workbench.core.text.structured_text import ContentError, read_toml
-from workbench.files.runs import replace_file
+from workbench.files.runs import RUNS, replace_file, slug
 
 CALIBRATE, CAMERA = "calibrate", "camera"
 FORMAT, NAME = "session/1", "session.toml"
@@ -86,12 +86,17 @@ class Session:
             key: value for key, value in (("plan", self.plan), ("scanner", self.scanner)) if value
         }
         lines = [f"  {change_line(change)},\n" for change in self.changes]
-        note = "# Repeat without the app: workbench {self.command} --session FILE\n"
+        note = f"# Repeat without the app: workbench {self.command} --session FILE\n"
         return f"{note}{tomli_w.dumps(head)}changes = [\n{''.join(lines)}]\n"
 
     def save(self, path: Path) -> None:
         """Write session.toml at `path`, replacing an earlier one. Raises InputError."""
         replace_file(Path(path), self.as_toml())
+
+
+def session_path(subject: str) -> Path:
+    """Where edits of a recording are kept: a folder of its own under runs/."""
+    return RUNS / f"{slug(subject)}-session" / NAME
 
 
 def read_session(path: Path, command: str = "") -> Session:
@@ -101,8 +106,8 @@ def read_session(path: Path, command: str = "") -> Session:
     """
     path = Path(path)
     try:
-        keys = read_toml(path)
-    except (OSError, ContentError) as problem:
+        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
         raise InputError(
             f"session {path} cannot be read ({problem}); name a session.toml of `workbench open`"
         ) from None

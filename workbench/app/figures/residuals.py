@@ -3,6 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
+from workbench.app.data.arm import has_arm, reach
 from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, thinned
 from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL
 from workbench.app.figures import robot, style
@@ -42,7 +43,9 @@ def arrows(work: Workspace) -> go.Figure:
     _add_arrows(made, places, scale * vectors, drawn, lengths[drawn])
     _add_marks(made, places, drawn, lengths[drawn])
     _add_selected(made, work)
-    robot.add_arm(made, work, with_outer=False)
+    if has_arm(work.opened):
+        robot.add_arm(made, work, with_outer=False)
+        style.framed(made, *reach(work.opened, False))
     text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
     made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
     return made
@@ -196,6 +199,59 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
             annotation_text=f"threshold {threshold:.4g} mm",
         )
     return made
+
+
+def side_by_side(work: Workspace) -> go.Figure:
+    """Arrows of the run before and of the newest run, with the same enlargement and the same colours."""
+    from workbench.report.calibration.scene import arrow_scale
+
+    pairs = [("before", work.previous), ("after", work.opened)]
+    made = go.Figure(layout=style.space("side-by-side").layout)
+    runs = [(name, run.residuals) for name, run in pairs if run is not None]
+    runs = [(name, found) for name, found in runs if found is not None and found.points is not None]
+    if len(runs) < 2:
+        return made
+    top = max(_top(found.shown) for _, found in runs)
+    first = runs[0][1]
+    scale = arrow_scale(first.points, first.arrows)
+    for k, (name, found) in enumerate(runs):
+        drawn = thinned(len(found.shown), MOST_ARROWS // 2, found.shown)
+        _add_pair(made, found, drawn, scale, top, k)
+        made.add_annotation(
+            text=f"<b>{name}</b>",
+            x=0.25 + 0.5 * k,
+            y=1,
+            xref="paper",
+            yref="paper",
+            showarrow=False,
+        )
+    low, high = reach(work.opened, False)
+    style.framed(made, low, high)
+    scene = made.layout.scene.to_plotly_json()
+    for k, key in enumerate(("scene", "scene2")):
+        ends = [0.5 * k, 0.5 * k + 0.5]
+        made.update_layout({key: {**scene, "domain": {"x": ends, "y": [0, 0.95]}}})
+    return made.update_layout(showlegend=False)
+
+
+def _add_pair(made, found, drawn, scale: float, top: float, place: int) -> None:
+    """Arrows of one of two runs; the colour bar stands at the second."""
+    tips = found.points[:, drawn] + scale * found.arrows[:, drawn]
+    ends = np.stack([found.points[:, drawn], tips, np.full_like(tips, np.nan)], axis=2)
+    x, y, z = np.round(ends.reshape(3, -1), 2)
+    bar = dict(title=dict(text="residual (mm)", side="right"), thickness=14, len=0.7)
+    colours = dict(colorscale=style.LENGTHS, cmin=0, cmax=top, showscale=place == 1)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines",
+        name=("before", "after")[place],
+        connectgaps=False,
+        hoverinfo="skip",
+        scene=("scene", "scene2")[place],
+        line=dict(color=np.repeat(found.shown[drawn], 3), width=3, colorbar=bar, **colours),
+    )
 
 
 def comparison(work: Workspace) -> go.Figure:

@@ -4,7 +4,16 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from workbench.app.data.arm import arm_pose, flange_points, has_arm, joint_coverage, outer_frame
+from workbench.app.data.arm import (
+    AXIS_MM,
+    SENSOR_DEPTH_MM,
+    arm_pose,
+    flange_points,
+    has_arm,
+    joint_coverage,
+    outer_frame,
+    reach,
+)
 from workbench.app.data.decimate import MOST_POINTS, thinned
 from workbench.app.figures import style
 from workbench.app.workspace import Workspace
@@ -25,7 +34,7 @@ def scene(work: Workspace) -> go.Figure:
         "measured points" if has_points(work) else "flange of all samples",
     )
     add_arm(made, work)
-    return made
+    return style.framed(made, *reach(work.opened, True))
 
 
 def has_points(work: Workspace) -> bool:
@@ -112,7 +121,7 @@ def _sensor(made: go.Figure, opened, pose) -> None:
     from workbench.report.sensor.space import pyramid
 
     camera = camera_of(opened)
-    depth = 130.0
+    depth = SENSOR_DEPTH_MM
     if camera is None:
         side = depth * np.tan(np.deg2rad(15))
         corners = np.array(
@@ -145,7 +154,7 @@ def _outer(made: go.Figure, opened, frame: np.ndarray) -> None:
         return
     origin = frame[:3, 3]
     for k, colour in enumerate((style.ORANGE, style.GREEN, style.BLUE)):
-        end = origin + 200 * frame[:3, k]
+        end = origin + AXIS_MM * frame[:3, k]
         _line(
             made, np.stack([origin, end], 1), "frame of the instrument" if k == 0 else "", colour, 6
         )

@@ -12,6 +12,10 @@ from workbench.app.figures import style
 from workbench.report.calibration.scene import arrow_step
 from workbench.report.sensor import space
 
+_NEAR_MM = 1.0
+_FROM_SENSOR = dict(eye=dict(x=0.7, y=-0.5, z=-1.6), up=dict(x=0, y=-1, z=0))
+"""The view from the sensor, whose z axis points to the object."""
+
 
 def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
     """The image with corners, stripe and, where known, arrows from detected to predicted corners."""
@@ -36,6 +40,7 @@ def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
         scaleanchor="x",
         constrain="domain",
     )
+    _ground(made, width, height)
     _marks(made, shown.corners, f"{shown.corners.shape[1]} corners", "#ff7f0e", "circle-open", 9)
     _marks(
         made, shown.stripe, f"stripe, {shown.stripe.shape[1]} points drawn", "#00e5ff", "circle", 3
@@ -43,6 +48,19 @@ def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
     if residual is not None and residual.size:
         _reprojection(made, shown.corners, residual)
     return made
+
+
+def _ground(made, width: int, height: int) -> None:
+    """An invisible mark, and the nearest mark at any distance, so that a click anywhere in the image counts."""
+    made.add_scatter(
+        x=[(width - 1) / 2],
+        y=[(height - 1) / 2],
+        mode="markers",
+        marker=dict(size=1, opacity=0),
+        hoverinfo="none",
+        showlegend=False,
+    )
+    made.update_layout(hoverdistance=-1)
 
 
 def _marks(made, pixels: np.ndarray, name: str, colour: str, symbol: str, size: float) -> None:
@@ -83,6 +101,7 @@ def planes(opened: Opened) -> go.Figure:
 def cloud(opened: Opened, place: int) -> go.Figure:
     """A cloud coloured by its distance from the fitted balls; the balls are translucent."""
     made = style.space("cloud")
+    made.update_layout(scene_camera=_FROM_SENSOR)
     found = cloud_of(opened, place)
     if found is None:
         return made
@@ -98,7 +117,7 @@ def cloud(opened: Opened, place: int) -> go.Figure:
 
 
 def _deviations(made, points: np.ndarray, deviation: np.ndarray) -> None:
-    top = max(5 * 1.4826 * float(np.median(np.abs(deviation))), 1e-6)
+    top = _colour_range(deviation)
     x, y, z = np.round(points, 3)
     bar = dict(title=dict(text="from the fitted ball (um)", side="right"), thickness=14, len=0.7)
     made.add_scatter3d(
@@ -113,6 +132,56 @@ def _deviations(made, points: np.ndarray, deviation: np.ndarray) -> None:
         customdata=np.round(deviation, 2),
         hovertemplate="%{customdata} um<extra></extra>",
     )
+
+
+def ball_map(opened: Opened, place: int) -> go.Figure:
+    """Distance from the fitted balls by direction from their centres, seen from the sensor.
+
+    Both angles in degrees are zero towards the sensor: the first is counted along x, the second along y.
+    """
+    made = style.plane("direction along x (deg)", "direction along y (deg)", "ball-map")
+    found = cloud_of(opened, place)
+    if found is None:
+        return made
+    on = np.isfinite(found.deviation)
+    points, deviation = found.points[:, on], 1000 * found.deviation[on]
+    top = _colour_range(deviation)
+    for ball in found.balls:
+        angles, near = _directions(points, ball)
+        made.add_scattergl(
+            x=np.round(angles[0], 2),
+            y=np.round(angles[1], 2),
+            mode="markers",
+            name=ball_name(ball),
+            customdata=np.round(deviation[near], 2),
+            hovertemplate="%{customdata} um<extra></extra>",
+            marker=dict(
+                size=6,
+                color=deviation[near],
+                colorscale="RdBu",
+                cmin=-top,
+                cmax=top,
+                colorbar=dict(title=dict(text="from the ball (um)", side="right"), thickness=14),
+            ),
+        )
+    return made.update_yaxes(scaleanchor="x")
+
+
+def _directions(points: np.ndarray, ball: Mapping) -> tuple[np.ndarray, np.ndarray]:
+    """(2, k) deg directions of the points near a ball from its centre, and (n,) bool which points these are."""
+    centre = np.array([[ball["x_mm"]], [ball["y_mm"]], [ball["z_mm"]]])
+    away = points - centre
+    length = np.linalg.norm(away, axis=0)
+    near = np.abs(length - ball["radius_mm"]) < _NEAR_MM
+    unit = away[:, near] / length[near]
+    return np.rad2deg(np.arctan2(unit[:2], -unit[2])), near
+
+
+def _colour_range(deviation: np.ndarray) -> float:
+    """Five robust standard deviations."""
+    if not deviation.size:
+        return 1.0
+    return max(5 * 1.4826 * float(np.median(np.abs(deviation))), 1e-6)
 
 
 def ball_name(ball: Mapping) -> str:

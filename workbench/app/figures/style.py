@@ -52,6 +52,21 @@ def space(view: str) -> go.Figure:
     )
 
 
+_IN_VIEW = 1.35
+"""Length of the diagonal of a scene that the default view holds, in plotly's units."""
+
+
+def framed(made: go.Figure, low, high) -> go.Figure:
+    """Show the box from `low` (3,) to `high` (3,) mm completely, with the same scale on all axes."""
+    spans = [max(float(b - a), 1e-3) for a, b in zip(low, high)]
+    length = sum(span**2 for span in spans) ** 0.5
+    scene = {
+        f"{name}axis": dict(range=[float(a), float(b)]) for name, a, b in zip("xyz", low, high)
+    }
+    ratio = {name: max(_IN_VIEW * span / length, 0.05) for name, span in zip("xyz", spans)}
+    return made.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio, **scene))
+
+
 def plain(text: object) -> str:
     """Text of the data as plotly may show it: it reads some markup, which data must not have."""
     return str(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

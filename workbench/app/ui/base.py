@@ -4,6 +4,7 @@ import functools
 import logging
 from collections.abc import Callable
 from html import escape as html_escape
+from pathlib import Path
 
 from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
@@ -27,11 +28,31 @@ def raw(**attributes: object) -> dict:
 
 
 class Page:
-    """The server with its state, the workspace, and the tabs by name."""
+    """The server with its state, the workspace (None where nothing is open yet), and the tabs by name."""
 
-    def __init__(self, server, work: Workspace):
+    def __init__(self, server, work: Workspace | None):
         self.server, self.state, self.work = server, server.state, work
         self.tabs: dict[str, Tab] = {}
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder of the newest run, whose files may be read; None without a run."""
+        return None if self.work is None else self.work.opened.folder
+
+    def check_idle(self) -> None:
+        """Raise InputError while a run is in progress."""
+        if self.work is not None and self.work.is_busy:
+            raise InputError("A run is in progress; wait for it or cancel it")
+
+    def open(self, subject: str) -> None:
+        """Open another recording or run, with the edits that were made to it before. Raises InputError."""
+        from workbench.app.data.opened import open_subject
+        from workbench.app.edits.session import session_path
+
+        self.check_idle()
+        opened = open_subject(subject)
+        self.work = Workspace(opened, session_path(opened.subject))
+        self.opened_changed()
 
     def say(self, text: str, kind: str = "info") -> None:
         """Show a message; kind: info, success or error."""
@@ -48,16 +69,20 @@ class Page:
             self.handler(lambda: None)()
 
     def opened_changed(self) -> None:
-        """Show the figures of the newest run in the bar."""
+        """Show the newest run in the bar."""
         from workbench.app.data.opened import summary
 
-        self.state.summary = summary(self.work.opened)
+        opened, state = self.work.opened, self.state
+        state.is_open = True
+        state.heading, state.summary = opened.title, summary(opened)
+        state.has_report = bool(opened.folder and (opened.folder / "report.html").is_file())
 
     def refresh(self) -> None:
         """Send what the shown tab shows."""
-        self.tabs["edit"].show_changes()
+        if self.work is not None:
+            self.tabs["edit"].show_changes()
         tab = self.tabs.get(self.state.tab)
-        if tab is not None:
+        if tab is not None and (self.work is not None or not tab.needs_work):
             tab.refresh()
 
     def handler(self, method: Callable) -> Callable:
@@ -80,14 +105,23 @@ class Page:
 
 
 class Tab:
-    """One tab: `name` is its value in the state, `title` what people read."""
+    """One tab: `name` is its value in the state, `title` what people read.
+
+    `needs_work`: it is shown only once something is open.
+    """
 
     name = ""
     title = ""
+    needs_work = True
 
     def __init__(self, page: Page):
-        self.page, self.state, self.work = page, page.state, page.work
+        self.page, self.state = page, page.state
         self.figures: dict[str, plotly.Figure] = {}
+
+    @property
+    def work(self) -> Workspace:
+        """What is open."""
+        return self.page.work
 
     def build(self) -> None:
         """Make the widgets, inside the page's layout."""
@@ -100,7 +134,7 @@ class Tab:
     @property
     def is_shown(self) -> bool:
         """Whether the browser shows this tab."""
-        return bool(self.state.shown) and self.state.tab == self.name
+        return bool(self.state.shown) and self.state.tab == self.name and self.work is not None
 
     def figure(self, name: str, label: str, height: str = "60vh", **events) -> None:
         """A plotly figure; label: what a screen reader says of it."""

@@ -35,12 +35,21 @@ class EditTab(Tab):
                 self._history()
             with v3.VCol(cols=12, lg=4):
                 self._rerun()
+        with html.Div(v_if="comparison.length"):
+            html.H2(
+                "Residuals before and after, side by side",
+                classes="text-subtitle-1 font-weight-bold mt-3",
+            )
+            self.figure(
+                "side_by_side", "Residuals as arrows in space, before and after the rerun", "60vh"
+            )
         state.change("threshold")(self._on_threshold)
 
     def _plan(self) -> None:
         html.H2("Stages", classes="text-subtitle-1 font-weight-bold")
         self._checks("stages", self.set_stage)
         html.H2("Effects in the model", classes="text-subtitle-1 font-weight-bold mt-2")
+        html.Div("The model has no effects.", v_if="!effects.length")
         with html.Div(style="max-height: 50vh; overflow-y: auto"):
             self._checks("effects", self.set_effect)
         html.Div("The run has no stages; rerun to see them.", v_if="!stages.length")
@@ -137,13 +146,16 @@ class EditTab(Tab):
         state.stages, state.effects = stages, effects
         self.show_changes()
         state.comparison = work.comparison()
-        state.session_file = f"Repeat without the app: workbench calibrate --session {work.path}"
+        command = work.session.command
+        state.session_file = f"Repeat without the app: workbench {command} --session {work.path}"
         lengths = work.lengths()
         state.threshold_top = float(lengths.max()) if lengths.size and lengths.max() > 0 else 1.0
         if not 0 < float(state.threshold) <= state.threshold_top:
             state.threshold = state.threshold_top
         self._show_threshold()
         self.draw("comparison", residuals.comparison(work))
+        if state.comparison:
+            self.draw("side_by_side", residuals.side_by_side(work))
 
     def show_changes(self) -> None:
         """Send the list of changes; also called while another tab is shown, so that it never lags behind."""

@@ -6,10 +6,11 @@ from trame.ui.vuetify3 import VAppLayout
 from trame.widgets import client, html
 from trame.widgets import vuetify3 as v3
 
-from workbench.app.data.opened import Opened, summary
+from workbench.app.data.opened import Opened
 from workbench.app.ui.base import Page, raw
 from workbench.app.ui.diagnosis import DiagnosisTab
 from workbench.app.ui.edit import EditTab
+from workbench.app.ui.importing import ImportTab
 from workbench.app.ui.recording import RecordingTab
 from workbench.app.ui.residuals import ResidualsTab
 from workbench.app.ui.sensor import SensorTab
@@ -38,23 +39,29 @@ _THEME = {
 }
 
 
-def build(server, opened: Opened, session: Path) -> Page:
-    """Fill the server's page for what is opened; session: where edits are kept. Raises InputError."""
-    page = Page(server, Workspace(opened, session))
+def build(server, opened: Opened | None, session: Path | None) -> Page:
+    """Fill the server's page for what is opened, with the import wizard alone where that is None.
+
+    session: where edits are kept. Raises InputError.
+    """
+    page = Page(server, None if opened is None else Workspace(opened, session))
     state = server.state
     state.trame__title = "workbench"
-    state.tab = "residuals" if opened.residuals is not None else "recording"
     state.message, state.message_kind = "", "info"
     state.shown = False
-    state.heading = opened.title
-    state.summary = summary(opened)
-    state.has_report = bool(opened.folder and (opened.folder / "report.html").is_file())
+    state.is_open, state.has_report = False, False
+    state.heading, state.summary = "workbench", "Nothing is open yet: import a recording"
+    state.tab = "import"
+    if opened is not None:
+        page.opened_changed()
+        state.tab = "residuals" if opened.residuals is not None else "recording"
     tabs = [
         RecordingTab(page),
         ResidualsTab(page),
         EditTab(page),
         SensorTab(page),
         DiagnosisTab(page),
+        ImportTab(page),
     ]
     page.tabs = {tab.name: tab for tab in tabs}
     _layout(server, page, tabs)
@@ -77,7 +84,8 @@ def _layout(server, page: Page, tabs) -> None:
                 v_model=("tab",), color="primary", **raw(aria_label="Views"), classes="ml-auto"
             ):
                 for tab in tabs:
-                    v3.VTab(tab.title, value=tab.name, classes="text-none")
+                    closed = {"disabled": ("!is_open",)} if tab.needs_work else {}
+                    v3.VTab(tab.title, value=tab.name, classes="text-none", **closed)
             html.A(
                 "Report page",
                 href="files/report.html",

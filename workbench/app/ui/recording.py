@@ -4,10 +4,10 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.arm import has_arm
-from workbench.app.data.images import image_rows, overlay
-from workbench.app.data.sensor import reprojection
-from workbench.app.figures import robot, sensor
+from workbench.app.data.images import image_rows
+from workbench.app.figures import robot
 from workbench.app.ui.base import Tab, points_of, raw, whole_number
+from workbench.app.ui.image_panel import ImagePanel
 
 
 class RecordingTab(Tab):
@@ -15,17 +15,15 @@ class RecordingTab(Tab):
 
     name, title = "recording", "Recording"
 
+    def __init__(self, page):
+        super().__init__(page)
+        self.panel = ImagePanel(self, "image")
+
     def build(self) -> None:
-        state, opened = self.state, self.work.opened
-        state.row, state.last_row = self.work.current, max(self.work.count - 1, 0)
-        state.row_text = ""
-        state.row_table = []
-        state.has_arm = has_arm(opened)
-        state.images = [
-            {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
-            for row in image_rows(opened.recording)
-        ]
-        state.image, state.image_text, state.image_on = 0, "", True
+        state = self.state
+        state.row, state.last_row, state.row_text, state.row_table = 0, 0, "", []
+        state.has_arm, state.images = False, []
+        state.image, state.image_on, state.image_row = 0, True, -1
         with v3.VRow():
             with v3.VCol(cols=12, lg=7):
                 self._scene()
@@ -93,14 +91,16 @@ class RecordingTab(Tab):
                 hide_details=True,
                 classes="ml-4",
             )
-        html.Div(
-            "{{ image_text }}",
-            **raw(data_text="image", role="status"),
-        )
-        self.figure("image", "Image with detected corners and stripe", "70vh")
+            self.button("Select its sample", self.select_sample, disabled=("image_row < 0",))
+        self.panel.build("70vh", self.on_image_click)
 
     def refresh(self) -> None:
-        if has_arm(self.work.opened):
+        self.state.has_arm = has_arm(self.work.opened)
+        self.state.images = [
+            {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
+            for row in image_rows(self.work.opened.recording)
+        ]
+        if self.state.has_arm:
             self.draw("scene", robot.scene(self.work))
         self.draw("coverage", robot.coverage(self.work))
         self._describe()
@@ -110,12 +110,9 @@ class RecordingTab(Tab):
     def _describe(self) -> None:
         work = self.work
         row = int(work.opened.rows[work.current]) if work.count else 0
-        columns = work.opened.samples.columns
         self.state.last_row = max(work.count - 1, 0)
         self.state.row = work.current
-        self.state.row_table = [
-            {"name": name, "value": _text(values[row])} for name, values in columns.items()
-        ]
+        self.state.row_table = row_table(work) if work.count else []
         number = work.opened.samples.sample_ids[row] if work.count else 0
         length = (
             f", residual {work.lengths()[work.current]:.4f} mm"
@@ -128,20 +125,12 @@ class RecordingTab(Tab):
         )
 
     def _show_image(self) -> None:
-        recording = self.work.opened.recording
-        shown = overlay(recording, int(self.state.image or 0))
-        residual = None
-        if shown.corners.shape[1] and shown.index is not None:
-            residual = reprojection(self.work.opened, shown.corners, shown.index)
-        self.draw("image", sensor.image(shown, residual))
-        parts = [f"{shown.name}, {shown.role}"]
-        if shown.corners.shape[1]:
-            parts.append(f"{shown.corners.shape[1]} corners detected")
-        if shown.stripe.shape[1]:
-            parts.append("laser stripe detected")
-        self.state.image_on = shown.name not in self.work.session.excluded("images")
-        excluded = [] if self.state.image_on else ["excluded from the calibration"]
-        self.state.image_text = "; ".join([*parts, *([shown.why] if shown.why else []), *excluded])
+        index = min(max(int(self.state.image or 0), 0), len(self.state.images) - 1)
+        name = self.work.opened.recording.images[index]["image"]
+        self.state.image_on = name not in self.work.session.excluded("images")
+        row = self.work.row_of_image(index)
+        self.state.image_row = -1 if row is None else row
+        self.panel.show(index)
 
     def _on_row(self, row, **_) -> None:
         if self.is_shown and row != self.work.current:
@@ -170,11 +159,28 @@ class RecordingTab(Tab):
         """Include or exclude the shown image."""
         self.work.set_image(int(self.state.image), bool(on))
 
+    def select_sample(self) -> None:
+        """Select the sample of the shown image, and show its pose and row."""
+        row = self.work.row_of_image(int(self.state.image or 0))
+        if row is not None:
+            self.work.select([row])
+
+    def on_image_click(self, _points) -> None:
+        """Select the sample of the image that was clicked."""
+        self.select_sample()
+
     def on_click(self, rows) -> None:
         """Go to the sample that was clicked."""
         rows = [row for row in rows if isinstance(row, int)]
         if rows:
             self.go_to(rows[0])
+
+
+def row_table(work) -> list[dict]:
+    """Name and value of each column of the current sample."""
+    row = int(work.opened.rows[work.current])
+    columns = work.opened.samples.columns
+    return [{"name": name, "value": _text(values[row])} for name, values in columns.items()]
 
 
 def _text(value) -> str:

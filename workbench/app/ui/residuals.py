@@ -5,6 +5,8 @@ from trame.widgets import vuetify3 as v3
 
 from workbench.app.figures import residuals
 from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
+from workbench.app.ui.image_panel import ImagePanel
+from workbench.app.ui.recording import row_table
 from workbench.app.workspace import EXTEND, REMOVE, REPLACE
 
 
@@ -13,6 +15,10 @@ class ResidualsTab(Tab):
 
     name, title = "residuals", "Residuals"
 
+    def __init__(self, page):
+        super().__init__(page)
+        self.panel = ImagePanel(self, "picked")
+
     def build(self) -> None:
         state = self.state
         state.quantity, state.quantities = "", []
@@ -20,6 +26,7 @@ class ResidualsTab(Tab):
         state.select_mode, state.selection_text, state.selected_table = REPLACE, "", []
         state.length_from, state.length_to, state.wanted_sample = "", "", ""
         state.no_residuals = ""
+        state.picked_title, state.picked_image, state.picked_row = "", -1, []
         v3.VAlert(
             "{{ no_residuals }}",
             v_if="no_residuals",
@@ -38,6 +45,7 @@ class ResidualsTab(Tab):
             with v3.VCol(cols=12, lg=6):
                 self._charts()
         self._selection()
+        self._picked()
         for name in ("quantity", "kind"):
             state.change(name)(self._on_choice)
 
@@ -109,6 +117,7 @@ class ResidualsTab(Tab):
             self.button("Clear selection", self.clear)
             self.button("Exclude selected samples", self.exclude, color="primary", variant="flat")
             self.button("Exclude their poses", self.exclude_poses)
+            self.button("Include selected samples", self.include)
             self.button("Show in recording", self.show_in_recording)
         with v3.VTable(
             density="compact",
@@ -121,6 +130,20 @@ class ResidualsTab(Tab):
             with html.Tbody(), html.Tr(v_for="one in selected_table", key="one.row"):
                 for key in ("sample", "pose", "length", "held_out", "image"):
                     html.Td("{{ one." + key + " }}")
+
+    def _picked(self) -> None:
+        """Image, pose and row of the sample that was selected last."""
+        with html.Div(v_if="picked_title", classes="mt-3"):
+            html.H2("{{ picked_title }}", classes="text-subtitle-1 font-weight-bold")
+            with v3.VRow():
+                with v3.VCol(cols=12, lg=8, v_if="picked_image >= 0"):
+                    self.panel.build("56vh")
+                with v3.VCol(cols=12, lg=4):
+                    label = raw(role="group", aria_label="Row of the sample", tabindex="0")
+                    with v3.VTable(density="compact", height="52vh", **label):
+                        with html.Tbody(), html.Tr(v_for="one in picked_row", key="one.name"):
+                            html.Td("{{ one.name }}")
+                            html.Td("{{ one.value }}", classes="text-right")
 
     def refresh(self) -> None:
         work, state = self.work, self.state
@@ -149,6 +172,21 @@ class ResidualsTab(Tab):
             f"{len(rows):,} of {work.count:,} samples selected; {(~work.kept).sum():,} excluded"
         )
         self.state.selected_table = [self._row(int(row)) for row in rows[:50]]
+        self._describe_picked()
+
+    def _describe_picked(self) -> None:
+        work, state = self.work, self.state
+        if not work.count or not work.selected[work.current]:
+            state.picked_title, state.picked_image, state.picked_row = "", -1, []
+            return
+        shown = self._row(work.current)
+        pose = "" if shown["pose"] == "–" else f", pose {shown['pose']}"
+        state.picked_title = f"Sample {shown['sample']}{pose}, residual {shown['length']} mm"
+        state.picked_row = row_table(work)
+        index = work.image_index_of(shown["sample"])
+        state.picked_image = -1 if index is None else index
+        if index is not None:
+            self.panel.show(index)
 
     def _row(self, row: int) -> dict:
         work, found = self.work, self.work.opened.residuals
@@ -229,6 +267,11 @@ class ResidualsTab(Tab):
         """Exclude the poses of the selected samples."""
         self.work.exclude_poses()
         self.page.say("The poses are excluded; rerun to see the effect.")
+
+    def include(self) -> None:
+        """Take excluded samples among the selected ones back."""
+        self.work.include_selected()
+        self.page.say("The samples are included again; rerun to see the effect.")
 
     def show_in_recording(self) -> None:
         """Show the first selected sample in the recording, with its pose, its row and its image."""

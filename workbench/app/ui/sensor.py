@@ -1,11 +1,14 @@
-"""Tab "Sensor": light planes and mirror axis in space, clouds with the balls fitted to them."""
+"""Tab "Sensor": light planes and mirror axis in space, clouds with fitted balls, images with overlays."""
 
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.data.images import image_rows
 from workbench.app.data.sensor import camera_of, scanner_of, scans_of
 from workbench.app.figures import sensor
 from workbench.app.ui.base import Tab, raw
+from workbench.app.ui.image_panel import ImagePanel
+from workbench.report.text import counted
 
 
 class SensorTab(Tab):
@@ -13,11 +16,16 @@ class SensorTab(Tab):
 
     name, title = "sensor", "Sensor"
 
+    def __init__(self, page):
+        super().__init__(page)
+        self.panel = ImagePanel(self, "overlay")
+
     def build(self) -> None:
         state = self.state
         state.no_sensor, state.has_scanner = "", False
         state.scan, state.scans, state.ball_table, state.camera_table = 0, [], [], []
         state.scan_text = ""
+        state.sensor_image, state.sensor_images = 0, []
         v3.VAlert(
             "{{ no_sensor }}", v_if="no_sensor", type="info", variant="outlined", classes="mb-2"
         )
@@ -33,12 +41,25 @@ class SensorTab(Tab):
             with html.Tbody(), html.Tr(v_for="one in camera_table", key="one.name"):
                 html.Td("{{ one.name }}")
                 html.Td("{{ one.value }}", classes="text-right")
-        html.P(
-            "Images with corners, stripes and reprojection errors are in the tab Recording.",
-            v_if="!no_sensor",
-            classes="mt-2",
-        )
+        with html.Div(v_if="sensor_images.length"):
+            self._images()
         state.change("scan")(self._on_scan)
+        state.change("sensor_image")(self._on_image)
+
+    def _images(self) -> None:
+        html.H2(
+            "Corners, stripes and reprojection errors",
+            classes="text-subtitle-1 font-weight-bold mt-3",
+        )
+        v3.VAutocomplete(
+            v_model=("sensor_image",),
+            items=("sensor_images",),
+            label="Image of the sensor",
+            density="compact",
+            hide_details=True,
+            style="max-width: 600px",
+        )
+        self.panel.build("66vh")
 
     def _clouds(self) -> None:
         html.H2("Clouds and balls", classes="text-subtitle-1 font-weight-bold")
@@ -54,6 +75,7 @@ class SensorTab(Tab):
             "Cloud of the chosen scan, coloured by the distance from the fitted ball",
             "52vh",
         )
+        self.figure("ball_map", "Map of the distances from the fitted balls by direction", "44vh")
         with v3.VTable(density="compact", **raw(role="group", aria_label="Balls of the scan")):
             with html.Thead(), html.Tr():
                 for head in ("Ball", "x (mm)", "y (mm)", "z (mm)", "Radius (mm)", "Form RMS (um)"):
@@ -67,19 +89,21 @@ class SensorTab(Tab):
         scanner, camera = scanner_of(opened), camera_of(opened)
         state.has_scanner = scanner is not None
         state.scans = [
-            {
-                "title": f"scan {row['scan']} ({row['points']} points, {len(row['balls'])} balls)",
-                "value": k,
-            }
-            for k, row in enumerate(scans_of(opened))
+            {"title": _scan_title(row), "value": k} for k, row in enumerate(scans_of(opened))
         ]
         state.no_sensor = (
             ""
-            if camera is not None or state.scans
+            if camera is not None or state.scans or opened.recording.images
             else (
                 "This run holds no sensor. Runs of camera, scanner, scan and of calibrate from images do."
             )
         )
+        state.sensor_images = [
+            {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
+            for row in image_rows(opened.recording)
+        ]
+        if state.sensor_images:
+            self._show_image()
         state.camera_table = [] if camera is None else _camera_rows(camera)
         if scanner is not None:
             self.draw("planes", sensor.planes(opened))
@@ -91,12 +115,26 @@ class SensorTab(Tab):
         place = min(max(int(self.state.scan or 0), 0), len(self.state.scans) - 1)
         row = scans_of(opened)[place]
         self.draw("cloud", sensor.cloud(opened, place))
+        self.draw("ball_map", sensor.ball_map(opened, place))
         self.state.ball_table = [_ball_row(ball) for ball in row["balls"]]
         self.state.scan_text = f"Scan {row['scan']}: {row['points']} points. {row['outcome']}"
+
+    def _show_image(self) -> None:
+        last = len(self.work.opened.recording.images) - 1
+        self.panel.show(min(max(int(self.state.sensor_image or 0), 0), last))
+
+    def _on_image(self, **_) -> None:
+        if self.is_shown and self.state.sensor_images:
+            self.page.handler(self._show_image)()
 
     def _on_scan(self, **_) -> None:
         if self.is_shown and self.state.scans:
             self.page.handler(self._show_scan)()
+
+
+def _scan_title(row) -> str:
+    found = f"{counted(row['points'], 'point')}, {counted(len(row['balls']), 'ball')}"
+    return f"scan {row['scan']} ({found})"
 
 
 def _ball_row(ball) -> dict:

@@ -77,11 +77,12 @@ def command(
     from datasets.importers.mapping.model import Mapping, read_mapping
     from workbench.commands.data import import_dialogue
     from workbench.recordings.importing import ImportOptions
+    from workbench.recordings.importing.notation import board_keys
 
     options = ImportOptions(
         robot=robot,
         mapping=Mapping() if map is None else read_mapping(map),
-        board=None if board is None else import_dialogue.board_keys(board),
+        board=None if board is None else board_keys(board),
         artefact=artefact,
         ball_radius_mm=ball_radius,
         sigma_mm=sigma,

@@ -5,13 +5,12 @@ from typing import Annotated
 
 import typer
 
-from workbench.files import runs
-
 Subject = Annotated[
     str | None,
     typer.Argument(
         metavar="[RUN|RECORDING]",
-        help="Folder of a run, folder of a recording or a known name; the newest run under runs/ where left out.",
+        help="Folder of a run, folder of a recording or a known name; the newest run under runs/ where left out, the "
+        "import where there is none.",
     ),
 ]
 
@@ -45,13 +44,16 @@ def command(
     import trame_vuetify  # noqa: F401
 
     from workbench.app.data.opened import open_subject
+    from workbench.app.edits.session import session_path
     from workbench.app.server import Options, serve
 
-    opened = open_subject(subject, recording)
-    path = session or session_path(opened.subject)
+    opened = None if _is_first(subject, recording) else open_subject(subject, recording)
+    path = session or (None if opened is None else session_path(opened.subject))
     serve(opened, Options(path, port, not no_browser), lambda text: print(text, flush=True))
 
 
-def session_path(subject: str) -> Path:
-    """Where edits of a recording are kept: a folder of its own under runs/."""
-    return runs.RUNS / f"{runs.slug(subject)}-session" / "session.toml"
+def _is_first(subject: str | None, recording: str | None) -> bool:
+    """Whether nothing is named and there is no run yet: the app then starts with the import."""
+    from workbench.app.data.opened import finished_runs
+
+    return subject is None and recording is None and not finished_runs()

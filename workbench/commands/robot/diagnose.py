@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from workbench.commands.robot import edit_session as sessions
 from workbench.commands.shared import answer, tables
 from workbench.core.errors import InputError
 from workbench.files import runs
@@ -24,6 +25,14 @@ Solution = Annotated[
         "--solution", metavar="FILE", help="Compare with an earlier calibration (solution.json)."
     ),
 ]
+SessionFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--session",
+        metavar="FILE",
+        help="Leave out what an edit session of `workbench open` excludes (session.toml); replaces RECORDING.",
+    ),
+]
 Baseline = Annotated[
     Literal["geometry", "joint-compliance"],
     typer.Option("--baseline", help="Effects that the baseline model already contains."),
@@ -31,7 +40,9 @@ Baseline = Annotated[
 
 
 def command(
-    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    recording: Annotated[
+        str | None, typer.Argument(help="Folder of a recording, or a known name.")
+    ] = None,
     simulation: Simulation = None,
     solution: Solution = None,
     baseline: Baseline = "geometry",
@@ -42,9 +53,16 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
     tolerance: answer.Tolerance = None,
+    session: SessionFile = None,
 ) -> None:
     """Identify unmodelled effects of a recording: effect, place, probability, and reduction of the held-out error."""
     answer.check_target(json)
+    edits = sessions.session_of(session, {"RECORDING": recording, "--scanner": scanner})
+    if edits is not None:
+        recording, trust_data = edits.recording, edits.trust_data
+        scanner = Path(edits.scanner) if edits.scanner else None
+    elif recording is None:
+        raise sessions.nothing_named("diagnose")
     with answer.progress(f"reading {recording}") as say:
         from workbench.machine.processes import cores, one_thread
 
@@ -59,7 +77,7 @@ def command(
             raise InputError(
                 "--simulation and --solution: expected one of them, found both; omit one."
             )
-        found = datasets.read(recording, trust_data)
+        found = sessions.edited(edits, datasets.read(recording, trust_data))
         _check_scanner(found, scanner)
         tolerances = parse_tolerances(tolerance, _units(found))
         with runs.opened("diagnose", recording, out) as run:
@@ -75,6 +93,7 @@ def command(
             )
             diagnosis_json = made.as_json()
             save(made, run.partial)
+            sessions.keep(edits, run.partial)
             model = write_model(made, found, run.partial, say, trust_data)
             result = {
                 **diagnosis_json,

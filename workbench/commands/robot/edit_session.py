@@ -63,3 +63,40 @@ def check_unused(path: Path, options: Mapping) -> None:
                 f"--session {path} with {name}: expected one of them, because the session names the recording and its "
                 f"options; leave {name} out"
             )
+
+
+def session_of(path: Path | None, options: Mapping):
+    """The session that a command takes its recording from; None without one. Raises InputError.
+
+    options: option of the command -> value; all of them must be None where there is a session.
+    """
+    if path is None:
+        return None
+    from workbench.app.edits.session import read_session
+
+    check_unused(path, options)
+    return read_session(path)
+
+
+def nothing_named(command: str) -> InputError:
+    """The refusal of a command that was given neither a recording nor a session."""
+    return InputError(
+        f"workbench {command}: expected a recording or --session FILE, found neither; name one."
+    )
+
+
+def edited(session, recording):
+    """The recording without what the session excludes; itself without a session. Raises InputError."""
+    if session is None:
+        return recording
+    from workbench.app.edits.apply import edited_recording
+
+    return edited_recording(session, recording)
+
+
+def keep(session, folder: Path) -> None:
+    """Write the session, where there is one, into the folder of a run."""
+    if session is not None:
+        from workbench.app.edits.session import NAME
+
+        session.save(folder / NAME)

@@ -1,0 +1,80 @@
+"""Files that were dropped into the app: kept in a folder that ends with the app."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+
+from workbench.core.errors import InputError
+
+MOST_BYTES = 1 << 30
+_ROBOTS = (".toml", ".urdf")
+_MOST_NAME = 120
+
+
+class Dropped:
+    """Dropped files by name, in a temporary folder."""
+
+    def __init__(self) -> None:
+        self._folder = TemporaryDirectory(prefix="workbench-import-")
+        self.names: list[str] = []
+
+    @property
+    def folder(self) -> Path:
+        return Path(self._folder.name)
+
+    def add(self, files: Iterable[Mapping]) -> None:
+        """Keep files as the browser sends them, with `name` and `content`. Raises InputError.
+
+        A file of the same name is replaced.
+        """
+        for file in files:
+            name, content = safe_name(file.get("name")), _content(file)
+            taken = sum(path.stat().st_size for path in self.folder.iterdir())
+            if taken + len(content) > MOST_BYTES:
+                raise InputError(
+                    f"{name}: expected at most {MOST_BYTES >> 20} MiB in all, found more; use workbench import"
+                )
+            (self.folder / name).write_bytes(content)
+            if name not in self.names:
+                self.names.append(name)
+
+    def clear(self) -> None:
+        """Forget all files."""
+        for path in self.folder.iterdir():
+            path.unlink()
+        self.names.clear()
+
+    @property
+    def robots(self) -> list[str]:
+        """Names of files that may describe a robot."""
+        return [name for name in self.names if Path(name).suffix.lower() in _ROBOTS]
+
+    @property
+    def tables(self) -> list[str]:
+        """Names of files that may be an artefact.csv."""
+        return [name for name in self.names if Path(name).suffix.lower() == ".csv"]
+
+    def sources(self, used: Iterable[str]) -> list[Path]:
+        """Paths of the files to import. used: names of files that describe robot or artefact."""
+        left_out = {*used, *self.robots}
+        return [self.folder / name for name in self.names if name not in left_out]
+
+
+def safe_name(name: object) -> str:
+    """The name of a file without any folder. Raises InputError where nothing is left of it."""
+    text = str(name or "").replace("\\", "/")
+    last = PurePosixPath(text).name
+    kept = "".join(letter for letter in last if letter.isprintable() and letter not in '<>:"|?*')
+    if kept.strip(". ") == "":
+        raise InputError(f"File {text[:40]!r}: expected a file name, found none; rename the file")
+    return kept[-_MOST_NAME:].lstrip(".")
+
+
+def _content(file: Mapping) -> bytes:
+    """The bytes of a file; the browser sends them in one or several pieces."""
+    content = file.get("content", b"")
+    if isinstance(content, list | tuple):
+        content = b"".join(bytes(piece) for piece in content)
+    if not isinstance(content, bytes | bytearray | memoryview):
+        raise InputError(f"{file.get('name')}: expected a file, found text; drop the file again")
+    return bytes(content)

@@ -1,0 +1,136 @@
+"""The mapping of an import as a form: one row a quantity, with its columns, unit and rotation convention."""
+
+from collections.abc import Iterable
+
+from datasets.columns import KINDS
+from datasets.importers.mapping.model import QUANTITIES, Mapping, mapping_from_keys
+from datasets.importers.mapping.rotations import CONVENTIONS
+from datasets.importers.source import RawTable
+from datasets.importers.units import ANGLES, LENGTHS
+from workbench.core.errors import InputError
+
+CALLED = "the mapping"
+TITLES = {
+    "joints": "Joint readings",
+    "point": "Measured point",
+    "rotation": "Measured rotation",
+    "axis": "Measured axis",
+    "flange_point": "Flange position",
+    "flange_rotation": "Flange rotation",
+    "time": "Time",
+}
+_UNITS = {name: tuple(ANGLES) for name in ("joints", "rotation", "flange_rotation")}
+_UNITS |= {name: tuple(LENGTHS) for name in ("point", "flange_point")}
+_ROTATIONS = ("rotation", "flange_rotation")
+_TESTED = {"title": "tested on the robot", "value": ""}
+_SHOWN = 3
+
+
+def kinds() -> list[dict]:
+    """Kinds of measurement that an import makes, for a list; "" where the columns say it."""
+    return [{"title": "from the columns", "value": ""}, *_items(KINDS)]
+
+
+def form_rows(mapping: Mapping, table: RawTable | None) -> list[dict]:
+    """One row a quantity: `name`, `title`, `columns`, `unit`, `convention`, `inverse`, choices and first cells.
+
+    table: whose cells are shown; None where there is no table.
+    """
+    return [_row(name, getattr(mapping, name), table) for name in QUANTITIES]
+
+
+def _row(name: str, group, table: RawTable | None) -> dict:
+    columns = [] if group is None else list(group.columns)
+    return {
+        "name": name,
+        "title": TITLES[name],
+        "columns": columns,
+        "unit": (group.unit or "") if group is not None else "",
+        "units": [_TESTED, *_items(_UNITS[name])] if name in _UNITS else [],
+        "convention": (group.convention or "") if group is not None else "",
+        "conventions": [_TESTED, *_items(CONVENTIONS)] if name in _ROTATIONS else [],
+        "inverse": bool(group is not None and group.inverse),
+        "cells": "" if table is None else first_cells(table, columns),
+    }
+
+
+def _items(names: Iterable[str]) -> list[dict]:
+    return [{"title": name, "value": name} for name in names]
+
+
+def first_cells(table: RawTable, columns: Iterable[str]) -> str:
+    """The first rows of some columns, as they stand in the file."""
+    known = [name for name in columns if name in table.columns]
+    if not known:
+        return ""
+    rows = zip(*(table.columns[name][:_SHOWN].tolist() for name in known))
+    return "   |   ".join(", ".join(_text(cell) for cell in row) for row in rows)
+
+
+def _text(cell) -> str:
+    return cell if isinstance(cell, str) else f"{cell:.6g}"
+
+
+def other_rows(mapping: Mapping, table: RawTable | None) -> list[dict]:
+    """Columns that no quantity uses: `name`, `target` ("" where it is left out) and first cells."""
+    if table is None:
+        return []
+    taken = {name for row in form_rows(mapping, None) for name in row["columns"]}
+    left = [name for name in table.columns if name not in taken]
+    return [
+        {"name": n, "target": mapping.columns.get(n, ""), "cells": first_cells(table, [n])}
+        for n in left
+    ]
+
+
+def with_cell(mapping: Mapping, name: str, key: str, value: object) -> Mapping:
+    """The mapping after an edit of the form. Raises InputError.
+
+    name: a quantity, "" for the mapping itself (key measures), or "columns" (key is a column's name). A unit or a
+    convention that is not known is refused.
+    """
+    keys = mapping.as_keys()
+    if name == "":
+        keys.pop(key, None)
+        keys |= {key: value} if value else {}
+    elif name == "columns":
+        named = {k: v for k, v in keys.get("columns", {}).items() if k != key}
+        keys["columns"] = named | ({key: str(value)} if value else {})
+    elif name in QUANTITIES:
+        _edit_group(keys, name, key, value)
+    else:
+        raise InputError(f"{CALLED}: expected a quantity, found {name!r}; choose another")
+    return mapping_from_keys(keys, CALLED)
+
+
+def _edit_group(keys: dict, name: str, key: str, value: object) -> None:
+    """Change one key of a quantity; a quantity without columns is removed.
+
+    Other columns have another unit and convention, which are tested again. A column belongs to one quantity only.
+    """
+    if key == "columns":
+        columns = [str(column) for column in value or []]
+        keys.pop(name, None)
+        if not columns:
+            return
+        for other in QUANTITIES:
+            _release(keys, other, columns)
+        keys["columns"] = {k: v for k, v in keys.get("columns", {}).items() if k not in columns}
+        keys[name] = {"columns": columns}
+        return
+    group = dict(keys.get(name) or {})
+    if not group:
+        raise InputError(f"{TITLES[name]}: expected columns first, found none; choose them")
+    group.pop(key, None)
+    keys[name] = group | ({key: value} if value else {})
+
+
+def _release(keys: dict, name: str, columns: list[str]) -> None:
+    """Take columns away from a quantity; without any column it is removed."""
+    group = keys.get(name)
+    if not group or not set(group["columns"]) & set(columns):
+        return
+    left = [column for column in group["columns"] if column not in columns]
+    keys.pop(name)
+    if left:
+        keys[name] = {"columns": left, **({"unit": group["unit"]} if "unit" in group else {})}
