@@ -33,7 +33,7 @@ from workbench.diagnosis.scanner.sensor_errors import (
     errors_by_kind,
     random_image_error,
 )
-from workbench.diagnosis.search.select import LEVEL, find
+from workbench.diagnosis.search.select import LEVEL, find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.files.provenance import provenance
 
@@ -240,7 +240,7 @@ def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
 
 def _proved(bench, found: Found, noise, say, jobs):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    proved, kept, refused = proof.prove(bench, found, find, noise, say, jobs)
+    proved, kept, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
     effects = [e for term in kept for e in term.finding.effects]
     rows = bench.parameters(effects)
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in kept)
@@ -269,7 +269,7 @@ def _of(row, term: Term, bench) -> bool:
 
 def _size(bench, effects, term: Term) -> float | None:
     """RMS displacement of the measured point (mm, px) that the term makes by itself, to first order."""
-    problem = bench.problem(list(effects))
+    problem = bench.problem(list(effects), hypotheses=False)
     own = [i for i, e in enumerate(effects) if any(e is mine for mine in term.finding.effects)]
     if not own or not problem.added:
         return None

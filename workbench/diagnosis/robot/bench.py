@@ -38,7 +38,8 @@ _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
 _STEPS = 50  # of a solve
-_KEPT = 4  # parts of the samples whose bases are kept
+_KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
+_SOLUTIONS = 8  # solutions of each part that are kept: a term's proof asks for the same few again and again
 
 
 def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) -> "RobotBench":
@@ -113,12 +114,13 @@ class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
     `bases`: of effects, as a model keeps them; `known`: the library by whether something yields; `made`: functions of
-    its covariates; `solved`: fits by their effects.
+    its covariates; `solved`: fits by their effects; `last`: parameters of the last fit, from which the next one starts.
     """
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
         self.chain, self.baseline, self.bases = chain, baseline, {}
         self.known, self.made, self.solved = {}, {}, {}
+        self.last = None
 
     def library(self, elastic: bool) -> list[Variant]:
         if elastic not in self.known:
@@ -157,15 +159,19 @@ class RobotBench:
         """What another process needs: not what was solved before."""
         return self.__dict__ | {"_parts": {}}
 
-    def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
-        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
+    def problem(
+        self,
+        effects: Sequence[Effect] = (),
+        samples: np.ndarray | None = None,
+        hypotheses: bool = True,
+    ) -> Problem:
+        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; see `Bench`."""
         model, fit, weights = self.solve(effects, samples)
         every = np.ones(self.chain.n, bool) if samples is None else samples
         part = self._part(samples)
-        variants = self.loose, self.mass_laws
-        made = _problem(
-            model, fit, weights, self.pose[every], tuple(effects), variants, part.library
-        )
+        made = _solution(model, fit, weights, self.pose[every], tuple(effects))
+        if hypotheses:
+            made = _with_hypotheses(made, model, fit, part.library, (self.loose, self.mass_laws))
         if samples is None and not effects:
             _check_redundancy(made, self.recording)
         rotation = (
@@ -210,12 +216,17 @@ class RobotBench:
         solved = self._part(samples).solved
         if key not in solved:
             solved[key] = self._solve(effects, samples)
+        if len(solved) > _SOLUTIONS:
+            del solved[next(old for old in solved if old not in ((), key))]
         return solved[key]
 
     def _solve(self, effects, samples):
         model = self._part(samples).model((*self.baseline, *effects))
         chain = model.chain
+        part = self._part(samples)
         free = self.free(model)
+        if part.last is not None:
+            free = free.take_over(part.last)
         fit = solve(model, free, "huber")
         for _ in range(2):
             widened = _widened(chain, fit)
@@ -226,6 +237,7 @@ class RobotBench:
         white = fit.residual / model.sigma(fit.parameters)
         if self._start is None:
             self._start = fit.parameters
+        part.last = fit.parameters
         return model, fit, robust_weights(white)
 
     def free(self, model: Model) -> Parameters:
@@ -343,41 +355,57 @@ def _extra(squares, sigma):
     return root_between(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
 
 
-def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) -> Problem:
-    evaluation = model.evaluate(fit.parameters)
+def _solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
+    """The problem at a fit, without anything to compare with it."""
+    residual = model.evaluate(fit.parameters).residual
     sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
     white = np.sqrt(weights) / sigma
-    rows = _Rows(model, evaluation, white)
     first = len(model.effects) - len(effects)
     bare = replace(model, effects=model.effects[:first])
-    added = tuple(_derivative(model, fit, white, span) for span in model.spans[first:])
-    state = model.chain.state
-    elastic = any(effect.elastic for effect in model.effects)
+    spans, state = model.spans[first:], model.chain.state
     return Problem(
-        (evaluation.residual * white).ravel(),
-        _baseline(bare, fit, white),
-        np.tile(np.arange(model.chain.n), len(sigma)),
-        weights,
-        sigma.ravel().copy(),
-        pose,
-        clock(state),
-        {k: v for k, v in state.covariates.items() if k != "row"},
-        sites(model.chain, rows),
-        _candidates(model, fit, rows, white, library(elastic)),
-        scans(model.chain, rows),
-        effects,
-        float(np.median(sigma / model.chain.stated_sigma)),
-        added,
-        tuple(fit.parameters.values[span] for span in model.spans[first:]),
-        _candidates(model, fit, rows, white, variants[0]),
-        lengths(model.chain, rows),
-        _given(bare, fit, white),
-        _candidates(model, fit, rows, white, variants[1]),
-        {
-            (e.effect, e.where): fit.parameters.values[span]
-            for e, span in zip(bare.effects, bare.spans)
-            if e.elastic
-        },
+        residual=(residual * white).ravel(),
+        basis=_baseline(bare, fit, white),
+        sample=np.tile(np.arange(model.chain.n), len(sigma)),
+        weights=weights,
+        sigma=sigma.ravel().copy(),
+        pose=pose,
+        order=clock(state),
+        covariates={k: v for k, v in state.covariates.items() if k != "row"},
+        sites=(),
+        candidates=(),
+        effects=effects,
+        widened=float(np.median(sigma / model.chain.stated_sigma)),
+        added=tuple(_derivative(model, fit, white, span) for span in spans),
+        values=tuple(fit.parameters.values[span] for span in spans),
+    )
+
+
+def _with_hypotheses(problem: Problem, model: Model, fit: Fit, library, variants) -> Problem:
+    """The problem with all that a search compares: library, its variants with masses, scans and places."""
+    white = np.sqrt(problem.weights) / np.broadcast_to(
+        model.sigma(fit.parameters), fit.residual.shape
+    )
+    rows = _Rows(model, model.evaluate(fit.parameters), white)
+    first = len(model.effects) - len(problem.effects)
+    bare = replace(model, effects=model.effects[:first])
+    values = {
+        (e.effect, e.where): fit.parameters.values[span]
+        for e, span in zip(bare.effects, bare.spans)
+        if e.elastic
+    }
+    elastic = any(effect.elastic for effect in model.effects)
+    loose, mass_laws = variants
+    return replace(
+        problem,
+        sites=sites(model.chain, rows),
+        candidates=_candidates(model, fit, rows, white, library(elastic)),
+        scans=scans(model.chain, rows),
+        loose=_candidates(model, fit, rows, white, loose),
+        growing=lengths(model.chain, rows),
+        given=_given(bare, fit, white),
+        mass_responses=_candidates(model, fit, rows, white, mass_laws),
+        given_values=values,
     )
 
 

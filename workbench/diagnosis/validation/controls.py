@@ -140,7 +140,7 @@ class _Trial:
     """
 
     def __init__(self, bench, others, own):
-        self.problem = bench.problem(others).keeping()
+        self.problem = bench.problem(others, hypotheses=False).keeping()
         self.y = self.problem.clear(self.problem.residual)
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.chain, self.effects = bench.chain, tuple(own)
