@@ -39,7 +39,9 @@ _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that t
 _LEAST_POSES = 4
 _STEPS = 50  # of a solve
 _KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
-_SOLUTIONS = 8  # solutions of each part that are kept: a term's proof asks for the same few again and again
+_SOLUTIONS = (
+    8  # solutions of each part that are kept: a term's proof asks for the same few again and again
+)
 
 
 def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) -> "RobotBench":

@@ -20,7 +20,6 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
-from workbench.diagnosis.result import Proof, Term
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import Scheme, schemes, thinned
 from workbench.diagnosis.validation.heldout import Errors, left_out, paired, rms, sigma_of
@@ -34,6 +33,7 @@ from workbench.diagnosis.validation.judging import (
     not_supported,
 )
 from workbench.diagnosis.validation.parallel import searches
+from workbench.diagnosis.validation.terms import Proof, Term
 
 _WAVE = TransmissionHarmonic.effect
 _LIKELY, _ALIKE = (

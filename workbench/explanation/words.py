@@ -15,7 +15,7 @@ from workbench.core.common_effects import NoiseLaw
 from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.noise.scatter import ALONG
-from workbench.diagnosis.result import Term
+from workbench.explanation.result import Term
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
 _PLACES = {

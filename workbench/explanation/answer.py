@@ -9,14 +9,17 @@ import numpy as np
 
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
-from workbench.diagnosis import words
-from workbench.diagnosis.differences import with_differences
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
-from workbench.diagnosis.linear.visible import smallest
-from workbench.diagnosis.noise import replicates, stated_noise
 from workbench.diagnosis.noise.scatter import CLAIMED, scattered, unrecorded
-from workbench.diagnosis.planning.experiment import missing_of, next_experiment
-from workbench.diagnosis.result import (
+from workbench.diagnosis.robot.bench import RobotBench, bench_of
+from workbench.diagnosis.search.select import LEVEL, find, found_terms
+from workbench.diagnosis.validation import proof
+from workbench.explanation import reference as references
+from workbench.explanation import replicates, stated_noise, words
+from workbench.explanation.differences import with_differences
+from workbench.explanation.fixed_points import fixed_points
+from workbench.explanation.planning.experiment import missing_of, next_experiment
+from workbench.explanation.result import (
     UNEXPLAINED,
     Diagnosis,
     Term,
@@ -25,16 +28,12 @@ from workbench.diagnosis.result import (
     verdict_of,
     with_statements,
 )
-from workbench.diagnosis.robot import against
-from workbench.diagnosis.robot.bench import RobotBench, bench_of
-from workbench.diagnosis.robot.fixed import fixed_points
-from workbench.diagnosis.scanner.sensor_errors import (
+from workbench.explanation.sensor_errors import (
     ball_centres,
     errors_by_kind,
     random_image_error,
 )
-from workbench.diagnosis.search.select import LEVEL, find, found_terms
-from workbench.diagnosis.validation import proof
+from workbench.explanation.visible import smallest
 from workbench.files.provenance import provenance
 
 IMAGES = ("board-images", "scan-images")
@@ -74,7 +73,7 @@ def diagnose(
     """
     if recording.measures in IMAGES:
         return _of_sensor(recording, simulation or solution, progress)
-    reference = against.reference_of(simulation, solution)
+    reference = references.reference_of(simulation, solution)
     progress("the baseline")
     bench = bench_of(recording, baseline, trust_data)
     shares = None
@@ -99,9 +98,9 @@ def _of_sensor(recording, reference, progress) -> Diagnosis:
     )
 
 
-def _against(bench: RobotBench, reference: against.Reference, recording):
+def _against(bench: RobotBench, reference: references.Reference, recording):
     """The bench whose baseline holds the reference's effects, and the three shares of the difference."""
-    model, values = against.bound(reference, recording)
+    model, values = references.bound(reference, recording)
     effects = (*(e for e in bench.baseline if not _held(e, reference.effects)), *reference.effects)
     chain = replace(
         model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates)
@@ -112,7 +111,7 @@ def _against(bench: RobotBench, reference: against.Reference, recording):
     def noise_of(residual, degrees):
         return replicates.noise(pose, index, residual, _sigma(bench.recording), degrees)[0]
 
-    return wider, against.shares(model, values, noise_of, reference.name)
+    return wider, references.shares(model, values, noise_of, reference.name)
 
 
 def _held(effect, others) -> bool:
