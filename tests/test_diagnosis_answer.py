@@ -10,13 +10,12 @@ from conftest import ROOT
 from robot_model.effects import CATALOGUE
 from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.diagnosis.linear import visible
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, heldout, proof
 from workbench.diagnosis.validation.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
 from workbench.explanation import reference as references
-from workbench.explanation import replicates, words
+from workbench.explanation import replicates, visible, words
 from workbench.explanation.planning.experiment import (
     Doubt,
     compared,
