@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -59,33 +59,35 @@ def diagnose(
     solution: Path | None = None,
     scanner: Path | None = None,
     progress: Say = lambda text: None,
-    seed: int = 0,
+    first: Say = lambda text: None,
     jobs: int = 1,
     trust_data: bool = False,
 ) -> Diagnosis:
     """What physics the baseline of a recording leaves out.
 
     baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
-    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. jobs:
-    processes for the searches inside folds, where one search takes long enough. trust_data: diagnose also a recording
-    that cannot be right.
+    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. progress:
+    called with what is done; first: with what the first search found, long before it is validated. jobs: processes
+    for the searches inside folds, where one search takes long enough. trust_data: diagnose also a recording that
+    cannot be right.
     Raises InputError.
     """
+    say = _Reporter(progress, first)
     if recording.measures in IMAGES:
-        return _of_sensor(recording, simulation or solution, progress)
+        return _of_sensor(recording, simulation or solution, say)
     reference = references.reference_of(simulation, solution)
-    progress("the baseline")
+    say("the baseline")
     bench = bench_of(recording, baseline, trust_data)
     shares = None
     if reference is not None:
         bench, shares = _against(bench, reference, recording)
         baseline = reference.name
-    made = _whole(recording, bench, baseline, shares, progress, jobs)
+    made = _whole(recording, bench, baseline, shares, say, jobs)
     made = replace(made, given=bench.baseline)
     return made if reference is None else with_differences(made, reference, recording)
 
 
-def _of_sensor(recording, reference, progress) -> Diagnosis:
+def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:
     from workbench.diagnosis.scanner import sensor
 
     if reference is not None:
@@ -93,9 +95,8 @@ def _of_sensor(recording, reference, progress) -> Diagnosis:
             f"recording '{recording.name}': --simulation and --solution expect a recording of an arm, found images; "
             "leave the option out."
         )
-    return _whole(
-        recording, sensor.bench_of(recording, progress), "camera, mirror and poses", None, progress
-    )
+    bench = sensor.bench_of(recording, say)
+    return _whole(recording, bench, "camera, mirror and poses", None, say)
 
 
 def _against(bench: RobotBench, reference: references.Reference, recording):
@@ -118,10 +119,24 @@ def _held(effect, others) -> bool:
     return any((e.effect, e.where) == (effect.effect, effect.where) for e in others)
 
 
-def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int = 1) -> Diagnosis:
+@dataclass(frozen=True)
+class _Reporter:
+    """Called with what is done; `first`: called with what the first search found."""
+
+    progress: Say
+    first: Say
+
+    def __call__(self, text: str) -> None:
+        self.progress(text)
+
+
+def _whole(
+    recording, bench: Bench, baseline: str, shares, say: _Reporter, jobs: int = 1
+) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
     start = time.perf_counter()
     found = find(bench, progress=say)
+    say.first(words.preliminary(found))
     jobs = jobs if time.perf_counter() - start > _LONG_S else 1
     unit, noise = bench.unit, _Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)

@@ -70,6 +70,7 @@ def command(
                 solution=solution,
                 scanner=scanner,
                 progress=say,
+                first=say.note,
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
