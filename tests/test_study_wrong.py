@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import study_scenes as scenes
-from workbench.cli import run
+from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.studies import tables
 from workbench.studies.study import carried_out, read
