@@ -56,7 +56,7 @@ language: $(VENV)/.test
 	$(BIN)/python tools/check_language.py
 
 docs: $(VENV)/.docs
-	$(BIN)/typer workbench.cli utils docs --name workbench --output docs/reference/commands.md
+	$(BIN)/typer workbench.commands.cli utils docs --name workbench --output docs/reference/commands.md
 	$(BIN)/python tools/api_page.py
 	$(BIN)/mkdocs build --strict --quiet
 	@echo site/index.html

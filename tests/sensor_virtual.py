@@ -6,12 +6,12 @@ from scipy.spatial.transform import Rotation
 from sensors.boards.board import Board
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
+from sensors.light.ball_stripes import Balls
 from sensors.light.sheets import Sheets
 from sensors.rendering.instrument import sweeping_mirror
 from sensors.rendering.places import board_poses
 from sensors.rendering.scene import BoardKeys, Views
 from workbench.core.rigid import rotation_matrix
-from workbench.diagnosis.scanner.sensor_balls import Balls
 from workbench.diagnosis.scanner.sensor_data import Chains
 
 CAMERA = Camera(560.0, 559.0, 322.0, 253.0, (-0.08, 0.03, 3e-4, -4e-4, 0.0), (640, 512))

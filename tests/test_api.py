@@ -10,8 +10,8 @@ import pytest
 
 import workbench as wb
 from conftest import ROOT
-from workbench import cli
 from workbench.api.functions import COMMANDS
+from workbench.commands import cli
 
 NOT_FUNCTIONS = {"demo", "open", "datasets"}
 

@@ -12,7 +12,7 @@ from conftest import ROOT
 from datasets.trust import TRUST_DATA
 from erring_scenes import erring
 from workbench.core.errors import InputError
-from workbench.diagnosis.answer import diagnose
+from workbench.explanation.answer import diagnose
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from conftest import ROOT
-from workbench import cli
+from workbench.commands import cli
 from workbench.commands.shared import answer, samples, tables
 from workbench.core.errors import InputError
 from workbench.files import runs
@@ -64,7 +64,7 @@ def imported(*words) -> set[str]:
 )
 def test_help_imports_nothing_heavy(command):
     modules = imported("-m", "workbench", *command, "--help")
-    assert "workbench.cli" in modules
+    assert "workbench.commands.cli" in modules
     assert not {name for name in modules if name in HEAVY or name.split(".")[0] in HEAVY}
 
 

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from workbench import cli
+from workbench.commands import cli
 
 SCENE = """
 robot = "abb_irb120"

@@ -9,7 +9,7 @@ import pytest
 
 from conftest import ROOT
 from sensor_recordings import handeye_recording, scanner_recording
-from workbench import cli
+from workbench.commands import cli
 
 
 def run(*words) -> int:

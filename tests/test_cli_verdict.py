@@ -6,7 +6,7 @@ import pytest
 
 import datasets
 from noise_scenes import recorded
-from workbench import cli
+from workbench.commands import cli
 from workbench.commands.shared import tables
 
 PLAN = """

@@ -14,10 +14,10 @@ from workbench.commands.shared.model_run import is_model_run, scene_of
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
-from workbench.diagnosis.answer import diagnose
-from workbench.diagnosis.corrected_model import corrected_stages, write_model
 from workbench.diagnosis.linear.problem import Finding
-from workbench.diagnosis.result import Term
+from workbench.explanation.answer import diagnose
+from workbench.explanation.corrected_model import corrected_stages, write_model
+from workbench.explanation.result import Term
 from workbench.files.solution_file import read_solution, without_terms
 from workbench.fitting import plan_file
 from workbench.fitting.plans import read_plan

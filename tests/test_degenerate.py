@@ -15,7 +15,7 @@ from degenerate_scenes import Case, draw, recording
 from robot_model import load_robot
 from robot_model.measurements import looks_of, samples_of
 from workbench.core.errors import InputError
-from workbench.diagnosis import diagnose
+from workbench.explanation.answer import diagnose
 from workbench.files.solution_file import read_solution, solution_keys
 from workbench.fitting import checked_samples
 from workbench.jobs.robot.calibrate import calibrate

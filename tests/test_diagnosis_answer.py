@@ -10,22 +10,20 @@ from conftest import ROOT
 from robot_model.effects import CATALOGUE
 from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.diagnosis import words
-from workbench.diagnosis.linear import visible
 from workbench.diagnosis.linear.problem import Alternative, Finding
-from workbench.diagnosis.noise import replicates
-from workbench.diagnosis.planning.experiment import (
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.validation import folds, heldout, proof
+from workbench.diagnosis.validation.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
+from workbench.explanation import reference as references
+from workbench.explanation import replicates, visible, words
+from workbench.explanation.planning.experiment import (
     Doubt,
     compared,
     describe_comparison,
     missing_of,
     next_experiment,
 )
-from workbench.diagnosis.result import Proof, Term, much_left, options_of, verdict_of
-from workbench.diagnosis.robot import against
-from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation import folds, heldout, proof
-from workbench.diagnosis.validation.controls import PERMUTED, REVERSED, ROTATED, controls, of_order
+from workbench.explanation.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
@@ -330,9 +328,9 @@ def test_shares_of_a_difference_add_up_and_only_structure_is_missing_physics(rec
     path.write_text(
         tomli_w.dumps(SCENE | {"seed": 9, "base": {"xyz_mm": [1.0, 0.0, 0.0]}}), encoding="utf-8"
     )
-    reference = against.reference_of(path, None)
-    model, values = against.bound(reference, recording)
-    found = against.shares(
+    reference = references.reference_of(path, None)
+    model, values = references.bound(reference, recording)
+    found = references.shares(
         model, values, lambda residual, degrees: np.sqrt(3) * 0.02, reference.name
     )
     assert found.parameters_mm2 + found.noise_mm2 + found.structure_mm2 == pytest.approx(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from workbench.diagnosis import words
-from workbench.diagnosis.answer import _somewhere, diagnose
 from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
-from workbench.diagnosis.result import UNEXPLAINED, Term, verdict_of
 from workbench.diagnosis.validation import judging, proof
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme
+from workbench.explanation import words
+from workbench.explanation.answer import _somewhere, diagnose
+from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
@@ -144,7 +144,7 @@ def test_what_is_unexplained_is_never_a_function_with_p_1_and_no_share():
 
 
 def test_where_a_smooth_function_is_significant_it_is_what_is_unexplained(monkeypatch):
-    monkeypatch.setattr("workbench.diagnosis.answer.unrecorded", lambda problem, place: ())
+    monkeypatch.setattr("workbench.explanation.answer.unrecorded", lambda problem, place: ())
     places = (Located("joint-2", "joint", ("q2",), 0.4, 1e-8),)
     (term,) = _somewhere(found_with(places), (), (), None)
     assert (term.finding.where, term.share, term.finding.p_value) == ("joint-2", 0.4, 1e-8)

@@ -11,11 +11,10 @@ from rich.console import Console
 
 from workbench.commands.robot.diagnose import show
 from workbench.commands.shared import answer
-from workbench.diagnosis import words
-from workbench.diagnosis.files import save
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Located
-from workbench.diagnosis.linear.visible import Visible
-from workbench.diagnosis.result import (
+from workbench.explanation import words
+from workbench.explanation.files import save
+from workbench.explanation.result import (
     Control,
     Diagnosis,
     Experiment,
@@ -24,6 +23,7 @@ from workbench.diagnosis.result import (
     Views,
     with_statements,
 )
+from workbench.explanation.visible import Visible
 from workbench.report import style
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.page import page

@@ -8,7 +8,6 @@ import pytest
 
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
-from workbench.diagnosis.answer import _of_noise
 from workbench.diagnosis.linear.problem import Finding, Located
 from workbench.diagnosis.noise.data import far_off
 from workbench.diagnosis.noise.scatter import (
@@ -22,6 +21,7 @@ from workbench.diagnosis.noise.scatter import (
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import _beyond_functions
 from workbench.diagnosis.search.stepwise import LAW
+from workbench.explanation.answer import _of_noise
 
 
 def _site(rng, n: int, turn: float):

@@ -152,7 +152,7 @@ def test_a_search_inside_a_fold_sees_all_of_the_other_placements():
 
     def search(bench, samples):
         seen.append(samples)
-        return SimpleNamespace(findings=())
+        return []
 
     others = bench.pose % 5 > 0
     assert earned_inside(bench, others, search) == []

@@ -8,16 +8,16 @@ import pytest
 
 import sensor_virtual
 from sensors.effects import CATALOGUE
-from workbench.diagnosis.answer import _is_placed
 from workbench.diagnosis.linear.problem import Located
-from workbench.diagnosis.result import verdict_of
 from workbench.diagnosis.scanner import sensor
-from workbench.diagnosis.scanner.sensor_errors import (
+from workbench.diagnosis.scanner.sensor_simulate import simulated
+from workbench.explanation.answer import _is_placed
+from workbench.explanation.result import verdict_of
+from workbench.explanation.sensor_errors import (
     ball_centres,
     errors_by_kind,
     random_image_error,
 )
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 
 SHIFT = 0.3  # px
 

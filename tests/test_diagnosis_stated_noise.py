@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import tomli_w
 
-from workbench.diagnosis.answer import diagnose
-from workbench.diagnosis.noise.stated_noise import StatedNoise, compare, finding_of
-from workbench.diagnosis.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
+from workbench.explanation.answer import diagnose
+from workbench.explanation.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
+from workbench.explanation.stated_noise import StatedNoise, compare, finding_of
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {

@@ -7,9 +7,9 @@ import tomli_w
 from robot_model.effects import CATALOGUE
 from test_mjcf import TWIN
 from workbench.core.errors import InputError
-from workbench.diagnosis.answer import diagnose
-from workbench.diagnosis.differences import differences
-from workbench.diagnosis.robot.against import reference_of
+from workbench.explanation.answer import diagnose
+from workbench.explanation.differences import differences
+from workbench.explanation.reference import reference_of
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {

@@ -11,7 +11,7 @@ from datasets.duplicates import first_of_equal_rows
 from erring_scenes import erring
 from robot_model.measurements import samples_of
 from scenes import KINDS, scene
-from workbench.diagnosis.answer import diagnose
+from workbench.explanation.answer import diagnose
 from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.calibrate_large import calibrate_chunks

@@ -14,7 +14,7 @@ from sensors.hand_eye.images import hand_eye_from_views, review_views
 from sensors.hand_eye.mistakes import Reading
 from sensors.hand_eye.pose_data import Freedom, PoseData
 from sensors.hand_eye.pose_fit import _moved_state, _residual, _rows, _State, fit_poses
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.rigid import inverse, rotation_matrix, transform
 
 

@@ -11,7 +11,7 @@ from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.model import read_mapping
 from datasets.importers.sources import read_sources
 from datasets.importers.sources.text_tables import read_text_table
-from workbench.cli import run
+from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.importing import ImportOptions, import_recording

@@ -11,7 +11,7 @@ import datasets
 from benchmarks.large import SCENE, long_recording, plan
 from datasets.chunks import pose_labels, read_chunks
 from robot_model.system import bind
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model

@@ -8,7 +8,7 @@ import pytest
 
 import datasets
 from datasets.columns import KINDS
-from workbench.cli import run
+from workbench.commands.cli import run
 from workbench.recordings.inspection import inspect_recording
 from workbench.recordings.inspection.repeats import repeats_of
 from workbench.recordings.templates import write_template

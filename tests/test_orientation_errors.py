@@ -19,10 +19,10 @@ from workbench.core.least_squares.identifiability import identifiability, indepe
 from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
-from workbench.diagnosis.answer import diagnose
-from workbench.diagnosis.files import save as save_diagnosis
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation.heldout import Errors
+from workbench.explanation.answer import diagnose
+from workbench.explanation.files import save as save_diagnosis
 from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.calibrate_large import calibrate_chunks

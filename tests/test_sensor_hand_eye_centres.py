@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import datasets
 from sensors.hand_eye.centres import Centres, hand_eye_from_centres
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_vector, transform
 from workbench.jobs.sensor import hand_eye

@@ -17,7 +17,7 @@ from sensors.ball.search import find_balls
 from sensors.boards.board import Board
 from sensors.boards.detection import detect
 from sensors.boards.patches import _solved
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.errors import InputError
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.answer import diagnose
 from workbench.diagnosis.linear.problem import Finding
-from workbench.diagnosis.result import CONSISTENT, Term
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.robot.fixed import fixed_points
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.validation.folds import schemes
 from workbench.diagnosis.validation.heldout import Errors, paired, rms
+from workbench.explanation.answer import diagnose
+from workbench.explanation.fixed_points import fixed_points
+from workbench.explanation.result import CONSISTENT, Term
 
 pytestmark = pytest.mark.slow
 GROUNDS = (

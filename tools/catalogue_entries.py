@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnosis.answer import unwhitened
 from workbench.diagnosis.linear.problem import Problem
+from workbench.explanation.final import unwhitened
 
 SURVIVING = 6.0
 """Sigmas of one coordinate, RMS, that each effect is made so large as to leave."""

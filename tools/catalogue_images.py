@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from catalogue_entries import Entry
-from workbench.diagnosis.answer import residuals_of
-from workbench.diagnosis.words import covariate
+from workbench.explanation.final import residuals_of
+from workbench.explanation.words import covariate
 from workbench.report.diagnosis.figures import binned, shown_covariate
 
 _BLUE, _ORANGE, _INK = "#1f83c4", "#d9730d", "#333333"

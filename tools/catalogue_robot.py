@@ -12,9 +12,9 @@ from catalogue_entries import FAINT, Entry, confounded, large_enough, listed, si
 from robot_model.effects import CATALOGUE
 from workbench.core.effect import make_effects
 from workbench.core.model import NOISE
-from workbench.diagnosis.planning.experiment import Doubt, compared, describe_comparison
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.words import measured
+from workbench.explanation.planning.experiment import Doubt, compared, describe_comparison
+from workbench.explanation.words import measured
 from workbench.jobs.robot.simulate import simulate
 
 _CAUSES = {

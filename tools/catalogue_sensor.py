@@ -16,7 +16,7 @@ from sensors.rendering import Scene, make_recording
 from workbench.diagnosis.scanner.sensor import SensorBench, bench_of
 from workbench.diagnosis.scanner.sensor_data import Chains
 from workbench.diagnosis.scanner.sensor_simulate import simulated, solved
-from workbench.diagnosis.words import measured
+from workbench.explanation.words import measured
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 

@@ -10,7 +10,7 @@ def main() -> None:
 
     stop_on_every_signal()
     make_tolerant()  # before the commands are loaded: they ask standard output whether it is a terminal
-    from workbench.cli import run
+    from workbench.commands.cli import run
     from workbench.core.memory import keep_freed_memory
 
     keep_freed_memory()

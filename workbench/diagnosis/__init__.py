@@ -1,4 +1,7 @@
-"""What physics a fitted baseline leaves out: located, named, modelled and proved."""
+"""The engine of a diagnosis: what physics a fitted baseline leaves out is searched, named and proved.
+
+`workbench.explanation` asks for it and makes an answer of what it finds.
+"""
 
 from workbench.diagnosis.linear.problem import (
     Bench,
@@ -20,14 +23,4 @@ __all__ = [
     "Problem",
     "Scan",
     "Site",
-    "diagnose",
 ]
-
-
-def __getattr__(name: str):
-    """`diagnose`, imported only when asked for: it needs the whole workbench, and the arrays above do not."""
-    if name == "diagnose":
-        from workbench.diagnosis.answer import diagnose
-
-        return diagnose
-    raise AttributeError(name)

@@ -12,7 +12,14 @@ from workbench.core.errors import InputError
 from workbench.proving import protocol
 from workbench.proving.figures import Figure, rate
 
-_PROGRAM = ("workbench/core", "workbench/diagnosis", "robot_model", "sensors", "datasets")
+_PROGRAM = (
+    "workbench/core",
+    "workbench/diagnosis",
+    "workbench/explanation",
+    "robot_model",
+    "sensors",
+    "datasets",
+)
 _APART = ("robot_model", "sensors", "workbench")
 
 

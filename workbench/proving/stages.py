@@ -66,7 +66,7 @@ def diagnose(folder: Path, name: str, baseline: str, until: float = float("inf")
 def answer_of(recording: Path, baseline: str) -> dict:
     """The JSON of the diagnosis of a recording's folder, in plain Python types. Raises InputError."""
     import datasets
-    from workbench.diagnosis.answer import diagnose as look
+    from workbench.explanation.answer import diagnose as look
 
     found = look(datasets.read(recording), baseline=baseline).as_json()
     return plain(found)
@@ -168,6 +168,6 @@ def _warm() -> None:
     import warnings
 
     import datasets.reading  # noqa: F401
-    import workbench.diagnosis.answer  # noqa: F401
+    import workbench.explanation.answer  # noqa: F401
 
     warnings.simplefilter("ignore")

@@ -329,7 +329,7 @@ def parameter_row(made: dict[str, Calibration]) -> Row:
 
 def diagnosed(study: Study, measured: Recording) -> Row:
     """The verdict of `workbench.diagnosis`, and the effects that it names."""
-    from workbench.diagnosis import diagnose
+    from workbench.explanation.answer import diagnose
 
     found = diagnose(measured).as_json()
     effects = [f"{one['effect']}@{one['where']}" for one in found["effects"]]

@@ -68,9 +68,9 @@ def command(
 
         one_thread()  # the matrices are small: several threads would slow one another down
         import datasets
-        from workbench.diagnosis.answer import diagnose
-        from workbench.diagnosis.corrected_model import write_model
-        from workbench.diagnosis.files import save
+        from workbench.explanation.answer import diagnose
+        from workbench.explanation.corrected_model import write_model
+        from workbench.explanation.files import save
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
         if simulation is not None and solution is not None:
@@ -88,6 +88,7 @@ def command(
                 solution=solution,
                 scanner=scanner,
                 progress=say,
+                first=say.note,
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
@@ -114,7 +115,7 @@ def command(
 
 def _units(recording) -> tuple[str, ...]:
     """Residuals of calibration images are in pixels, all others in millimetres."""
-    from workbench.diagnosis.answer import IMAGES
+    from workbench.explanation.answer import IMAGES
 
     return ("px",) if recording.measures in IMAGES else ("mm",)
 

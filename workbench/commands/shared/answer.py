@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -70,20 +71,31 @@ _JSON = json.JSONEncoder(indent=2, ensure_ascii=False, allow_nan=False)
 
 
 @contextmanager
-def progress(first: str) -> Iterator[Callable[[str], None]]:
-    """A progress line on standard error; call the yielded function to change its text.
+def progress(first: str) -> Iterator["Progress"]:
+    """A progress line on standard error; call what is yielded to change its text, or its `note` to print a line.
 
     If the environment variable WORKBENCH_PROGRESS is "lines", every text is printed on its own line, for programs
     that start a command and show its progress.
     """
     if os.environ.get("WORKBENCH_PROGRESS") == "lines":
         _print_progress(first)
-        yield _print_progress
+        yield Progress(_print_progress, _print_progress)
         return
     from rich.console import Console
 
     with Console(stderr=True, highlight=False).status(first) as status:
-        yield status.update
+        yield Progress(status.update, status.console.print)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Changes the progress line when it is called; `note` prints a line that stays."""
+
+    update: Callable[[str], None]
+    note: Callable[[str], None]
+
+    def __call__(self, text: str) -> None:
+        self.update(text)
 
 
 def _print_progress(text: str) -> None:

@@ -2,5 +2,5 @@
 
 `problem` holds the arrays; `hypotheses` lists all that might be missing, laws of the library and smooth
 nonparametric alternatives (`smooth_alternatives`); `evidence` weighs each from inner products; `locate` says at which
-place of the chain a mismatch sits; `visible` which sizes these data would have shown.
+place of the chain a mismatch sits.
 """

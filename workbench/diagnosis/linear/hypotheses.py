@@ -185,11 +185,8 @@ def _scan(scan: Scan, projected: Projected, wanted):
         if len(best) > _FEW
         else -np.inf
     )
-    also = [
-        i
-        for i in best[_FEW:]
-        if wanted and (scan.family, scan.word.format(scan.options[i])) in wanted
-    ]
+    labels = {label for family, label in wanted if family == scan.family}
+    also = [i for i in best[_FEW:] if labels and scan.word.format(scan.options[i]) in labels]
     for place, i in enumerate([*best[:_FEW], *also]):
         value = float(scan.options[i])
         effects = scan.make(value) if scan.make else ()

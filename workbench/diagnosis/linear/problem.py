@@ -182,6 +182,14 @@ class Problem:
             beyond=beyond,
         )
 
+    def reordered(self, order: Sequence[int]) -> "Problem":
+        """The problem with its effects in another order; what is known of others than these stays."""
+        known = {key: value for key, value in self.known.items() if key[-1] == "gram"}
+        effects, added, values = (
+            tuple(held[i] for i in order) for held in (self.effects, self.added, self.values)
+        )
+        return replace(self, effects=effects, added=added, values=values, known=known)
+
     def through(
         self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
     ) -> "Problem":
@@ -319,8 +327,16 @@ class Bench(Protocol):
     warnings: tuple[str, ...]
     chain: object | None
 
-    def problem(self, effects: Sequence[Effect], samples: np.ndarray | None = None) -> Problem:
-        """Baseline and effects solved non-linearly on `samples` (n,) bool (None: all), linearised there."""
+    def problem(
+        self,
+        effects: Sequence[Effect],
+        samples: np.ndarray | None = None,
+        hypotheses: bool = True,
+    ) -> Problem:
+        """Baseline and effects solved non-linearly on `samples` (n,) bool (None: all), linearised there.
+
+        hypotheses: with everything that a search compares with it; a proof needs the solution alone.
+        """
 
     def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
         """(n,) error (mm or px, 3-D or 2-D distance) of each sample predicted from the other folds (n,) int."""

@@ -14,16 +14,16 @@ from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
-from workbench.core.least_squares.linear_algebra import covariance_of, root_between, thin_svd
+from workbench.core.least_squares.linear_algebra import covariance_of, root_between
 from workbench.core.least_squares.solver import Fit, solve
-from workbench.core.model import NOISE, STATE_PORTS, Model
+from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.linear.problem import Candidate, Problem, Site
+from workbench.diagnosis.linear.problem import Problem, Site
 from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import loose
 from workbench.diagnosis.robot.library import compliances, names, variants
-from workbench.diagnosis.robot.places import lengths, scans, sites
+from workbench.diagnosis.robot.linearised import solution, with_hypotheses
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.plans import geometry, stage_mask
@@ -31,14 +31,13 @@ from workbench.fitting.shrinkage import settled
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 BASELINES = ("geometry", JointCompliance.effect)
-# a direction that moves all measurements together by less than this many sigmas for one typical size of
-# the geometry can neither hide nor imitate anything
-_SEEN = 1e-2
-_PLAUSIBLE = {"mm": 1.0, "rad": 0.01}  # by how much base, tool and links may be off together
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
 _STEPS = 50  # of a solve
-_KEPT = 4  # parts of the samples whose bases are kept
+_KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
+_SOLUTIONS = (
+    8  # solutions of each part that are kept: a term's proof asks for the same few again and again
+)
 
 
 def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) -> "RobotBench":
@@ -113,12 +112,13 @@ class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
     `bases`: of effects, as a model keeps them; `known`: the library by whether something yields; `made`: functions of
-    its covariates; `solved`: fits by their effects.
+    its covariates; `solved`: fits by their effects; `last`: parameters of the last fit, from which the next one starts.
     """
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
         self.chain, self.baseline, self.bases = chain, baseline, {}
         self.known, self.made, self.solved = {}, {}, {}
+        self.last = None
 
     def library(self, elastic: bool) -> list[Variant]:
         if elastic not in self.known:
@@ -157,15 +157,19 @@ class RobotBench:
         """What another process needs: not what was solved before."""
         return self.__dict__ | {"_parts": {}}
 
-    def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
-        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
+    def problem(
+        self,
+        effects: Sequence[Effect] = (),
+        samples: np.ndarray | None = None,
+        hypotheses: bool = True,
+    ) -> Problem:
+        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; see `Bench`."""
         model, fit, weights = self.solve(effects, samples)
         every = np.ones(self.chain.n, bool) if samples is None else samples
         part = self._part(samples)
-        variants = self.loose, self.mass_laws
-        made = _problem(
-            model, fit, weights, self.pose[every], tuple(effects), variants, part.library
-        )
+        made = solution(model, fit, weights, self.pose[every], tuple(effects))
+        if hypotheses:
+            made = with_hypotheses(made, model, fit, part.library, (self.loose, self.mass_laws))
         if samples is None and not effects:
             _check_redundancy(made, self.recording)
         rotation = (
@@ -210,12 +214,17 @@ class RobotBench:
         solved = self._part(samples).solved
         if key not in solved:
             solved[key] = self._solve(effects, samples)
+        if len(solved) > _SOLUTIONS:
+            del solved[next(old for old in solved if old not in ((), key))]
         return solved[key]
 
     def _solve(self, effects, samples):
         model = self._part(samples).model((*self.baseline, *effects))
         chain = model.chain
+        part = self._part(samples)
         free = self.free(model)
+        if part.last is not None:
+            free = free.take_over(part.last)
         fit = solve(model, free, "huber")
         for _ in range(2):
             widened = _widened(chain, fit)
@@ -226,6 +235,7 @@ class RobotBench:
         white = fit.residual / model.sigma(fit.parameters)
         if self._start is None:
             self._start = fit.parameters
+        part.last = fit.parameters
         return model, fit, robust_weights(white)
 
     def free(self, model: Model) -> Parameters:
@@ -341,158 +351,3 @@ def _extra(squares, sigma):
 
     high, least = 2 * float(squares.mean()) + 1e-12, 1e-12
     return root_between(excess, least, high) if excess(least) > 0 else least * (not sigma.any())
-
-
-def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) -> Problem:
-    evaluation = model.evaluate(fit.parameters)
-    sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
-    white = np.sqrt(weights) / sigma
-    rows = _Rows(model, evaluation, white)
-    first = len(model.effects) - len(effects)
-    bare = replace(model, effects=model.effects[:first])
-    added = tuple(_derivative(model, fit, white, span) for span in model.spans[first:])
-    state = model.chain.state
-    elastic = any(effect.elastic for effect in model.effects)
-    return Problem(
-        (evaluation.residual * white).ravel(),
-        _baseline(bare, fit, white),
-        np.tile(np.arange(model.chain.n), len(sigma)),
-        weights,
-        sigma.ravel().copy(),
-        pose,
-        clock(state),
-        {k: v for k, v in state.covariates.items() if k != "row"},
-        sites(model.chain, rows),
-        _candidates(model, fit, rows, white, library(elastic)),
-        scans(model.chain, rows),
-        effects,
-        float(np.median(sigma / model.chain.stated_sigma)),
-        added,
-        tuple(fit.parameters.values[span] for span in model.spans[first:]),
-        _candidates(model, fit, rows, white, variants[0]),
-        lengths(model.chain, rows),
-        _given(bare, fit, white),
-        _candidates(model, fit, rows, white, variants[1]),
-        {
-            (e.effect, e.where): fit.parameters.values[span]
-            for e, span in zip(bare.effects, bare.spans)
-            if e.elastic
-        },
-    )
-
-
-def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
-    """(N, R) basis of what the baseline can make, with no effect but its own in the model.
-
-    An effect at work lifts degeneracies of the geometry by its own small size: directions in which
-    the arm could only move by centimetres to hide a micrometre, which no prior allows.
-    """
-    start = model.parameters.take_over(fit.parameters)
-    own = start.only(start.mask & ~_noise(model))
-    sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in own.table])[own.mask]
-    jacobian = (model.linearise(own)[1] * white).reshape(len(sizes), -1)
-    return _basis(jacobian.T * sizes)
-
-
-def _given(bare: Model, fit: Fit, white) -> float:
-    """Whitened sum of squares of what the baseline's elastic laws make and its geometry does not."""
-    own = [
-        span
-        for effect, span in zip(bare.effects, bare.spans)
-        if effect.elastic and effect.port not in STATE_PORTS
-    ]
-    if not own:
-        return 0.0
-    made = sum(_derivative(bare, fit, white, span) @ fit.parameters.values[span] for span in own)
-    plain = _baseline(replace(bare, effects=()), fit, white)
-    return float(((made - plain @ (plain.T @ made)) ** 2).sum())
-
-
-def _derivative(model, fit, white, span):
-    """(N, P) whitened derivative of the residual by the parameters of a span."""
-    own = np.isin(np.arange(len(model.parameters)), range(span.start, span.stop))
-    start = model.parameters.take_over(fit.parameters)
-    return (model.linearise(start.only(own))[1] * white).reshape(own.sum(), -1).T
-
-
-def _noise(model):
-    mask = np.zeros(len(model.parameters), bool)
-    for effect, span in zip(model.effects, model.spans):
-        mask[span] = effect.port == NOISE
-    return mask
-
-
-def _basis(columns: np.ndarray) -> np.ndarray:
-    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
-    q, r = np.linalg.qr(columns)
-    u, s, _ = thin_svd(r)
-    return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]
-
-
-class _Rows:
-    """Whitened derivatives of the residual by the slots of a port, made once a port."""
-
-    def __init__(self, model, evaluation, white):
-        joints = model.chain.robot.joints
-        sizes = {
-            "joint": joints,
-            "frame": 6 * (joints + 2),
-            "geometry": 5 * joints,
-            "target": 3,
-            "sensor": 3,
-        }
-        self._made, self._sizes, self._evaluation, self._white = {}, sizes, evaluation, white
-
-    def __call__(self, port, slots):
-        """(k, m, n)."""
-        if port not in self._made:
-            made = self._evaluation.rows(port, np.arange(self._sizes[port]))
-            self._made[port] = made * self._white
-        return self._made[port][np.asarray(slots)]
-
-
-def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Candidate, ...]:
-    made = []
-    for option in library:
-        effect = option.effect
-        columns = _columns(model, fit, rows, white, effect)
-        typical = np.array([p.typical for p in effect.parameters(model.chain)])
-        kind = effect.coexists, effect.nonnegative
-        load = _load(model, effect) if effect.elastic and effect.nonnegative else 0.0
-        made.append(
-            Candidate(
-                effect.effect,
-                effect.where,
-                option.label,
-                (effect,),
-                columns,
-                typical,
-                option.family,
-                option.mass,
-                option.missing,
-                *kind,
-                load,
-            )
-        )
-    return tuple(made)
-
-
-def _load(model: Model, effect: Effect) -> float:
-    """RMS over the samples of the torque or moment (N m) that an elastic law's first parameter multiplies."""
-    return float(np.sqrt((model.basis(effect)[0] ** 2).sum(0).mean()))
-
-
-def _columns(model, fit, rows, white, effect):
-    """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
-    if effect.port in STATE_PORTS:
-        present = tuple(
-            e for e in model.effects if (type(e), e.where) != (type(effect), effect.where)
-        )
-        wider = replace(model, effects=(*present, effect))
-        start = wider.parameters.take_over(fit.parameters)
-        own = np.arange(len(start)) >= wider.spans[-1].start
-        derivative = wider.linearise(start.only(own))[1] * white
-    else:
-        basis = model.basis(effect)
-        derivative = np.einsum("pkn,kmn->pmn", basis, rows(effect.port, effect.slots(model.chain)))
-    return derivative.reshape(len(derivative), -1).T

@@ -75,8 +75,14 @@ class SensorBench:
         self._solved: dict = {}
         self._start: tuple | None = None
 
-    def problem(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> Problem:
-        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there."""
+    def problem(
+        self,
+        effects: Sequence[Effect] = (),
+        samples: np.ndarray | None = None,
+        hypotheses: bool = True,
+    ) -> Problem:
+        """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; always with hypotheses."""
+        del hypotheses
         return Linear(self, tuple(effects), *self.solve(effects, samples), samples).problem()
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):

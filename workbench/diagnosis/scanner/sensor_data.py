@@ -15,6 +15,7 @@ from sensors.boards.detection import detect_all
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
+from sensors.light.ball_stripes import Balls
 from sensors.light.board_stripes import thinned
 from sensors.light.grouping import groups
 from sensors.light.mirror import NAMES, MovedMirror, start_mirror
@@ -24,7 +25,6 @@ from sensors.light.sheets import Sheets
 from sensors.scanner.calibration import calibrate_scanner
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
-from workbench.diagnosis.scanner.sensor_balls import Balls
 from workbench.files.images.images import by_role
 from workbench.jobs.sensor import scanner as scanners
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from sensors.camera.corners import placements
 from sensors.effects import CATALOGUE
+from sensors.light.ball_stripes import centres_family
 from sensors.light.planes import steps_family
 from sensors.scanner.adjustment import ON_BOTH
 from workbench.core.effect import Effect
@@ -18,7 +19,6 @@ from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import grids, scan_of, variants
 from workbench.diagnosis.scanner import sensor_data
-from workbench.diagnosis.scanner.sensor_balls import centres_family
 from workbench.diagnosis.scanner.sensor_data import Chains
 from workbench.diagnosis.scanner.sensor_library import places
 

@@ -9,12 +9,12 @@ from datasets.recording import Recording
 from sensors.ball.fit import fit_ball
 from sensors.ball.search import find_balls
 from sensors.images import stacks
+from sensors.light.ball_stripes import Balls
 from sensors.light.sheets import Sheets
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
-from workbench.diagnosis.scanner.sensor_balls import Balls
 from workbench.files.images.ball_names import named
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, full_scale, path_of

@@ -56,6 +56,11 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
     return made if mine.unnamed else _doubted(search, own, made)
 
 
+def bare_finding(h: Hypothesis) -> Finding:
+    """An accepted term by its name and effects alone."""
+    return Finding(*h.key, h.label, h.effects, h.p, 1.0, 0.0, h.gain, h.unnamed)
+
+
 def _only_generalises(other: Hypothesis, own: Hypothesis, chance: float) -> bool:
     """Whether another law contains this one as a special case, and what it has more explains no more than chance.
 
@@ -185,4 +190,4 @@ def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool]:
     return max(left, default=0.0), tells(search, own)
 
 
-__all__ = ["ELASTIC", "finding", "tells", "with_hidden"]
+__all__ = ["ELASTIC", "bare_finding", "finding", "tells", "with_hidden"]

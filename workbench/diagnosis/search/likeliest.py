@@ -13,12 +13,10 @@ from workbench.diagnosis.search.stepwise import Stepwise
 
 _ROUNDS = 4
 """Solutions about which the set is searched: the second nearly always confirms the first."""
-_FIRST, _CONDITIONAL, _EACH, _UNNAMED = 48, 24, 4, 6
-"""Terms taken into the search: the likeliest alone, conditional on all, replacing each, and functions of each table."""
+_FIRST, _CONDITIONAL, _UNNAMED = 48, 24, 6
+"""Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
 _VARIANTS = 4
 """Variants of one effect at one place among these."""
-_WIDE = 6
-"""Accepted terms up to which the likeliest in the place of each are asked for; more are exchanged in pairs anyway."""
 
 
 def accept_likeliest(search: Search) -> None:
@@ -39,7 +37,7 @@ def accept_likeliest(search: Search) -> None:
 
 
 def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
-    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone, in addition or instead."""
+    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone or in addition."""
     alone, own = search.table(()), {name_of(h) for h in search.accepted}
     chosen = {name_of(h): h for h in alone if name_of(h) in own}
     order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
@@ -47,8 +45,6 @@ def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
     pools = [(alone, _FIRST, _UNNAMED)]
     if search.accepted:
         pools.append((search.table(search.everyone), _CONDITIONAL, _UNNAMED))
-    if len(search.accepted) <= _WIDE:
-        pools += [(search.table(search.others(i)), _EACH, 0) for i in search.everyone]
     for table, named, unnamed in pools:
         laws = _varied([h for h in table if not h.unnamed], named)
         functions = [h for h in table if h.unnamed][:unnamed]
@@ -86,9 +82,7 @@ def _order(search: Search) -> None:
     while left:
         falls = [projected.fall(np.concatenate([columns[j] for j in (*kept, i)], 1)) for i in left]
         kept.append(left.pop(int(np.argmax(falls))))
-    if kept != list(search.everyone):
-        search.accepted = tuple(search.accepted[i] for i in kept)
-        search.solve()
+    search.reorder(kept)
 
 
 __all__ = ["accept_likeliest"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from workbench.diagnosis.linear.hypotheses import family_wise, judged
 from workbench.diagnosis.linear.locate import located
-from workbench.diagnosis.linear.problem import Bench, Found, Problem
+from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.noise.data import far_off, of_data, unevenly
 from workbench.diagnosis.noise.rounded_readings import rounded_readings
 from workbench.diagnosis.noise.scatter import (
@@ -25,7 +25,7 @@ from workbench.diagnosis.noise.scatter import (
     scattered,
 )
 from workbench.diagnosis.search.compatible import near
-from workbench.diagnosis.search.findings import finding, tells, with_hidden
+from workbench.diagnosis.search.findings import bare_finding, finding, tells, with_hidden
 from workbench.diagnosis.search.likeliest import accept_likeliest
 from workbench.diagnosis.search.posterior import probabilities_of_names
 from workbench.diagnosis.search.state import Search
@@ -56,10 +56,16 @@ def find(
     return bench.reviewed(_found(search), samples)
 
 
-def _found(search: Search) -> Found:
-    """The likeliest set on the search's samples, with the noise that they have."""
-    level, before, table = search.level, search.plain, search.table(())
-    places = located(search.problem, table)
+def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding]:
+    """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
+    search = Search(bench, samples, LEVEL, lambda text: None)
+    search.solve()
+    _accept(search)
+    return [bare_finding(h) for h in search.accepted]
+
+
+def _accept(search: Search) -> tuple[float, bool]:
+    """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
     first = _first(search)
     search.spread = unevenly(search.problem.keeping())
     if (
@@ -75,6 +81,14 @@ def _found(search: Search) -> Found:
         search.say(f"{search.scatter.site.where} moves from sample to sample")
         search.level = CLAIMED  # how much it moves is only known nearly
         first = _again(search)
+    return first, moving
+
+
+def _found(search: Search) -> Found:
+    """The likeliest set on the search's samples, as findings with their probabilities, and the noise."""
+    level, before = search.level, search.plain
+    places = located(search.problem, search.table(()))
+    first, moving = _accept(search)
     names = probabilities_of_names(search)
     findings = tuple(with_hidden(search, finding(search, i, names)) for i in search.everyone)
     rest = family_wise(search.table(search.everyone))
@@ -231,4 +245,4 @@ def _within(samples: np.ndarray, part: np.ndarray) -> np.ndarray:
     return out
 
 
-__all__ = ["LEVEL", "find"]
+__all__ = ["LEVEL", "find", "found_terms"]

@@ -44,10 +44,19 @@ class Search:
         problem = self.plain = self.bench.problem(effects, self.samples)
         if self.spread is not None:
             problem = evened_out(problem, self.spread)
-        self.problem, self.tables = (
-            problem if self.scatter is None else evened_by(problem, self.scatter),
-            {},
-        )
+        self.problem = problem if self.scatter is None else evened_by(problem, self.scatter)
+        self.tables = {}
+
+    def reorder(self, order: list[int]) -> None:
+        """The accepted hypotheses in another order; the solution and the tables stay what they are."""
+        if order == list(self.everyone):
+            return
+        self.accepted = tuple(self.accepted[i] for i in order)
+        self.problem, self.plain = self.problem.reordered(order), self.plain.reordered(order)
+        new = {old: place for place, old in enumerate(order)}
+        self.tables = {
+            tuple(sorted(new[i] for i in kept)): table for kept, table in self.tables.items()
+        }
 
     def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
         """Everything that has room next to those accepted whose numbers are kept, judged there."""

@@ -17,8 +17,8 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.linear.problem import Bench
-from workbench.diagnosis.result import Control
 from workbench.diagnosis.validation.heldout import name_of
+from workbench.diagnosis.validation.terms import Control
 
 _TRIALS, _TURNS = 199, 39
 _LEVEL, _LEFT, _HALF, _MOST = 0.01, 0.2, 0.5, 0.75
@@ -140,7 +140,7 @@ class _Trial:
     """
 
     def __init__(self, bench, others, own):
-        self.problem = bench.problem(others).keeping()
+        self.problem = bench.problem(others, hypotheses=False).keeping()
         self.y = self.problem.clear(self.problem.residual)
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.chain, self.effects = bench.chain, tuple(own)

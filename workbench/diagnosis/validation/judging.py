@@ -16,9 +16,9 @@ import numpy as np
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.result import Term
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
+from workbench.diagnosis.validation.terms import Term
 
 REAL = 2.0
 """t of the paired gains above which a held-out gain counts as significant."""

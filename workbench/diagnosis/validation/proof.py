@@ -9,6 +9,7 @@ Each step uses only the splits that can judge the terms (`judging`): a law of ti
 workspace, a curve by splits that leave no range of its angle out. The terms that stay reduce the held-out error there.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +20,6 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
-from workbench.diagnosis.result import Proof, Term
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import Scheme, schemes, thinned
 from workbench.diagnosis.validation.heldout import Errors, left_out, paired, rms, sigma_of
@@ -33,6 +33,7 @@ from workbench.diagnosis.validation.judging import (
     not_supported,
 )
 from workbench.diagnosis.validation.parallel import searches
+from workbench.diagnosis.validation.terms import Proof, Term
 
 _WAVE = TransmissionHarmonic.effect
 _LIKELY, _ALIKE = (
@@ -42,7 +43,7 @@ _LIKELY, _ALIKE = (
 _MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
 _MOST = 0.5  # of what a term makes, that others make of it
 _FAR = 0.05  # robust weight below which a sample is another process's
-Find = Callable[..., Found]
+Find = Callable[[Bench, np.ndarray], list[Finding]]
 Say = Callable[[str], None]
 
 
@@ -65,9 +66,9 @@ def prove(
     say: Say = lambda text: None,
     jobs: int = 1,
 ):
-    """(Proof, terms that stay, terms refused) of what `find(bench)` found on all samples.
+    """(Proof, terms that stay, terms refused) of what was found on all samples.
 
-    find: the whole search, called again inside each fold as find(bench, samples). noise: RMS distance that the
+    find: the search for terms, made inside each fold as find(bench, samples). noise: RMS distance that the
     instrument leaves (mm, px), and how it is known. A term stays where its held-out gain conditional on the others is
     real, where it is real, too, in what the folds found by themselves, and where it passes its controls. jobs:
     processes that search the folds.
@@ -139,7 +140,8 @@ def _is_finding(finding: Finding, other: Finding) -> bool:
 def _judges_of_all(bench, terms: Sequence[Term], parts: list[Scheme]) -> list[Scheme]:
     """The schemes that can judge every term; where no scheme can, those that can judge the largest."""
     findings = [term.finding for term in terms]
-    problem, numbers = bench.problem(_effects(findings)), _numbered(findings)
+    problem = bench.problem(_effects(findings), hypotheses=False)
+    numbers = _numbered(findings)
     able = [
         judging_schemes(bench, f.effects, parts, problem, own) for f, own in zip(findings, numbers)
     ]
@@ -238,10 +240,16 @@ def _search_nested(
     found: list[dict[int, list[Finding]]] = [{} for _ in parts]
     work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
     say(f"the whole search repeated without each of {len(work)} blocks")
+    start = time.perf_counter()
     with searches(bench, partial(earned_inside, find=find), jobs) as searched:
-        for (i, s, k), terms in zip(work, searched([s.fold != k for _, s, k in work])):
+        results = searched([s.fold != k for _, s, k in work])
+        for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
             found[i][k] = terms
-            say(f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}")
+            left = (time.perf_counter() - start) / done * (len(work) - done)
+            say(
+                f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
+                f"about {left:.0f} s left"
+            )
     return found
 
 
@@ -251,7 +259,7 @@ def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding
     Fewer of them where the bench can do with fewer; a bench that is `whole` sees in a fold what it saw outside.
     """
     found = find(bench, samples if bench.whole else thinned(bench.pose, samples))
-    return [term.finding for term in _earned(bench, list(found.findings), samples)[0]]
+    return [term.finding for term in _earned(bench, found, samples)[0]]
 
 
 def _earned(
@@ -263,7 +271,7 @@ def _earned(
     """
     say(f"held-out gain of {len(findings)} terms, each conditional on the others")
     gone: list[Term] = []
-    problem = bench.problem(_effects(findings), samples) if findings else None
+    problem = bench.problem(_effects(findings), samples, hypotheses=False) if findings else None
     sigma = sigma_of(bench, samples)
     numbers = dict(zip(map(id, findings), _numbered(findings)))
     left = [Term(f) for f in findings]
@@ -325,7 +333,9 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
     with_all = [_linear(s, rows) for s, rows in zip(whole.schemes, folds)]
     findings = [term.finding for term in terms]
     problem, numbers = (
-        (bench.problem(_effects(findings)), _numbered(findings)) if terms else (None, [])
+        (bench.problem(_effects(findings), hypotheses=False), _numbered(findings))
+        if terms
+        else (None, [])
     )
     own = _made(problem, findings) if terms else []
     made = [_made(solved, found) for rows in folds for found, solved in rows.values()]
@@ -333,7 +343,7 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
         t = []
         for scheme in judging_schemes(bench, term.finding.effects, whole.schemes, problem, mine):
             at = next(i for i, one in enumerate(whole.schemes) if one is scheme)
-            less = _linear(scheme, folds[at], term.finding)
+            less = _linear(scheme, folds[at], (term.finding, moved))
             t.append(paired(bench.pose, less, with_all[at], usual, sigma_of(bench)))
         again = sum(_alike(moved, others) for others in made)
         nested = min(t) if min(t) < -REAL else max(t)
@@ -348,7 +358,9 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
 
 def _solved(bench, nested: dict[int, list[Finding]]) -> dict[int, tuple[list[Finding], Problem]]:
     """What each fold found, with all samples solved with that."""
-    return {k: (found, bench.problem(_effects(found))) for k, found in nested.items()}
+    return {
+        k: (found, bench.problem(_effects(found), hypotheses=False)) for k, found in nested.items()
+    }
 
 
 def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
@@ -374,28 +386,31 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     return bool(((moved - like) ** 2).sum() < (1 - _MOST) * (moved**2).sum())
 
 
-def _linear(scheme: Scheme, folds: dict, without: Finding | None = None) -> np.ndarray:
-    """(n,) errors where every fold is predicted with what was found without it, to first order; one may be left out.
+def _linear(scheme: Scheme, folds: dict, without=None) -> np.ndarray:
+    """(n,) errors where every fold is predicted with what was found without it, to first order.
 
-    folds: as of `_solved`.
+    folds: as of `_solved`. without: a finding that is left out, and what it makes, as of `_made`.
     """
     out = np.empty(len(scheme.fold))
     for k, (findings, problem) in folds.items():
         numbers = _numbered(findings)
-        kept = [
-            i
-            for f, own in zip(findings, numbers)
-            if without is None or not _same(f, without)
-            for i in own
-        ]
+        kept = [i for own in numbers for i in own]
+        if without is not None:
+            made = _made(problem, findings)
+            same = [_same(f, m, *without) for f, m in zip(findings, made)]
+            kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
         mine = scheme.fold == k
         out[mine] = left_out(problem.keeping(kept), np.where(mine, 0, -1), only=0)[mine]
     return out
 
 
-def _same(finding: Finding, other: Finding) -> bool:
-    """Whether two findings are one: the same effect at one place, or effects that are confounded in these poses."""
-    return bool(_names(finding) & {_name(other)} or _names(other) & {_name(finding)})
+def _same(finding: Finding, made: np.ndarray, other: Finding, moved: np.ndarray) -> bool:
+    """Whether two findings are one: the same effect at one place, or effects that are confounded in these poses.
+
+    made, moved (N,): what the two make.
+    """
+    both = float((made**2).sum() * (moved**2).sum())
+    return _name(finding) in _names(other) or float(made @ moved) ** 2 >= _ALIKE * both > 0
 
 
 def _names(finding: Finding) -> set[tuple[str, str]]:

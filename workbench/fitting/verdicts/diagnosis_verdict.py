@@ -49,7 +49,7 @@ class DiagnosisCheck:
 
 
 def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> DiagnosisCheck:
-    """Judge what a `workbench.diagnosis.result.Diagnosis` of a recording leaves."""
+    """Judge what a `workbench.explanation.result.Diagnosis` of a recording leaves."""
     unit, held_out = made.unit, made.as_json()["held_out"]
     noise = noise_of(made, recording, held_out) if unit == "mm" and made.views is not None else None
     above = None if noise is None else noise.is_above

@@ -4,8 +4,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.core.vocabulary import Place
-from workbench.diagnosis import words as said
-from workbench.diagnosis.result import Diagnosis
+from workbench.explanation import words as said
+from workbench.explanation.result import Diagnosis
 from workbench.report import style
 
 _APART = ("time", "noise", "samples")

@@ -7,8 +7,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from workbench.core.vocabulary import Covariate
-from workbench.diagnosis import words as said
-from workbench.diagnosis.result import Diagnosis
+from workbench.explanation import words as said
+from workbench.explanation.result import Diagnosis
 from workbench.report import style
 from workbench.report.calibration.scene import arrow_scale, axes
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from workbench.diagnosis import words as said
-from workbench.diagnosis.planning.scenes import SCENE
-from workbench.diagnosis.result import (
+from workbench.explanation import words as said
+from workbench.explanation.planning.scenes import SCENE
+from workbench.explanation.result import (
     AMBIGUOUS,
     CONSISTENT,
     EXPLAINED,

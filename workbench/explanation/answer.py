@@ -2,39 +2,38 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
-from workbench.diagnosis import words
-from workbench.diagnosis.differences import with_differences
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
-from workbench.diagnosis.linear.visible import smallest
-from workbench.diagnosis.noise import replicates, stated_noise
 from workbench.diagnosis.noise.scatter import CLAIMED, scattered, unrecorded
-from workbench.diagnosis.planning.experiment import missing_of, next_experiment
-from workbench.diagnosis.result import (
+from workbench.diagnosis.robot.bench import RobotBench, bench_of
+from workbench.diagnosis.search.select import LEVEL, find, found_terms
+from workbench.diagnosis.validation import proof
+from workbench.explanation import reference as references
+from workbench.explanation import replicates, stated_noise, words
+from workbench.explanation.differences import with_differences
+from workbench.explanation.final import Final, stated_sigma, unwhitened
+from workbench.explanation.fixed_points import fixed_points
+from workbench.explanation.planning.experiment import missing_of, next_experiment
+from workbench.explanation.result import (
     UNEXPLAINED,
     Diagnosis,
     Term,
-    Views,
     much_left,
     verdict_of,
     with_statements,
 )
-from workbench.diagnosis.robot import against
-from workbench.diagnosis.robot.bench import RobotBench, bench_of
-from workbench.diagnosis.robot.fixed import fixed_points
-from workbench.diagnosis.scanner.sensor_errors import (
+from workbench.explanation.sensor_errors import (
     ball_centres,
     errors_by_kind,
     random_image_error,
 )
-from workbench.diagnosis.search.select import LEVEL, find
-from workbench.diagnosis.validation import proof
+from workbench.explanation.visible import smallest
 from workbench.files.provenance import provenance
 
 IMAGES = ("board-images", "scan-images")
@@ -42,7 +41,6 @@ NO_MASSES = (
     "The file of the robot {robot} states no masses: deflection under gravity is found only as the product of "
     "compliance and first moment. For a stiffness in N m/rad write mass_kg and com_mm of every joint."
 )
-SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 _UNEVEN = NoiseLaw.effect
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
 _GAINED = (
@@ -60,33 +58,35 @@ def diagnose(
     solution: Path | None = None,
     scanner: Path | None = None,
     progress: Say = lambda text: None,
-    seed: int = 0,
+    first: Say = lambda text: None,
     jobs: int = 1,
     trust_data: bool = False,
 ) -> Diagnosis:
     """What physics the baseline of a recording leaves out.
 
     baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
-    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. jobs:
-    processes for the searches inside folds, where one search takes long enough. trust_data: diagnose also a recording
-    that cannot be right.
+    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. progress:
+    called with what is done; first: with what the first search found, long before it is validated. jobs: processes
+    for the searches inside folds, where one search takes long enough. trust_data: diagnose also a recording that
+    cannot be right.
     Raises InputError.
     """
+    say = _Reporter(progress, first)
     if recording.measures in IMAGES:
-        return _of_sensor(recording, simulation or solution, progress)
-    reference = against.reference_of(simulation, solution)
-    progress("the baseline")
+        return _of_sensor(recording, simulation or solution, say)
+    reference = references.reference_of(simulation, solution)
+    say("the baseline")
     bench = bench_of(recording, baseline, trust_data)
     shares = None
     if reference is not None:
         bench, shares = _against(bench, reference, recording)
         baseline = reference.name
-    made = _whole(recording, bench, baseline, shares, progress, jobs)
+    made = _whole(recording, bench, baseline, shares, say, jobs)
     made = replace(made, given=bench.baseline)
     return made if reference is None else with_differences(made, reference, recording)
 
 
-def _of_sensor(recording, reference, progress) -> Diagnosis:
+def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:
     from workbench.diagnosis.scanner import sensor
 
     if reference is not None:
@@ -94,14 +94,13 @@ def _of_sensor(recording, reference, progress) -> Diagnosis:
             f"recording '{recording.name}': --simulation and --solution expect a recording of an arm, found images; "
             "leave the option out."
         )
-    return _whole(
-        recording, sensor.bench_of(recording, progress), "camera, mirror and poses", None, progress
-    )
+    bench = sensor.bench_of(recording, say)
+    return _whole(recording, bench, "camera, mirror and poses", None, say)
 
 
-def _against(bench: RobotBench, reference: against.Reference, recording):
+def _against(bench: RobotBench, reference: references.Reference, recording):
     """The bench whose baseline holds the reference's effects, and the three shares of the difference."""
-    model, values = against.bound(reference, recording)
+    model, values = references.bound(reference, recording)
     effects = (*(e for e in bench.baseline if not _held(e, reference.effects)), *reference.effects)
     chain = replace(
         model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates)
@@ -110,23 +109,37 @@ def _against(bench: RobotBench, reference: against.Reference, recording):
     pose, index = bench.pose, chain.state.index
 
     def noise_of(residual, degrees):
-        return replicates.noise(pose, index, residual, _sigma(bench.recording), degrees)[0]
+        return replicates.noise(pose, index, residual, stated_sigma(bench.recording), degrees)[0]
 
-    return wider, against.shares(model, values, noise_of, reference.name)
+    return wider, references.shares(model, values, noise_of, reference.name)
 
 
 def _held(effect, others) -> bool:
     return any((e.effect, e.where) == (effect.effect, effect.where) for e in others)
 
 
-def _whole(recording, bench: Bench, baseline: str, shares, say: Say, jobs: int = 1) -> Diagnosis:
+@dataclass(frozen=True)
+class _Reporter:
+    """Called with what is done; `first`: called with what the first search found."""
+
+    progress: Say
+    first: Say
+
+    def __call__(self, text: str) -> None:
+        self.progress(text)
+
+
+def _whole(
+    recording, bench: Bench, baseline: str, shares, say: _Reporter, jobs: int = 1
+) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
     start = time.perf_counter()
     found = find(bench, progress=say)
+    say.first(words.preliminary(found))
     jobs = jobs if time.perf_counter() - start > _LONG_S else 1
-    unit, noise = bench.unit, _Final(bench, found, bench.unit).noise
+    unit, noise = bench.unit, Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
-    last = _Final(bench, found, unit, terms)
+    last = Final(bench, found, unit, terms)
     terms = (*terms, *_of_noise(found, terms, refused, last.after))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(bench, found, terms, refused, proved)
@@ -198,7 +211,7 @@ def _is_placed(bench, found: Found, refused) -> bool:
     return places or any(term.finding.p_value < _PLACED for term in gained)
 
 
-def _with_stated_noise(last: "_Final", proved, terms, refused):
+def _with_stated_noise(last: "Final", proved, terms, refused):
     """Proof and terms with a wrong noise statement, where there is one; the proof then uses the noise that was found.
 
     Where replicates confirm the stated noise and the residual is larger all the same, something differs from pose to
@@ -214,7 +227,9 @@ def _with_stated_noise(last: "_Final", proved, terms, refused):
     structure_left = last.found.p_rest <= LEVEL or unnamed or not_modelled
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
-        noise = float(np.sqrt(len(compared.white)) * _sigma(last.bench.recording) * wrong.factor)
+        noise = float(
+            np.sqrt(len(compared.white)) * stated_sigma(last.bench.recording) * wrong.factor
+        )
         proved = replace(
             proved, noise=noise, noise_from=f"{wrong.source}; the stated noise is wrong"
         )
@@ -240,7 +255,7 @@ def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
 
 def _proved(bench, found: Found, noise, say, jobs):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    proved, kept, refused = proof.prove(bench, found, find, noise, say, jobs)
+    proved, kept, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
     effects = [e for term in kept for e in term.finding.effects]
     rows = bench.parameters(effects)
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in kept)
@@ -269,7 +284,7 @@ def _of(row, term: Term, bench) -> bool:
 
 def _size(bench, effects, term: Term) -> float | None:
     """RMS displacement of the measured point (mm, px) that the term makes by itself, to first order."""
-    problem = bench.problem(list(effects))
+    problem = bench.problem(list(effects), hypotheses=False)
     own = [i for i, e in enumerate(effects) if any(e is mine for mine in term.finding.effects)]
     if not own or not problem.added:
         return None
@@ -296,11 +311,6 @@ def _spread_size(finding: Finding, problem) -> float | None:
     if not finding.size:
         return None
     return float(finding.size * np.sqrt((unwhitened(problem) ** 2).sum() / problem.n))
-
-
-def unwhitened(problem) -> np.ndarray:
-    """(N,) what a whitened coordinate of the problem is worth in mm (px)."""
-    return problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
 
 
 def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
@@ -341,154 +351,3 @@ def _of_refused(found: Found, refused, rest: bool) -> Finding:
     named = [term.finding for term in refused if term.finding.p_value < _PLACED]
     where = max(named, key=lambda one: one.gain).where if named else "samples"
     return Finding("unknown", where, words.NOT_LOCATED, (), p, 0.0, 0.0, 0.0)
-
-
-def _sigma(recording) -> float | None:
-    """RMS of the stated 1 sigma of a coordinate."""
-    return None if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
-
-
-class _Final:
-    """The residuals of baseline and final model of a bench, and what follows from them."""
-
-    def __init__(self, bench, found: Found, unit: str, terms=None):
-        self.bench, self.unit, self.found = bench, unit, found
-        self.before = found.before
-        effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
-        self.after = found.after if effects is None else bench.problem(effects).keeping()
-
-    @property
-    def noise(self) -> tuple[float, str]:
-        usual = ~self.found.outliers
-        if self.bench.chain is None:
-            return self.bench.noise(usual)
-        left = residuals_of(self.after)
-        recording, position = self.bench.recording, left[:3, usual]
-        degrees = self.after.degrees * len(position) / len(left)
-        pose, index = self.bench.pose[usual], self._index()[usual]
-        return replicates.noise(pose, index, position, _sigma(recording), degrees)
-
-    def stated_noise(self) -> stated_noise.StatedNoise | None:
-        """Residuals of the final model over the stated sigma; None where none is stated."""
-        if (
-            self.bench.chain is None
-            or self.bench.chain.sigma_unknown
-            or _sigma(self.bench.recording) is None
-        ):
-            return None
-        left = residuals_of(self.after)
-        rows = slice(0, min(3, len(left)))  # of poses the position: what `sigma_mm` states
-        white = left[rows] / self.bench.chain.stated_sigma[rows, : self.before.n]
-        if not np.isfinite(white).all():
-            return None
-        degrees = self.after.degrees * white.size / left.size
-        return stated_noise.StatedNoise(
-            white, degrees, ~self.found.outliers, self.bench.pose, self._index()
-        )
-
-    def _index(self):
-        return self.bench.chain.state.index[: self.before.n]
-
-    def lack(self):
-        """Lack of fit of baseline and final model against replicates; None without these."""
-        if self.bench.chain is None:
-            return None
-        rows = {
-            name: replicates.lack_of_fit(
-                self.bench.pose, self._index(), residuals_of(p)[:3], _rank(p)
-            )
-            for name, p in (("before", self.before), ("after", self.after))
-        }
-        return rows if all(rows.values()) else None
-
-    def outliers(self) -> tuple[int, ...]:
-        """Sample numbers of those that nothing brings near."""
-        ids = (
-            self.bench.recording.sample_ids
-            if self.bench.chain is not None
-            else np.arange(self.before.n)
-        )
-        return tuple(int(i) for i in ids[self.found.outliers])
-
-    def views(self) -> Views:
-        """What the page draws."""
-        if self.bench.chain is None:
-            return self._sensor_views()
-        chain = self.bench.chain
-        model, fit, _ = self.bench.solve(self.before.effects)
-        own = fit.parameters.values[: len(chain.parameters)]
-        points = model.chain.to_root(
-            own, model.chain.evaluate(own, {}), np.zeros((3, self.before.n))
-        )[0]
-        named = [f"joint-{k}" for k in range(1, chain.robot.joints + 1)]
-        places = (
-            "base",
-            *(w for k, joint in enumerate(named, 1) for w in (joint, f"link-{k}")),
-            "tool",
-            *(("sensor", "artefact") if chain.measurement.place == "sensor" else ()),
-        )
-        before, after = residuals_of(self.before), residuals_of(self.after)
-        rotation = (before[3:], after[3:]) if self.before.rotation is not None else None
-        return Views(
-            before[:3],
-            after[:3],
-            points,
-            _plain(self.before),
-            places,
-            self.bench.recording.sample_ids,
-            self._links(),
-            rotation=rotation,
-        )
-
-    def _links(self):
-        """(3, J+2) mm: the arm at the pose nearest to the middle of all, root frame."""
-        state = self.bench.chain.state
-        middle = np.median(state.variables, axis=1, keepdims=True)
-        at = int(np.argmin(((state.variables - middle) ** 2).sum(0)))
-        frames = state.frames
-        return np.vstack(
-            [frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]
-        ).T
-
-    def _sensor_views(self) -> Views:
-        before, after = (residuals_of(p) for p in (self.before, self.after))
-        points = np.stack(
-            [self.before.covariates.get(c, np.zeros(self.before.n)) for c in ("u", "v")]
-        )
-        return Views(
-            before,
-            after,
-            points,
-            _plain(self.before),
-            SENSOR_CHAIN,
-            np.arange(self.before.n),
-            None,
-            ("u", "v", "along")[: len(before)],
-        )
-
-
-def _plain(problem) -> dict:
-    """Covariates that vary, each listed once."""
-    out = {}
-    for name, x in problem.covariates.items():
-        if np.ptp(x) > 0 and not any(np.array_equal(x, other) for other in out.values()):
-            out[name] = x
-    return out
-
-
-def _rank(problem) -> int:
-    """Of the baseline, of which the position spends its share where orientation is measured, too."""
-    rank = problem.basis.shape[1]
-    return rank if problem.rotation is None else round(rank * float((~problem.rotation).mean()))
-
-
-def residuals_of(problem) -> np.ndarray:
-    """(m, n) residual in mm (px), not weighted; nan where a sample has fewer coordinates than others."""
-    value = problem.residual * unwhitened(problem)
-    order = np.argsort(problem.sample, kind="stable")
-    counts = np.bincount(problem.sample, minlength=problem.n)
-    place = np.empty(len(value), int)
-    place[order] = np.arange(len(value)) - np.repeat(np.cumsum(counts) - counts, counts)
-    out = np.full((counts.max(), problem.n), np.nan)
-    out[place, problem.sample] = value
-    return out

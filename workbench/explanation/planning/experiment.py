@@ -17,12 +17,12 @@ from workbench.core.least_squares.design import choose
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.linear.visible import separable_length
-from workbench.diagnosis.planning.planned import Plan, plans
-from workbench.diagnosis.planning.scenes import scene_of
-from workbench.diagnosis.result import Experiment, Term
 from workbench.diagnosis.search.select import LEVEL
-from workbench.diagnosis.words import covariate, listed, place
+from workbench.explanation.planning.planned import Plan, plans
+from workbench.explanation.planning.scenes import scene_of
+from workbench.explanation.result import Experiment, Term
+from workbench.explanation.visible import separable_length
+from workbench.explanation.words import covariate, listed, place
 
 POSES, _ASKED = 30, 3
 _HOPELESS = 30  # times as many samples as were planned

@@ -19,8 +19,8 @@ from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.result import Diagnosis
-from workbench.diagnosis.robot.against import Reference
+from workbench.explanation.reference import Reference
+from workbench.explanation.result import Diagnosis
 from workbench.fitting.plans import frames_of
 
 LEVEL = 0.01

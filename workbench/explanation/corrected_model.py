@@ -13,7 +13,7 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
-from workbench.diagnosis.result import Diagnosis
+from workbench.explanation.result import Diagnosis
 from workbench.files.solution_file import NAME as SOLUTION
 from workbench.files.solution_file import solution_keys
 from workbench.fitting.plan_file import NAME as PLAN

@@ -6,8 +6,8 @@ import numpy as np
 
 from datasets.recording import Recording
 from workbench.core.least_squares.adjustment_tests import neighbour_test
-from workbench.diagnosis.result import Proof, Term
 from workbench.diagnosis.validation.heldout import rms
+from workbench.explanation.result import Proof, Term
 
 _LEVEL = 1e-3
 _RELEVANT = 1.0  # of the noise of a stripe's averaged point, from which a displacement of whole stripes matters

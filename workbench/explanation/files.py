@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from workbench.core.text.csv_text import csv_text
-from workbench.diagnosis.planning.scenes import ROBOT, SCENE
-from workbench.diagnosis.result import Diagnosis
+from workbench.explanation.planning.scenes import ROBOT, SCENE
+from workbench.explanation.result import Diagnosis
 from workbench.files.results import rotation_columns
 
 RESIDUALS, VISIBLE, POSES = "residuals.csv", "smallest-visible.csv", "next-experiment-poses.csv"

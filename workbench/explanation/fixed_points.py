@@ -14,9 +14,9 @@ from workbench.core.covariates import clock
 from workbench.core.least_squares.linear_algebra import inverse_positive
 from workbench.core.least_squares.solver import pose_scores
 from workbench.core.rigid import rotation_matrix
-from workbench.diagnosis.result import Term
 from workbench.diagnosis.robot.library import variants
-from workbench.diagnosis.words import length, listed
+from workbench.explanation.result import Term
+from workbench.explanation.words import length, listed
 
 _PART, _LEAST = (
     0.2,

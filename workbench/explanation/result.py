@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from workbench.diagnosis.linear.problem import Finding, Found, Located
-from workbench.diagnosis.linear.visible import Visible
-from workbench.diagnosis.robot.against import Shares
+from workbench.diagnosis.linear.problem import Found, Located
+from workbench.diagnosis.validation.terms import Control, Proof, Term
+from workbench.explanation.reference import Shares
+from workbench.explanation.visible import Visible
 
 CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
     "consistent",
@@ -15,94 +16,7 @@ CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
     "ambiguous",
     "unexplained",
 )
-CERTAIN = 0.95
 _REST = 1 / 3
-
-
-@dataclass(frozen=True)
-class Control:
-    """A term's gain in a permutation or circular-shift control of what it depends on.
-
-    `kind` "permuted", "reversed" or "circular shift"; `share` of the term's own gain that is left, the median over
-    `trials`; `p_value` that a permuted one gains as much; `passed`: nothing real is left; None where it cannot tell,
-    and `why` it cannot.
-    """
-
-    kind: str
-    share: float | None
-    p_value: float | None
-    passed: bool | None
-    trials: int = 0
-    why: str = ""
-
-
-@dataclass(frozen=True)
-class Term:
-    """A finding with its proof and its words.
-
-    `t` of the paired gains of poses, and `t_nested` of the nested cross-validation; `gain` (mm, px)
-    the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the repeated search
-    reselects most of what it makes; `size` (mm, px) RMS displacement of the measured point; `kept` False where a
-    proof failed, and `reason` then says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of
-    what is located and not modelled,
-    or of what remains next to the other terms where `rest`.
-    """
-
-    finding: Finding
-    parameters: tuple[Mapping, ...] = ()
-    size: float | None = None
-    t: float | None = None
-    t_nested: float | None = None
-    gain: float | None = None
-    again: int = 0
-    chances: int = 0
-    controls: tuple[Control, ...] = ()
-    kept: bool = True
-    reason: str = ""
-    statement: str = ""
-    share: float | None = None
-    rest: bool = False
-
-    @property
-    def certain(self) -> bool:
-        """Whether no other named or unnamed thing explains it as well."""
-        return self.finding.probability >= CERTAIN or not self.finding.alternatives
-
-    @property
-    def title(self) -> str:
-        """Effect, variant and place."""
-        found = self.finding
-        return f"{found.effect}{f' ({found.label})' if found.label else ''} at {found.where}"
-
-
-@dataclass(frozen=True)
-class Proof:
-    """Errors of samples that no step of the selection saw, in mm or px: RMS of their 3-D (2-D) distance.
-
-    `before` with the baseline, `after` with what the selection made of the other folds, whole and by nested search
-    in each;
-    `fixed` with the terms of all data, fitted on the other folds. `t` of the paired gains. `errors` (2, n): before
-    and after, nan where not predicted; `fold` (n,). All of these are of one `scheme`, that can judge the terms;
-    `schemes`: before, after, t, folds of every scheme, and whether it judges. `after` is at most `before`.
-    `noise` and `noise_from`: what the instrument leaves, and how it is known. `lack`: lack of fit against replicates.
-    """
-
-    before: float
-    after: float
-    fixed: float
-    t: float
-    folds: int
-    noise: float
-    noise_from: str
-    errors: np.ndarray
-    fold: np.ndarray
-    schemes: tuple[Mapping, ...] = ()
-    lack: Mapping | None = None
-    angles: np.ndarray | None = (
-        None  # (2, n) deg, rotation angles that belong to `errors`; None: no orientation
-    )
-    angles_rms: tuple[float, float] | None = None  # deg, before and after
-    scheme: str = ""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.vocabulary import Covariate, Place
-from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.scatter import ALONG
-from workbench.diagnosis.result import Term
+from workbench.explanation.result import Term
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
 _PLACES = {
@@ -355,6 +355,16 @@ def _other(one) -> str:
     )
     name = "something unnamed" if one.effect == "unknown" else one.effect
     return f"{name}{label} at {place(one.where)} ({one.probability:.2f}{missing})"
+
+
+def preliminary(found: Found) -> str:
+    """What the first search found, before anything of it is validated."""
+    names = [
+        f"{one.effect} at {place(one.where)} ({one.probability:.2f})" for one in found.findings
+    ]
+    if not names:
+        return "First result, not yet validated: no effect is missing."
+    return f"First result, not yet validated: {listed(names)}. Cross-validation may refuse some of them."
 
 
 def errors(before: float, after: float, noise: float, source: str, unit: str) -> str:

@@ -1,0 +1,190 @@
+"""A robot's fitted model as the arrays of a diagnosis: its solution, and all that a search compares with it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.core.covariates import clock
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import thin_svd
+from workbench.core.least_squares.solver import Fit
+from workbench.core.model import NOISE, STATE_PORTS, Model
+from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.robot.places import lengths, scans, sites
+
+_SEEN = 1e-2
+"""Sigmas by which a direction of the geometry moves all measurements together for one typical size: one that moves
+them by less can neither hide nor imitate anything."""
+_PLAUSIBLE = {"mm": 1.0, "rad": 0.01}
+"""By how much base, tool and links may be off together."""
+
+
+def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
+    """The problem at a fit, without anything to compare with it."""
+    residual = model.evaluate(fit.parameters).residual
+    sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
+    white = np.sqrt(weights) / sigma
+    first = len(model.effects) - len(effects)
+    bare = replace(model, effects=model.effects[:first])
+    spans, state = model.spans[first:], model.chain.state
+    return Problem(
+        residual=(residual * white).ravel(),
+        basis=_baseline(bare, fit, white),
+        sample=np.tile(np.arange(model.chain.n), len(sigma)),
+        weights=weights,
+        sigma=sigma.ravel().copy(),
+        pose=pose,
+        order=clock(state),
+        covariates={k: v for k, v in state.covariates.items() if k != "row"},
+        sites=(),
+        candidates=(),
+        effects=effects,
+        widened=float(np.median(sigma / model.chain.stated_sigma)),
+        added=tuple(_derivative(model, fit, white, span) for span in spans),
+        values=tuple(fit.parameters.values[span] for span in spans),
+    )
+
+
+def with_hypotheses(problem: Problem, model: Model, fit: Fit, library, variants) -> Problem:
+    """The problem with all that a search compares: library, its variants with masses, scans and places."""
+    white = np.sqrt(problem.weights) / np.broadcast_to(
+        model.sigma(fit.parameters), fit.residual.shape
+    )
+    rows = _Rows(model, model.evaluate(fit.parameters), white)
+    first = len(model.effects) - len(problem.effects)
+    bare = replace(model, effects=model.effects[:first])
+    values = {
+        (e.effect, e.where): fit.parameters.values[span]
+        for e, span in zip(bare.effects, bare.spans)
+        if e.elastic
+    }
+    elastic = any(effect.elastic for effect in model.effects)
+    loose, mass_laws = variants
+    return replace(
+        problem,
+        sites=sites(model.chain, rows),
+        candidates=_candidates(model, fit, rows, white, library(elastic)),
+        scans=scans(model.chain, rows),
+        loose=_candidates(model, fit, rows, white, loose),
+        growing=lengths(model.chain, rows),
+        given=_given(bare, fit, white),
+        mass_responses=_candidates(model, fit, rows, white, mass_laws),
+        given_values=values,
+    )
+
+
+def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
+    """(N, R) basis of what the baseline can make, with no effect but its own in the model.
+
+    An effect at work lifts degeneracies of the geometry by its own small size: directions in which
+    the arm could only move by centimetres to hide a micrometre, which no prior allows.
+    """
+    start = model.parameters.take_over(fit.parameters)
+    own = start.only(start.mask & ~_noise(model))
+    sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in own.table])[own.mask]
+    jacobian = (model.linearise(own)[1] * white).reshape(len(sizes), -1)
+    return _basis(jacobian.T * sizes)
+
+
+def _given(bare: Model, fit: Fit, white) -> float:
+    """Whitened sum of squares of what the baseline's elastic laws make and its geometry does not."""
+    own = [
+        span
+        for effect, span in zip(bare.effects, bare.spans)
+        if effect.elastic and effect.port not in STATE_PORTS
+    ]
+    if not own:
+        return 0.0
+    made = sum(_derivative(bare, fit, white, span) @ fit.parameters.values[span] for span in own)
+    plain = _baseline(replace(bare, effects=()), fit, white)
+    return float(((made - plain @ (plain.T @ made)) ** 2).sum())
+
+
+def _derivative(model, fit, white, span):
+    """(N, P) whitened derivative of the residual by the parameters of a span."""
+    own = np.isin(np.arange(len(model.parameters)), range(span.start, span.stop))
+    start = model.parameters.take_over(fit.parameters)
+    return (model.linearise(start.only(own))[1] * white).reshape(own.sum(), -1).T
+
+
+def _noise(model):
+    mask = np.zeros(len(model.parameters), bool)
+    for effect, span in zip(model.effects, model.spans):
+        mask[span] = effect.port == NOISE
+    return mask
+
+
+def _basis(columns: np.ndarray) -> np.ndarray:
+    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
+    q, r = np.linalg.qr(columns)
+    u, s, _ = thin_svd(r)
+    return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]
+
+
+class _Rows:
+    """Whitened derivatives of the residual by the slots of a port, made once a port."""
+
+    def __init__(self, model, evaluation, white):
+        joints = model.chain.robot.joints
+        sizes = {
+            "joint": joints,
+            "frame": 6 * (joints + 2),
+            "geometry": 5 * joints,
+            "target": 3,
+            "sensor": 3,
+        }
+        self._made, self._sizes, self._evaluation, self._white = {}, sizes, evaluation, white
+
+    def __call__(self, port, slots):
+        """(k, m, n)."""
+        if port not in self._made:
+            made = self._evaluation.rows(port, np.arange(self._sizes[port]))
+            self._made[port] = made * self._white
+        return self._made[port][np.asarray(slots)]
+
+
+def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Candidate, ...]:
+    made = []
+    for option in library:
+        effect = option.effect
+        columns = _columns(model, fit, rows, white, effect)
+        typical = np.array([p.typical for p in effect.parameters(model.chain)])
+        kind = effect.coexists, effect.nonnegative
+        load = _load(model, effect) if effect.elastic and effect.nonnegative else 0.0
+        made.append(
+            Candidate(
+                effect.effect,
+                effect.where,
+                option.label,
+                (effect,),
+                columns,
+                typical,
+                option.family,
+                option.mass,
+                option.missing,
+                *kind,
+                load,
+            )
+        )
+    return tuple(made)
+
+
+def _load(model: Model, effect: Effect) -> float:
+    """RMS over the samples of the torque or moment (N m) that an elastic law's first parameter multiplies."""
+    return float(np.sqrt((model.basis(effect)[0] ** 2).sum(0).mean()))
+
+
+def _columns(model, fit, rows, white, effect):
+    """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
+    if effect.port in STATE_PORTS:
+        present = tuple(
+            e for e in model.effects if (type(e), e.where) != (type(effect), effect.where)
+        )
+        wider = replace(model, effects=(*present, effect))
+        start = wider.parameters.take_over(fit.parameters)
+        own = np.arange(len(start)) >= wider.spans[-1].start
+        derivative = wider.linearise(start.only(own))[1] * white
+    else:
+        basis = model.basis(effect)
+        derivative = np.einsum("pkn,kmn->pmn", basis, rows(effect.port, effect.slots(model.chain)))
+    return derivative.reshape(len(derivative), -1).T

@@ -1,0 +1,165 @@
+"""Residuals of a diagnosis' baseline and final model, and what follows from them: noise, lack of fit, what is drawn."""
+
+import numpy as np
+
+from workbench.diagnosis.linear.problem import Found
+from workbench.explanation import replicates, stated_noise
+from workbench.explanation.result import Views
+
+SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
+
+
+class Final:
+    """The residuals of baseline and final model of a bench, and what follows from them."""
+
+    def __init__(self, bench, found: Found, unit: str, terms=None):
+        self.bench, self.unit, self.found = bench, unit, found
+        self.before = found.before
+        effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
+        self.after = found.after if effects is None else bench.problem(effects).keeping()
+
+    @property
+    def noise(self) -> tuple[float, str]:
+        usual = ~self.found.outliers
+        if self.bench.chain is None:
+            return self.bench.noise(usual)
+        left = residuals_of(self.after)
+        recording, position = self.bench.recording, left[:3, usual]
+        degrees = self.after.degrees * len(position) / len(left)
+        pose, index = self.bench.pose[usual], self._index()[usual]
+        return replicates.noise(pose, index, position, stated_sigma(recording), degrees)
+
+    def stated_noise(self) -> stated_noise.StatedNoise | None:
+        """Residuals of the final model over the stated sigma; None where none is stated."""
+        if (
+            self.bench.chain is None
+            or self.bench.chain.sigma_unknown
+            or stated_sigma(self.bench.recording) is None
+        ):
+            return None
+        left = residuals_of(self.after)
+        rows = slice(0, min(3, len(left)))  # of poses the position: what `sigma_mm` states
+        white = left[rows] / self.bench.chain.stated_sigma[rows, : self.before.n]
+        if not np.isfinite(white).all():
+            return None
+        degrees = self.after.degrees * white.size / left.size
+        return stated_noise.StatedNoise(
+            white, degrees, ~self.found.outliers, self.bench.pose, self._index()
+        )
+
+    def _index(self):
+        return self.bench.chain.state.index[: self.before.n]
+
+    def lack(self):
+        """Lack of fit of baseline and final model against replicates; None without these."""
+        if self.bench.chain is None:
+            return None
+        rows = {
+            name: replicates.lack_of_fit(
+                self.bench.pose, self._index(), residuals_of(p)[:3], _rank(p)
+            )
+            for name, p in (("before", self.before), ("after", self.after))
+        }
+        return rows if all(rows.values()) else None
+
+    def outliers(self) -> tuple[int, ...]:
+        """Sample numbers of those that nothing brings near."""
+        ids = (
+            self.bench.recording.sample_ids
+            if self.bench.chain is not None
+            else np.arange(self.before.n)
+        )
+        return tuple(int(i) for i in ids[self.found.outliers])
+
+    def views(self) -> Views:
+        """What the page draws."""
+        if self.bench.chain is None:
+            return self._sensor_views()
+        chain = self.bench.chain
+        model, fit, _ = self.bench.solve(self.before.effects)
+        own = fit.parameters.values[: len(chain.parameters)]
+        points = model.chain.to_root(
+            own, model.chain.evaluate(own, {}), np.zeros((3, self.before.n))
+        )[0]
+        named = [f"joint-{k}" for k in range(1, chain.robot.joints + 1)]
+        places = (
+            "base",
+            *(w for k, joint in enumerate(named, 1) for w in (joint, f"link-{k}")),
+            "tool",
+            *(("sensor", "artefact") if chain.measurement.place == "sensor" else ()),
+        )
+        before, after = residuals_of(self.before), residuals_of(self.after)
+        rotation = (before[3:], after[3:]) if self.before.rotation is not None else None
+        return Views(
+            before[:3],
+            after[:3],
+            points,
+            _plain(self.before),
+            places,
+            self.bench.recording.sample_ids,
+            self._links(),
+            rotation=rotation,
+        )
+
+    def _links(self):
+        """(3, J+2) mm: the arm at the pose nearest to the middle of all, root frame."""
+        state = self.bench.chain.state
+        middle = np.median(state.variables, axis=1, keepdims=True)
+        at = int(np.argmin(((state.variables - middle) ** 2).sum(0)))
+        frames = state.frames
+        return np.vstack(
+            [frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]
+        ).T
+
+    def _sensor_views(self) -> Views:
+        before, after = (residuals_of(p) for p in (self.before, self.after))
+        points = np.stack(
+            [self.before.covariates.get(c, np.zeros(self.before.n)) for c in ("u", "v")]
+        )
+        return Views(
+            before,
+            after,
+            points,
+            _plain(self.before),
+            SENSOR_CHAIN,
+            np.arange(self.before.n),
+            None,
+            ("u", "v", "along")[: len(before)],
+        )
+
+
+def _plain(problem) -> dict:
+    """Covariates that vary, each listed once."""
+    out = {}
+    for name, x in problem.covariates.items():
+        if np.ptp(x) > 0 and not any(np.array_equal(x, other) for other in out.values()):
+            out[name] = x
+    return out
+
+
+def _rank(problem) -> int:
+    """Of the baseline, of which the position spends its share where orientation is measured, too."""
+    rank = problem.basis.shape[1]
+    return rank if problem.rotation is None else round(rank * float((~problem.rotation).mean()))
+
+
+def residuals_of(problem) -> np.ndarray:
+    """(m, n) residual in mm (px), not weighted; nan where a sample has fewer coordinates than others."""
+    value = problem.residual * unwhitened(problem)
+    order = np.argsort(problem.sample, kind="stable")
+    counts = np.bincount(problem.sample, minlength=problem.n)
+    place = np.empty(len(value), int)
+    place[order] = np.arange(len(value)) - np.repeat(np.cumsum(counts) - counts, counts)
+    out = np.full((counts.max(), problem.n), np.nan)
+    out[place, problem.sample] = value
+    return out
+
+
+def unwhitened(problem) -> np.ndarray:
+    """(N,) what a whitened coordinate of the problem is worth in mm (px)."""
+    return problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+
+
+def stated_sigma(recording) -> float | None:
+    """RMS of the stated 1 sigma of a coordinate."""
+    return None if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
