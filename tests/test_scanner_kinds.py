@@ -21,8 +21,8 @@ from sensors.scanner.turntable_calibration import calibrate_turntable
 from workbench import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, transform
-from workbench.jobs.joined_scans import KnownHandEye, moved_by_robot
 from workbench.jobs.sensor import hand_eye
+from workbench.jobs.sensor.joined_scans import KnownHandEye, moved_by_robot
 from workbench.recordings.templates.scanner_kinds import HAND_EYE, KINDS, example
 
 RADIUS = 8.0

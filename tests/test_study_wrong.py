@@ -3,11 +3,12 @@
 import errno
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 import study_scenes as scenes
 from workbench.commands.cli import run
-from workbench.core.errors import InputError
+from workbench.core.errors import InputError, Stopped
 from workbench.studies import tables
 from workbench.studies.study import carried_out, read
 
@@ -109,18 +110,16 @@ def test_the_command_ends_with_status_2_and_leaves_nothing(tmp_path, capsys, mon
 
 
 def test_a_full_disk_keeps_the_parts_that_are_whole_and_ends_in_one_sentence(tmp_path, monkeypatch):
-    import pyarrow.parquet as pq
+    path, writes, write = scenes.written(tmp_path), [], Path.write_bytes
 
-    path, writes, write = scenes.written(tmp_path), [], pq.write_table
-
-    def full(table, where, **options):
-        writes.append(where)
+    def full(self, content):
+        writes.append(self)
         if len(writes) == 4:
-            Path(where).write_bytes(b"half")
-            raise OSError(errno.ENOSPC, "No space left on device", str(where))
-        write(table, where, **options)
+            write(self, b"half")
+            raise OSError(errno.ENOSPC, "No space left on device", str(self))
+        return write(self, content)
 
-    monkeypatch.setattr(pq, "write_table", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(InputError, match=": the disk is full. Free space"):
         carried_out(path, tmp_path / "out", 1, None, lambda line: None)
     kept = tmp_path / ".partial-out" / tables.PARTS
@@ -130,6 +129,27 @@ def test_a_full_disk_keeps_the_parts_that_are_whole_and_ends_in_one_sentence(tmp
     )
     done = carried_out(path, tmp_path / "out", 1, None, lambda line: None)
     assert pq.read_table(done.path / tables.TABLE).column("run").to_pylist() == list(range(1, 41))
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda b: b[:100], lambda b: b"", lambda b: b[:-9] + b"x" + b[-8:]]
+)
+def test_a_torn_part_is_computed_again(tmp_path, damage):
+    """As after a loss of power; the damage was once found at the end of the study, without the name of a file."""
+    path = scenes.written(tmp_path)
+
+    def stop(line):
+        if "15 of 40" in line or "18 of 40" in line:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Stopped):
+        carried_out(path, tmp_path / "out", 1, None, stop)
+    parts = sorted((tmp_path / ".partial-out" / tables.PARTS).iterdir())
+    parts[1].write_bytes(damage(parts[1].read_bytes()))
+    done = carried_out(path, tmp_path / "out", 1, None, lambda line: None)
+    found = pq.read_table(done.path / tables.TABLE)
+    assert found.column("run").to_pylist() == list(range(1, 41))
+    assert done.done.made >= 3
 
 
 def test_a_disk_that_is_full_from_the_start_leaves_nothing(tmp_path, monkeypatch):

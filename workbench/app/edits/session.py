@@ -3,13 +3,13 @@
 `session.toml` holds all of it. `workbench calibrate --session FILE` repeats the calibration without the app.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from workbench.app.edits.changes import ADD, EXCLUDE, KINDS, Change, change_line, read_change
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.runs import RUNS, replace_file, slug
 
 CALIBRATE, CAMERA = "calibrate", "camera"
@@ -106,8 +106,8 @@ def read_session(path: Path, command: str = "") -> Session:
     """
     path = Path(path)
     try:
-        keys = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        keys = read_toml(path)
+    except (OSError, ContentError) as problem:
         raise InputError(
             f"session {path} cannot be read ({problem}); name a session.toml of `workbench open`"
         ) from None

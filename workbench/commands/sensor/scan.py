@@ -44,8 +44,7 @@ def command(
 
     def work(run, say) -> dict:
         import datasets
-        from workbench.jobs import surface_scan
-        from workbench.jobs.sensor import ball_centres, scan
+        from workbench.jobs.sensor import ball_centres, scan, surface_scan
 
         read = datasets.read(recording)
         if read.measures == "ball-surface":

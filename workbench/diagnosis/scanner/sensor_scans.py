@@ -18,7 +18,7 @@ from sensors.stripe.find import find_stripes
 from workbench.files.images.ball_names import named
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, full_scale, path_of
-from workbench.jobs.joined_scans import is_joined
+from workbench.jobs.sensor.joined_scans import is_joined
 from workbench.jobs.sensor.scan import INCIDENCE_DEG, scans_of
 
 _FRAMES = 16
@@ -123,7 +123,7 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
         scanner.scan,
         light,
     )
-    pull = np.nan_to_num(bend.pull(bend.sheet(shape[0, on]), *shape[:, on]))
+    pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0, on]), *shape[:, on]))
     outward = points[:, on] - fit.centre[:, None]
     facing = (
         -(outward * points[:, on]).sum(0)

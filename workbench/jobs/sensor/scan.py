@@ -26,8 +26,8 @@ from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, check_size, full_scale, path_of, streamed
 from workbench.files.images.scan_surface import reconstructed
 from workbench.files.spool import Made, Spool
-from workbench.jobs.joined_scans import Motions, motions_of
 from workbench.jobs.sensor import scanner as calibrated
+from workbench.jobs.sensor.joined_scans import Motions, motions_of
 from workbench.machine.progress import paced
 
 CLOUDS = "clouds"
@@ -305,7 +305,7 @@ class _Work:
         radius = self._radius(number, free.radius, self.radii)
         start = np.append(free.centre, free.radius if radius is None else radius)
         bend = cloud.bend(start)
-        pull = np.nan_to_num(bend.pull(bend.sheet(shape[0]), *shape))
+        pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0]), *shape))
         straight = cloud.points - cloud.error * pull
         lit = bend.lit > np.cos(own["incidence"])
         fit = _fitted(straight, cloud.view, lit, radius, start, own)

@@ -25,7 +25,7 @@ from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.jobs.sensor import camera as cameras
-from workbench.jobs.turntables import turntable_json, turntable_of
+from workbench.jobs.sensor.turntables import turntable_json, turntable_of
 from workbench.machine.progress import paced
 
 FILE = "scanner.toml"

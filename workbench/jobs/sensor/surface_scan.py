@@ -12,7 +12,7 @@ from sensors.ball.shared import Shared
 from sensors.scanner.motion import Motion
 from workbench.core.errors import InputError
 from workbench.files.images.flange import flange_poses
-from workbench.jobs.joined_scans import KnownHandEye, moved_by_robot, read_known
+from workbench.jobs.sensor.joined_scans import KnownHandEye, moved_by_robot, read_known
 from workbench.jobs.sensor.scan import CLOUDS, Ball, Scan, Scans, figures, write_cloud
 
 NAME = "all-poses"
