@@ -378,6 +378,7 @@ def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) 
             for e, span in zip(bare.effects, bare.spans)
             if e.elastic
         },
+        tuple(fit.parameters.precision[span] for span in model.spans[first:]),
     )
 
 
