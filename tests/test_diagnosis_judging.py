@@ -13,9 +13,8 @@ from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.result import UNEXPLAINED, Term, verdict_of
 from workbench.diagnosis.validation import judging, proof
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme
-from workbench.jobs.robot.simulate import simulate
 from workbench.diagnosis.validation.heldout import left_out
-from workbench.jobs.simulate import simulate
+from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
     "robot": "abb_irb120",

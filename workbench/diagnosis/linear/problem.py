@@ -271,8 +271,8 @@ class Added:
     """Columns (N, A) of all added effects, orthogonal to the baseline, of unit length; `start` (E + 1,) of each.
 
     `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
-    `score` (A,) inner products of the two; `precision` (A,) of the priors of their coefficients. What any of the effects
-    make follows from these without the samples.
+    `score` (A,) inner products of the two; `precision` (A,) of their coefficients' priors. What any of the
+    effects make follows from these without the samples.
     """
 
     columns: np.ndarray

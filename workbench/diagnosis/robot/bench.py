@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from robot_model.effects import CATALOGUE
-from robot_model.effects.curve import JointCurve, dominant_cycles
+from robot_model.effects.curve import JointCurve
 from robot_model.effects.elastic import JointCompliance
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
@@ -22,6 +22,7 @@ from workbench.diagnosis.linear.problem import Candidate, Problem, Site
 from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import loose
+from workbench.diagnosis.robot.derived import linear_values, mass_rows, spectrum
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.places import lengths, scans, sites
 from workbench.fitting.checked_samples import check_samples
@@ -254,8 +255,10 @@ class RobotBench:
             typical, typical
         )
         covariance *= fit.sigma_scale**2
-        std = np.zeros(len(fit.parameters))
-        std[fit.parameters.mask] = np.sqrt(np.maximum(np.diag(covariance), 0))
+        whole = np.zeros((len(fit.parameters),) * 2)
+        whole[np.ix_(fit.parameters.mask, fit.parameters.mask)] = covariance
+        std = np.sqrt(np.maximum(np.diag(whole), 0))
+        masses = mass_rows(model, fit.parameters.values, whole)
         rows = []
         first = len(self.baseline)
         for effect, span in zip(model.effects[first:], model.spans[first:]):
@@ -263,7 +266,6 @@ class RobotBench:
             columns = model.linearise(fit.parameters.only(own))[1]
             for row, k in zip(columns, range(span.start, span.stop)):
                 p, value = fit.parameters.table[k], float(fit.parameters.values[k])
-                size = float(np.sqrt(((row[:3] * value) ** 2).mean()))
                 rows.append(
                     {
                         "key": p.key,
@@ -275,18 +277,14 @@ class RobotBench:
                         "std": float(std[k]),
                         "unit": p.unit,
                         "typical": p.typical,
-                        "size_mm": size,
+                        "size_mm": float(np.sqrt(((row[:3] * value) ** 2).mean())),
                     }
                 )
+            if span.start in masses:
+                rows.append(masses[span.start])
             if isinstance(effect, JointCurve):
-                rows[-effect.terms] |= self._cycles(effect, fit.parameters.values[span])
+                rows[-effect.terms] |= spectrum(effect, fit.parameters.values[span], self.chain)
         return tuple(rows)
-
-    def _cycles(self, effect: JointCurve, coefficients: np.ndarray) -> dict:
-        """Size of an error curve on the visited angles, and its dominant cycles, for the row of its first term."""
-        error = effect.curve(coefficients, self.chain.variables[effect.number - 1])
-        cycles = [(c.order, c.amplitude) for c in dominant_cycles(effect, coefficients)]
-        return {"curve_rms": float(error.std()), "cycles": cycles}
 
     def units(self, effects: Sequence[Effect]) -> list[str]:
         """Units of the parameters of some effects."""
@@ -368,7 +366,10 @@ def _problem(model: Model, fit: Fit, weights, pose, effects, variants, library) 
         effects,
         float(np.median(sigma / model.chain.stated_sigma)),
         added,
-        tuple(fit.parameters.values[span] for span in model.spans[first:]),
+        tuple(
+            linear_values(effect, fit.parameters.values[span], columns, state, rows, model.chain)
+            for effect, span, columns in zip(model.effects[first:], model.spans[first:], added)
+        ),
         _candidates(model, fit, rows, white, variants[0]),
         lengths(model.chain, rows),
         _given(bare, fit, white),

@@ -34,8 +34,10 @@ _SCALES = np.geomspace(1e-7, 1e-2, 31)
 _SIZE_BY_LOAD = -0.5
 """Exponent of the load (N m) that compliances scale with: stronger gears are stiffer, yet deflect more."""
 _MOST_OF_USUAL = 3.0
-"""Compliance of a joint over the usual one of its robot, both for the same load, that is plausible at most. Any other
-first harmonic of a joint that carries next to nothing looks like a far larger one; the joints with load say what is usual.
+"""Compliance of a joint over the usual one of its robot, both for the same load, that is plausible at most.
+
+Any first harmonic of a joint that carries next to nothing looks like a large compliance. The joints with load say what
+is usual.
 """
 _DEPENDENT = 1e-9  # relative eigenvalue from which on joints are distinguishable at all
 _LAW_ERROR = 0.005
