@@ -8,10 +8,17 @@ import numpy as np
 
 from robot_model.chain import Frames, cross, forward
 from robot_model.robot import Robot
-from robot_model.statics import Levers, link_levers, load_levers, moment_levers
+from robot_model.statics import (
+    STANDARD_GRAVITY,
+    Levers,
+    link_levers,
+    load_levers,
+    moment_levers,
+)
 from workbench.core.covariates import WIND_UP, last_moves, wound_up
 from workbench.core.errors import InputError
 
+_MM_A_METRE = 1e3
 _STILL = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
 
 
@@ -89,10 +96,20 @@ class State:
     @cached_property
     def unit_load_torque(self) -> np.ndarray:
         """(J, n) torque of one newton of load at the load centre, in N m: a lever in metres."""
-        one_newton = np.full(self.n, 1 / 9.80665)
+        one_newton = np.full(self.n, 1 / STANDARD_GRAVITY)
         return self._project(
             load_levers(self.robot, self.frames, one_newton, self.load_centre).torque
         )
+
+    @cached_property
+    def load_moment_torque(self) -> np.ndarray:
+        """(3, J, n) torque (N m) of 1 N m of first moment of the load along each axis of the flange."""
+        made = []
+        for axis in range(3):
+            change = np.zeros((self.robot.joints + 1, 3, self.n))
+            change[-1, axis] = _MM_A_METRE / STANDARD_GRAVITY  # kg mm
+            made.append(self._project(moment_levers(self.robot, self.frames, change).torque))
+        return np.stack(made)
 
     @cached_property
     def moment(self) -> np.ndarray:

@@ -77,10 +77,7 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
             40,
         )
         rotation = None
-
-        @staticmethod
-        def clear(columns):
-            return columns - q @ (q.T @ columns)
+        hat_basis, fitted_residual = q, y - q @ (q.T @ y)
 
     again = np.empty(40)
     for k in range(5):

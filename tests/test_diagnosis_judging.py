@@ -1,5 +1,6 @@
 """Held-out errors come from splits that can judge the terms, and terms that do not reduce them are not kept."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import tomli_w
 from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.validation import judging, proof
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme
+from workbench.diagnosis.validation.heldout import left_out
 from workbench.explanation import words
 from workbench.explanation.answer import _somewhere, diagnose
 from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
@@ -63,6 +65,31 @@ def test_a_term_of_few_numbers_is_judged_by_every_split():
     columns = np.random.default_rng(0).normal(size=(200, 2))
     problem = problem_with(columns, np.ones(2))
     assert judging.extrapolated_share(problem, [0], np.arange(200) // 40) == 0.0
+
+
+def test_left_out_blocks_are_predicted_with_the_priors_of_the_effects():
+    """A piece of a curve that only the block left out has is predicted by its prior, and not without bounds."""
+    rng = np.random.default_rng(0)
+    columns = (np.repeat(np.arange(5), 8)[:, None] == np.arange(5)) * 3.0
+    columns[:, 0] += 0.3 * rng.normal(size=40)
+    baseline = np.linalg.qr(rng.normal(size=(40, 3)))[0]
+    y, fold = rng.normal(size=40) + 2.0, np.repeat(np.arange(5), 8)
+    precision = np.array([4.0, 1.0, 0.5, 9.0, 2.0])
+    values = rng.normal(size=5)
+    problem = replace(
+        problem_with(columns, values),
+        basis=baseline,
+        residual=y + columns @ values,
+        precisions=(precision,),
+    )
+    expected = np.empty(40)
+    both = np.concatenate([baseline, columns], 1)
+    prior = np.diag(np.concatenate([np.zeros(3), precision]))
+    for k in range(5):
+        seen = both[fold != k]
+        found = np.linalg.solve(seen.T @ seen + prior, seen.T @ y[fold != k])
+        expected[fold == k] = y[fold == k] - both[fold == k] @ found
+    assert np.allclose(left_out(problem.keeping(), fold), np.abs(expected))
 
 
 @pytest.mark.parametrize(

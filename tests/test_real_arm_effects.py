@@ -11,12 +11,14 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.effects.friction import lattice_step
 from robot_model.effects.instrument import sight_lines
+from robot_model.effects.load_mass import load_masses
 from robot_model.effects.stiffness import MASSES, PRODUCT, stiffness_rows
 from robot_model.effects.unknown_masses import bar_moments, base_columns
 from scenes import ABB, CRAIG, model_of, scene
 from workbench.core.covariates import WIND_UP, wound_up
-from workbench.core.effect import make_effects
+from workbench.core.effect import make_effects, numeric_derivative
 from workbench.core.errors import InputError
+from workbench.core.model import Model
 from workbench.jobs.robot.calibrate import calibrate
 
 
@@ -107,6 +109,33 @@ def test_a_payload_after_an_instant_is_absent_before_it():
     late = state.covariates["time_s"] > effect.after
     basis = effect.basis(state)
     assert not basis[..., ~late].any() and basis[..., late].any()
+
+
+def test_a_change_of_load_deflects_every_joint_by_its_compliance_and_tells_the_mass():
+    """The law with one number a joint and one centre makes exactly what a load makes of known compliances."""
+    model = model_of(scene("external-point", n=60, seed=4))
+    state = model.chain.state
+    mass, offset = 2.5, np.array([40.0, -60.0, 30.0])
+    compliance = np.array([2e-5, 3e-5, 4e-5, 9e-5, 8e-5, 1e-4])
+    unloaded = replace(state, payload=np.zeros(state.n))
+    loaded = replace(
+        unloaded, payload=np.full(state.n, mass), load_centre=state.load_centre + offset
+    )
+    effect = CATALOGUE["load-deflection"]("tool", after=-1e9)
+    p = np.concatenate([compliance * mass * 9.80665, offset])
+    expected = compliance[:, None] * (loaded.torque - unloaded.torque)
+    np.testing.assert_allclose(effect.delta(p, unloaded), expected, atol=1e-12)
+    numeric = numeric_derivative(lambda x: effect.delta(x, unloaded), p, 1e-6)
+    np.testing.assert_allclose(effect.derivative(p, unloaded), numeric, atol=1e-8)
+    joints = [CATALOGUE["joint-compliance"](f"joint-{k}") for k in (2, 3)]
+    whole = Model(model.chain, (*joints, effect))
+    values = whole.parameters.values.copy()
+    for number, span in zip((1, 2), whole.spans):
+        values[span] = compliance[number]
+    values[whole.spans[-1]] = p
+    found = load_masses(whole, values, np.diag((1e-3 * np.abs(values) + 1e-12) ** 2))
+    assert found[0].start == whole.spans[-1].start
+    assert abs(found[0].kg - mass) < 1e-9 and 0 < found[0].std_kg < 0.01
 
 
 def test_a_beam_is_a_flexure_where_its_root_and_tip_carry_the_same_moment():

@@ -11,6 +11,7 @@ from workbench.core.parameters import Parameter
 
 _LEVER_M, _DEFLECTION = 0.02, 3e-4  # m of lever that must vary; rad/N that a joint deflects by
 _LOAD_KG, _CENTRE_MM = 1.0, 100.0
+_OFF_CENTRE_M = 0.1  # by which the centre of a load may be elsewhere
 
 
 class Payload(Effect):
@@ -64,8 +65,8 @@ class Payload(Effect):
 class LoadDeflection(Effect):
     """The tool carries another load after an instant, and the joints deflect by it; no joint's compliance is known.
 
-    One number a joint: its compliance times the change of mass, with the centre of the load at the
-    measured point or at the tool's centre of mass.
+    One number a joint, its compliance times the change of weight, and the centre of the load relative to the measured
+    point or the tool's centre of mass. The mass itself follows where the compliance of a joint is known.
     """
 
     effect = "payload"
@@ -74,7 +75,8 @@ class LoadDeflection(Effect):
     places = ("tool",)
     elastic = True
     equation = (
-        "dq_K = l_K t_K(q) after an instant, t_K the torque of one newton at the load's centre"
+        "dq_K = l_K (t_K(q) + c.u_K(q)) after an instant; t_K the torque of one newton at the assumed centre of the "
+        "load, u_K that of a first moment along each axis of the flange"
     )
     source = (
         "linear torsion springs under a change of load: Ye et al., Sensors 24, 2559 (2024), eq. 22"
@@ -93,13 +95,18 @@ class LoadDeflection(Effect):
 
     @classmethod
     def grids(cls, chain):
-        """Any instant between two samples, but for the first and the last two."""
+        """Any instant between two samples, but for the first and the last two; every joint with a centre of its own."""
         between = instants_between(chain.state)
-        torque = chain.state.unit_load_torque
-        if len(between) and np.ptp(torque, axis=1).max() > _LEVER_M:
+        torques = unit_torques(chain.state)
+        least = np.array([_LEVER_M, *3 * [_LEVER_M / _OFF_CENTRE_M]])
+        parts, joints = np.nonzero(np.ptp(torques, axis=2) > least[:, None])
+        if len(between) and len(parts):
             even, label = np.ones(len(between)), "after {:g}"
+            sizes = _DEFLECTION * np.array([1.0, *3 * [_OFF_CENTRE_M]])
+            slots, factor = tuple(joints.tolist()), torques[parts, joints]
+            typical = tuple(sizes[parts].tolist())
             yield Grid(
-                cls, "tool", "after", "step", "time", between, even, _DEFLECTION, label, torque
+                cls, "tool", "after", "step", "time", between, even, typical, label, factor, slots
             )
 
     def slots(self, chain):
@@ -110,15 +117,38 @@ class LoadDeflection(Effect):
         for k in range(1, chain.robot.joints + 1):
             unit = "mm" if chain.slides(k) else "rad/m"
             label = f"the deflection of joint {k} by the change of load"
-            size = _DEFLECTION
-            table.append(
-                Parameter(f"tool.{self.effect}.joint{k}", unit, 0.0, size, label, 30 * size)
-            )
+            key = f"tool.{self.effect}.joint{k}"
+            table.append(Parameter(key, unit, 0.0, _DEFLECTION, label, 30 * _DEFLECTION))
+        for axis in "xyz":
+            label = f"the centre of the change of load along {axis} of the flange"
+            size = _OFF_CENTRE_M * 1e3
+            table.append(self.parameter(f"centre_{axis}", "mm", size, label, 2 * size))
         return tuple(table)
 
-    def basis(self, state):
+    def _torque(self, p, state) -> np.ndarray:
+        """(J, n) torque of one newton at the centre of the load, m."""
+        centre = np.asarray(p[-3:]) * 1e-3
+        return state.unit_load_torque + np.tensordot(centre, state.load_moment_torque, 1)
+
+    def delta(self, p, state):
         is_after = clock(state) > self.after
-        return one_each(state.unit_load_torque * is_after)
+        return np.asarray(p[:-3])[:, None] * self._torque(p, state) * is_after
+
+    def derivative(self, p, state):
+        is_after = clock(state) > self.after
+        of_joints = one_each(self._torque(p, state) * is_after)
+        of_centre = 1e-3 * np.asarray(p[:-3])[:, None] * state.load_moment_torque * is_after
+        return np.concatenate([of_joints, of_centre])
+
+    def basis(self, state):
+        """(4 J, J, n) what the law can make at all, with a centre of each joint's."""
+        is_after = clock(state) > self.after
+        return np.concatenate([one_each(part * is_after) for part in unit_torques(state)])
+
+
+def unit_torques(state) -> np.ndarray:
+    """(4, J, n) torque about each joint of one newton at the load's centre, m, and of a first moment along x, y, z."""
+    return np.concatenate([state.unit_load_torque[None], state.load_moment_torque])
 
 
 class LinkBeam(Effect):

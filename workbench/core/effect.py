@@ -51,7 +51,8 @@ class Grid:
     (V,) ascending; `masses` (V,) prior weight of each, relative to the others; `typical`: prior
     size of the amplitudes, one or (k,), in the units of the slots; `label`: format string of a
     variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a slot is multiplied by
-    at each sample, where it is not 1 (a lever arm).
+    at each sample, where it is not 1 (a lever arm); `slots` (k): the slot of each amplitude, where several act on
+    one slot with factors of their own.
     """
 
     effect: type["Effect"]
@@ -64,6 +65,7 @@ class Grid:
     typical: float | tuple[float, ...]
     label: str
     factor: np.ndarray | None = None
+    slots: tuple[int, ...] = ()
 
     def make(self, value: float) -> "Effect":
         """The effect for one value, which gets the type of the grid's values."""

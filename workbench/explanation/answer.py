@@ -277,7 +277,7 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
 
 def _of(row, term: Term, bench) -> bool:
     chain = bench.chain
-    if chain is None:
+    if chain is None or row.get("derived"):
         return True
     return row["key"] in {p.key for e in term.finding.effects for p in e.parameters(chain)}
 

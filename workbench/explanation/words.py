@@ -180,7 +180,8 @@ def figures(rows: Sequence[Mapping]) -> str:
     masses = [row for row in rows if _MASSES in row["name"]]
     rows = [row for row in rows if row not in masses]
     parts = list(_waves(rows)) or [
-        (_name(row), row) for row in sorted(rows, key=lambda row: -_surety(row))
+        (_name(row), row)
+        for row in sorted(rows, key=lambda row: (not row.get("derived"), -_surety(row)))
     ]
     texts = [
         f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]

@@ -64,10 +64,11 @@ class Projected:
     complement.
     """
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: Problem, remainder: np.ndarray | None = None):
+        """remainder (N,): what is left where more effects are fitted than `problem` keeps; its design effect counts."""
         self.problem, self.beyond = problem, problem.beyond
         self.y = problem.clear(problem.residual) if self.beyond is None else self.beyond.y
-        self.crowd = design_effect(self.y, problem)
+        self.crowd = design_effect(self.y if remainder is None else remainder, problem)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
         self.yy = float(self.y @ self.y) / self.crowd
         self.degrees = max(problem.degrees, 1) / self.crowd

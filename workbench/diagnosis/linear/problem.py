@@ -20,6 +20,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 
 _ROUNDING = 1e-9  # share of columns below which what a baseline leaves of them is only rounding
+_FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
 _SAME = 1e-10  # squared share of a column below which what others leave of it is only rounding
 
 
@@ -146,6 +147,7 @@ class Problem:
     given: float = 0.0
     mass_responses: tuple[Candidate, ...] = ()
     given_values: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
+    precisions: tuple[np.ndarray, ...] = ()  # of the prior of each added parameter, in its own unit
     made: dict = field(
         default_factory=dict, compare=False, repr=False
     )  # functions of the covariates, made once
@@ -178,6 +180,7 @@ class Problem:
             effects=tuple(self.effects[i] for i in kept),
             added=(),
             values=(),
+            precisions=(),
             bare=self.first,
             beyond=beyond,
         )
@@ -185,10 +188,31 @@ class Problem:
     def reordered(self, order: Sequence[int]) -> "Problem":
         """The problem with its effects in another order; what is known of others than these stays."""
         known = {key: value for key, value in self.known.items() if key[-1] == "gram"}
-        effects, added, values = (
-            tuple(held[i] for i in order) for held in (self.effects, self.added, self.values)
+        effects, added, values, precisions = (
+            tuple(held[i] for i in order) if held else ()
+            for held in (self.effects, self.added, self.values, self.precisions)
         )
-        return replace(self, effects=effects, added=added, values=values, known=known)
+        return replace(
+            self, effects=effects, added=added, values=values, precisions=precisions, known=known
+        )
+
+    @property
+    def hat_basis(self) -> np.ndarray:
+        """(N, R) B with B B' y the fitted part of y in a fit whose added parameters have their priors.
+
+        Without priors B is the orthonormal `basis`. A direction that the data hardly determine is shorter than 1.
+        """
+        if self.beyond is None:
+            return self.basis
+        return np.concatenate([self.basis[:, : self.first], self.beyond.hat_basis], 1)
+
+    @property
+    def fitted_residual(self) -> np.ndarray:
+        """(N,) y - B B' y, the residual of the fit whose hat matrix is that of `hat_basis`."""
+        if self.beyond is None:
+            return self.clear(self.residual)
+        basis, y = self.beyond.hat_basis, self.beyond.added.y
+        return y - basis @ (basis.T @ y)
 
     def through(
         self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
@@ -258,7 +282,8 @@ class Added:
     """Columns (N, A) of all added effects, orthogonal to the baseline, of unit length; `start` (E + 1,) of each.
 
     `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
-    `score` (A,) inner products of the two. What any of the effects make follows from these without the samples.
+    `score` (A,) inner products of the two; `precision` (A,) of their coefficients' priors. What any of the
+    effects make follows from these without the samples.
     """
 
     columns: np.ndarray
@@ -266,6 +291,7 @@ class Added:
     gram: np.ndarray
     y: np.ndarray
     score: np.ndarray
+    precision: np.ndarray
 
     @classmethod
     def of(cls, problem: Problem) -> "Added":
@@ -279,7 +305,9 @@ class Added:
         length = np.sqrt((clear**2).sum(0))
         clear = np.where(length > _ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
-        return cls(clear, start, clear.T @ clear, y, clear.T @ y)
+        held = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
+        precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-300)
+        return cls(clear, start, clear.T @ clear, y, clear.T @ y, precision)
 
     def kept(self, effects: Sequence[int]) -> "Beyond":
         """What some of the effects, by their numbers, make."""
@@ -289,16 +317,31 @@ class Added:
         seen = values > _SAME
         mixing = np.zeros((len(self.score), int(seen.sum())))
         mixing[held] = vectors[:, seen] / np.sqrt(values[seen])
-        return Beyond(self, mixing, self.columns @ mixing)
+        return Beyond(self, mixing, self.columns @ mixing, held)
 
 
 @dataclass(frozen=True)
 class Beyond:
-    """What some of the added effects make: `basis` (N, R) orthonormal, columns of `added` times `mixing` (A, R)."""
+    """What some of the added effects make: `basis` (N, R) orthonormal, columns of `added` times `mixing` (A, R).
+
+    `held`: numbers of the columns of these effects.
+    """
 
     added: Added
     mixing: np.ndarray
     basis: np.ndarray
+    held: np.ndarray
+
+    @property
+    def hat_basis(self) -> np.ndarray:
+        """(N, P) B with B B' = X (X'X + L)^-1 X': X the columns of these effects, L the precisions of their priors."""
+        columns, precision = self.added.columns[:, self.held], self.added.precision[self.held]
+        scale = 1 / np.sqrt(1 + np.minimum(precision, _FIXED))
+        gram = self.added.gram[np.ix_(self.held, self.held)] * np.outer(scale, scale)
+        total = gram + np.diag(precision * scale**2)
+        values, vectors = symmetric_eigen(total)
+        seen = values > _SAME
+        return columns @ (scale[:, None] * vectors[:, seen] / np.sqrt(values[seen]))
 
     @property
     def y(self) -> np.ndarray:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from robot_model.effects import CATALOGUE
-from robot_model.effects.curve import JointCurve, dominant_cycles
+from robot_model.effects.curve import JointCurve
 from robot_model.effects.elastic import JointCompliance
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
@@ -22,6 +22,7 @@ from workbench.diagnosis.linear.problem import Problem, Site
 from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import loose
+from workbench.diagnosis.robot.derived import mass_rows, spectrum
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_hypotheses
 from workbench.fitting.checked_samples import check_samples
@@ -264,8 +265,10 @@ class RobotBench:
             typical, typical
         )
         covariance *= fit.sigma_scale**2
-        std = np.zeros(len(fit.parameters))
-        std[fit.parameters.mask] = np.sqrt(np.maximum(np.diag(covariance), 0))
+        whole = np.zeros((len(fit.parameters),) * 2)
+        whole[np.ix_(fit.parameters.mask, fit.parameters.mask)] = covariance
+        std = np.sqrt(np.maximum(np.diag(whole), 0))
+        masses = mass_rows(model, fit.parameters.values, whole)
         rows = []
         first = len(self.baseline)
         for effect, span in zip(model.effects[first:], model.spans[first:]):
@@ -273,7 +276,6 @@ class RobotBench:
             columns = model.linearise(fit.parameters.only(own))[1]
             for row, k in zip(columns, range(span.start, span.stop)):
                 p, value = fit.parameters.table[k], float(fit.parameters.values[k])
-                size = float(np.sqrt(((row[:3] * value) ** 2).mean()))
                 rows.append(
                     {
                         "key": p.key,
@@ -285,18 +287,14 @@ class RobotBench:
                         "std": float(std[k]),
                         "unit": p.unit,
                         "typical": p.typical,
-                        "size_mm": size,
+                        "size_mm": float(np.sqrt(((row[:3] * value) ** 2).mean())),
                     }
                 )
+            if span.start in masses:
+                rows.append(masses[span.start])
             if isinstance(effect, JointCurve):
-                rows[-effect.terms] |= self._cycles(effect, fit.parameters.values[span])
+                rows[-effect.terms] |= spectrum(effect, fit.parameters.values[span], self.chain)
         return tuple(rows)
-
-    def _cycles(self, effect: JointCurve, coefficients: np.ndarray) -> dict:
-        """Size of an error curve on the visited angles, and its dominant cycles, for the row of its first term."""
-        error = effect.curve(coefficients, self.chain.variables[effect.number - 1])
-        cycles = [(c.order, c.amplitude) for c in dominant_cycles(effect, coefficients)]
-        return {"curve_rms": float(error.std()), "cycles": cycles}
 
     def units(self, effects: Sequence[Effect]) -> list[str]:
         """Units of the parameters of some effects."""

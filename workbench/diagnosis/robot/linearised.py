@@ -10,6 +10,7 @@ from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.robot.derived import linear_values
 from workbench.diagnosis.robot.places import lengths, scans, sites
 
 _SEEN = 1e-2
@@ -21,12 +22,15 @@ _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}
 
 def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
     """The problem at a fit, without anything to compare with it."""
-    residual = model.evaluate(fit.parameters).residual
+    evaluation = model.evaluate(fit.parameters)
+    residual = evaluation.residual
     sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
     white = np.sqrt(weights) / sigma
+    rows = _Rows(model, evaluation, white)
     first = len(model.effects) - len(effects)
     bare = replace(model, effects=model.effects[:first])
     spans, state = model.spans[first:], model.chain.state
+    added = tuple(_derivative(model, fit, white, span) for span in spans)
     return Problem(
         residual=(residual * white).ravel(),
         basis=_baseline(bare, fit, white),
@@ -40,8 +44,12 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
         candidates=(),
         effects=effects,
         widened=float(np.median(sigma / model.chain.stated_sigma)),
-        added=tuple(_derivative(model, fit, white, span) for span in spans),
-        values=tuple(fit.parameters.values[span] for span in spans),
+        added=added,
+        values=tuple(
+            linear_values(effect, fit.parameters.values[span], columns, state, rows, model.chain)
+            for effect, span, columns in zip(model.effects[first:], spans, added)
+        ),
+        precisions=tuple(fit.parameters.precision[span] for span in spans),
     )
 
 

@@ -33,7 +33,7 @@ def scans(chain, rows) -> tuple[Scan, ...]:
 def _scan(grid: Grid, chain, rows) -> Scan:
     """The grid with the derivatives of its slot and its covariate."""
     effect = grid.make(grid.values[0])
-    own = rows(effect.port, effect.slots(chain))
+    own = rows(effect.port, grid.slots or effect.slots(chain))
     if grid.factor is not None:
         own = own * grid.factor[:, None]
     return scan_of(grid, _flat(own), chain.state.covariates[grid.covariate])

@@ -24,7 +24,8 @@ def accept_likeliest(search: Search) -> None:
     tried: list[set] = []
     for _ in range(_ROUNDS):
         terms, present = _at_hand(search)
-        objective = LogPosterior.of(search.problem.keeping(()), terms)
+        remainder = Projected(search.problem.keeping()).y
+        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder)
         chosen = [terms[i] for i in Stepwise(objective).likeliest(present)]
         names = {name_of(h) for h in chosen}
         if names in tried:

@@ -55,9 +55,18 @@ class LogPosterior:
     last: dict = field(default_factory=dict)
 
     @classmethod
-    def of(cls, problem: Problem, terms: Sequence[Hypothesis]) -> "LogPosterior":
-        """Of some terms, their columns taken at a problem that keeps none of them."""
-        projected = Projected(problem)
+    def of(
+        cls,
+        problem: Problem,
+        terms: Sequence[Hypothesis],
+        remainder: np.ndarray | None = None,
+    ) -> "LogPosterior":
+        """Of some terms, their columns taken at a problem that keeps none of them.
+
+        remainder (N,): what is left with the terms accepted so far. Repeats of a pose err together by what these
+        explain, so that only the remainder says how many independent numbers the samples are worth.
+        """
+        projected = Projected(problem, remainder)
         parts = [h.columns(problem) for h in terms]
         start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
         clear = problem.clear(np.concatenate(parts, 1))

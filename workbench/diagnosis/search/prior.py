@@ -33,6 +33,12 @@ _SCALES = np.geomspace(1e-7, 1e-2, 31)
 """Compliances of a joint under 1 N m, rad/(N m), of which the likeliest is the robot's."""
 _SIZE_BY_LOAD = -0.5
 """Exponent of the load (N m) that compliances scale with: stronger gears are stiffer, yet deflect more."""
+_MOST_OF_USUAL = 3.0
+"""Compliance of a joint over the usual one of its robot, both for the same load, that is plausible at most.
+
+Any first harmonic of a joint that carries next to nothing looks like a large compliance. The joints with load say what
+is usual.
+"""
 _DEPENDENT = 1e-9  # relative eigenvalue from which on joints are distinguishable at all
 _LAW_ERROR = 0.005
 """Relative error of every deflection that is computed: torques from joint angles that are off by 0.3 degrees."""
@@ -122,17 +128,25 @@ class _RobotScale:
         spent = np.log1p(spread * values).sum(1)
         gained = (along**2 * spread / (1 + spread * values)).sum(1)
         best = int(np.argmax(log_evidence_each(spent, gained, projected)))
-        common = float(_SCALES[best])
-        found = -vectors @ (along / (values + common**-2))
+        found = np.maximum(-vectors @ (along / (values + _SCALES[best] ** -2)), 0.0)
+        usual = _weighted_median(found, np.array([c.load for c in joints]))
+        most = _MOST_OF_USUAL * usual if usual > 0 else float(_SCALES[best])
         reference = []
-        for candidate, value, size in zip(joints, found, sizes):
-            reference.append((candidate.effect, candidate.where, max(float(value * size), 0.0)))
-        return cls(common, tuple(reference), clear)
+        for candidate, value, size in zip(joints, np.minimum(found, most), sizes):
+            reference.append((candidate.effect, candidate.where, float(value * size)))
+        return cls(min(float(_SCALES[best]), most), tuple(reference), clear)
 
     def size(self, candidate: Candidate) -> float:
         """Prior size of an elastic law's compliance, rad/(N m)."""
         _, relative = _CHANCE[candidate.effect]
         return self.common * relative * max(candidate.load, 1e-3) ** _SIZE_BY_LOAD
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """The value (K,) up to which half of the weight (K,) lies."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order]) >= 0.5 * weights.sum()
+    return float(values[order][int(np.argmax(reached))])
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
+from workbench.core.least_squares.linear_algebra import least_squares, symmetric_eigen, thin_svd
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.linear.problem import Bench
 from workbench.diagnosis.validation.heldout import name_of
@@ -22,6 +22,9 @@ from workbench.diagnosis.validation.terms import Control
 
 _TRIALS, _TURNS = 199, 39
 _LEVEL, _LEFT, _HALF, _MOST = 0.01, 0.2, 0.5, 0.75
+_MOST_BY_CHANCE = (
+    0.5  # share that unrelated causes explain of each other, beyond which nothing more is taken off
+)
 _MADE = 0.8  # share of the fitted effect that a permuted cause makes, from which on it cannot tell
 _SAME = (
     1e-3  # of a column's length, by which two that mean the same differ from rounding and refitting
@@ -55,7 +58,8 @@ def controls(
     rng = np.random.default_rng(seed)
     gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
     p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
-    share = trial.beyond(float(np.median(gains)))
+    by_chance = trial.by_chance(rng)
+    share = max(trial.beyond(float(np.median(gains))) - by_chance, 0.0) / (1 - by_chance)
     made = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
     return (*made, *_of_time(trial, rng))
 
@@ -150,6 +154,8 @@ class _Trial:
         else:
             self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others)
         self.own = self.gain(self.small)
+        columns = self.problem.clear(self.columns(self.small))
+        self.coefficients = least_squares(columns, self.y)
 
     def basis(self, state):
         """(P, K, n) the effects side by side, each on slots of its own."""
@@ -196,6 +202,20 @@ class _Trial:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
         chance = len(self.small) * self.noise
         return max(gain - chance, 0.0) / max(self.own - chance, 1e-300)
+
+    def by_chance(self, rng) -> float:
+        """Share (0-1) of what the effects make at other poses that they make from yet others, at most a half.
+
+        As many functions of poses explain that much of each other, whatever they depend on: a lot where poses are few.
+        """
+        shares = []
+        for _ in range(_TURNS):
+            made = self.problem.clear(self.columns(self.permuted(rng)))
+            signal = made @ self.coefficients
+            plane = _plane(self.problem.clear(self.columns(self.permuted(rng))))
+            length = float(signal @ signal)
+            shares.append(float(((plane.T @ signal) ** 2).sum()) / max(length, 1e-300))
+        return min(float(np.median(shares)), _MOST_BY_CHANCE)
 
     def permuted(self, rng):
         """What the effects would do if every pose were another."""

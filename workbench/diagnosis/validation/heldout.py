@@ -154,7 +154,7 @@ class Errors:
             distances = self.bench.held_out(effects, np.where(block, 0, -1))
             return np.stack([distances, np.full_like(distances, np.nan)])
         problem = self.bench.problem(effects, hypotheses=False).keeping()
-        if _alone(problem.basis[block[problem.sample]]).max(initial=0.0) > 1 - _HELD:
+        if _alone(problem.hat_basis[block[problem.sample]]).max(initial=0.0) > 1 - _HELD:
             # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
             return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
         model, fit, _ = self.bench.solve(effects)
@@ -188,19 +188,19 @@ def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.
 
     only: the one block that is asked for; nan elsewhere then.
 
-    e = (I - Q_b Q_b')^-1 r for a block b left out of a linear fit with orthonormal columns Q (Cook & Weisberg,
-    Residuals and Influence in Regression (1982), sec. 3.6).
+    e = (I - B_b B_b')^-1 r for a block b left out of a linear fit with hat matrix B B' (Cook & Weisberg, Residuals and
+    Influence in Regression (1982), sec. 3.6). The added effects have their priors in it, as in a fit of the samples.
     """
     return _left_out_lengths(problem, fold, only)[0]
 
 
 def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
     """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured), as of `left_out`."""
-    left = problem.clear(problem.residual)
+    basis, left = problem.hat_basis, problem.fitted_residual
     out, mine = np.full_like(left, np.nan), fold[problem.sample]
     for k in np.unique(fold) if only is None else (only,):
         rows = mine == k
-        block = problem.basis[rows]
+        block = basis[rows]
         values, vectors = symmetric_eigen(block.T @ block)
         along = vectors.T @ (block.T @ left[rows]) / np.maximum(1 - values, _HELD)
         out[rows] = left[rows] + block @ (vectors @ along)

@@ -270,22 +270,56 @@ def _earned(
     To first order about that solution, by samples left out of the linearised fit.
     """
     say(f"held-out gain of {len(findings)} terms, each conditional on the others")
-    gone: list[Term] = []
-    problem = bench.problem(_effects(findings), samples, hypotheses=False) if findings else None
-    sigma = sigma_of(bench, samples)
+    if not findings:
+        return [], []
+    problem = bench.problem(_effects(findings), samples, hypotheses=False)
     numbers = dict(zip(map(id, findings), _numbered(findings)))
-    left = [Term(f) for f in findings]
-    while left:
+    sigma = sigma_of(bench, samples)
+
+    def judged(left: Sequence[Term]) -> list[Term]:
         kept = [i for term in left for i in numbers[id(term.finding)]]
-        left = [
+        return [
             _judged(bench, problem, kept, term, numbers[id(term.finding)], sigma) for term in left
         ]
+
+    left, gone = _without_unreal(judged, [Term(f) for f in findings])
+    for _ in findings:
+        again = _with_best(judged, left, gone)
+        if again is None:
+            break
+        left, lost = _without_unreal(judged, again)
+        gone = [term for term in gone if not any(term.finding is t.finding for t in left)]
+        gone += [t for t in lost if not any(t.finding is term.finding for term in gone)]
+    return left, gone
+
+
+Judge = Callable[[Sequence[Term]], list[Term]]
+
+
+def _without_unreal(judged: Judge, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+    """Terms whose gain conditional on one another is real, and the others; the weakest goes first."""
+    left, gone = list(terms), []
+    while left:
+        left = judged(left)
         worst = min(left, key=lambda term: term.t)
         if worst.t > REAL and worst.gain > 0:
             break
         gone.append(replace(worst, kept=False, reason=_unreal(worst.t)))
         left.remove(worst)
     return left, gone
+
+
+def _with_best(judged: Judge, left: list[Term], gone: Sequence[Term]) -> list[Term] | None:
+    """The terms with the one of those removed whose gain next to them is largest and real; None where there is none.
+
+    Of two terms that share a signature the wrong one may go first, and with it what needs it.
+    """
+    best = None
+    for term in gone:
+        candidate = judged([*left, Term(term.finding)])[-1]
+        if candidate.t > REAL and candidate.gain > 0:
+            best = max(best, candidate, key=lambda one: one.t) if best else candidate
+    return None if best is None else [*left, best]
 
 
 def _unreal(t: float) -> str:

@@ -1,0 +1,50 @@
+"""Numbers that follow from the parameters of effects: the mass of a load, coefficients of a linearised law."""
+
+import numpy as np
+
+from robot_model.effects.curve import JointCurve, dominant_cycles
+from robot_model.effects.load import LoadDeflection
+from robot_model.effects.load_mass import load_masses
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.core.model import NOISE, STATE_PORTS
+
+
+def mass_rows(model, values: np.ndarray, covariance: np.ndarray) -> dict[int, dict]:
+    """Start of a load's parameters -> row of its mass, as of `Bench.parameters`; values (P,), covariance (P, P)."""
+    rows = {}
+    for mass in load_masses(model, values, covariance):
+        rows[mass.start] = {
+            "key": f"tool.{LoadDeflection.effect}.mass",
+            "name": "mass",
+            "where": "tool",
+            "label": "the mass of the change of load",
+            "effect": LoadDeflection.effect,
+            "value": mass.kg,
+            "std": mass.std_kg,
+            "unit": "kg",
+            "typical": 1.0,
+            "size_mm": 0.0,
+            "derived": True,
+        }
+    return rows
+
+
+def linear_values(
+    effect: Effect, p: np.ndarray, columns: np.ndarray, state, rows, chain
+) -> np.ndarray:
+    """(P,) coefficients with which an effect's columns (N, P) make what it makes: its parameters where it is linear."""
+    if effect.linear or effect.port in (*STATE_PORTS, NOISE):
+        return p
+    made = np.einsum("kn,kmn->mn", effect.delta(p, state), rows(effect.port, effect.slots(chain)))
+    return least_squares(columns, made.ravel())
+
+
+def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
+    """Size of an error curve on the visited angles, and its dominant cycles, for the row of its first term."""
+    error = effect.curve(coefficients, chain.variables[effect.number - 1])
+    cycles = [(c.order, c.amplitude) for c in dominant_cycles(effect, coefficients)]
+    return {"curve_rms": float(error.std()), "cycles": cycles}
+
+
+__all__ = ["linear_values", "mass_rows", "spectrum"]
