@@ -58,11 +58,7 @@ def command(
     """Identify unmodelled effects of a recording: effect, place, probability, and reduction of the held-out error."""
     answer.check_target(json)
     edits = sessions.session_of(session, {"RECORDING": recording, "--scanner": scanner})
-    if edits is not None:
-        recording, trust_data = edits.recording, edits.trust_data
-        scanner = Path(edits.scanner) if edits.scanner else None
-    elif recording is None:
-        raise sessions.nothing_named("diagnose")
+    recording, scanner, trust_data = _subject(edits, recording, scanner, trust_data)
     with answer.progress(f"reading {recording}") as say:
         from workbench.machine.processes import cores, one_thread
 
@@ -73,10 +69,7 @@ def command(
         from workbench.explanation.files import save
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
-        if simulation is not None and solution is not None:
-            raise InputError(
-                "--simulation and --solution: expected one of them, found both; omit one."
-            )
+        _check_one_reference(simulation, solution)
         found = sessions.edited(edits, datasets.read(recording, trust_data))
         _check_scanner(found, scanner)
         tolerances = parse_tolerances(tolerance, _units(found))
@@ -111,6 +104,20 @@ def command(
     console = answer.console(json)
     show(console, result)
     answer.conclude(console, result, run.path)
+
+
+def _subject(edits, recording: str | None, scanner: Path | None, trust_data: bool):
+    """Recording, scanner file and trust of the call, or of the edit session where one is given."""
+    if edits is not None:
+        return edits.recording, Path(edits.scanner) if edits.scanner else None, edits.trust_data
+    if recording is None:
+        raise sessions.nothing_named("diagnose")
+    return recording, scanner, trust_data
+
+
+def _check_one_reference(simulation: Path | None, solution: Path | None) -> None:
+    if simulation is not None and solution is not None:
+        raise InputError("--simulation and --solution: expected one of them, found both; omit one.")
 
 
 def _units(recording) -> tuple[str, ...]:

@@ -72,7 +72,7 @@ _JSON = json.JSONEncoder(indent=2, ensure_ascii=False, allow_nan=False)
 
 @contextmanager
 def progress(first: str) -> Iterator["Progress"]:
-    """A progress line on standard error; call what is yielded to change its text, or its `note` to print a line.
+    """A progress line on standard error; call the result to change its text, or its `note` to print a line.
 
     If the environment variable WORKBENCH_PROGRESS is "lines", every text is printed on its own line, for programs
     that start a command and show its progress.
