@@ -4,7 +4,6 @@ A scan is joined by flange pose where its rows of images.csv name several rows o
 where they hold `table_deg`.
 """
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from sensors.scanner.model import Scanner
 from sensors.scanner.motion import Motion
 from sensors.scanner.turntable import Turntable
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import read_toml
 from workbench.files.exports.hand_eye import read_hand_eye
 from workbench.files.images.flange import flange_poses, rows_of_samples
 
@@ -153,7 +153,7 @@ def read_known(path: Path) -> KnownHandEye:
             f"{path}: expected T_flange_sensor of a sensor on the flange, found a sensor that stands still; name the "
             "file of this sensor"
         )
-    keys = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    keys = read_toml(path)  # `read_hand_eye` has read it before, so it is readable
     std = np.concatenate(
         [keys.get("std_mm", [0.0] * 3), np.deg2rad(keys.get("std_deg", [0.0] * 3))]
     )
