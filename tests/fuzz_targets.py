@@ -12,7 +12,7 @@ from fuzz_engine import Target
 from study_scenes import TEXT as STUDY
 from test_exports import BROWN, hand_eye_run
 from test_recording_good import write_good
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.errors import InputError
 
 PLAN = """[[stage]]

@@ -8,7 +8,7 @@ import pytest
 
 import datasets
 from test_recording_good import write_good
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.files import runs
 

@@ -18,7 +18,7 @@ from sensors.scanner.misfit import stripe_misfit
 from sensors.scanner.motion import twists_of
 from sensors.scanner.turntable import Turntable, is_full_turn
 from sensors.scanner.turntable_calibration import calibrate_turntable
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, transform
 from workbench.jobs.sensor import hand_eye
