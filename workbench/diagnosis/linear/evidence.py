@@ -23,8 +23,9 @@ from scipy.special import betainc, logsumexp
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.linear.problem import Problem, Scan
 
-SIZES = np.geomspace(0.1, 100.0, 13)
-"""Sizes of a disturbance in units of what is typical."""
+SIZES = np.geomspace(0.1, 100.0, 7)
+"""Sizes of a disturbance in units of what is typical: from a tenth to a hundred times, in steps over which the
+evidence of a size changes by less than it does from data to data."""
 _LIKELY = -np.log(
     np.maximum(1.0, SIZES / 3.0)
 )  # each as likely as the others up to three times typical, then 1/s

@@ -34,7 +34,10 @@ _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance wher
 BASELINES = ("geometry", JointCompliance.effect)
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
-_STEPS = 50  # of a solve
+_FEW_STEPS, _STEPS = (
+    6,
+    50,
+)  # of a solve whose only purpose is a first estimate of the noise, and of the last one
 _KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
 _SOLUTIONS = (
     8  # solutions of each part that are kept: a term's proof asks for the same few again and again
@@ -226,11 +229,11 @@ class RobotBench:
         free = self.free(model)
         if part.last is not None:
             free = free.take_over(part.last)
-        fit = solve(model, free, "huber")
-        for _ in range(2):
+        fit = solve(model, free, "huber", _FEW_STEPS)
+        for steps in (_FEW_STEPS, _STEPS):
             widened = _widened(chain, fit)
             model = replace(model, chain=widened)
-            fit = solve(model, fit.parameters, "huber")
+            fit = solve(model, fit.parameters, "huber", steps)
         if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it
             fit = settled(model, fit, "huber", _STEPS, only=model.shrunk)
         white = fit.residual / model.sigma(fit.parameters)
