@@ -1,4 +1,4 @@
-"""Recordings of an arm that differs from its simulation in concealed ways, made by MuJoCo's statics.
+"""Recordings of an arm that differs from its simulation in planted ways, made by MuJoCo's statics.
 
 `make(seed, parameters, physics, noise)` draws an arm, how many parameters of its geometry differ, which effects the
 simulation does not hold, and by which factor the noise is stated wrongly. `true_points` are those at other poses.
@@ -27,7 +27,7 @@ from datasets.mujoco_arm import (
 
 ROBOTS = ("irb120", "small", "large")
 SIGMA_MM = {"irb120": 0.02, "small": 0.02, "large": 0.05}
-PHYSICS = ("joint-compliance", "link-compliance", "backlash", "transmission-harmonic", "zero-shift")
+PHYSICS = ("joint-compliance", "backlash", "transmission-harmonic", "zero-shift")
 _LENGTH_MM, _ANGLE_RAD = (0.2, 0.6), (6e-4, 1.5e-3)
 _DRIVE_RAD = (3e-4, 7e-4)
 _REFLECTOR = (60.0, -30.0, 110.0)
@@ -45,7 +45,7 @@ _GEOMETRY = (
 
 
 @dataclass(frozen=True)
-class Concealed:
+class Planted:
     """A recording with its truth.
 
     `made`: the recording, whose robot file is the nominal one; `arm` and the drive errors as built; `parameters` key ->
@@ -73,7 +73,7 @@ class Concealed:
         return _poses(rng, self.made.robot, count, loads)
 
 
-def make(seed: int, parameters: int, physics: int, noise: bool, samples: int = 130) -> Concealed:
+def make(seed: int, parameters: int, physics: int, noise: bool, samples: int = 130) -> Planted:
     """The recording of an arm with some wrong parameters and effects; noise: whether its statement is wrong."""
     kind = ROBOTS[seed % len(ROBOTS)]
     rng = np.random.default_rng([41, seed])
@@ -104,7 +104,7 @@ def make(seed: int, parameters: int, physics: int, noise: bool, samples: int = 1
     sizes = {
         (name, where): size for name, where, size in ((n, f[0], f[1]) for n, f in zip(names, found))
     }
-    return Concealed(made, arm, wrong, sizes, drives, factor)
+    return Planted(made, arm, wrong, sizes, drives, factor)
 
 
 def _robot(kind: str):
@@ -128,8 +128,6 @@ def _effect(rng, name: str, joints, samples: int):
     if name == "joint-compliance":
         k = int(rng.integers(2, 4))
         return f"joint-{k}", float(joints[k - 1] * rng.uniform(1.0, 2.5)), "", k
-    if name == "link-compliance":
-        return "link-2", float(joints[1] * rng.uniform(0.4, 1.0)), "", 2
     k, size = int(rng.integers(1, 5)), float(rng.uniform(*_DRIVE_RAD))
     if name == "backlash":
         return f"joint-{k}", size, "gaps", Gap(k, size)
@@ -146,11 +144,11 @@ def _built(nominal: Arm, wrong: Mapping[str, float], found) -> Arm:
     geometry = nominal.geometry.copy()
     for key, change in wrong.items():
         geometry[int(key[6]) - 1, _COLUMNS[key[8:-1]]] += change
-    joint, link = np.zeros(nominal.joints), np.zeros(nominal.joints)
-    for where, size, slot, number in found:
+    joint = np.zeros(nominal.joints)
+    for _, size, slot, number in found:
         if not slot:
-            (joint if where.startswith("joint") else link)[number - 1] = size
-    return replace(nominal, geometry=geometry, joint_compliance=joint, link_compliance=link)
+            joint[number - 1] = size
+    return replace(nominal, geometry=geometry, joint_compliance=joint)
 
 
 def _poses(rng, robot: Mapping, count: int, loads):
@@ -183,4 +181,4 @@ def _columns(joints_deg, approach, payload, points) -> dict[str, np.ndarray]:
     )
 
 
-__all__ = ["PHYSICS", "ROBOTS", "Concealed", "make"]
+__all__ = ["PHYSICS", "ROBOTS", "Planted", "make"]
