@@ -384,6 +384,6 @@ def _state(robot, looks, variables, measurement, tool) -> State:
             robot, variables, covariates.get("time_s", covariates["row"]), looks[0].poses
         )
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
-    centre = robot.payload_com if robot.payload_mass > 0 else tool[:3]
+    centre = robot.payload_com if robot.payload_mass > 0 or robot.payload_com.any() else tool[:3]
     seen = measurement.measured, measurement.numbers, measurement.targets(tool)
     return State(robot, variables, covariates, robot.gravity, payload, centre, *seen)

@@ -18,6 +18,9 @@ from robot_model.mjcf import MjcfTree, is_mjcf
 from robot_model.robot import PARALLEL, Robot, wrong
 from robot_model.urdf_tree import Joint, Tree
 
+LOAD = "load"
+"""Name of the link or body at which recorded loads hang."""
+
 
 def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
     """The arm of {"urdf": path, "joints": [...], "tip": link, "mimic": {...}, "gravity": [x, y, z]}.
@@ -29,7 +32,8 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
     own. gravity: direction in the root link's frame; that of the file, else (0, 0, -1), if left out. Also name,
     source. The file may also be MJCF (MuJoCo); then tip may be a body or a site.
 
-    A body's mass is that of all links that move with its joint, side branches at their zero.
+    A body's mass is that of all links that move with its joint, side branches at their zero. Recorded loads hang at
+    the link or body `load` on the flange, or at the flange's origin where there is none.
     Raises InputError where the file or a name does not serve.
     """
     tree = tree_of(spec, where)
@@ -58,7 +62,7 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
         mass=mass,
         com=com,
         payload_mass=0.0,
-        payload_com=np.zeros(3),
+        payload_com=_load_centre(tree, tip),
         base=frames[0],
         flange=_flange(frames[-1], tree.places[tip]),
     )
@@ -144,6 +148,19 @@ def _flange(last: np.ndarray, tip: np.ndarray) -> np.ndarray:
     flange = np.linalg.inv(last) @ tip
     # an identity but for rounding saves the chain a step when it is exact
     return np.eye(4) if np.allclose(flange, np.eye(4), rtol=0, atol=1e-12) else flange
+
+
+def _load_centre(tree: Tree, tip: str) -> np.ndarray:
+    """(3,) mm in the flange frame: where a link called `load` stands on the flange, else the flange's origin.
+
+    Recorded loads (column payload_kg) hang there. A file that `workbench export --to mjcf` writes has such a body.
+    """
+    before = [joint.name for joint in tree.path(tip) if joint.kind != "fixed"]
+    if LOAD not in tree.places:
+        return np.zeros(3)
+    if [joint.name for joint in tree.path(LOAD) if joint.kind != "fixed"] != before:
+        return np.zeros(3)
+    return (np.linalg.inv(tree.places[tip]) @ tree.places[LOAD])[:3, 3]
 
 
 def _mixing(

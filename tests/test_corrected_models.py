@@ -73,6 +73,23 @@ def test_the_run_folder_holds_plan_solution_and_scene(run):
     assert is_model_run(folder) and scene_of(folder).is_file()
 
 
+def test_the_page_shows_the_residual_term_by_term(run, tmp_path):
+    from workbench.report.diagnosis.page import page
+    from workbench.report.diagnosis.terms import over_covariates
+
+    _, made, _, _ = run
+    steps = made.views.steps
+    assert [step.name for step in steps] == ["baseline", f"+ {made.terms[0].title}"]
+    assert np.array_equal(steps[0].residual, made.views.before)
+    assert np.array_equal(steps[-1].residual, made.views.after)
+    assert steps[0].rms > 1.5 * steps[1].rms
+    drawn = over_covariates(made)
+    titles = [axis.title.text for axis in drawn.select_xaxes() if axis.title.text]
+    assert len(titles) == 7 and len(drawn.data) == 2 * 7
+    sections = {section.name: section for section in page(made).sections}
+    assert "+ backlash" in str(sections["terms"].blocks[1]["rows"])
+
+
 def test_the_plan_read_back_has_the_accepted_terms(run):
     recording, made, folder, _ = run
     robot = bind_robot(recording)

@@ -19,6 +19,7 @@ from workbench.explanation.result import (
     Diagnosis,
     Experiment,
     Proof,
+    Step,
     Term,
     Views,
     with_statements,
@@ -164,6 +165,7 @@ def views(draw, unit: str):
     )
     names = ("x", "y", "z") if unit == "mm" else ("u", "v")
     links = rng.normal(size=(3, 8)) if unit == "mm" else None
+    steps = (Step("baseline", before), Step("+ backlash at joint-2", after))
     return Views(
         before,
         after,
@@ -173,6 +175,7 @@ def views(draw, unit: str):
         np.arange(SAMPLES),
         links,
         names,
+        steps=draw(st.sampled_from([(), steps])) if unit == "mm" else (),
     )
 
 

@@ -114,6 +114,10 @@ def test_the_answer_has_three_parts_and_the_solution_that_holds_beta_is_found_ou
     assert told["noise"]["factor"] == pytest.approx(1, abs=0.12)
     assert [(one["effect"], one["where"]) for one in told["physics"]] == [("backlash", "joint-3")]
     assert any("servos are taken as rigid" in sentence for sentence in made.warnings)
+    names = [step.name for step in made.views.steps]
+    assert "twin.xml, base and tool fitted" in names[0] and names[1] == "baseline"
+    sizes = [step.rms for step in made.views.steps]
+    assert sizes[0] > sizes[1] > sizes[-1]
 
 
 def test_a_twin_without_masses_is_said_to_show_no_deflection(tmp_path):

@@ -141,6 +141,7 @@ def test_an_exported_model_read_back_is_the_calibrated_arm_with_its_terms(case, 
     offset[2] = arm.values.get("joint-3.zero-offset.k0", 0.0)
     wanted = flanges(arm.robot, readings + offset, calibrated_geometry(arm))
     np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-6)
+    np.testing.assert_allclose(again.payload_com, arm.load_centre, atol=1e-6)
     held = terms_of(path)
     effects = make_effects(
         CATALOGUE, [(e.pop("effect"), e.pop("where"), e) for e in held["effects"]]

@@ -21,6 +21,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.explanation.reference import Reference
 from workbench.explanation.result import Diagnosis
+from workbench.explanation.term_steps import step_of_simulation
 from workbench.fitting.plans import frames_of
 
 LEVEL = 0.01
@@ -84,8 +85,10 @@ def with_differences(made: Diagnosis, reference: Reference, recording) -> Diagno
     found = [e for term in made.terms for e in term.finding.effects]
     extra = [e for e in made.given if not _is_among(e, reference.effects)]
     compared = differences(reference, recording, (*extra, *found), made.outliers)
+    steps = (step_of_simulation(reference, recording), *made.views.steps)
     return replace(
         made,
+        views=replace(made.views, steps=steps),
         robot_keys=reference.robot_keys,
         differences=compared,
         warnings=(*made.warnings, *reference.notes),

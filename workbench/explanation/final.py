@@ -5,6 +5,7 @@ import numpy as np
 from workbench.diagnosis.linear.problem import Found
 from workbench.explanation import replicates, stated_noise
 from workbench.explanation.result import Views
+from workbench.explanation.term_steps import steps_of_terms
 
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 
@@ -13,7 +14,7 @@ class Final:
     """The residuals of baseline and final model of a bench, and what follows from them."""
 
     def __init__(self, bench, found: Found, unit: str, terms=None):
-        self.bench, self.unit, self.found = bench, unit, found
+        self.bench, self.unit, self.found, self.terms = bench, unit, found, terms
         self.before = found.before
         effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
         self.after = found.after if effects is None else bench.problem(effects).keeping()
@@ -99,6 +100,9 @@ class Final:
             self.bench.recording.sample_ids,
             self._links(),
             rotation=rotation,
+            steps=steps_of_terms(
+                self.bench, self.terms or (), residuals_of, self.before, self.after
+            ),
         )
 
     def _links(self):

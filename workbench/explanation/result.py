@@ -34,6 +34,19 @@ class Experiment:
 
 
 @dataclass(frozen=True)
+class Step:
+    """A model on the way from the simulation to the corrected one: `name`, `residual` (3, n) mm at the recording."""
+
+    name: str
+    residual: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D distances, mm, ignoring nan."""
+        return float(np.sqrt(np.nanmean((self.residual**2).sum(0))))
+
+
+@dataclass(frozen=True)
 class Views:
     """What the page draws. n samples; residuals (c, n) in `unit`, predicted minus measured.
 
@@ -52,6 +65,7 @@ class Views:
     rotation: tuple[np.ndarray, np.ndarray] | None = (
         None  # before and after (k, n) rad, of the orientation
     )
+    steps: tuple[Step, ...] = ()  # of a robot: simulation, baseline, and each term added
 
 
 @dataclass(frozen=True)

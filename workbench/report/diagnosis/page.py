@@ -14,6 +14,7 @@ from workbench.explanation.result import (
 )
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.chain import chain
+from workbench.report.diagnosis.terms import before_and_after
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.text import counted, p_value, rounded, sentence
 
@@ -46,6 +47,7 @@ def page(made: Diagnosis) -> Page:
             else []
         ),
         Section("proof", "Validation", tuple(_validation(made))),
+        *_term_by_term(made),
         Section("residuals", "Residuals before and after", tuple(_residuals(made))),
         *(
             [Section("doubt", "Alternative explanations", tuple(_alternatives(made)))]
@@ -70,6 +72,13 @@ def page(made: Diagnosis) -> Page:
         files=files,
         caption="RMS of the 3-D distance" if unit == "mm" else "RMS distance in the image",
     )
+
+
+def _term_by_term(made: Diagnosis) -> list[Section]:
+    """The section on the models from the simulation to the corrected one; none where there is only one."""
+    if made.views is None or len(made.views.steps) < 2:
+        return []
+    return [Section("terms", "Before and after, term by term", tuple(before_and_after(made)))]
 
 
 def _rotation_numbers(proof) -> tuple[tuple[str, str, str], ...]:

@@ -1,0 +1,187 @@
+"""Attribution for arms that differ from their simulation; `python tools/study_differences.py` writes the page.
+
+Each scene is an arm that differs from its simulation in parameters, noise, physics, or in several of them. The truth
+is MuJoCo's (`datasets.makers.planted`). The recording is diagnosed against the simulation, the corrected model is
+exported as MJCF, and MuJoCo runs the exported file at poses that the recording does not have. One row a scene is kept
+in docs/studies/differences.csv, and a run goes on where an earlier one stopped. About half an hour on one core.
+"""
+
+import csv
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from datasets.makers import planted  # noqa: E402
+from robot_model import load_robot  # noqa: E402
+from workbench.core.rigid import rotation_matrix  # noqa: E402
+from workbench.explanation.answer import diagnose  # noqa: E402
+from workbench.explanation.corrected_model import write_model  # noqa: E402
+from workbench.files.exports.mjcf import control_terms, mjcf  # noqa: E402
+from workbench.files.exports.python import python_module  # noqa: E402
+from workbench.files.solution_file import CalibratedArm, read_solution  # noqa: E402
+
+TABLE = ROOT / "docs" / "studies" / "differences.csv"
+PAGE = TABLE.with_suffix(".md")
+SCENES = 60
+FIRST_SEED = 2000
+UNSEEN = 150
+# parameters, physics, noise that differ, in turn: each alone and every combination
+COMBINATIONS = (
+    (1, 0, False),
+    (0, 1, False),
+    (0, 0, True),
+    (1, 1, False),
+    (2, 0, True),
+    (0, 2, True),
+    (1, 2, False),
+    (2, 1, True),
+    (0, 3, False),
+    (0, 0, False),
+)
+_NOISE_LEVEL = 1e-3  # of the test that the statement of the noise is right
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What was planted and what was found: names joined by a space, factors of the noise, prediction over noise."""
+
+    seed: int
+    parameters: str
+    found_parameters: str
+    physics: str
+    found_physics: str
+    factor: float
+    found_factor: float
+    noise_is_named: bool
+    prediction: float
+
+    @property
+    def wrong_names(self) -> list[str]:
+        """Parameters and effects that were named and are not there."""
+        there = set(self.parameters.split()) | set(self.physics.split())
+        named = (*self.found_parameters.split(), *self.found_physics.split())
+        return [name for name in named if not there & set(name.split("|"))]
+
+    @property
+    def missed(self) -> list[str]:
+        """What is there and was not named."""
+        named = f"{self.found_parameters} {self.found_physics}".replace("|", " ").split()
+        return [n for n in (*self.parameters.split(), *self.physics.split()) if n not in named]
+
+    @property
+    def is_right(self) -> bool:
+        """Whether everything was attributed as it is: parameters, physics, and whether the noise is as stated."""
+        noise = self.noise_is_named == (self.factor != 1.0)
+        return not self.wrong_names and not self.missed and noise
+
+
+def nominal_arm(robot_keys) -> CalibratedArm:
+    """The arm of a robot file as a simulation holds it: rigid, with the lengths of its data sheet."""
+    robot = load_robot(dict(robot_keys))
+    names = ("theta", "d", "a", "alpha", "beta")
+    values = {
+        f"joint-{k + 1}.{name}{k + 1}": robot.geometry[k, c]
+        for k in range(robot.joints)
+        for c, name in enumerate(names)
+    }
+    nothing = np.zeros((0, 0))
+    return CalibratedArm(robot, (), values, (), nothing, robot.payload_com, 0.0, True, "", {})
+
+
+def scene(seed: int, combination) -> Scene:
+    """Make, diagnose, export and run one scene."""
+    truth = planted.make(seed, *combination)
+    recording = truth.made.recording()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        simulation = folder / "simulation.xml"
+        simulation.write_text(mjcf(nominal_arm(truth.made.robot)))
+        made = diagnose(recording, simulation=simulation)
+        write_model(made, recording, folder)
+        found = made.as_json()["differences"]
+        prediction = predicted(truth, read_solution(folder))
+    parameters = ["|".join(_names(row)) for row in found["parameters"]]
+    physics = [f"{one['where']}.{one['effect']}" for one in found["physics"]]
+    return Scene(
+        seed,
+        " ".join(truth.parameters),
+        " ".join(parameters),
+        " ".join(f"{where}.{effect}" for effect, where in truth.physics),
+        " ".join(physics),
+        truth.factor,
+        found["noise"]["factor"],
+        found["noise"]["p_value"] < _NOISE_LEVEL,
+        prediction,
+    )
+
+
+def _names(row) -> list[str]:
+    return [f"{row['where']}.{row['name']}", *row["confounded_with"]]
+
+
+def predicted(truth, arm: CalibratedArm) -> float:
+    """RMS 3-D distance between unseen measurements and the exported model in MuJoCo, over the RMS noise."""
+    from mujoco_statics import flange_at_rest
+
+    joints, approach, payload = truth.unseen(UNSEEN)
+    readings = np.deg2rad(joints)
+    columns = {f"approach{k}": side for k, side in enumerate(approach.T, 1)}
+    after = 10.0 * len(truth.made.columns["sample"])
+    columns |= {"payload_kg": payload, "time_s": np.full(UNSEEN, after)}
+    columns |= {"row": np.full(UNSEEN, float(len(truth.made.columns["sample"])))}
+    if control_terms(arm):
+        module: dict = {"__name__": "exported"}
+        exec(python_module(arm), module)
+        readings = module["servo_targets"](joints, columns)
+    flange = flange_at_rest(mjcf(arm), readings, payload)
+    reflector = [arm.values[f"tool.reflector1_{axis}"] for axis in "xyz"]
+    base = np.array([arm.values[key] for key in arm.values if key.startswith("base.")][:6])
+    in_root = flange[:, :3, :3] @ reflector + flange[:, :3, 3]
+    found = in_root @ rotation_matrix(base[3:]).T + base[:3]
+    sigma = truth.made.sigma_mm * truth.factor
+    noise = np.random.default_rng([5, int(joints[0, 0] * 1e4) % 2**31]).normal(
+        0, sigma, found.shape
+    )
+    measured = truth.true_points(joints, approach, payload) + noise
+    return float(np.sqrt(((found - measured) ** 2).sum(1).mean() / (3 * sigma**2)))
+
+
+def collect(count: int = SCENES, table: Path = TABLE) -> list[Scene]:
+    """All scenes; those in the table are not computed again."""
+    rows = read(table)
+    for k in range(len(rows), count):
+        rows.append(scene(FIRST_SEED + k, COMBINATIONS[k % len(COMBINATIONS)]))
+        write(rows, table)
+        print(k, rows[-1], rows[-1].wrong_names, rows[-1].missed, flush=True)
+    return rows
+
+
+def read(table: Path) -> list[Scene]:
+    """Scenes of a table; none where there is no file."""
+    if not table.is_file():
+        return []
+    kinds = {"seed": int, "factor": float, "found_factor": float, "prediction": float}
+    kinds["noise_is_named"] = lambda text: text == "True"
+    with table.open(encoding="utf-8", newline="") as file:
+        return [
+            Scene(**{k: kinds.get(k, str)(v) for k, v in row.items()})
+            for row in csv.DictReader(file)
+        ]
+
+
+def write(rows: list[Scene], table: Path) -> None:
+    """The table, a row a scene."""
+    with table.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(vars(rows[0])), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(vars(row) for row in rows)
+
+
+if __name__ == "__main__":
+    collect(int(sys.argv[1]) if len(sys.argv) > 1 else SCENES)
