@@ -68,12 +68,20 @@ def run_workbench(*words, cwd: Path) -> None:
 
 def serve(subject, folder: Path) -> Served:
     """`workbench open SUBJECT` with its session in `folder`; skips where trame is not installed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return _serve([str(subject), "--session", str(folder / "session.toml")], folder)
+
+
+def serve_nothing(folder: Path) -> Served:
+    """`workbench open` in an empty folder."""
+    return _serve([], folder)
+
+
+def _serve(words: list[str], folder: Path) -> Served:
     for package in ("trame", "trame_vuetify", "trame_plotly"):
         pytest.importorskip(package, reason="the app needs the extra app of this project")
-    folder.mkdir(parents=True, exist_ok=True)
-    words = ["open", str(subject), "--no-browser", "--session", str(folder / "session.toml")]
     process = subprocess.Popen(
-        [sys.executable, "-m", "workbench", *words],
+        [sys.executable, "-m", "workbench", "open", *words, "--no-browser"],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,

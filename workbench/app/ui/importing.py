@@ -45,14 +45,26 @@ class ImportTab(Tab):
         state.import_warnings, state.import_question, state.import_answers = [], "", []
         for key, _ in _TEXTS:
             state[f"import_{key}"] = ""
-        self._files()
+        dropped = "import_files = Array.from($event.dataTransfer.files)"
+        over = ("dragover", "dragover.prevent")
+        with html.Div(
+            drop=dropped,
+            dragover="",
+            __events=[("drop", "drop.prevent"), over],
+            style="min-height: 80vh",
+            **raw(data_drop=True),
+        ):
+            self._files()
+            self._steps()
+        state.change("import_files")(self._on_files)
+
+    def _steps(self) -> None:
         with html.Div(v_if="import_names.length"):
             with v3.VRow():
                 with v3.VCol(cols=12, lg=7):
                     self._mapping()
                 with v3.VCol(cols=12, lg=5):
                     self._preview()
-        state.change("import_files")(self._on_files)
 
     def _files(self) -> None:
         html.H2("1. Files", classes="text-subtitle-1 font-weight-bold")
@@ -68,7 +80,6 @@ class ImportTab(Tab):
                 chips=True,
                 clearable=False,
                 **_DENSE,
-                **raw(data_drop=True),
             )
             self.button("Remove all files", self.clear, disabled=("!import_names.length",))
         html.Div(
@@ -254,10 +265,10 @@ class ImportTab(Tab):
         for key in ("robot", "artefact", "board", "sigma", "ball_radius"):
             state[f"import_{key}"] = getattr(draft, key)
         state.import_trust = draft.trust_data
-        state.import_kind = draft.mapping.measures or ""
+        state.import_kind = draft.keys.get("measures", "")
         state.import_columns = [] if draft.table is None else list(draft.table.columns)
-        state.import_rows = form_rows(draft.mapping, draft.table)
-        state.import_others = other_rows(draft.mapping, draft.table)
+        state.import_rows = form_rows(draft.keys, draft.table)
+        state.import_others = other_rows(draft.keys, draft.table)
         self._show_trial()
         if draft.trial is None and draft.sources:
             asynchronous.create_task(self._test())

@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from datasets.importers.mapping.model import Mapping
+from datasets.importers.mapping.model import mapping_from_keys
 from datasets.importers.source import RawTable
 from workbench.app.wizard.files import Dropped
-from workbench.app.wizard.form import with_cell
+from workbench.app.wizard.form import CALLED, with_cell
 from workbench.app.wizard.trial import Trial, read_proposal, try_import
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions
@@ -26,7 +26,7 @@ class Draft:
     """
 
     dropped: Dropped = field(default_factory=Dropped)
-    mapping: Mapping = field(default_factory=Mapping)
+    keys: dict = field(default_factory=dict)
     table: RawTable | None = None
     images: list[str] = field(default_factory=list)
     robot: str = ""
@@ -49,20 +49,21 @@ class Draft:
     def clear(self) -> None:
         """Forget files and mapping."""
         self.dropped.clear()
-        self.mapping, self.table, self.images = Mapping(), None, []
+        self.keys, self.table, self.images = {}, None, []
         self.robot, self.artefact = "", ""
         self._forget()
 
     def propose(self) -> None:
         """Read the files again and propose the mapping that their headers suggest. Raises InputError."""
-        self.mapping, self.table, self.images = Mapping(), None, []
+        self.keys, self.table, self.images = {}, None, []
         self._forget()
         if self.sources:
-            self.mapping, self.table, self.images = read_proposal(self.sources, self.options())
+            mapping, self.table, self.images = read_proposal(self.sources, self.options())
+            self.keys = mapping.as_keys()
 
     def edit(self, name: str, key: str, value: object) -> None:
         """Change one cell of the form. Raises InputError."""
-        self.mapping = with_cell(self.mapping, name, key, value)
+        self.keys = with_cell(self.keys, name, key, value)
         self._forget()
 
     def choose(self, key: str, value) -> None:
@@ -92,13 +93,13 @@ class Draft:
         return self.dropped.sources([self.artefact] if self.artefact else [])
 
     def options(self) -> ImportOptions:
-        """Options of the importer. Raises InputError for a text that is no number or no board."""
+        """Options of the importer. Raises InputError for an incomplete mapping, and for what is no number or board."""
         folder = self.dropped.folder
         is_file = self.robot in self.dropped.names
         robot = str(folder / self.robot) if is_file else self.robot or None
         return ImportOptions(
             robot=robot,
-            mapping=self.mapping,
+            mapping=mapping_from_keys(self.keys, CALLED),
             board=board_keys(self.board) if self.board.strip() else None,
             artefact=folder / self.artefact if self.artefact else None,
             ball_radius_mm=positive(self.ball_radius, "Ball radius (mm)"),

@@ -1,9 +1,13 @@
-"""The mapping of an import as a form: one row a quantity, with its columns, unit and rotation convention."""
+"""The mapping of an import as a form: one row a quantity, with its columns, unit and rotation convention.
 
-from collections.abc import Iterable
+The form works on the plain keys of the mapping, which may be incomplete while somebody edits them.
+"""
+
+import copy
+from collections.abc import Iterable, Mapping
 
 from datasets.columns import KINDS
-from datasets.importers.mapping.model import QUANTITIES, Mapping, mapping_from_keys
+from datasets.importers.mapping.model import QUANTITIES
 from datasets.importers.mapping.rotations import CONVENTIONS
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLES, LENGTHS
@@ -31,25 +35,25 @@ def kinds() -> list[dict]:
     return [{"title": "from the columns", "value": ""}, *_items(KINDS)]
 
 
-def form_rows(mapping: Mapping, table: RawTable | None) -> list[dict]:
+def form_rows(keys: Mapping, table: RawTable | None) -> list[dict]:
     """One row a quantity: `name`, `title`, `columns`, `unit`, `convention`, `inverse`, choices and first cells.
 
     table: whose cells are shown; None where there is no table.
     """
-    return [_row(name, getattr(mapping, name), table) for name in QUANTITIES]
+    return [_row(name, keys.get(name, {}), table) for name in QUANTITIES]
 
 
-def _row(name: str, group, table: RawTable | None) -> dict:
-    columns = [] if group is None else list(group.columns)
+def _row(name: str, group: Mapping, table: RawTable | None) -> dict:
+    columns = list(group.get("columns", ()))
     return {
         "name": name,
         "title": TITLES[name],
         "columns": columns,
-        "unit": (group.unit or "") if group is not None else "",
+        "unit": group.get("unit", ""),
         "units": [_TESTED, *_items(_UNITS[name])] if name in _UNITS else [],
-        "convention": (group.convention or "") if group is not None else "",
+        "convention": group.get("convention", ""),
         "conventions": [_TESTED, *_items(CONVENTIONS)] if name in _ROTATIONS else [],
-        "inverse": bool(group is not None and group.inverse),
+        "inverse": bool(group.get("inverse")),
         "cells": "" if table is None else first_cells(table, columns),
     }
 
@@ -71,25 +75,22 @@ def _text(cell) -> str:
     return cell if isinstance(cell, str) else f"{cell:.6g}"
 
 
-def other_rows(mapping: Mapping, table: RawTable | None) -> list[dict]:
+def other_rows(keys: Mapping, table: RawTable | None) -> list[dict]:
     """Columns that no quantity uses: `name`, `target` ("" where it is left out) and first cells."""
     if table is None:
         return []
-    taken = {name for row in form_rows(mapping, None) for name in row["columns"]}
+    taken = {name for row in form_rows(keys, None) for name in row["columns"]}
     left = [name for name in table.columns if name not in taken]
-    return [
-        {"name": n, "target": mapping.columns.get(n, ""), "cells": first_cells(table, [n])}
-        for n in left
-    ]
+    named = keys.get("columns", {})
+    return [{"name": n, "target": named.get(n, ""), "cells": first_cells(table, [n])} for n in left]
 
 
-def with_cell(mapping: Mapping, name: str, key: str, value: object) -> Mapping:
-    """The mapping after an edit of the form. Raises InputError.
+def with_cell(keys: Mapping, name: str, key: str, value: object) -> dict:
+    """Keys of the mapping after an edit of the form. Raises InputError for a quantity that does not exist.
 
-    name: a quantity, "" for the mapping itself (key measures), or "columns" (key is a column's name). A unit or a
-    convention that is not known is refused.
+    name: a quantity, "" for the mapping itself (key measures), or "columns" (key is a column's name).
     """
-    keys = mapping.as_keys()
+    keys = copy.deepcopy(dict(keys))
     if name == "":
         keys.pop(key, None)
         keys |= {key: value} if value else {}
@@ -100,7 +101,7 @@ def with_cell(mapping: Mapping, name: str, key: str, value: object) -> Mapping:
         _edit_group(keys, name, key, value)
     else:
         raise InputError(f"{CALLED}: expected a quantity, found {name!r}; choose another")
-    return mapping_from_keys(keys, CALLED)
+    return keys
 
 
 def _edit_group(keys: dict, name: str, key: str, value: object) -> None:

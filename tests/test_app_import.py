@@ -1,0 +1,314 @@
+"""The import wizard: without its page, and in a browser from dropped files to an opened recording."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from app_browser import chromium, serve_nothing, stop, text_of, trace, wait_for_text
+from workbench.app.wizard.draft import Draft, folder_of, positive
+from workbench.app.wizard.files import Dropped, safe_name
+from workbench.app.wizard.form import form_rows, other_rows, with_cell
+from workbench.app.wizard.trial import Trial
+from workbench.core.errors import InputError
+
+JOINTS = [f"Achse {k}" for k in range(1, 7)]
+POINTS = [f"Messpunkt {axis}" for axis in "XYZ"]
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """Joint log in rad and tracker table in inches of the example rows of a UR10, and these rows in deg and mm."""
+    import datasets
+    from workbench.recordings.templates import write_template
+
+    folder = tmp_path_factory.mktemp("tables")
+    write_template("external-point", folder / "recording", "ur10")
+    found = datasets.read(folder / "recording")
+    joints = np.stack([found.columns[f"q{k}_deg"] for k in range(1, 7)], 1)
+    points = np.stack([found.columns[f"{axis}_mm"] for axis in "xyz"], 1)
+    target = found.columns["reflector"][:, None]
+    _write(folder / "joints.csv", ["Nr", *JOINTS], np.deg2rad(joints))
+    _write(folder / "tracker.csv", ["Nr", *POINTS, "Ziel"], np.hstack([points / 25.4, target]))
+    return folder, joints, points
+
+
+def _write(path, head, values):
+    lines = [";".join(head)]
+    for number, row in enumerate(values, 1):
+        lines.append(";".join([str(number), *(f"{value:.9f}" for value in row)]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def files_of(folder, *names):
+    """Files as the browser sends them."""
+    return [{"name": name, "content": (folder / name).read_bytes()} for name in names]
+
+
+@pytest.fixture
+def draft(tables):
+    made = Draft()
+    made.add(files_of(tables[0], "joints.csv", "tracker.csv"))
+    made.edit("columns", "Ziel", "reflector")
+    made.choose("robot", "ur10")
+    return made
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("a.csv", "a.csv"),
+        ("../../etc/passwd", "passwd"),
+        ("C:\\x\\b.csv", "b.csv"),
+        (".hidden.csv", "hidden.csv"),
+        ("a\x00b.csv", "ab.csv"),
+    ],
+)
+def test_dropped_files_keep_their_name_without_any_folder(name, kept):
+    assert safe_name(name) == kept
+
+
+@pytest.mark.parametrize("name", ["", "..", "/", "a/..", None, "..."])
+def test_a_file_without_a_name_is_refused(name):
+    with pytest.raises(InputError, match="file name"):
+        safe_name(name)
+
+
+def test_dropped_files_lie_in_a_folder_of_their_own(tmp_path):
+    dropped = Dropped()
+    dropped.add([{"name": "../x.csv", "content": [b"a,b\n", b"1,2\n"]}])
+    assert (dropped.folder / "x.csv").read_bytes() == b"a,b\n1,2\n"
+    assert not (dropped.folder.parent / "x.csv").exists()
+    dropped.clear()
+    assert list(dropped.folder.iterdir()) == []
+
+
+def test_too_large_files_are_refused(monkeypatch):
+    monkeypatch.setattr("workbench.app.wizard.files.MOST_BYTES", 10)
+    with pytest.raises(InputError, match="workbench import"):
+        Dropped().add([{"name": "x.csv", "content": b"12345678901"}])
+
+
+def test_the_form_shows_what_the_headers_suggest(draft):
+    rows = {row["name"]: row for row in form_rows(draft.keys, draft.table)}
+    assert rows["joints"]["columns"] == JOINTS and rows["point"]["columns"] == POINTS
+    assert rows["joints"]["unit"] == "" and rows["joints"]["cells"]
+    others = {row["name"]: row["target"] for row in other_rows(draft.keys, draft.table)}
+    assert others["Ziel"] == "reflector"
+
+
+def test_the_preview_is_the_import_with_tested_units(draft, tables):
+    trial = draft.test()
+    assert trial.problem == "" and trial.question is None
+    recording = trial.result.recording
+    joints = np.stack([recording.columns[f"q{k}_deg"] for k in range(1, 7)], 1)
+    points = np.stack([recording.columns[f"{axis}_mm"] for axis in "xyz"], 1)
+    np.testing.assert_allclose(joints, tables[1], atol=1e-6)
+    np.testing.assert_allclose(points, tables[2], atol=1e-5)
+    assert trial.fits[0]["name"] == "joints in radians, point in inches"
+    assert trial.samples[0][0] == "sample"
+
+
+def test_a_wrong_unit_is_named_and_a_corrected_one_is_taken(draft):
+    draft.edit("joints", "unit", "rad")
+    draft.edit("point", "unit", "mm")
+    assert "inches" in draft.test().problem
+    draft.edit("point", "unit", "in")
+    assert draft.test().result is not None
+
+
+def test_a_column_belongs_to_one_quantity(draft):
+    draft.edit("flange_point", "columns", [POINTS[0]])
+    rows = {row["name"]: row["columns"] for row in form_rows(draft.keys, draft.table)}
+    assert POINTS[0] not in rows["point"] and rows["flange_point"] == [POINTS[0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value", "words"),
+    [
+        ("point", "unit", "furlong", "one of mm"),
+        ("point", "columns", POINTS[:2], "expected 3 columns"),
+        ("", "measures", "telepathy", "key measures"),
+    ],
+)
+def test_a_mapping_that_cannot_be_is_named_and_can_be_corrected(draft, name, key, value, words):
+    draft.edit(name, key, value)
+    assert words in draft.test().problem
+    draft.edit("point", "columns", POINTS)
+    draft.edit("", "measures", "external-point")
+    assert draft.test().result is not None
+
+
+def test_a_quantity_that_does_not_exist_is_refused(draft):
+    with pytest.raises(InputError, match="expected a quantity"):
+        with_cell(draft.keys, "soul", "columns", ["a"])
+
+
+def test_an_open_question_is_answered_with_a_click(draft):
+    """Points of several reflectors as if they were one: no reading fits clearly best, and the trial asks."""
+    draft.edit("columns", "Ziel", "")
+    with pytest.raises(InputError, match="no such answer"):
+        draft.answer(0)
+    draft.trial = draft.test()
+    assert len(draft.trial.question.options) >= 2, draft.trial.problem
+    draft.answer(0)
+    assert draft.test().question is None
+
+
+@pytest.mark.parametrize("name", ["", "../x", "/tmp/x", "a/b", ".", "x\\y", "a" * 90])
+def test_a_recording_is_only_written_below_the_working_folder(name, tmp_path):
+    with pytest.raises(InputError, match="Name of the recording"):
+        folder_of(name, tmp_path)
+
+
+@pytest.mark.parametrize("text", ["-1", "0", "nan", "x", "inf"])
+def test_numbers_above_zero_are_expected(text):
+    with pytest.raises(InputError, match="number above 0"):
+        positive(text, "Ball radius (mm)")
+
+
+def test_an_existing_folder_is_never_overwritten(draft, tmp_path):
+    trial = draft.test()
+    (tmp_path / "there").mkdir()
+    with pytest.raises(InputError, match="new folder"):
+        trial.keep(tmp_path / "there")
+    trial.keep(tmp_path / "new")
+    assert (tmp_path / "new" / "import.toml").is_file()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_is_named(draft, tmp_path):
+    trial = draft.test()
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="can be written"):
+        trial.keep(tmp_path / "new")
+
+
+def test_an_incomplete_import_cannot_be_kept(tmp_path):
+    with pytest.raises(InputError, match="not complete"):
+        Trial(problem="no").keep(tmp_path / "new")
+
+
+# In a browser
+
+pages = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    made = serve_nothing(tmp_path_factory.mktemp("wizard"))
+    yield made
+    stop(made)
+
+
+@pytest.fixture(scope="module")
+def page(served):
+    started, browser = chromium()
+    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+    page.set_default_timeout(20_000)
+    page.problems = []
+    page.on("pageerror", lambda error: page.problems.append(str(error)))
+    page.goto(served.address)
+    page.locator("[data-tab=import]").wait_for()
+    yield page
+    browser.close()
+    started.stop()
+
+
+DROP = """async ([selector, files]) => {
+    const transfer = new DataTransfer();
+    for (const [name, text] of files) transfer.items.add(new File([text], name));
+    const place = document.querySelector(selector);
+    for (const type of ['dragenter', 'dragover', 'drop'])
+        place.dispatchEvent(new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true}));
+}"""
+
+
+def drop(page, folder, *names):
+    """Drop files on the field for files."""
+    files = [[name, (folder / name).read_text(encoding="utf-8")] for name in names]
+    page.evaluate(DROP, ["[data-drop] label", files])
+
+
+@pages
+def test_without_any_run_the_app_starts_with_the_import(page):
+    assert "Nothing is open yet" in page.inner_text("header")
+    for name in ("Recording", "Residuals", "Edit and rerun", "Sensor", "Diagnosis"):
+        assert page.get_by_role("tab", name=name, exact=True).is_disabled()
+
+
+@pages
+def test_dropped_tables_are_read_and_their_units_found(page, tables):
+    drop(page, tables[0], "joints.csv", "tracker.csv")
+    wait_for_text(page, "import-files", "joints.csv, tracker.csv")
+    page.get_by_role("combobox", name="Robot").press("Enter")
+    page.get_by_role("option", name="ur10", exact=True).click()
+    target = page.get_by_label("Ziel is recorded as")
+    target.fill("reflector")
+    target.press("Tab")
+    assert "Ready: external-point, 36 samples" in wait_for_text(page, "import", "Ready", 120_000)
+    fits = page.get_by_role("group", name="Fit to the robot").locator("tbody tr").first
+    assert "joints in radians, point in inches" in fits.inner_text()
+    first = page.get_by_role("group", name="First samples of the recording").inner_text()
+    assert f"{tables[2][0][0]:.6g}" in first
+
+
+@pages
+def test_a_changed_unit_is_tested_at_once(page):
+    unit = page.get_by_role("combobox", name="Unit of measured point")
+    unit.press("Enter")
+    page.get_by_role("option", name="mm", exact=True).click()
+    page.get_by_role("group", name="Open question").wait_for(timeout=120_000)
+    assert page.get_by_role("button", name="Import and open").is_disabled()
+    unit.press("Enter")
+    page.get_by_role("option", name="tested on the robot").click()
+    wait_for_text(page, "import", "Ready", 120_000)
+
+
+@pages
+def test_columns_are_mapped_by_keyboard(page):
+    field = page.get_by_role("combobox", name="Measured point", exact=True)
+    for text in ("expected 3 columns", "Ready"):
+        field.focus()
+        page.keyboard.type("Messpunkt Z")
+        page.get_by_role("option", name="Messpunkt Z").wait_for()
+        page.keyboard.press("ArrowDown")
+        page.keyboard.press("Enter")
+        page.keyboard.press("Escape")
+        wait_for_text(page, "import", text, 120_000)
+
+
+@pages
+def test_a_name_with_a_path_is_refused(page):
+    page.get_by_label("Name of the recording").fill("../outside")
+    page.get_by_role("button", name="Import and open").click()
+    page.get_by_text("Name of the recording: expected letters").wait_for()
+
+
+@pages
+def test_the_import_ends_in_a_recording_that_opens(page, served):
+    page.get_by_label("Name of the recording").fill("my-robot")
+    page.get_by_role("button", name="Import and open").click()
+    assert "Sample 1 (1 of 36)" in wait_for_text(page, "row", "Sample 1")
+    assert trace(page, "scene", "arm at the current sample")
+    assert (served.folder / "my-robot" / "import.toml").is_file()
+    assert "joints.csv tracker.csv" in page.get_by_role("heading", level=1).inner_text()
+
+
+@pages
+def test_the_imported_recording_can_be_calibrated(page, served):
+    page.get_by_role("tab", name="Edit and rerun").click()
+    page.get_by_role("button", name="Calibrate").click()
+    assert "Finished" in wait_for_text(page, "job", "Finished after", 300_000)
+    folders = list(served.folder.glob("runs/my-robot-session/calibrate-*"))
+    answer = json.loads((folders[0] / "answer.json").read_text(encoding="utf-8"))
+    assert answer["samples"] == 36
+    assert "run of calibrate" in page.inner_text("header")
+    assert page.get_by_role("link", name="Report page").is_visible()
+
+
+@pages
+def test_no_script_error_occurred(page):
+    assert page.problems == []
+    assert "bug" not in (text_of(page, "job") if page.locator("[data-text=job]").count() else "")
