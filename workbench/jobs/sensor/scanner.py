@@ -11,8 +11,9 @@ from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View
 from sensors.images import read_grey, stacks, unlit
 from sensors.light.board_stripes import BoardStripes, joined
+from sensors.scanner.bowed import calibrated_with_bow, misfit_of
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
-from sensors.scanner.misfit import Misfit, stripe_misfit
+from sensors.scanner.misfit import Misfit
 from sensors.scanner.model import Scanner
 from sensors.scanner.turntable_calibration import TurntableCalibration
 from sensors.scanner.unseen_steps import with_unseen_steps
@@ -99,14 +100,8 @@ def calibrate(
     stripes = board_stripes(
         recording, usable, camera.calibration.board, progress, rejected, profiles
     )
-    calibration = calibrate_scanner(
-        camera.calibration.views,
-        stripes,
-        camera.calibration.board,
-        camera.calibration.camera.size,
-        camera=camera.calibration,
-        provenance={k: v for k, v in provenance(recording).items() if v},
-        progress=progress,
+    calibration = calibrated_with_bow(
+        lambda effects: _adjusted(recording, camera.calibration, stripes, effects, progress)
     )
     shape = asymmetry(Profiles.joined(profiles)) if profiles else None
     return ScannerRun(
@@ -119,6 +114,20 @@ def calibrate(
         shape,
         with_unseen_steps(calibration, _commanded(recording)),
         turntable_of(camera.calibration, calibration, progress),
+    )
+
+
+def _adjusted(recording, camera, stripes, effects, progress) -> ScannerCalibration:
+    """The scanner from a calibrated camera and stripes on its boards."""
+    return calibrate_scanner(
+        camera.views,
+        stripes,
+        camera.board,
+        camera.camera.size,
+        camera=camera,
+        effects=effects,
+        provenance={k: v for k, v in provenance(recording).items() if v},
+        progress=progress,
     )
 
 
@@ -145,14 +154,6 @@ def _commanded(recording) -> dict[int, float | None]:
             int(row.get("step", 0)), None if angle is None else float(np.deg2rad(angle))
         )
     return angles
-
-
-def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
-    """Lack of fit of the stripes on boards against the light planes."""
-    sheets, good = calibration.stripes, ~calibration.wrong
-    labels = sheets.labels
-    stripe = labels["placement"] * len(calibration.scanner.steps) + labels["step"]
-    return stripe_misfit(calibration.residual_px[good], stripe[good], sheets.along[good])
 
 
 def _why(camera, placement):
