@@ -18,7 +18,7 @@ from sensors.scanner.misfit import stripe_misfit
 from sensors.scanner.motion import twists_of
 from sensors.scanner.turntable import Turntable, is_full_turn
 from sensors.scanner.turntable_calibration import calibrate_turntable
-from workbench import cli
+from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, transform
 from workbench.jobs.sensor import hand_eye
@@ -92,6 +92,17 @@ def test_error_of_the_hand_eye_is_in_the_covariance_of_a_joined_centre():
     cloud = cloud_of(truth, stated, np.zeros(truth.pixels.shape[1]))
     covariance = cloud.common_covariance(centre, np.ones(truth.pixels.shape[1], bool))
     assert np.allclose(np.cov(np.transpose(moved)), covariance, atol=0.2 * np.trace(covariance))
+
+
+def test_bend_of_a_joined_scan_is_that_of_its_images():
+    motion, centre = _robot_motion()
+    truth = seen_stripes(motion, centre, RADIUS)
+    cloud = cloud_of(truth, motion, np.zeros(truth.pixels.shape[1]))
+    shuffled = np.random.default_rng(2).permutation(truth.pixels.shape[1])
+    whole = cloud.bend(np.append(centre, RADIUS))
+    again = cloud.some(shuffled).bend(np.append(centre, RADIUS))
+    assert np.allclose(again.slope, whole.slope[shuffled])
+    assert np.nanmax(np.abs(whole.away)) < 0.02  # points lie in the light plane
 
 
 def test_twists_are_those_of_small_changes():
