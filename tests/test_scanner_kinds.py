@@ -94,6 +94,17 @@ def test_error_of_the_hand_eye_is_in_the_covariance_of_a_joined_centre():
     assert np.allclose(np.cov(np.transpose(moved)), covariance, atol=0.2 * np.trace(covariance))
 
 
+def test_bend_of_a_joined_scan_is_that_of_its_images():
+    motion, centre = _robot_motion()
+    truth = seen_stripes(motion, centre, RADIUS)
+    cloud = cloud_of(truth, motion, np.zeros(truth.pixels.shape[1]))
+    shuffled = np.random.default_rng(2).permutation(truth.pixels.shape[1])
+    whole = cloud.bend(np.append(centre, RADIUS))
+    again = cloud.some(shuffled).bend(np.append(centre, RADIUS))
+    assert np.allclose(again.slope, whole.slope[shuffled])
+    assert np.nanmax(np.abs(whole.away)) < 0.02  # points lie in the light plane
+
+
 def test_twists_are_those_of_small_changes():
     poses = transform(rotation_matrix(np.array([[0.1, 0.2, 0.3]])), np.array([[10.0, 20.0, 30.0]]))
     twist = np.array([1.0, -2.0, 0.5, 0.01, 0.02, -0.03])

@@ -1,6 +1,6 @@
 """Stripe points of one scan in its frame: that of the camera, or the one in which images of a moving sensor join."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -115,7 +115,7 @@ class Cloud:
             centre = self.motion.local(ball[:3], image)
             parts.append(self.some(rows)._bend_at(centre, ball[3]))
         back = np.argsort(order)
-        names = ("slope", "bend", "shade", "lit", "away")
+        names = [one.name for one in fields(Bend)]
         return Bend(*(np.concatenate([getattr(one, n) for one in parts])[back] for n in names))
 
     def _bend_at(self, centre: np.ndarray, radius: float) -> Bend:
