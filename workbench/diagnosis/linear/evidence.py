@@ -21,6 +21,7 @@ from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.problem import Problem, Scan
 
 SIZES = np.geomspace(0.1, 100.0, 7)
@@ -31,7 +32,6 @@ _LIKELY = -np.log(
 )  # each as likely as the others up to three times typical, then 1/s
 _TOTAL = float(logsumexp(_LIKELY))
 _ANCHOR = 4.0  # degrees of freedom that the stated sigma is worth: it may be wrong
-_GONE = 1e-9  # squared share of a direction that rounding leaves when the baseline makes it exactly
 _CHUNK = 4096
 _KEPT = 400_000  # numbers of the waves of one place that are kept
 
@@ -339,7 +339,7 @@ def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
 def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses."""
     values, vectors = symmetric_eigen(moments.gram)
-    seen = values > np.maximum(_GONE * moments.raw, 1e-12)[:, None]
+    seen = values > np.maximum(ROUNDING * moments.raw, 1e-12)[:, None]
     values = np.where(seen, values, 0.0)
     along = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)
     gain = np.divide(along**2, values, out=np.zeros_like(values), where=seen).sum(1)

@@ -35,11 +35,12 @@ class Stepwise:
         lawful = self._best(starts, laws)
         if not objective.unnamed.any():
             return lawful
-        free = self._best([present, *self._free_starts()], every)
+        starts = [present, lawful] if present else [lawful, *self._free_starts()]
+        free = self._best(starts, every)
         explained = objective.gain(lawful)
         if explained >= LAW * objective.gain(free):
             return max(lawful, free, key=lambda members: objective.value_at(members, explained))
-        return max(free, self._climb(lawful, every), key=objective.value)
+        return free
 
     def _best(self, starts: list[Members], allowed: np.ndarray) -> Members:
         ends = [self._climb(start, allowed) for start in dict.fromkeys(starts)]

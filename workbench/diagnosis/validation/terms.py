@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnosis.levels import CERTAIN
 from workbench.diagnosis.linear.problem import Finding
-
-CERTAIN = 0.95
-"""Probability from which on a name is certain: the same confidence as everywhere in an answer."""
 
 
 @dataclass(frozen=True)
