@@ -148,7 +148,8 @@ def _whole(
         terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
     scale = unwhitened(found.before)
-    visible = tuple(smallest(found.before, scale, lambda one: bench.units(one.effects)))
+    baseline_problem = found.before if found.before.candidates else bench.problem(())
+    visible = tuple(smallest(baseline_problem, scale, lambda one: bench.units(one.effects)))
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)

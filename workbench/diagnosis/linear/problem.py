@@ -186,6 +186,12 @@ class Problem:
             beyond=beyond,
         )
 
+    def without_candidates(self) -> "Problem":
+        """The problem without the columns of candidates, which of a large recording are most of it."""
+        return replace(
+            self, candidates=(), loose=(), mass_responses=(), made={}, known={}, beyond=self.beyond
+        )
+
     def reordered(self, order: Sequence[int]) -> "Problem":
         """The problem with its effects in another order; what is known of others than these stays."""
         known = {key: value for key, value in self.known.items() if key[-1] == "gram"}

@@ -38,6 +38,7 @@ _FEW_STEPS, _STEPS = (
     6,
     50,
 )  # of a solve whose only purpose is a first estimate of the noise, and of the last one
+_LARGE = 5000  # samples from which on bases of all candidates are not kept: they take megabytes a thousand
 _KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
 _SOLUTIONS = (
     8  # solutions of each part that are kept: a term's proof asks for the same few again and again
@@ -174,6 +175,8 @@ class RobotBench:
         made = solution(model, fit, weights, self.pose[every], tuple(effects))
         if hypotheses:
             made = with_hypotheses(made, model, fit, part.library, (self.loose, self.mass_laws))
+            if made.n > _LARGE:
+                part.bases.clear()
         if samples is None and not effects:
             _check_redundancy(made, self.recording)
         rotation = (

@@ -18,9 +18,9 @@ from workbench.core.model import Model
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, seen_basis
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import grids, scan_of, variants
-from workbench.diagnosis.scanner import sensor_data
-from workbench.diagnosis.scanner.sensor_data import Chains
 from workbench.diagnosis.scanner.sensor_library import places
+from workbench.jobs.sensor import chains as measured_chains
+from workbench.jobs.sensor.chains import Chains
 
 _VISIBLE, WIDEST = (
     5.0,
@@ -76,7 +76,7 @@ class Linear:
 
     def __init__(self, bench, effects, chains: Chains, fit: BundleFit, samples):
         self.bench, self.effects, self.fit, self.samples = bench, effects, fit, samples
-        there = sensor_data.at_solution(chains, fit)
+        there = measured_chains.at_solution(chains, fit)
         values = {
             p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1
         }
@@ -87,7 +87,7 @@ class Linear:
         self.residuals, self.weights = white, [robust_weights(w) for w in white]
         # derivatives where nothing is noise: else the noise of a place would fit itself
         still = {
-            name: sensor_data.measured(
+            name: measured_chains.measured(
                 chain, tuple(e for e in effects if acts(e, name)), values, 0.0
             )
             for name, chain in there.parts.items()

@@ -211,7 +211,8 @@ def _explain_next_to_unknowns(search: Search) -> bool:
 
 def _confirmed(search: Search, samples) -> Found:
     """The search on every so many poses, which is as valid and quicker; what is left is judged on all."""
-    whole, n = search.problem, search.problem.n
+    whole, n = search.problem.without_candidates(), search.problem.n
+    search.problem = search.plain = None
     _, label = np.unique(whole.pose, return_inverse=True)
     part = label % -(-n // _MANY) == 0
     if samples is not None:
@@ -229,7 +230,7 @@ def _confirmed(search: Search, samples) -> Found:
     return replace(
         found,
         before=whole,
-        after=after,
+        after=after.without_candidates(),
         p_rest=family_wise(table),
         rest=located(after, table),
         outliers=outliers,
