@@ -20,16 +20,20 @@ from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Pr
 
 QUANTISATION = "encoder-quantisation"
 """A finding on the data: readings of a joint that move at random, as counts of an encoder do."""
-_NEAR, _SPREADS, _SAME = 0.5, (0.05, 50.0), 1e-3
-_TRIED = 40  # spreads that are tried
-_ROUNDS = 30  # of the search for a shape: each halves what is left
-_FAR = 3.0  # median lengths, from which on a sample counts no more
-_PERIODS, _ORDERS, _CLEAR = (
-    1.6,
-    400000,
-    1e-4,
-)  # how far a count may be from what its spread says; how many are tried
-_GRID = 20  # places of a grid in the shortest wave
+_NEAR = 0.5
+"""Share of the clearest place's score from which on another place is about as clear: likelihoods decide then."""
+_SPREADS, _TRIED = (0.05, 50.0), 40
+"""Spreads that are tried, in units of the noise: from invisible to nothing else, in steps of a fifth."""
+_SAME = 1e-3
+"""Share of a tensor's squares below which it is the same for all samples, or for all directions."""
+_ROUNDS = 30
+"""Iterations for a shape (Tyler 1987): each at least halves what is left."""
+_FAR = 3.0
+"""Median lengths from which on a sample counts no more: one in a hundred of Gaussian ones."""
+_PERIODS, _ORDERS, _CLEAR = 1.6, 400_000, 1e-4
+"""How far a count may be from what its spread says, how many counts are tried, and the p-value of one."""
+_GRID = 20
+"""Places of a grid in the shortest wave: that costs a hundredth of its power."""
 LABEL = "from sample to sample, with nothing that was recorded"
 ALONG = "from sample to sample, back along the last moves"
 _COLUMNS = {

@@ -34,6 +34,7 @@ _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance wher
 BASELINES = ("geometry", JointCompliance.effect)
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
+"""Distinct poses without which base and tool are not determined."""
 _FEW_STEPS, _STEPS = (
     6,
     50,

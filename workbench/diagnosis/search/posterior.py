@@ -19,9 +19,9 @@ from workbench.diagnosis.search.prior import DEFLECTS
 
 Key = tuple[str, str]
 _WINDOW = float(np.log(200.0))
-"""Posterior odds against the best set beyond which a set is left out."""
-_EXPANDED = 8  # sets of the window whose neighbours are weighed
-_SWAPS = 6  # terms that are tried in place of each, the most alike first
+"""Log posterior odds against the best set beyond which a set is left out: all of these together are half a percent."""
+_EXPANDED, _SWAPS = 8, 6
+"""Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,12 @@ from workbench.diagnosis.search.objective import LogPosterior, Members
 
 LAW = 0.95
 """Share of what functions without a name explain that laws must explain: no law is exact."""
-_LARGEST, _STEPS, _UNNAMED = 12, 60, 2
+_LARGEST, _UNNAMED = 12, 2
+"""Terms in a set, and functions without a name among them, at most: recordings do not determine more."""
+_STEPS = 60
+"""Moves of a climb: a set of the largest size is made and wholly exchanged in fewer."""
 _PAIRED, _KINDS = 40, 3
+"""Terms of which the best partner is sought for a start, and kinds of effects that start at all places."""
 
 
 @dataclass(frozen=True)
