@@ -12,7 +12,7 @@ from sensors.rendering.instrument import sweeping_mirror
 from sensors.rendering.places import board_poses
 from sensors.rendering.scene import BoardKeys, Views
 from workbench.core.rigid import rotation_matrix
-from workbench.diagnosis.scanner.sensor_data import Chains
+from workbench.jobs.sensor.chains import Chains
 
 CAMERA = Camera(560.0, 559.0, 322.0, 253.0, (-0.08, 0.03, 3e-4, -4e-4, 0.0), (640, 512))
 KEYS = BoardKeys(columns=11, rows=8, square_mm=8.0)

@@ -11,13 +11,14 @@ from sensors.effects import CATALOGUE
 from workbench.core.model import Model
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Finding, Found
-from workbench.diagnosis.scanner import sensor, sensor_data, sensor_review
+from workbench.diagnosis.scanner import sensor, sensor_review
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.validation import folds
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.heldout import name_of
 from workbench.diagnosis.validation.proof import earned_inside
+from workbench.jobs.sensor import chains as measured_chains
 
 CASES = {
     "plane-bow": ("laser", {}, {"curvature": 5e-6}),
@@ -111,7 +112,7 @@ def test_derivatives_of_the_ball_chain_by_camera_mirror_and_centres_are_those_of
 def test_noise_is_read_from_neighbours_and_a_planted_effect_does_not_raise_it():
     for chains in (simulated(true(), (), {}, 3), measured("lens-residual", 3, 5.0)[0]):
         for name, chain in chains.parts.items():
-            assert sensor_data.noise_scale(chain, name) == pytest.approx(1.0, abs=0.15), name
+            assert measured_chains.noise_scale(chain, name) == pytest.approx(1.0, abs=0.15), name
 
 
 def test_a_problem_is_whitened_and_its_basis_holds_every_pose_and_ball():

@@ -9,10 +9,11 @@ import numpy as np
 
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
+from workbench.diagnosis.levels import MISSING, MOVES
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
-from workbench.diagnosis.noise.scatter import CLAIMED, scattered, unrecorded
+from workbench.diagnosis.noise.scatter import scattered, unrecorded
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
-from workbench.diagnosis.search.select import LEVEL, find, found_terms
+from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.explanation import reference as references
 from workbench.explanation import replicates, stated_noise, words
@@ -147,7 +148,8 @@ def _whole(
         terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
     say("what these data could have shown")
     scale = unwhitened(found.before)
-    visible = tuple(smallest(found.before, scale, lambda one: bench.units(one.effects)))
+    baseline_problem = found.before if found.before.candidates else bench.problem(())
+    visible = tuple(smallest(baseline_problem, scale, lambda one: bench.units(one.effects)))
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
@@ -222,9 +224,11 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
         return proved, terms
     unnamed = any(term.finding.effect == "unknown" for term in terms)
     not_modelled = (
-        bool(refused) and last.found.p_first <= LEVEL and not any(t.finding.effects for t in terms)
+        bool(refused)
+        and last.found.p_first <= MISSING
+        and not any(t.finding.effects for t in terms)
     )
-    structure_left = last.found.p_rest <= LEVEL or unnamed or not_modelled
+    structure_left = last.found.p_rest <= MISSING or unnamed or not_modelled
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
         noise = float(
@@ -236,7 +240,7 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
         term = Term(stated_noise.finding_of(wrong), stated_noise.parameters_of(wrong))
         return proved, (*terms, term)
     p = compared.lack_of_fit()
-    if not terms and p < LEVEL:
+    if not terms and p < MISSING:
         unknown = Finding("unknown", "samples", words.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)
         return proved, (Term(unknown),)
     return proved, terms
@@ -297,10 +301,10 @@ def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     their proof. If a term of the mean was rejected, only outliers and a persisting random
     effect are kept.
     """
-    moves = scattered(problem, CLAIMED) if refused and found.spread else None
+    moves = scattered(problem, MOVES) if refused and found.spread else None
     still = moves.site.where if moves else None
     kept = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
-    if not terms and found.p_first <= LEVEL and {f.effect for f in kept} <= {_UNEVEN, "outliers"}:
+    if not terms and found.p_first <= MISSING and {f.effect for f in kept} <= {_UNEVEN, "outliers"}:
         # a mean that nothing explains makes the noise heteroscedastic, too
         kept = [f for f in kept if f.effect != _UNEVEN]
     return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in kept)

@@ -17,7 +17,11 @@ class Final:
         self.bench, self.unit, self.found, self.terms = bench, unit, found, terms
         self.before = found.before
         effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
-        self.after = found.after if effects is None else bench.problem(effects).keeping()
+        self.after = (
+            found.after
+            if effects is None
+            else bench.problem(effects).keeping().without_candidates()
+        )
 
     @property
     def noise(self) -> tuple[float, str]:

@@ -13,6 +13,7 @@ from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.vocabulary import Covariate, Place
+from workbench.diagnosis.levels import NOTABLE
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.scatter import ALONG
 from workbench.explanation.result import Term
@@ -54,7 +55,7 @@ _NAMES = {
     "ball": "which ball it is",
     "reflector": "which reflector it is",
 }
-_MOST, _NOTABLE = 3, 0.005
+_MOST = 3
 BY_POSE = (
     "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
 )
@@ -339,7 +340,7 @@ def _doubt(found: Finding) -> str:
     if not found.alternatives or found.probability >= 0.95:
         return ""
     likely = [
-        one for one in found.alternatives if one.probability >= _NOTABLE
+        one for one in found.alternatives if one.probability >= NOTABLE
     ] or found.alternatives[:1]
     texts = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
     more = len(likely) - _MOST

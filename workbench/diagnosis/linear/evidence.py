@@ -21,6 +21,7 @@ from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.problem import Problem, Scan
 
 SIZES = np.geomspace(0.1, 100.0, 7)
@@ -31,8 +32,7 @@ _LIKELY = -np.log(
 )  # each as likely as the others up to three times typical, then 1/s
 _TOTAL = float(logsumexp(_LIKELY))
 _ANCHOR = 4.0  # degrees of freedom that the stated sigma is worth: it may be wrong
-_GONE = 1e-9  # squared share of a direction that rounding leaves when the baseline makes it exactly
-_CHUNK = 4096
+_CHUNK = 1_000_000  # numbers of waves that are made at once: eight megabytes
 _KEPT = 400_000  # numbers of the waves of one place that are kept
 
 
@@ -339,7 +339,7 @@ def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
 def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses."""
     values, vectors = symmetric_eigen(moments.gram)
-    seen = values > np.maximum(_GONE * moments.raw, 1e-12)[:, None]
+    seen = values > np.maximum(ROUNDING * moments.raw, 1e-12)[:, None]
     values = np.where(seen, values, 0.0)
     along = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)
     gain = np.divide(along**2, values, out=np.zeros_like(values), where=seen).sum(1)
@@ -362,21 +362,22 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     if scan.kind == "step":
         return slots.steps(("step",), scan.x, scan.options, scan.typical)
     parts = []
-    for start in range(0, len(scan.options), _CHUNK // 4):
-        pair = _turned(projected.problem, scan, start)
+    step = max(_CHUNK // len(scan.x), 1)
+    for start in range(0, len(scan.options), step):
+        pair = _turned(projected.problem, scan, slice(start, start + step))
         parts.append(slots.waves(("wave", start), pair, scan.typical))
     return Moments(
         *(np.concatenate([getattr(p, name) for p in parts]) for name in ("gram", "score", "raw"))
     )
 
 
-def _turned(problem: Problem, scan: Scan, start: int) -> tuple[np.ndarray, np.ndarray]:
+def _turned(problem: Problem, scan: Scan, chunk: slice) -> tuple[np.ndarray, np.ndarray]:
     """(V, n) cosines and sines of a chunk of a scan's options; kept for all problems of the same samples, if few."""
-    options = scan.options[start : start + _CHUNK // 4]
+    options = scan.options[chunk]
 
     def make():
         turned = np.exp(1j * options[:, None] * scan.x)
         return np.ascontiguousarray(turned.real), np.ascontiguousarray(turned.imag)
 
     kept = problem.made if len(options) * len(scan.x) <= _KEPT else {}
-    return once(kept, ("wave", scan.where, scan.effect, start), make)
+    return once(kept, ("wave", scan.where, scan.effect, chunk.start), make)

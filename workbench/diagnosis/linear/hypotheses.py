@@ -56,6 +56,15 @@ class Hypothesis:
         """What an answer is judged by: the effect and where it sits."""
         return (self.effect, self.where) if not self.unnamed else ("unknown", self.where)
 
+    @property
+    def reads(self) -> set[str]:
+        """Covariates of which a law of one joint is a function; none of other laws."""
+        return (
+            set(self.effects[0].reads)
+            if self.effects and self.where.startswith("joint-")
+            else set()
+        )
+
     def columns(self, problem: Problem) -> np.ndarray:
         """(N, P) whitened columns in typical sizes."""
         return columns_of(self.source, problem)

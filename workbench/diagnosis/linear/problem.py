@@ -18,10 +18,11 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
+from workbench.diagnosis.levels import ROUNDING, SEEN
 
-_ROUNDING = 1e-9  # share of columns below which what a baseline leaves of them is only rounding
+_SINGULAR = 1e-11
+"""Relative singular value below which a direction of a Jacobian is rounding: 1e-16 times 1e5 of its columns' scales."""
 _FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
-_SAME = 1e-10  # squared share of a column below which what others leave of it is only rounding
 
 
 @dataclass(frozen=True)
@@ -185,6 +186,12 @@ class Problem:
             beyond=beyond,
         )
 
+    def without_candidates(self) -> "Problem":
+        """The problem without the columns of candidates, which of a large recording are most of it."""
+        return replace(
+            self, candidates=(), loose=(), mass_responses=(), made={}, known={}, beyond=self.beyond
+        )
+
     def reordered(self, order: Sequence[int]) -> "Problem":
         """The problem with its effects in another order; what is known of others than these stays."""
         known = {key: value for key, value in self.known.items() if key[-1] == "gram"}
@@ -255,7 +262,7 @@ class Problem:
         """
         own = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
         u, s, _ = thin_svd(self.clear(own))
-        return np.linalg.qr(self.clear(u[:, s > _ROUNDING]))[0]
+        return np.linalg.qr(self.clear(u[:, s > ROUNDING]))[0]
 
     def clear(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) with all that the baseline can make of it taken out: M x = x - Q Q' x."""
@@ -275,6 +282,13 @@ class Problem:
     def degrees(self) -> int:
         """Degrees of freedom that the baseline has left: coordinates in use less its rank."""
         return int((self.weights[self.sample] > 0).sum()) - self.basis.shape[1]
+
+
+def seen_basis(columns: np.ndarray) -> np.ndarray:
+    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
+    q, r = np.linalg.qr(columns)
+    u, s, _ = thin_svd(r)
+    return q @ u[:, s > max(SEEN, _SINGULAR * s[:1].max(initial=0.0))]
 
 
 @dataclass(frozen=True)
@@ -303,7 +317,7 @@ class Added:
         clear = problem.clear(columns / np.maximum(whole, 1e-300))
         clear = problem.clear(clear)  # again: rounding of the first time is no direction
         length = np.sqrt((clear**2).sum(0))
-        clear = np.where(length > _ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
+        clear = np.where(length > ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
         held = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
         precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-300)
@@ -314,7 +328,7 @@ class Added:
         parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
         held = np.concatenate([np.zeros(0, int), *parts])
         values, vectors = symmetric_eigen(self.gram[np.ix_(held, held)])
-        seen = values > _SAME
+        seen = values > ROUNDING
         mixing = np.zeros((len(self.score), int(seen.sum())))
         mixing[held] = vectors[:, seen] / np.sqrt(values[seen])
         return Beyond(self, mixing, self.columns @ mixing, held)
@@ -340,7 +354,7 @@ class Beyond:
         gram = self.added.gram[np.ix_(self.held, self.held)] * np.outer(scale, scale)
         total = gram + np.diag(precision * scale**2)
         values, vectors = symmetric_eigen(total)
-        seen = values > _SAME
+        seen = values > ROUNDING
         return columns @ (scale[:, None] * vectors[:, seen] / np.sqrt(values[seen]))
 
     @property

@@ -13,10 +13,15 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 _DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
-_SCALES = np.geomspace(0.75, 1.35, 13)  # of the spread, against what the median sample says
-_SHARES, _MOST = 5, 0.1  # how many shares of outliers are tried, from half a sample to a tenth
-_NEAREST, _FARTHEST = 5.0, 60.0  # sigmas
-_MANY, _INNER = 2000, 3.5  # samples beyond which those within so many sigmas stand for one another
+"""Of freedom of Student's noises, from Cauchy's to one that no sample tells from a Gaussian."""
+_SCALES = np.geomspace(0.75, 1.35, 13)
+"""Spreads over what the median sample says, which of thirty samples is known to a third."""
+_SHARES, _MOST = 5, 0.1
+"""Shares of outliers that are tried, from half a sample to a tenth of all: more of them are a noise of their own."""
+_NEAREST, _FARTHEST = 5.0, 60.0
+"""Sigmas: nearer ones do no harm, farther ones are as certain."""
+_MANY, _INNER = 2000, 3.5
+"""Samples beyond which those within so many sigmas stand for one another: none of them is an outlier."""
 
 
 def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:

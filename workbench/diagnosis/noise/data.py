@@ -4,12 +4,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from workbench.core.common_effects import NoiseLaw
+from workbench.diagnosis.levels import ON_DATA
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.noise.contaminated import contaminated
 from workbench.diagnosis.noise.outliers import evened, spread_along, spread_with
 
-CLAIMED = 1e-3
-"""Chance that something is said about the data of a recording with nothing wrong."""
 _CLEAR = 20.0  # Bayes factor from which on outliers are claimed: by chance less than once in as many times
 _RARE = 9.0  # recordings without outliers for one that has some
 
@@ -87,10 +86,10 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     if len(problem.residual) % problem.n:
         return ()
     found = spread_with(_white(problem), problem.covariates)
-    if found is None or found[1] > CLAIMED:
+    if found is None or found[1] > ON_DATA:
         return ()
     name, p = found
     return (Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
 
 
-__all__ = ["CLAIMED", "evened_out", "far_off", "of_data", "unevenly"]
+__all__ = ["ON_DATA", "evened_out", "far_off", "of_data", "unevenly"]

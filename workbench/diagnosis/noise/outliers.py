@@ -14,7 +14,8 @@ NAMED_AT = 0.01  # chance that any sample of a clean recording is called an outl
 _RATIO_ERROR = (
     0.64  # standard error of the 90 % quantile over the median of n Gaussian lengths, times sqrt(n)
 )
-_LEVELS, _EACH = 8, 30  # parts of a covariate, and samples that each holds at least
+_LEVELS, _EACH = 8, 30
+"""Parts of a covariate at most, and samples in each at least: a median of thirty is known to a sixth."""
 
 
 def robust_weights(white: np.ndarray) -> np.ndarray:

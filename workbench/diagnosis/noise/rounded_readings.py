@@ -6,9 +6,10 @@ from robot_model.effects.friction import ReadingLattice, lattice_step
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.noise.scatter import residual_scatter
 
-_LEAST_SHARE = 0.03  # of what is left that rounding must make
-_MOST_SHARE = 1.5
-_DECIMALS = 6  # of a degree or mm: what conversions between units leave of a lattice
+_LEAST_SHARE, _MOST_SHARE = 0.03, 1.5
+"""Share of what is left that rounding makes: less does not matter, more contradicts the lattice."""
+_DECIMALS = 6
+"""Of a degree or mm: what conversions between units leave of a lattice."""
 
 
 def rounded_readings(problem: Problem, level: float) -> tuple[Finding, ...]:

@@ -15,22 +15,25 @@ from robot_model.effects.drift import LinkThermalGrowth
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import Backlash, JointThermalDrift, TimeOffset
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
+from workbench.diagnosis.levels import MOVES, ROUNDING
 from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem, Site
 
 QUANTISATION = "encoder-quantisation"
 """A finding on the data: readings of a joint that move at random, as counts of an encoder do."""
-CLAIMED = 1e-4
-"""False-alarm probability: a random effect is reported for a place of a recording without one."""
-_NEAR, _SPREADS, _SAME = 0.5, (0.05, 50.0), 1e-3
-_TRIED = 40  # spreads that are tried
-_ROUNDS, _LEAST = 30, 1e-9  # of the search for a shape, and its least width
-_FAR = 3.0  # median lengths, from which on a sample counts no more
-_PERIODS, _ORDERS, _CLEAR = (
-    1.6,
-    400000,
-    1e-4,
-)  # how far a count may be from what its spread says; how many are tried
-_GRID = 20  # places of a grid in the shortest wave
+_NEAR = 0.5
+"""Share of the clearest place's score from which on another place is about as clear: likelihoods decide then."""
+_SPREADS, _TRIED = (0.05, 50.0), 40
+"""Spreads that are tried, in units of the noise: from invisible to nothing else, in steps of a fifth."""
+_SAME = 1e-3
+"""Share of a tensor's squares below which it is the same for all samples, or for all directions."""
+_ROUNDS = 30
+"""Iterations for a shape (Tyler 1987): each at least halves what is left."""
+_FAR = 3.0
+"""Median lengths from which on a sample counts no more: one in a hundred of Gaussian ones."""
+_PERIODS, _ORDERS, _CLEAR = 1.6, 400_000, 1e-4
+"""How far a count may be from what its spread says, how many counts are tried, and the p-value of one."""
+_GRID = 20
+"""Places of a grid in the shortest wave: that costs a hundredth of its power."""
 LABEL = "from sample to sample, with nothing that was recorded"
 ALONG = "from sample to sample, back along the last moves"
 _COLUMNS = {
@@ -200,7 +203,7 @@ def _constant(z, share) -> float:
     shape = np.eye(m)
     for _ in range(_ROUNDS):
         lengths = np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
-        shape = m / share.sum() * (unit * share / lengths) @ unit.T + _LEAST * np.eye(m)
+        shape = m / share.sum() * (unit * share / lengths) @ unit.T + ROUNDING * np.eye(m)
         shape *= m / np.trace(shape)
     lengths = np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
     return -0.5 * (
@@ -382,7 +385,7 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
     Where the place moves from sample to sample besides, what `hidden` says of that; where it goes with time, what
     changes with time.
     """
-    found = scattered(problem, CLAIMED)
+    found = scattered(problem, MOVES)
     if found is not None and found.site.where == place.where:
         return hidden(found, problem)
     if "time" not in place.depends_on:

@@ -34,10 +34,12 @@ _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance wher
 BASELINES = ("geometry", JointCompliance.effect)
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
+"""Distinct poses without which base and tool are not determined."""
 _FEW_STEPS, _STEPS = (
     6,
     50,
 )  # of a solve whose only purpose is a first estimate of the noise, and of the last one
+_LARGE = 5000  # samples from which on bases of all candidates are not kept: they take megabytes a thousand
 _KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
 _SOLUTIONS = (
     8  # solutions of each part that are kept: a term's proof asks for the same few again and again
@@ -116,7 +118,7 @@ class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
     `bases`: of effects, as a model keeps them; `known`: the library by whether something yields; `made`: functions of
-    its covariates; `solved`: fits by their effects; `last`: parameters of the last fit, from which the next one starts.
+    its covariates; `solved`: fits by their effects; `last`: values and sigmas of the last fit, where the next starts.
     """
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
@@ -174,6 +176,8 @@ class RobotBench:
         made = solution(model, fit, weights, self.pose[every], tuple(effects))
         if hypotheses:
             made = with_hypotheses(made, model, fit, part.library, (self.loose, self.mass_laws))
+            if made.n > _LARGE:
+                part.bases.clear()
         if samples is None and not effects:
             _check_redundancy(made, self.recording)
         rotation = (
@@ -226,20 +230,21 @@ class RobotBench:
         model = self._part(samples).model((*self.baseline, *effects))
         chain = model.chain
         part = self._part(samples)
-        free = self.free(model)
-        if part.last is not None:
-            free = free.take_over(part.last)
-        fit = solve(model, free, "huber", _FEW_STEPS)
-        for steps in (_FEW_STEPS, _STEPS):
-            widened = _widened(chain, fit)
-            model = replace(model, chain=widened)
-            fit = solve(model, fit.parameters, "huber", steps)
+        start, rounds = self.free(model), (_FEW_STEPS, _FEW_STEPS, _STEPS)
+        if part.last is not None:  # the noise, too, is nearly that of the last solution
+            start, sigma = start.take_over(part.last[0]), part.last[1]
+            model, rounds = replace(model, chain=replace(chain, sigma=sigma)), rounds[1:]
+        for steps in rounds[:-1]:
+            start = solve(model, start, "huber", steps)
+            model = replace(model, chain=_widened(chain, start))
+            start = start.parameters
+        fit = solve(model, start, "huber", rounds[-1])
         if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it
             fit = settled(model, fit, "huber", _STEPS, only=model.shrunk)
         white = fit.residual / model.sigma(fit.parameters)
         if self._start is None:
             self._start = fit.parameters
-        part.last = fit.parameters
+        part.last = fit.parameters, model.chain.sigma
         return model, fit, robust_weights(white)
 
     def free(self, model: Model) -> Parameters:

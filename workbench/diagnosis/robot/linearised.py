@@ -6,16 +6,12 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
-from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.linear.problem import Candidate, Problem, seen_basis
 from workbench.diagnosis.robot.derived import linear_values
 from workbench.diagnosis.robot.places import lengths, scans, sites
 
-_SEEN = 1e-2
-"""Sigmas by which a direction of the geometry moves all measurements together for one typical size: one that moves
-them by less can neither hide nor imitate anything."""
 _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}
 """By how much base, tool and links may be off together."""
 
@@ -91,7 +87,7 @@ def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
     own = start.only(start.mask & ~_noise(model))
     sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in own.table])[own.mask]
     jacobian = (model.linearise(own)[1] * white).reshape(len(sizes), -1)
-    return _basis(jacobian.T * sizes)
+    return seen_basis(jacobian.T * sizes)
 
 
 def _given(bare: Model, fit: Fit, white) -> float:
@@ -120,13 +116,6 @@ def _noise(model):
     for effect, span in zip(model.effects, model.spans):
         mask[span] = effect.port == NOISE
     return mask
-
-
-def _basis(columns: np.ndarray) -> np.ndarray:
-    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
-    q, r = np.linalg.qr(columns)
-    u, s, _ = thin_svd(r)
-    return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]
 
 
 class _Rows:

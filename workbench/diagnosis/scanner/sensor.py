@@ -19,8 +19,6 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
 from workbench.diagnosis.linear.problem import Found, Problem, Site
 from workbench.diagnosis.linear.smooth_alternatives import Smooth
-from workbench.diagnosis.scanner import sensor_data
-from workbench.diagnosis.scanner.sensor_data import Chains, Progress
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
 from workbench.diagnosis.scanner.sensor_linear import (
     WIDEST,
@@ -31,6 +29,8 @@ from workbench.diagnosis.scanner.sensor_linear import (
     models,
 )
 from workbench.diagnosis.scanner.sensor_review import reviewed
+from workbench.jobs.sensor import chains as measured_chains
+from workbench.jobs.sensor.chains import Chains, Progress
 
 _IDENTIFIERS = ("placement", "scan", "sample", "step")  # columns that only name an image
 FREE_MIRROR = tuple(name for name in NAMES if name not in ("gain", "face_zero"))
@@ -40,7 +40,7 @@ _FREE = 30.0  # typical sizes that a solve takes for one
 
 def bench_of(recording: Recording, progress: Progress = lambda text: None) -> "SensorBench":
     """The bench of a recording of kind board-images or scan-images. Raises InputError."""
-    return SensorBench(sensor_data.read(recording, progress))
+    return SensorBench(measured_chains.read(recording, progress))
 
 
 class SensorBench:
@@ -61,7 +61,7 @@ class SensorBench:
         middle = 0.0 if not self.kind.mirror else float(np.mean(chains.sheets.angles))
         parts = chains.parts
         own = {
-            name: described(sensor_data.noiseless(chain), name, middle)
+            name: described(measured_chains.noiseless(chain), name, middle)
             for name, chain in parts.items()
         }
         self.covariates = _joined(own, chains.counts)

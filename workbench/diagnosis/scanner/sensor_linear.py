@@ -13,17 +13,15 @@ from sensors.light.planes import steps_family
 from sensors.scanner.adjustment import ON_BOTH
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, Family
-from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues, thin_svd
+from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.model import Model
-from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
+from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, seen_basis
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import grids, scan_of, variants
-from workbench.diagnosis.scanner import sensor_data
-from workbench.diagnosis.scanner.sensor_data import Chains
 from workbench.diagnosis.scanner.sensor_library import places
+from workbench.jobs.sensor import chains as measured_chains
+from workbench.jobs.sensor.chains import Chains
 
-# sigmas for a typical size, below which a direction of the baseline neither hides nor imitates anything
-_SEEN = 1e-2
 _VISIBLE, WIDEST = (
     5.0,
     300.0,
@@ -78,7 +76,7 @@ class Linear:
 
     def __init__(self, bench, effects, chains: Chains, fit: BundleFit, samples):
         self.bench, self.effects, self.fit, self.samples = bench, effects, fit, samples
-        there = sensor_data.at_solution(chains, fit)
+        there = measured_chains.at_solution(chains, fit)
         values = {
             p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1
         }
@@ -89,7 +87,7 @@ class Linear:
         self.residuals, self.weights = white, [robust_weights(w) for w in white]
         # derivatives where nothing is noise: else the noise of a place would fit itself
         still = {
-            name: sensor_data.measured(
+            name: measured_chains.measured(
                 chain, tuple(e for e in effects if acts(e, name)), values, 0.0
             )
             for name, chain in there.parts.items()
@@ -157,7 +155,7 @@ class Linear:
             place = [keys.index(k) for k, free in zip(own.keys, own.mask) if free]
             dense[place, a:b] = rows.reshape(len(rows), -1) * own.typical[own.mask][:, None]
         families = [self.family(name, family) for name, family in families_of(self.chains).items()]
-        return _orthonormal(np.concatenate([dense, *families]).T)
+        return seen_basis(np.concatenate([dense, *families]).T)
 
     def family(self, name: str, family: Family) -> np.ndarray:
         """(G L, N) whitened columns of a family's groups that have samples."""
@@ -297,10 +295,3 @@ def _has(part: str, family: str) -> bool:
             part
         ]
     )
-
-
-def _orthonormal(columns: np.ndarray) -> np.ndarray:
-    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
-    q, r = np.linalg.qr(columns)
-    u, s, _ = thin_svd(r)
-    return q @ u[:, s > max(_SEEN, 1e-11 * s[:1].max(initial=0.0))]

@@ -17,7 +17,6 @@ from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Foun
 _LARGE = 20.0
 """Typical sizes beyond which an effect is no longer linear, nor small compared with what the baseline moves by."""
 _REACH = 0.1  # share of the gain by which first order is wrong then
-_CREDIBLE = 0.95
 
 
 def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> Found:

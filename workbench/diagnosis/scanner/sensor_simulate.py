@@ -7,8 +7,8 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.diagnosis.scanner.sensor import SensorBench
-from workbench.diagnosis.scanner.sensor_data import Chains, at_solution, measured
 from workbench.diagnosis.scanner.sensor_linear import acts
+from workbench.jobs.sensor.chains import Chains, at_solution, measured
 
 
 def solved(bench: SensorBench) -> Chains:

@@ -50,12 +50,7 @@ def _covers(function: Hypothesis, law: Hypothesis) -> bool:
     slow = law.effect == _WAVE and law.effects and law.effects[0].order <= _SLOW
     if angles and function.where == law.where and (slow or law.effect == JointCoupling.effect):
         return True
-    return bool(_reads(law) & set(function.unnamed))
-
-
-def _reads(law: Hypothesis) -> set[str]:
-    """Covariates of which a law of one joint is a function."""
-    return set(law.effects[0].reads) if law.effects and law.where.startswith("joint-") else set()
+    return bool(law.reads & set(function.unnamed))
 
 
 def _fast(law: Hypothesis) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
+from workbench.diagnosis.levels import CERTAIN, SHOWN
 from workbench.diagnosis.linear.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.noise.scatter import hidden, movement
@@ -14,14 +15,12 @@ from workbench.diagnosis.robot.library import compliances, names
 from workbench.diagnosis.robot.loose import LABEL
 from workbench.diagnosis.search.compatible import same_place
 from workbench.diagnosis.search.posterior import Name
-from workbench.diagnosis.search.prior import SECOND
+from workbench.diagnosis.search.prior import LAW_ERROR, SECOND
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
-_CREDIBLE = 0.95
 _NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
-_SHOWN = 12  # alternatives that are no likelier than others are not listed beyond so many
 _NUMBERS = 6  # in which a smooth nonparametric alternative may differ from another
 
 
@@ -31,8 +30,10 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
     table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
-    slack = (1 - LAW) * search.explained()
-    explanations = [h for h in table if own.unnamed or not h.unnamed or h.gain > own.gain + slack]
+    explained = search.explained()
+    explanations = [
+        h for h in table if own.unnamed or not h.unnamed or _explains_more(h, own, explained)
+    ]
     chance = _NEAR * search.variance()
     explanations = [h for h in explanations if not _only_generalises(h, own, chance)]
     total = logsumexp([h.log_weight for h in explanations])
@@ -59,6 +60,17 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
 def bare_finding(h: Hypothesis) -> Finding:
     """An accepted term by its name and effects alone."""
     return Finding(*h.key, h.label, h.effects, h.p, 1.0, 0.0, h.gain, h.unnamed)
+
+
+def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> bool:
+    """Whether a function without a name explains more than a law's own error may leave of all that is `explained`.
+
+    A function of the very covariates that the law reads, at its place, differs from the law only by its shape: the
+    error is then that of a law that is right. Elsewhere a law may be wrong by more before its place is in doubt.
+    """
+    same = function.where in same_place(law) and law.reads & set(function.unnamed)
+    share = LAW_ERROR**2 if same else 1 - LAW
+    return function.gain > law.gain + share * explained
 
 
 def _only_generalises(other: Hypothesis, own: Hypothesis, chance: float) -> bool:
@@ -89,7 +101,7 @@ def _among_sets(
         label = known[key].label if key in known else ""
         instead.append(Alternative(*key, label, probability, alike, why))
     ranked = sorted((*instead, *others), key=lambda a: -a.probability)
-    return replace(made, probability=elastic * own.probability, alternatives=tuple(ranked[:_SHOWN]))
+    return replace(made, probability=elastic * own.probability, alternatives=tuple(ranked[:SHOWN]))
 
 
 def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:
@@ -112,8 +124,8 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
         )
         special = own.effects[0].subsumes if own.label == LABEL else ()
         within = other.effect in special and other.where == own.where
-        near = is_elastic_alternative or within or near and len(out) < _SHOWN
-        if key != own.key and (covered < _CREDIBLE or near):
+        near = is_elastic_alternative or within or near and len(out) < SHOWN
+        if key != own.key and (covered < CERTAIN or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
             why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
             out.append(Alternative(*key, other.label, share, alike, why, other.missing))

@@ -7,7 +7,7 @@ import numpy as np
 
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.search.objective import LogPosterior
+from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
@@ -15,6 +15,8 @@ _ROUNDS = 4
 """Solutions about which the set is searched: the second nearly always confirms the first."""
 _FIRST, _CONDITIONAL, _UNNAMED = 48, 24, 6
 """Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
+_WORTHWHILE = float(np.log(3.0))
+"""Log odds from which on another set is worth a solution: Jeffreys calls less not worth more than a bare mention."""
 _VARIANTS = 4
 """Variants of one effect at one place among these."""
 
@@ -26,15 +28,23 @@ def accept_likeliest(search: Search) -> None:
         terms, present = _at_hand(search)
         remainder = Projected(search.problem.keeping()).y
         objective = LogPosterior.of(search.problem.keeping(()), terms, remainder)
-        chosen = [terms[i] for i in Stepwise(objective).likeliest(present)]
+        members = Stepwise(objective).likeliest(present)
+        chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
-        if names in tried:
+        if names in tried or _hardly_likelier(objective, members, present):
             break
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
         search.solve()
     _order(search)
+
+
+def _hardly_likelier(objective: LogPosterior, members: Members, present: Members) -> bool:
+    """Whether a set is likelier than the accepted one, but by less than is worth another solution."""
+    if not present:
+        return False
+    return 0 <= objective.value(members) - objective.value(present) < _WORTHWHILE
 
 
 def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:

@@ -12,16 +12,16 @@ from scipy.special import logsumexp
 
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
+from workbench.diagnosis.levels import NOTABLE, SHOWN
 from workbench.diagnosis.robot.loose import LABEL
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 
 Key = tuple[str, str]
 _WINDOW = float(np.log(200.0))
-"""Posterior odds against the best set beyond which a set is left out."""
-_EXPANDED = 8  # sets of the window whose neighbours are weighed
-_SWAPS = 6  # terms that are tried in place of each, the most alike first
-_LEAST, _SHOWN = 0.005, 6
+"""Log posterior odds against the best set beyond which a set is left out: all of these together are half a percent."""
+_EXPANDED, _SWAPS = 8, 6
+"""Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,11 @@ class Window:
             instead = []
             for other in keys:
                 share = float(absent @ present[other])
-                if share >= _LEAST and other not in accepted:
+                if share >= NOTABLE and other not in accepted:
                     instead.append((other, share, alike(self.objective, key, other)))
             instead.sort(key=lambda row: -row[1])
             chance = float(min(self.weights @ present[key], 1.0))
-            out[key] = Name(chance, tuple(instead[:_SHOWN]))
+            out[key] = Name(chance, tuple(instead[:SHOWN]))
         return out
 
     def _present(self, keys: Sequence[Key]) -> dict[Key, np.ndarray]:

@@ -17,6 +17,7 @@ from scipy.special import logsumexp
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import JointCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
+from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.evidence import Projected, log_evidence_each
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate, Problem
@@ -39,9 +40,8 @@ _MOST_OF_USUAL = 3.0
 Any first harmonic of a joint that carries next to nothing looks like a large compliance. The joints with load say what
 is usual.
 """
-_DEPENDENT = 1e-9  # relative eigenvalue from which on joints are distinguishable at all
-_LAW_ERROR = 0.005
-"""Relative error of every deflection that is computed: torques from joint angles that are off by 0.3 degrees."""
+LAW_ERROR = 0.01
+"""Relative error of every law that is computed: joint angles are off by tenths of a degree, lengths by a millimetre."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Masses:
         if joints is None:
             return 0.0
         gram, score, _ = self.marginalised(joints, y)
-        return _LAW_ERROR**2 * float(score @ pseudo_inverse(gram, _DEPENDENT) @ score)
+        return LAW_ERROR**2 * float(score @ pseudo_inverse(gram, ROUNDING) @ score)
 
     @cached_property
     def _half(self) -> np.ndarray:
@@ -195,4 +195,4 @@ class Masses:
         return self.columns @ (vectors / scale)
 
 
-__all__ = ["DEFLECTS", "SECOND", "Masses", "Priors", "elastic_prior"]
+__all__ = ["DEFLECTS", "LAW_ERROR", "SECOND", "Masses", "Priors", "elastic_prior"]

@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.diagnosis.levels import MISSING, MOVES
 from workbench.diagnosis.linear.hypotheses import family_wise, judged
 from workbench.diagnosis.linear.locate import located
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.noise.data import far_off, of_data, unevenly
 from workbench.diagnosis.noise.rounded_readings import rounded_readings
 from workbench.diagnosis.noise.scatter import (
-    CLAIMED,
     QUANTISATION,
     Scatter,
     place_of,
@@ -28,21 +28,18 @@ from workbench.diagnosis.search.compatible import near
 from workbench.diagnosis.search.findings import bare_finding, finding, tells, with_hidden
 from workbench.diagnosis.search.likeliest import accept_likeliest
 from workbench.diagnosis.search.posterior import probabilities_of_names
+from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 
-LEVEL = 0.005
-"""Chance that a recording with nothing missing is said to miss something."""
 _MANY = 1200  # samples beyond which a search takes only every so many poses
-LAW_ERROR = 0.015
-"""Share of an elastic law's effect that it may be wrong by: angles by tenths of a degree, lengths by a millimetre."""
 
 
 def find(
     bench: Bench,
     samples: np.ndarray | None = None,
     *,
-    level: float = LEVEL,
+    level: float = MISSING,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Found:
     """What the baseline of a bench leaves out, on `samples` (n,) bool (None: all).
@@ -58,7 +55,7 @@ def find(
 
 def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding]:
     """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
-    search = Search(bench, samples, LEVEL, lambda text: None)
+    search = Search(bench, samples, MISSING, lambda text: None)
     search.solve()
     _accept(search)
     return [bare_finding(h) for h in search.accepted]
@@ -79,7 +76,7 @@ def _accept(search: Search) -> tuple[float, bool]:
         moving = search.scatter is not own
     if moving and search.accepted:  # movement by chance also passes for laws
         search.say(f"{search.scatter.site.where} moves from sample to sample")
-        search.level = CLAIMED  # how much it moves is only known nearly
+        search.level = MOVES  # how much it moves is only known nearly
         first = _again(search)
     return first, moving
 
@@ -130,8 +127,7 @@ def _beyond_functions(search: Search, after: Problem, outliers, data):
 
 
 def _again(search: Search) -> float:
-    """As `_first`, with the noise as it is known by now."""
-    search.accepted = ()
+    """As `_first`, with the noise as it is known by now: from the set that is accepted."""
     search.solve()
     return _first(search)
 
@@ -141,12 +137,15 @@ def _first(search: Search) -> float:
     first = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
     if first <= search.level:
         accept_likeliest(search)
+    elif search.accepted:
+        search.accepted = ()
+        search.solve()
     return first
 
 
 def _moving(search: Search) -> Scatter | None:
     """The place with a random effect, unless what is left has a law, though not a known one."""
-    found = scattered(search.problem.keeping(), CLAIMED)
+    found = scattered(search.problem.keeping(), MOVES)
     if found is None or found.p_value > family_wise(search.table(search.everyone)):
         return None
     return found
@@ -171,7 +170,7 @@ def _elsewhere(search: Search) -> bool:
     unknown = [h.where for h in search.accepted if h.unnamed]
     laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
     bare, kept = search.problem.keeping(laws), search.problem.keeping()
-    found = scattered(bare, CLAIMED) if unknown else None
+    found = scattered(bare, MOVES) if unknown else None
     if found is None or any(near(found.site.where, where) for where in unknown):
         return False
     before, after = (float((p.clear(p.residual) ** 2).sum()) for p in (bare, kept))
@@ -195,7 +194,7 @@ def _explain_next_to_unknowns(search: Search) -> bool:
         return False
     site = max(unknown, key=lambda pair: pair[0])[1]
     search.scatter = residual_scatter(
-        search.problem.keeping(), site.where, getattr(site, "port", "frame"), CLAIMED
+        search.problem.keeping(), site.where, getattr(site, "port", "frame"), MOVES
     )
     if search.scatter is None:
         return False
@@ -206,13 +205,14 @@ def _explain_next_to_unknowns(search: Search) -> bool:
         return False
     search.scatter = None
     search.solve()
-    search.scatter = scattered(search.problem.keeping(), CLAIMED)
+    search.scatter = scattered(search.problem.keeping(), MOVES)
     return search.scatter is not None
 
 
 def _confirmed(search: Search, samples) -> Found:
     """The search on every so many poses, which is as valid and quicker; what is left is judged on all."""
-    whole, n = search.problem, search.problem.n
+    whole, n = search.problem.without_candidates(), search.problem.n
+    search.problem = search.plain = None
     _, label = np.unique(whole.pose, return_inverse=True)
     part = label % -(-n // _MANY) == 0
     if samples is not None:
@@ -230,7 +230,7 @@ def _confirmed(search: Search, samples) -> Found:
     return replace(
         found,
         before=whole,
-        after=after,
+        after=after.without_candidates(),
         p_rest=family_wise(table),
         rest=located(after, table),
         outliers=outliers,
@@ -245,4 +245,4 @@ def _within(samples: np.ndarray, part: np.ndarray) -> np.ndarray:
     return out
 
 
-__all__ = ["LEVEL", "find", "found_terms"]
+__all__ = ["MISSING", "find", "found_terms"]

@@ -12,8 +12,12 @@ from workbench.diagnosis.search.objective import LogPosterior, Members
 
 LAW = 0.95
 """Share of what functions without a name explain that laws must explain: no law is exact."""
-_LARGEST, _STEPS, _UNNAMED = 12, 60, 2
+_LARGEST, _UNNAMED = 12, 2
+"""Terms in a set, and functions without a name among them, at most: recordings do not determine more."""
+_STEPS = 60
+"""Moves of a climb: a set of the largest size is made and wholly exchanged in fewer."""
 _PAIRED, _KINDS = 40, 3
+"""Terms of which the best partner is sought for a start, and kinds of effects that start at all places."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +39,12 @@ class Stepwise:
         lawful = self._best(starts, laws)
         if not objective.unnamed.any():
             return lawful
-        free = self._best([present, *self._free_starts()], every)
+        starts = [present, lawful] if present else [lawful, *self._free_starts()]
+        free = self._best(starts, every)
         explained = objective.gain(lawful)
         if explained >= LAW * objective.gain(free):
             return max(lawful, free, key=lambda members: objective.value_at(members, explained))
-        return max(free, self._climb(lawful, every), key=objective.value)
+        return free
 
     def _best(self, starts: list[Members], allowed: np.ndarray) -> Members:
         ends = [self._climb(start, allowed) for start in dict.fromkeys(starts)]

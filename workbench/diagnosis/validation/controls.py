@@ -1,10 +1,9 @@
-"""Permutation, reversal and circular-shift controls: a permuted cause explains nothing, an ordered one only in order.
+"""Permutation and circular-shift controls: a permuted cause explains nothing, an ordered one only in its order.
 
 The derivative of the measurement stays as it is; only what the effect reads of its samples (angles, torques, sides of
-approach, temperatures, time) is given to other poses, taken from the rows in reverse, or from a clock that is moved
-round. A gain that survives this was never owed to the cause. What a permuted cause can make of the fitted effect
-itself it gains in any case (a step in the middle is the same step backwards): that is taken off, and where it is
-nearly all, the control says that it cannot tell.
+approach, temperatures, time) is given to other poses, or taken from a clock that is moved round. A gain that survives
+this was never owed to the cause. What a permuted cause can make of the fitted effect itself it gains in any case: that
+is taken off, and where it is nearly all, the control says that it cannot tell.
 """
 
 from collections.abc import Sequence
@@ -21,15 +20,16 @@ from workbench.diagnosis.validation.heldout import name_of
 from workbench.diagnosis.validation.terms import Control
 
 _TRIALS, _TURNS = 199, 39
-_LEVEL, _LEFT, _HALF, _MOST = 0.01, 0.2, 0.5, 0.75
-_MOST_BY_CHANCE = (
-    0.5  # share that unrelated causes explain of each other, beyond which nothing more is taken off
-)
-_MADE = 0.8  # share of the fitted effect that a permuted cause makes, from which on it cannot tell
-_SAME = (
-    1e-3  # of a column's length, by which two that mean the same differ from rounding and refitting
-)
-PERMUTED, REVERSED, ROTATED = "permuted", "reversed", "circular shift"
+"""Permutations, of which one in a hundred can then be told from one in two hundred, and circular shifts."""
+_LEVEL, _LEFT, _MOST = 0.01, 0.2, 0.75
+"""A control is passed below this p-value, and where this share of the gain is left in this share of all shifts."""
+_MOST_BY_CHANCE = 0.5
+"""Share that unrelated causes explain of each other, beyond which nothing more is taken off."""
+_MADE = 0.8
+"""Share of the fitted effect that a permuted cause makes, from which on it cannot tell."""
+_SAME = 1e-3
+"""Share of a column's length by which two that mean the same differ from rounding and refitting."""
+PERMUTED, ROTATED = "permuted", "circular shift"
 _CLOCKS = ("time_s", "time", "row", "order")
 
 
@@ -40,9 +40,9 @@ def controls(
 
     A linearised gain: the fall of the whitened sum of squares when the effects' columns join. Permuted: 199 times
     over poses. Passed where fewer than one in a hundred gains as much, and the median trial gains, beyond what as
-    many columns gain by chance, less than a fifth. Reversed, and 39 times, for what reads the clock, with that moved
-    round: passed where this gains less than a half, or three of four of them less than a fifth, of the own gain, both
-    without what it makes by being like the effect itself.
+    many columns gain by chance, less than a fifth. For what reads the clock, 39 times with that moved round: passed
+    where three of four of them gain less than a fifth of the own gain, without what they make by being like the effect
+    itself.
     """
     if any(e.port in (*STATE_PORTS, NOISE) for e in own):
         return (
@@ -65,64 +65,37 @@ def controls(
 
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
-    """Backwards, where that changes what the effect does; and a circular shift of its time, where it reads one."""
-    if trial.chain is None or not trial.changes(
-        backwards := _backwards_state(trial.chain, trial.problem.pose)
-    ):
+    """A circular shift of the time of an effect that reads one; shifts that do nearly the same say nothing."""
+    if trial.chain is None or not any(_clocked(e, trial.chain) for e in trial.effects):
         return ()
-    made = [_control_of(REVERSED, trial, [backwards], "backwards in time it does nearly the same")]
-    if any(_clocked(e, trial.chain.state, backwards) for e in trial.effects):
-        turned = [_turned_state(trial.chain, part) for part in rng.uniform(0.05, 0.95, _TURNS)]
-        made.append(
-            _control_of(
-                ROTATED, trial, turned, "with its time circularly shifted it does nearly the same"
-            )
-        )
-    return tuple(made)
-
-
-def _control_of(kind: str, trial: "_Trial", states, why: str) -> Control:
-    """The control of one kind from the altered states; those that do nearly the same say nothing."""
+    states = [_turned_state(trial.chain, part) for part in rng.uniform(0.05, 0.95, _TURNS)]
     altered = [trial.basis(state) for state in states]
     made = np.array([trial.made_by(small) for small in altered])
     telling = np.flatnonzero(made < _MADE)
     if len(telling) < max(1, len(states) // 4):
-        return Control(kind, None, None, None, len(states), f"{why}, so that this cannot tell")
+        why = "with its time circularly shifted it does nearly the same, so that this cannot tell"
+        return (Control(ROTATED, None, None, None, len(states), why),)
     gains = np.array([trial.gain(altered[k]) for k in telling])
     left = np.array([(trial.beyond(g) - m) / (1 - m) for g, m in zip(gains, made[telling])])
     share = float(np.clip(np.quantile(left, _MOST), 0.0, None))
-    p = float((1 + (gains >= trial.own).sum()) / (1 + len(gains))) if len(states) > 1 else None
-    limit = (
-        _LEFT if len(states) > 1 else _HALF
-    )  # one trial by itself is less sure than most of many
-    return Control(kind, share, p, share < limit, len(telling))
+    p = float((1 + (gains >= trial.own).sum()) / (1 + len(gains)))
+    return (Control(ROTATED, share, p, share < _LEFT, len(telling)),)
 
 
 def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
     """Whether an effect reads the time or the order of the rows, so that it says nothing of times not measured."""
-    chain = bench.chain
-    if chain is None or not effects:
+    if bench.chain is None or not effects:
         return any("time" in getattr(e, "names", ()) for e in effects)
-    backwards = _backwards_state(chain, bench.pose)
-    return any(_clocked(e, chain.state, backwards) for e in effects)
+    return any(_clocked(e, bench.chain) for e in effects)
 
 
-def _clocked(effect, state, backwards) -> bool:
+def _clocked(effect: Effect, chain) -> bool:
+    """Whether an effect does anything else where the clock is moved round by half of the recording."""
     moves = any(name.startswith("move") for name in getattr(effect, "names", ()))
     if moves or effect.by_moves or effect.port in (*STATE_PORTS, NOISE):
         return False
-    here, there = effect.basis(state), effect.basis(backwards)
+    here, there = effect.basis(chain.state), effect.basis(_turned_state(chain, 0.5))
     return not np.allclose(here, there, rtol=0, atol=_SAME * np.abs(here).max())
-
-
-def _backwards_state(chain, pose):
-    """The state with its clock running backwards, and the last moves taken from the rows after."""
-    from workbench.diagnosis.robot.bench import covariates_of
-
-    held = dict(chain.state.covariates)
-    turned = {name: x.max() + x.min() - x for name, x in held.items() if name in _CLOCKS}
-    state = replace(chain.state, covariates=held | turned)
-    return replace(state, covariates=covariates_of(replace(chain, state=state), pose))
 
 
 def _turned_state(chain, part: float):
@@ -222,11 +195,6 @@ class _Trial:
         if self.chain is None:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
         return self.small[:, :, _other_poses(self.problem.pose, self.starts, rng)]
-
-    def changes(self, state) -> bool:
-        """Whether the effects do anything else in another state."""
-        there = self.basis(state)
-        return not np.allclose(there, self.small, rtol=0, atol=_SAME * np.abs(self.small).max())
 
     def made_by(self, small) -> float:
         """Share (0-1) of the fitted effect, but for what the baseline makes, that permuted causes make."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from workbench.core.effect import Effect
@@ -13,9 +13,9 @@ from workbench.diagnosis.validation.folds import Scheme
 from workbench.fitting.cross_validation import hold_out
 
 _HELD = 1e-3  # of a direction, what its prior is worth at least where one block alone determines it
-# length on the scale of the median sample from which on an error counts by its length and not by its square:
-# 5 % of clean samples are beyond it. As in the fit.
-_LIMIT, _MEDIAN = 2.8, 2.366
+_LIMIT, _MEDIAN = 2.8, float(chi2.median(3))
+"""Length on the scale of the median sample from which on an error counts by its length and not by its square, as in
+the fit (5 % of clean samples are beyond it), and the median of a squared length of three coordinates."""
 
 
 def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) -> float:

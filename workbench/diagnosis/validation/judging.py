@@ -15,13 +15,12 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.levels import REAL
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
 from workbench.diagnosis.validation.terms import Term
 
-REAL = 2.0
-"""t of the paired gains above which a held-out gain counts as significant."""
 _ONE_BLOCK = 0.9  # share of the information on a direction in one block from which on the others do not determine it
 _EXTRAPOLATED = (
     0.25  # share of what a term makes along such directions from which on a split cannot judge it

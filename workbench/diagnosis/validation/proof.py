@@ -19,6 +19,7 @@ import numpy as np
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.diagnosis.levels import ALIKE, OUTLIER
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import Scheme, schemes, thinned
@@ -36,13 +37,8 @@ from workbench.diagnosis.validation.parallel import searches
 from workbench.diagnosis.validation.terms import Proof, Term
 
 _WAVE = TransmissionHarmonic.effect
-_LIKELY, _ALIKE = (
-    0.1,
-    0.9,
-)  # probability, or share of a finding's signature, from which on another is an alternative
 _MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
 _MOST = 0.5  # of what a term makes, that others make of it
-_FAR = 0.05  # robust weight below which a sample is another process's
 Find = Callable[[Bench, np.ndarray], list[Finding]]
 Say = Callable[[str], None]
 
@@ -331,7 +327,7 @@ def _judged(
 ) -> Term:
     """The term with t and gain of its presence next to the problem's others, over the schemes that may judge it."""
     every, rest = problem.keeping(kept), problem.keeping([i for i in kept if i not in own])
-    usual, t, gain = problem.weights > _FAR, [], []
+    usual, t, gain = problem.weights > OUTLIER, [], []
     for scheme in judging_schemes(
         bench, term.finding.effects, schemes(problem.pose, problem), problem, own
     ):
@@ -444,13 +440,13 @@ def _same(finding: Finding, made: np.ndarray, other: Finding, moved: np.ndarray)
     made, moved (N,): what the two make.
     """
     both = float((made**2).sum() * (moved**2).sum())
-    return _name(finding) in _names(other) or float(made @ moved) ** 2 >= _ALIKE * both > 0
+    return _name(finding) in _names(other) or float(made @ moved) ** 2 >= ALIKE * both > 0
 
 
 def _names(finding: Finding) -> set[tuple[str, str]]:
     """A finding and its alternatives: what is about as likely in its place, or explains as much there."""
     alternatives = (
-        a for a in finding.alternatives if a.probability >= _LIKELY or a.alike >= _ALIKE
+        a for a in finding.alternatives if a.probability >= 1 - ALIKE or a.alike >= ALIKE
     )
     return {_name(one) for one in (finding, *alternatives)}
 

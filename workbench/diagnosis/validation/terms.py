@@ -5,17 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnosis.levels import CERTAIN
 from workbench.diagnosis.linear.problem import Finding
-
-CERTAIN = 0.95
-"""Probability from which on a name is certain: the same confidence as everywhere in an answer."""
 
 
 @dataclass(frozen=True)
 class Control:
     """A term's gain in a permutation or circular-shift control of what it depends on.
 
-    `kind` "permuted", "reversed" or "circular shift"; `share` of the term's own gain that is left, the median over
+    `kind` "permuted" or "circular shift"; `share` of the term's own gain that is left, the median over
     `trials`; `p_value` that a permuted one gains as much; `passed`: nothing real is left; None where it cannot tell,
     and `why` it cannot.
     """

@@ -16,8 +16,8 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.design import choose
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
+from workbench.diagnosis.levels import MISSING
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.search.select import LEVEL
 from workbench.explanation.planning.planned import Plan, plans
 from workbench.explanation.planning.scenes import scene_of
 from workbench.explanation.result import Experiment, Term
@@ -58,7 +58,7 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     """
     if all(term.share is not None and not term.rest for term in terms):
         few = FEW.format(poses=len(np.unique(problem.pose)))
-        return Experiment(few if p_first < LEVEL else CLEAN)
+        return Experiment(few if p_first < MISSING else CLEAN)
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
         return Experiment(NOTHING)

@@ -70,7 +70,7 @@ class Chains:
 
 def read(recording: Recording, progress: Progress = lambda text: None) -> Chains:
     """Corners, stripes and balls of a recording of kind board-images or scan-images. Raises InputError."""
-    from workbench.diagnosis.scanner.sensor_scans import balls_of
+    from workbench.jobs.sensor.ball_chains import balls_of
 
     by_role(recording, "board")
     found = detect_all(

@@ -1,0 +1,30 @@
+"""The levels of a diagnosis in one table: chances of a false alarm, confidence, and what is only rounding.
+
+Levels differ because they guard against different mistakes. A false name costs more than a missed one, and what is
+said of the data themselves (outliers, a place that moves at random) is checked by no held-out sample, so that its
+level alone guards it.
+"""
+
+MISSING = 0.005
+"""Chance that a recording with nothing missing is said to miss something; held-out samples guard it, too."""
+ON_DATA = 1e-3
+"""Chance that something is said about the noise of a recording with nothing wrong: no held-out sample guards it."""
+MOVES = 1e-4
+"""Chance that a place is said to move at random: its test looks at all places, and its null is only nearly right."""
+CERTAIN = 0.95
+"""Probability from which on a name is certain, and share of the posterior that alternatives are listed for."""
+ALIKE = 0.9
+"""Share of a finding's signature from which on another effect that makes it is an alternative to it."""
+NOTABLE = 0.005
+"""Probability from which on an alternative is worth mentioning: half a percent is what rounding to percents hides."""
+REAL = 2.0
+"""t of paired gains above which a held-out gain counts as significant: one in fifty by chance, for each term."""
+OUTLIER = 0.05
+"""Robust weight below which a sample is another process's and judges nothing."""
+SHOWN = 12
+"""Alternatives that are listed at most: nobody reads more."""
+ROUNDING = 1e-9
+"""Share of a column below which what is left of it after a projection is only rounding: 1e-16 times a condition."""
+SEEN = 1e-2
+"""Sigmas by which a direction of the baseline moves all measurements for one typical size: one that moves them by
+less can neither hide nor imitate anything."""
